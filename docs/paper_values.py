@@ -8,11 +8,9 @@ from scipy.signal import periodogram
 
 import ident
 from ident.arm.arm import Arm
-from ident.vibrate.motion.motion import Motion
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.each import vibrations
-from ident.vibrate.response.simulate import fast_method, sample_times
-from ident.vibrate.response.superposition import superposition
+from ident.vibrate.fast import vibrations
+from ident.vibrate.motion import Motion, stroke
+from ident.vibrate.simulate import fast_method, sample_times, superposition
 
 ARM = Path(__file__).parents[1] / "data" / "lcd_arm" / "arm.toml"
 RATE, STACKING = 200.0, 4.0

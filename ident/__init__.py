@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from ident.description.mjcf import read_mjcf
     from ident.description.urdf import read_urdf
     from ident.measure import Campaign, Load, Log, Measurement, Trace, read_campaign, read_log, read_trace
+    from ident.studies.arm import ArmPicture, show
     from ident.studies.check import CheckOptions, CheckResult, check
     from ident.studies.compare import CompareOptions, CompareResult, compare
     from ident.studies.design import DesignOptions, DesignResult, design
@@ -56,15 +57,14 @@ if TYPE_CHECKING:
     from ident.studies.export import export
     from ident.studies.fit import FitOptions, FitResult, fit
     from ident.studies.fleet import FleetOptions, FleetResult, fleet
-    from ident.studies.load import load
     from ident.studies.modal import ModalOptions, ModalResult, modal_test
     from ident.studies.plan import PlanOptions, PlanResult, plan
     from ident.studies.predict import PredictOptions, PredictResult, predict
     from ident.studies.profile import ProfileOptions, ProfileResult, profile
     from ident.studies.rerun import Rerun, rerun
     from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
+    from ident.studies.result import load
     from ident.studies.sample import SampleOptions, SampleResult, sample
-    from ident.studies.show import ArmPicture, show
     from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
     from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
     from ident.studies.sweep import SweepOptions, SweepResult, sweep
@@ -81,9 +81,9 @@ _PLACES = {
     "measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
     "studies.explore": ("ExploreOptions", "ExploreResult", "explore"),
     "studies.export": ("export",),
-    "studies.load": ("load",),
     "studies.rerun": ("Rerun", "rerun"),
-    "studies.show": ("ArmPicture", "show"),
+    "studies.arm": ("ArmPicture", "show"),
+    "studies.result": ("load",),
 }
 _PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in STUDIES}
 _PLACES["studies.modal"] = ("ModalOptions", "ModalResult", "modal_test")  # `ident.modal` is a room of the house

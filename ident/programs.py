@@ -22,21 +22,82 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from contextvars import Context
-from functools import cache
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from functools import cache, wraps
 from importlib.metadata import version
 from pathlib import Path
 from threading import RLock
-from typing import Any
+from types import FunctionType
+from typing import Any, TypeVar, cast
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import export
 
 from ident.codec import CodecError, decode, encode
 from ident.errors import IdentError
 from ident.files import replace_file
-from ident.program_keys import NotKeptError, aval, described
+
+# -------- Program keys
+# What a program depends on of its arguments, as data: the part of its key that differs from call to call.
+
+PLAIN: tuple[type, ...] = (float, complex, bytes, np.dtype)
+"""Types whose values say all of themselves in writing."""
+
+
+class NotKeptError(IdentError):
+    """A program depends on something that its key can't name."""
+
+
+def aval(array: Any) -> tuple[Any, ...]:
+    """Return what is traced of an array: shape, dtype, and whether its type is weak."""
+    return array.shape, array.dtype, getattr(array, "weak_type", False)
+
+
+def described(value: Any) -> Any:
+    """Return all of a value that a program can depend on, as data for JSON; of an array what is traced of it."""
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, PLAIN):
+        return [type(value).__name__, repr(value)]
+    if eqx.is_array(value):
+        return ["array", *map(str, aval(value))]
+    if isinstance(value, Enum):
+        return ["enum", _name(type(value)), value.name]
+    if isinstance(value, Mapping):
+        return ["map", _name(type(value)), [[described(k), described(v)] for k, v in value.items()]]
+    if isinstance(value, tuple | list):
+        return [_name(type(value)), *map(described, value)]
+    if isinstance(value, type | FunctionType):
+        return ["name", _name(value)]
+    if is_dataclass(value):
+        return [_name(type(value)), {f.name: described(getattr(value, f.name, None)) for f in fields(value)}]
+    raise NotKeptError(f"a {type(value).__name__}")
+
+
+def _name(thing: Any) -> str:
+    """Return the name under which a class or a function of the package or of Python itself is found again."""
+    module, name = getattr(thing, "__module__", ""), getattr(thing, "__qualname__", "")
+    foreign = module.partition(".")[0] not in ("ident", "builtins") or "<" in name
+    if foreign or (getattr(thing, "__closure__", None) and not _is_found(thing, module, name)):
+        raise NotKeptError(f"{module}.{name}")
+    return f"{module}.{name}"
+
+
+def _is_found(thing: Any, module: str, name: str) -> bool:
+    """Return whether a name leads to a function: to what decorates it, and so on to the function itself."""
+    found: Any = sys.modules.get(module)
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    while found is not None and found is not thing:
+        found = getattr(found, "__wrapped__", None)
+    return found is thing
+
+
+# -------- Programs
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "diffrax", "numpy")
 """What programs are made with."""
@@ -255,3 +316,71 @@ def _read(path: Path, key: str) -> tuple[bytes, Any] | None:
         return (exported, head["out"]) if whole else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+# -------- Jit
+# `jit` for programs of many small kernels, as all of the arm's are.
+
+AnyArray = jax.Array | np.ndarray
+F = TypeVar("F", bound=Callable[..., Any])
+SMALL_KERNELS: Any = {
+    "compiler_options": {
+        "xla_backend_optimization_level": 1,
+        "xla_llvm_disable_expensive_passes": True,
+        "xla_cpu_use_fusion_emitters": False,
+        "xla_cpu_experimental_ynn_fusion_type": "LIBRARY_FUSION_TYPE_INDIVIDUAL_CONVOLUTION",
+    }
+}
+"""Less optimisation, which takes a quarter off the compilation and costs these programs nothing. XLA's other CPU code
+generator (jax 0.10): 20 % fewer kernels, compiled together, so a third faster to compile. And nothing left to its
+library of neural networks, which hands out sums of a few terms to threads: convolutions, of which there are none."""
+LONG_LOOPS: Any = {
+    "compiler_options": {
+        **SMALL_KERNELS["compiler_options"],
+        "xla_backend_optimization_level": 3,
+        "xla_llvm_disable_expensive_passes": False,
+    }
+}
+"""For a program that goes round one loop a hundred thousand times: a third less time for no more of compilation. For
+the samples of the fast method, too: a seventh less. Its integration gains nothing, slopes lose a tenth."""
+RUNS_ONCE: Any = {"compiler_options": {**SMALL_KERNELS["compiler_options"], "xla_backend_optimization_level": 0}}
+"""For a program that runs once or twice, on few numbers: half the compilation."""
+
+
+def cores() -> int:
+    """Return how many cores this process may use: a container or `taskset` may leave it fewer than there are."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def jit(f: F, options: Any = SMALL_KERNELS) -> F:
+    """Compile f at its first call; arrays in its arguments are traced, all else is static.
+
+    What was traced in an earlier process is read from a file, see `ident.programs`. Within another program that is
+    being traced or differentiated, f is a part of that: jax admits compiler options at the outermost one only.
+    """
+    outermost, within, known = eqx.filter_jit(f, **options), eqx.filter_jit(f), Programs(f, options)
+
+    @wraps(f)
+    def call(*args: Any, **more: Any) -> Any:
+        leaves, tree = jax.tree.flatten((args, more))  # once: of a model it takes longer than its prediction
+        if is_traced(leaves):
+            return within(*args, **more)
+        program = known.find(args, more, (leaves, tree))
+        return program(leaves) if program else outermost(*args, **more)
+
+    return cast("F", call)
+
+
+def is_traced(leaves: list[Any]) -> bool:
+    """Return whether any of these is traced, or a program is being: then what is made anew is a tracer, too."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) or isinstance(jnp.zeros(()), jax.core.Tracer)
+
+
+def library(*values: Any) -> Any:
+    """Return jax's NumPy where anything is traced, else NumPy: each operation of jax would be a program of its own."""
+    return jnp if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values)) else np
+
+
+def concrete(tree: Any) -> Any:
+    """Return a tree with NumPy's arrays, where nothing is traced."""
+    return tree if library(tree) is jnp else jax.tree.map(np.asarray, tree)

@@ -28,17 +28,17 @@ from recording_files import ANSWER, FORCE, LVM, TIME, files, uff
 from three_joints import WITH_HAND, WITHOUT_MESHES
 
 import ident
+from ident.codec import Store
 from ident.errors import InputError
-from ident.identify.build_problem import build_problem
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import stiffness_parameters
 from ident.measure import parse_campaign, parse_log, parse_trace
 from ident.measure.channels import read_channels
 from ident.measure.recordings import read_recording
-from ident.store import Store
 from ident.studies.motion import basis_of, drawn_values, fitted_values
 from ident.studies.options import flag_of, specs
 from ident.studies.result import check_place, written_to
-from ident.vibrate.response.simulate import sample_times
+from ident.vibrate.simulate import sample_times
 
 CAMPAIGN, TABLE = ARM.with_name("campaign.csv"), ARM.with_name("table1.csv")
 LONGEST = 1000

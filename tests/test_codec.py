@@ -13,11 +13,10 @@ from arms import lcd_arm
 from ident.codec import CodecError, decode, encode
 from ident.description.file import ArmFile
 from ident.errors import Problem
-from ident.inference.constrained_fit import Point
-from ident.inference.exchange import Exchange
+from ident.inference.optima import Ending, Point
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
-from ident.inference.profile_path import Ending
+from ident.inference.scrutiny import Exchange
 from ident.measure import Load
 from ident.studies.predict import PredictOptions
 

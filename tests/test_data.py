@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import binom
 
 import ident
-from ident.arm.belt_condition import belt_mismatches
+from ident.arm.plausibility import belt_mismatches
 from ident.description.file import parse_arm, read_arm, update_file
 from ident.measure import read_campaign
 

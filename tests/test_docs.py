@@ -18,7 +18,7 @@ sys.path.append(str(DOCS / "extension"))
 
 from values import MARK, filled
 
-from ident.cli.app import app
+from ident.cli.command import app
 from ident.studies import STUDIES
 
 pytestmark = pytest.mark.slow

@@ -11,23 +11,18 @@ import pytest
 from arms import lcd_arm
 from pydantic import TypeAdapter, ValidationError
 
-from ident.arm.arm import Arm
-from ident.arm.drive import Belt, Drive, Servo, Stroke
-from ident.arm.drive_check import check_drives
+from ident.arm.arm import Arm, check_drives
 from ident.arm.fields import FIELDS, LOSS, field_of, fields_in
-from ident.arm.parts import Body, Joint, Point
-from ident.arm.springs import CubicSpring, Spring
+from ident.arm.parts import Belt, Body, CubicSpring, Drive, Joint, Point, Servo, Spring, Stroke
 from ident.description import schema
 from ident.errors import InputError
 from ident.identify.unknowns import parameter
-from ident.present.text.sweep_words import axis_in_words
-from ident.present.text.units import is_length, read_unit, unit_of, value_in_words
-from ident.present.text.words import parameter_in_words
+from ident.present.text.sweep import axis_in_words
+from ident.present.text.words import is_length, parameter_in_words, read_unit, unit_of, value_in_words
 from ident.studies.shared import ArmOptions
 from ident.units import stiffness_in
-from ident.vibrate.redesign.sensitivity import changeable
-from ident.vibrate.redesign.sweep import Axis
-from ident.vibrate.redesign.variable import Variable, check, is_shifted
+from ident.vibrate.evaluator import Variable, check, is_shifted
+from ident.vibrate.sweep import Axis, changeable
 
 CLASSES = {part.__name__: part for part in (Body, Joint, Point, Drive, Belt, Servo, Spring, CubicSpring, Stroke)}
 TABLES = {part: getattr(schema, f"{part}Table") for part in CLASSES}

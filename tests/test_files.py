@@ -11,8 +11,7 @@ import xarray
 
 from ident.errors import InputError
 from ident.files import CLAIM, claimed, remove_file, replace_file, together
-from ident.present.files.document import write_json
-from ident.present.files.netcdf import read_netcdf_result, write_netcdf_result
+from ident.present.files.document import read_netcdf_result, write_json, write_netcdf_result
 
 
 @pytest.fixture

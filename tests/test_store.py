@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from ident.codec import END, Store
 from ident.errors import InputError
 from ident.measure import Load
-from ident.store import END, Store
 
 ONE = {"campaign": "one", "seed": "1"}
 VALUE = {"name": "Gelenk ü", "loads": (Load.parse("5 kg @ tip"),), "big": np.arange(1000.0) / 3, "none": None}

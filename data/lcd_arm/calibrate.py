@@ -16,9 +16,8 @@ from scipy.optimize import root
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import deflection, equilibrium
-from ident.arm.labels import mode_labels
-from ident.arm.modes import Modes, modes
+from ident.arm.mechanics import deflection, equilibrium
+from ident.arm.modes import Modes, mode_labels, modes
 from ident.description.file import parse_arm, update_file
 
 ARM = Path(__file__).with_name("arm.toml")

@@ -18,14 +18,13 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ident.arm.arm import Arm
-from ident.arm.belt_condition import belt_mismatches
 from ident.arm.chain import at_posture
 from ident.arm.modes import natural_frequencies
+from ident.arm.plausibility import belt_mismatches
 from ident.description.file import parse_arm, update_file
-from ident.vibrate.motion.motion import Motion
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.each import vibrations
-from ident.vibrate.response.simulate import fast_method, sample_times
+from ident.vibrate.fast import vibrations
+from ident.vibrate.motion import Motion, stroke
+from ident.vibrate.simulate import fast_method, sample_times
 
 ARM = Path(__file__).with_name("arm.toml")
 RATIO, FOLDED, PROPORTION = 160, 142.0, (1.0, 1.0, 0.25)

@@ -12,9 +12,8 @@ import numpy as np
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import deflection, equilibrium
-from ident.arm.labels import mode_labels
-from ident.arm.modes import Modes, modes
+from ident.arm.mechanics import deflection, equilibrium
+from ident.arm.modes import Modes, mode_labels, modes
 from ident.description.file import read_arm
 from ident.measure import KINDS, Campaign, Measurement, to_si, write_campaign
 

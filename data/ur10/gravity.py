@@ -20,8 +20,7 @@ import numpy as np
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import deflection, equilibrium
-from ident.arm.mechanics import straight_positions
+from ident.arm.mechanics import deflection, equilibrium, straight_positions
 from ident.description.file import read_arm
 
 HERE = Path(__file__).parent

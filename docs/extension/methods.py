@@ -17,11 +17,7 @@ ROOMS = {
     "arm": "Mechanics of the arm",
     "inference": "Inference",
     "identify": "Identification of an arm",
-    "vibrate/motion": "Motion",
-    "vibrate/response": "Response",
-    "vibrate/modal": "Modes along a motion",
-    "vibrate/signal": "Signals",
-    "vibrate/redesign": "Redesign",
+    "vibrate": "Vibration",
     "assess": "Assessment",
 }
 """Folders with methods, in the order of the page."""

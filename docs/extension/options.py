@@ -48,7 +48,7 @@ def help_of(command: str) -> str:
     from typer.testing import CliRunner
 
     from ident.cli import main  # noqa: F401  (hangs the commands on the app)
-    from ident.cli.app import app
+    from ident.cli.command import app
 
     arguments = [command, "--help"] if command != "ident" else ["--help"]
     answer = CliRunner().invoke(app, arguments, prog_name="ident", max_content_width=WIDTH, terminal_width=WIDTH)

@@ -14,7 +14,7 @@ import numpy as np
 from sphinx.application import Sphinx
 
 import ident
-from ident.arm.drive import Servo
+from ident.arm.parts import Servo
 
 MARK = re.compile(r"(<!-- value: (?P<name>[\w ]+) -->)(?P<shown>.*?)(<!-- end -->)", re.DOTALL)
 ARM = Path(__file__).parents[2] / "data" / "lcd_arm" / "arm.toml"

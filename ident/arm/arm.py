@@ -5,7 +5,9 @@ are parallel to the base frame: z up, x along the unfolded arm, y to the left.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -14,17 +16,248 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.drive import Belt, Drive, Servo, Stroke
-from ident.arm.drive_check import check_drives
-from ident.arm.fields import STIFFNESS, fields_in
-from ident.arm.parts import Body, Joint, Payload, Point
-from ident.arm.spring_check import check_springs
-from ident.arm.springs import CubicSpring, Spring
-from ident.arm.workspace import ANYWHERE, Workspace
+from ident.arm.fields import EXPECTED, STIFFNESS, fields_in, fields_of
+from ident.arm.parts import (
+    DIRECTIONS,
+    PROFILES,
+    Belt,
+    Body,
+    CubicSpring,
+    Drive,
+    Joint,
+    Payload,
+    Point,
+    Servo,
+    Spring,
+    Stroke,
+    check_inertia,
+)
 from ident.errors import InputError, Problem
-from ident.jit import library
-from ident.text import did_you_mean, one_line, table_lines
+from ident.programs import library
+from ident.text import did_you_mean, one_line, quoted, table_lines
 from ident.units import stiffness_unit
+
+# -------- Drive check
+# What drives, belts and stroke of an arm must be like to go together.
+
+AT_LIMIT = 1e-9
+"""Angle [rad] by which a stroke may end beyond a joint limit: rounding."""
+PARALLEL = 1e-6
+"""Angle between axes [rad] up to which they count as parallel."""
+
+
+def check_drives(arm: "Arm") -> None:
+    """Refuse drives, belts and a stroke that no arm can have; abstract values (under `jit` or `grad`) are not checked.
+
+    Raises:
+        InputError: every problem, each with the name of its part.
+    """
+    strokes = (arm.stroke,) if arm.stroke else ()
+    problems = [
+        *(problem for drive in arm.drives for problem in _of_drive(arm, drive)),
+        *(problem for belt in arm.belts for problem in _of_belt(arm, belt)),
+        *(problem for servo in arm.servos for problem in _of_servo(arm, servo)),
+        *(problem for stroke in strokes for problem in _of_stroke(arm, stroke)),
+        *(problem for part in (*arm.drives, *arm.belts, *arm.servos, *strokes) for problem in sign_problems(part)),
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+def _of_drive(arm: "Arm", drive: Drive) -> Iterator[Problem]:
+    names = [joint.name for joint in arm.driven]
+    if drive.joint not in names:
+        remedy = did_you_mean(drive.joint, names, "name a joint that has a pin")
+        yield Problem(drive.name, f"'{drive.joint}'", f"one of {', '.join(names)}", remedy, "joint")
+        return
+    if [d.joint for d in arm.drives].count(drive.joint) > 1:
+        yield Problem(drive.name, f"a second drive of {drive.joint}", "one drive a joint", "remove one", "joint")
+    mass = number_of(drive.eccentric_mass)
+    shaft = [number_of(body.mass) for joint in arm.joints if joint.name == drive.joint for body in joint.shaft]
+    if mass is not None and None not in shaft:
+        heaviest = np.sum([m for m in shaft if m is not None], axis=0)
+        if np.any(mass > heaviest):
+            remedy = "the turning mass is part of the shaft's: correct one of them"
+            expected = f"0 to {_first(heaviest):.4g} kg, the mass of the shaft"
+            yield Problem(drive.name, f"{_first(mass):.4g} kg", expected, remedy, "eccentric_mass")
+
+
+def _of_belt(arm: "Arm", belt: Belt) -> Iterator[Problem]:
+    drives = [drive.joint for drive in arm.drives]
+    for end, joint in (("driver", belt.driver), ("driven", belt.driven)):
+        if joint not in drives:
+            remedy = did_you_mean(joint, drives, "describe its drive, or leave the belt out")
+            yield Problem(belt.name, f"'{joint}'", "a joint that has a drive", remedy, end)
+            return
+    every = [joint.name for joint in arm.joints]
+    if every.index(belt.driven) != every.index(belt.driver) + 1:
+        got = f"a belt from {belt.driver} to {belt.driven}"
+        remedy = "a belt runs along one link, without a bushing between"
+        yield Problem(belt.name, got, "neighbours, the driver first", remedy, "driven")
+    else:
+        yield from _of_geometry(arm, belt)
+    if [b.driven for b in arm.belts].count(belt.driven) > 1:
+        yield Problem(belt.name, f"a second belt that drives {belt.driven}", "one", "remove one of them", "driven")
+
+
+def _of_geometry(arm: "Arm", belt: Belt) -> Iterator[Problem]:
+    """Yield what keeps the pulleys from lying side by side in one plane."""
+    one, other = (joint for joint in arm.joints if joint.name in (belt.driver, belt.driven))
+    numbers = one.axis, other.axis, other.offset, belt.driver_radius, belt.driven_radius
+    known = [value for number in numbers if (value := number_of(number)) is not None]
+    if len(known) < len(numbers) or any(value.ndim > 1 for value in known[:3]):
+        return
+    axis, parallel, offset, *radii = known
+    if np.abs(np.cross(axis, parallel)).max() > PARALLEL:
+        yield Problem(belt.name, "axes that are not parallel", "pulleys in one plane", "leave the belt out", "driven")
+        return
+    distance, room = np.linalg.norm(np.cross(axis, offset)), sum(np.max(radius) for radius in radii)
+    if distance <= room:
+        got, expected = f"axes {distance:.4g} m apart", f"more than {room:.4g} m, the sum of the radii"
+        yield Problem(belt.name, got, expected, "correct radii or offset", "driven_radius")
+
+
+def _of_servo(arm: "Arm", servo: Servo) -> Iterator[Problem]:
+    drives = [drive.joint for drive in arm.drives]
+    if servo.joint not in drives:
+        remedy = did_you_mean(servo.joint, drives, "describe the drive that its motor turns")
+        yield Problem(servo.name, f"'{servo.joint}'", "a joint that has a drive", remedy, "joint")
+        return
+    tied = tied_by_belts(arm, servo.joint)
+    before = [other.name for other in arm.servos[: arm.servos.index(servo)] if other.joint in tied]
+    if before:
+        got = f"a second servo of what {before[0]} holds"
+        yield Problem(servo.name, got, "one servo for joints that belts tie", "remove one of them", "joint")
+
+
+def tied_by_belts(arm: "Arm", joint: str) -> list[str]:
+    """Return the joints whose pulleys turn together with that of a joint, itself included, from the base outwards."""
+    tied = {joint}
+    for _ in arm.belts:
+        ends = [{belt.driver, belt.driven} for belt in arm.belts]
+        tied = tied.union(*(each for each in ends if each & tied))
+    return [each.name for each in arm.joints if each.name in tied]
+
+
+def _of_stroke(arm: "Arm", stroke: Stroke) -> Iterator[Problem]:
+    if stroke.direction.shape[0] != len(arm.driven):
+        got = f"{stroke.direction.shape[0]} shares"
+        yield Problem("stroke", got, f"{len(arm.driven)}, one a joint", "correct it", "direction")
+    if stroke.profile not in PROFILES:
+        remedy = did_you_mean(stroke.profile, PROFILES, "choose one of them")
+        yield Problem("stroke", quoted(stroke.profile), f"one of {', '.join(PROFILES)}", remedy, "profile")
+    folded, unfolded = number_of(stroke.folded), number_of(stroke.unfolded)
+    if folded is not None and unfolded is not None and np.any(folded == unfolded):
+        remedy = "give two different angles"
+        yield Problem("stroke", f"folded and unfolded at {_first(folded):g} rad", "a motion", remedy, "folded")
+    for end in ("folded", "unfolded"):
+        yield from _beyond_limits(arm, stroke, end)
+
+
+def _beyond_limits(arm: "Arm", stroke: Stroke, end: str) -> Iterator[Problem]:
+    """Yield the joints that an end of the stroke takes beyond their limits."""
+    shares, alpha = number_of(stroke.direction), number_of(getattr(stroke, end))
+    if shares is None or alpha is None or len(shares) != len(arm.driven):
+        return
+    for joint, share in zip(arm.driven, shares, strict=True):
+        angles, (low, high) = share * alpha, joint.limits
+        worst = np.ravel(angles)[np.argmax(np.maximum(low - angles, angles - high))]
+        if not low - AT_LIMIT <= worst <= high + AT_LIMIT:
+            got = f"{joint.name} at {math.degrees(worst):.6g} deg"
+            expected = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg, its limits"
+            yield Problem("stroke", got, expected, "shorten the stroke, or correct the limits", end)
+
+
+def sign_problems(part: Any) -> Iterator[Problem]:
+    """Yield the numbers of a part of an arm that are not finite, or of a sign that they can't have."""
+    for field in fields_of(type(part).__name__):
+        value = number_of(getattr(part, field.name))
+        if value is not None and field.rank == 2:
+            value = np.diagonal(value)
+        if value is not None and not (allowed := field.allows(value)).all():
+            got = f"{_first(value[~allowed]):g} {field.unit}".removesuffix(" -")
+            yield Problem(part.name, got, EXPECTED[field.sign], "correct it", field.name)
+
+
+def number_of(value: Any) -> np.ndarray | None:
+    """Return a number of an arm; None for an abstract one (under `jit` or `grad`)."""
+    return None if isinstance(value, jax.core.Tracer) or not hasattr(value, "shape") else np.asarray(value)
+
+
+def _first(value: Any) -> float:
+    return float(np.ravel(value)[0])
+
+
+# -------- Spring check
+# What springs of an arm that are no straight lines must be like to go together.
+
+LOSS_OF = {"bending": "loss_bend", "torsion": "loss_tors"}
+
+
+def check_springs(arm: "Arm") -> None:
+    """Refuse springs that no arm can have; abstract values (under `jit` or `grad`) are not checked.
+
+    Raises:
+        InputError: every problem, each with the name of its spring.
+    """
+    problems = [problem for spring in arm.springs for problem in (*_of(arm, spring), *sign_problems(spring))]
+    if problems:
+        raise InputError(problems)
+
+
+def _of(arm: "Arm", spring: Spring | CubicSpring) -> Iterator[Problem]:
+    names, direction = [joint.name for joint in arm.joints], spring.direction
+    if spring.joint not in names:
+        remedy = did_you_mean(spring.joint, names, "name a joint of this arm")
+        yield Problem(spring.name, quoted(spring.joint), f"one of {', '.join(names)}", remedy, "joint")
+        return
+    if direction not in DIRECTIONS:
+        yield Problem(spring.name, quoted(direction), " or ".join(DIRECTIONS), "choose one", "direction")
+        return
+    same = [each.name for each in arm.springs if (each.joint, each.direction) == (spring.joint, direction)]
+    if same[0] != spring.name:
+        got = f"a second spring of {spring.joint} in {direction}"
+        yield Problem(spring.name, got, "one for each joint and direction", f"remove it or {same[0]}", "joint")
+    if getattr(arm.joints[names.index(spring.joint)], LOSS_OF[direction]) is not None:
+        got = f"{spring.joint} with a loss factor in {direction}, too"
+        remedy = f"take {LOSS_OF[direction]} out: loss factors hold for straight springs"
+        yield Problem(spring.name, got, "a curved spring or a loss factor", remedy)
+    if isinstance(spring, Spring):
+        yield from _in_order(spring)
+
+
+def _in_order(spring: Spring) -> Iterator[Problem]:
+    first, second = number_of(spring.torque1), number_of(spring.torque2)
+    if first is not None and second is not None and (out := second <= first).any():
+        got = f"T2 = {np.broadcast_to(second, out.shape)[out].flat[0]:g} N m"
+        expected = f"more than T1 = {np.broadcast_to(first, out.shape)[out].flat[0]:g} N m"
+        yield Problem(spring.name, got, expected, "swap or correct them", "torque2")
+
+
+# -------- Workspace
+# Where an arm may be held, besides its joint limits.
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The postures in which an arm can be measured: on a line, in a list, above a height.
+
+    Attributes:
+        line: (driven,) shares of the pins in the one motion that belts or couplings allow; None where all turn freely.
+        postures: (driven,) [rad] each, where no others can be held; empty for all.
+        lowest: [m] height in the base frame below which no bushing and no named point may come.
+    """
+
+    line: tuple[float, ...] | None = None
+    postures: tuple[tuple[float, ...], ...] = ()
+    lowest: float = -math.inf
+
+
+ANYWHERE = Workspace()
+"""Within the joint limits only."""
+
+
+# -------- Arm
 
 GRAVITY = (0.0, 0.0, -9.80665)
 """Standard gravity [m/s^2] in the base frame (CGPM 1901)."""
@@ -248,3 +481,157 @@ def _with_component(old: Array, component: tuple[int, ...], value: Array) -> Arr
     whole = whole.copy()
     whole[component] = value
     return jnp.asarray(whole)
+
+
+# -------- Base
+# A base that gives: an undriven bushing at the foot of an arm, about which the whole arm rocks and turns.
+
+BASE, PEDESTAL = "base", "pedestal"
+"""Names of the bushing, and of the body on it, that `on_soft_base` adds."""
+STIFFER = 10.0
+"""Stiffness of that bushing as a multiple of joint 1's; assumed, as no published ratio of the two was found."""
+
+FAR = 10.0
+"""Height as a multiple of the arm's length above which it is taken for a slip, such as millimetres."""
+
+
+def on_soft_base(arm: Arm, height: float) -> Arm:
+    """Return the arm on a base that gives about a point below bushing 1, which stays where it is.
+
+    The base is an undriven joint before the others, of `STIFFER` times joint 1's stiffness and its damping per
+    stiffness. On it stands a solid cylinder, half as wide as high, of the mean mass of the arm's joints: with a base of
+    no mass one direction would have no inertia. Of a stiff base this mass moves frequencies in second order only.
+
+    Args:
+        arm: it may stand on such a base already; then it is returned as it is.
+        height: [m] of bushing 1 above the point about which the base gives, along the base frame's z axis.
+
+    Raises:
+        InputError: the arm's first joint is undriven already, one of its parts has a name that is needed, or the height
+            is out of all proportion to the arm.
+    """
+    first = arm.joints[0]
+    if not first.driven:
+        if first.name == BASE and len(arm.joints) > 1 and abs(float(arm.joints[1].offset[2]) - height) < 1e-9:
+            return arm
+        remedy = "drop `soft_base`, or take that joint out of the arm file"
+        got = f"{arm.name}, whose first joint {first.name} is undriven"
+        raise InputError(Problem("soft_base", got, "an arm on a rigid base", remedy))
+    longest = FAR * _length(arm)
+    if height > longest > 0:
+        expected = f"a height below bushing 1 of {longest:.2g} m at most, {FAR:g} times the arm's length"
+        raise InputError(Problem("soft_base", f"{height:g} m", expected, "give it in metres"))
+    up = jnp.array([0.0, 0.0, height])
+    bodies = [body for joint in arm.joints for body in (*joint.shaft, *joint.link)]
+    mass = float(sum(body.mass for body in bodies)) / len(arm.joints)
+    square = (height / 4) ** 2
+    inertia = mass * np.diag([square / 4 + height**2 / 12] * 2 + [square / 2])
+    base = Joint(
+        BASE,
+        offset=first.offset - up,
+        k_bend=STIFFER * first.k_bend,
+        k_tors=STIFFER * first.k_tors,
+        tau_bend=first.tau_bend,
+        tau_tors=first.tau_tors,
+        loss_bend=first.loss_bend,
+        loss_tors=first.loss_tors,
+        link=(Body(PEDESTAL, mass, up / 2, inertia),),
+        driven=False,
+    )
+    raised = eqx.tree_at(lambda joint: joint.offset, first, up)
+    return eqx.tree_at(lambda arm: arm.joints, _checked_names(arm), (base, raised, *arm.joints[1:]))
+
+
+def _length(arm: Arm) -> float:
+    """Return the length of the arm [m], from bushing to bushing and on to its farthest point."""
+    ends = [np.linalg.norm(point.position) for point in arm.points]
+    return float(sum(np.linalg.norm(joint.offset) for joint in arm.joints[1:]) + max(ends, default=0.0))
+
+
+def _checked_names(arm: Arm) -> Arm:
+    for part in arm.parts():
+        if part.name in (BASE, PEDESTAL):
+            raise InputError(Problem("soft_base", f"a part {part.name}", "that name for the base", "rename the part"))
+    return arm
+
+
+# -------- Checks
+# What the numbers of an arm must be like once others were put in their place: a changed arm is still an arm.
+
+MOST_JOINTS = 24
+"""Joints of an arm that is read or studied; what more of them cost is in docs/own-arm.md."""
+
+
+def check_size(joints: int, where: str) -> None:
+    """Refuse an arm of more joints than are worth waiting for, before anything is compiled for it.
+
+    Raises:
+        InputError: it is one, with where it comes from.
+    """
+    if joints > MOST_JOINTS:
+        remedy = "leave out joints that hardly give: time and memory grow with the square of their number"
+        raise InputError(Problem(where, f"{joints} joints", f"at most {MOST_JOINTS}", remedy))
+
+
+def check_arm(arm: Arm) -> None:
+    """Refuse numbers that no arm can have, as `Arm.replace` may have put in: signs, inertia, drives, a massless end.
+
+    Raises:
+        InputError: every problem, each with the name of its part.
+    """
+    problems = tuple(_problems(arm))
+    if problems:
+        raise InputError(problems)
+
+
+def massless_joints(joints: Sequence[Joint]) -> Iterator[tuple[int, str, str]]:
+    """Yield the joints whose equation would be singular, the last one first: its place, why, and what it lacks.
+
+    Turning a bushing moves the joint's own bodies and the bushing after it, for what that one carries may stay as it
+    is, by turning back; turning the last one moves its own bodies alone.
+    """
+    for place in reversed(range(len(joints))):
+        last, inertia, mass = place == len(joints) - 1, np.zeros((3, 3)), 0.0
+        for body in (*joints[place].shaft, *joints[place].link):
+            inertia += np.asarray(body.inertia) + _of_mass(float(body.mass), np.asarray(body.com))
+            mass += float(body.mass)
+        if not last:
+            inertia += _of_mass(mass or 1.0, np.asarray(joints[place + 1].offset))
+        moments = np.linalg.eigvalsh(inertia)
+        if mass and moments[0] > 1e-12 * moments[2]:
+            continue
+        if mass:
+            yield place, "a rotation that moves no mass", "inertia about every axis"
+        elif last:
+            yield place, "no mass beyond the bushing", "mass beyond every bushing"
+        else:
+            yield place, "no mass on the bushing", "inertia on every bushing"
+
+
+def _of_mass(mass: float, at: np.ndarray) -> np.ndarray:
+    """Return the inertia of a point mass about the origin (3, 3) [kg m^2]."""
+    return mass * (at @ at * np.eye(3) - np.outer(at, at))
+
+
+def _problems(arm: Arm) -> Iterator[Problem]:
+    bodies = [body for joint in arm.joints for body in (*joint.shaft, *joint.link)]
+    bodies += [payload.body for payload in arm.payloads]
+    signs = [problem for part in (*arm.joints, *bodies, *arm.points) for problem in sign_problems(part)]
+    yield from signs
+    if signs:
+        return
+    for body in bodies:
+        yield from _raised(partial(check_inertia, body.name, body.mass, body.inertia))
+    yield from _raised(partial(check_drives, arm))
+    yield from _raised(partial(check_springs, arm))
+    for place, got, expected in massless_joints(arm.joints):
+        remedy = "give its shaft or link a positive mass, with inertia"
+        yield Problem(arm.joints[place].name, got, expected, remedy)
+
+
+def _raised(check: Callable[[], None]) -> tuple[Problem, ...]:
+    try:
+        check()
+    except InputError as error:
+        return error.problems
+    return ()

@@ -1,17 +1,31 @@
 """Natural frequencies and modes of a chain at a posture about its static equilibrium."""
 
+import re
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Complex, Float, Inexact
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float, Inexact
 
 from ident.arm.chain import Chain
-from ident.arm.equilibrium import StaticEquilibrium, static_equilibrium
-from ident.arm.linalg import inverse_cholesky_factor, lowest_modes, lowest_modes_whitened
-from ident.arm.mechanics import Phi, mass_matrix, tangents, unflatten
-from ident.arm.motors import coordinates, point_motion, servo_energy, structural, system, variations
+from ident.arm.linalg import Square, inverse_cholesky_factor, lowest_modes, lowest_modes_whitened
+from ident.arm.mechanics import (
+    Phi,
+    StaticEquilibrium,
+    coordinates,
+    mass_matrix,
+    point_motion,
+    servo_energy,
+    static_equilibrium,
+    structural,
+    system,
+    tangents,
+    unflatten,
+    variations,
+)
 from ident.arm.rotations import identity, matmul, matvec, transpose
 
 
@@ -225,3 +239,149 @@ def _eig(A: Inexact[Array, "k k"]) -> tuple[Array, Array, Array]:
     left = jnp.linalg.inv(right).T
     order = jnp.argsort(jnp.abs(s))
     return s[order], right[:, order], left[:, order]
+
+
+# -------- Labels
+# Names for modes by what moves: `vertical bending 1`, `lateral torsion 1`, and how a measured name finds its mode.
+#
+# A mode is `bending` or `torsion` by where most of the bushings' strain energy sits, `vertical` or `lateral` by how the
+# arm's end point moves, and numbered in ascending frequency among the modes of the same name.
+
+AMBIGUOUS = 0.1
+"""A share this near to one half leaves the name of a mode open."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """What a measurement says of its mode.
+
+    Attributes:
+        direction: `vertical`, `lateral`, or None for either.
+        kind: `bending`, `torsion`, or None for either.
+        ordinal: 1 for the lowest such mode.
+    """
+
+    direction: str | None
+    kind: str | None
+    ordinal: int
+
+    def admits(self, other: "Label") -> bool:
+        """Whether what this says of direction and kind is true of the other."""
+        return self.direction in (None, other.direction) and self.kind in (None, other.kind)
+
+    def __str__(self) -> str:
+        return " ".join(str(part) for part in (self.direction, self.kind, self.ordinal) if part)
+
+
+def parse_label(text: str) -> Label | None:
+    """Read a label such as `vertical bending 1`, `torsion 2` or `lateral 1`; None when it is none."""
+    match = re.fullmatch(r"(?:(vertical|lateral)\s*)?(?:(bending|torsion)\s*)?(\d{1,3})", text.strip().lower())
+    if not match or int(match[3]) < 1 or not (match[1] or match[2]):
+        return None
+    return Label(match[1], match[2], int(match[3]))
+
+
+def torsion_share(modes: Modes) -> Float[Array, "m *batch"]:
+    """Return the share of the strain energy in torsion."""
+    return modes.tors.sum(0)
+
+
+def vertical_share(modes: Modes) -> Float[Array, "m *batch"]:
+    """Return the share of vertical motion in the end point's squared displacement."""
+    squared = modes.motion[:, -1] ** 2
+    return squared[2] / squared.sum(0)
+
+
+def mode_labels(modes: Modes) -> list[Label]:
+    """Name the modes of one chain (no batch), ascending."""
+    return labels_of_shares(np.asarray(torsion_share(modes)), np.asarray(vertical_share(modes)))
+
+
+def labels_of_shares(torsion: Float[np.ndarray, "m"], vertical: Float[np.ndarray, "m"]) -> list[Label]:
+    """Name modes, ascending, by their shares of torsion and of vertical motion."""
+    names = [
+        ("vertical" if v > 0.5 else "lateral", "torsion" if t > 0.5 else "bending")
+        for t, v in zip(torsion, vertical, strict=True)
+    ]
+    return [Label(*name, names[: i + 1].count(name)) for i, name in enumerate(names)]
+
+
+def is_ambiguous(modes: Modes) -> Bool[Array, "m *batch"]:
+    """Tell which modes are named by a near draw, so that a small change may rename them."""
+    return (jnp.abs(torsion_share(modes) - 0.5) < AMBIGUOUS) | (jnp.abs(vertical_share(modes) - 0.5) < AMBIGUOUS)
+
+
+# -------- Shapes
+# Shapes of modes that can be differentiated, and how they move the arm's points.
+
+APART = 1e-8
+"""Relative distance of eigenvalues below which their shapes no longer turn into each other: there they have none."""
+
+
+@jax.custom_jvp
+def turning_shapes(H: Square, M: Square, eigenvalues: Array, shapes: Square) -> Square:
+    """Return all mass-normalised shapes V (n, n, *batch) of H v = l M v, once differentiable by H and M.
+
+        dv_a = sum_{k /= a} v_k v_k' (dH - l_a dM) v_a / (l_a - l_k) - v_a (v_a' dM v_a) / 2.
+
+    Where two eigenvalues meet shapes turn into each other ever faster; what is made of them must not depend on that
+    turn, as the plane that they span does not.
+
+    References:
+        Fox, Kapoor, "Rates of change of eigenvalues and eigenvectors", AIAA J. 6, 1968.
+    """
+    return shapes
+
+
+@turning_shapes.defjvp
+def _turning_shapes_jvp(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Array, Array]:
+    _, _, eigenvalues, V = primals
+    dH, dM = (matmul(transpose(V), matmul(dA, V)) for dA in tangents[:2])
+    gap = eigenvalues[None] - eigenvalues[:, None]
+    turn = (dH - eigenvalues[None] * dM) * gap / (gap**2 + (APART * eigenvalues[None]) ** 2)
+    own = jnp.eye(len(V)).reshape(V.shape[:2] + (1,) * (V.ndim - 2))
+    return V, matmul(V, turn - own * dM / 2)
+
+
+@jax.custom_jvp
+def damped_shapes(system: Linearized) -> Complex[Array, "n n *#batch"]:
+    """Return for each undamped mode, ascending, the shape x of (s^2 M + s C + H + i L) x = 0 nearest to it.
+
+    Once differentiable, but for a factor of each shape, over all 2n eigenvalues b with their left eigenvectors y:
+
+        dx_a = -sum_{b /= a} x_b y_b' (dH + i dL + s_a dC + s_a^2 dM) x_a / (s_a - s_b).
+
+    References:
+        Adhikari, "Rates of change of eigenvalues and eigenvectors in damped dynamic systems", AIAA J. 37, 1999.
+    """
+    _, x, _, own = all_damped_modes(system)
+    return jnp.take_along_axis(x, own[None], 1)
+
+
+@damped_shapes.defjvp
+def _damped_shapes_jvp(primals: tuple[Linearized], tangents: tuple[Linearized]) -> tuple[Array, Array]:
+    s, x, y, own = all_damped_modes(primals[0])
+    _, dM, dC, dH, dL = tangents[0]
+    value, mine = jnp.take_along_axis(s, own, 0), jnp.take_along_axis(x, own[None], 1)
+    dK = dH if dL is None else dH + 1j * dL
+    pushed = matmul(dK, mine) + matmul(dC, mine) * value + matmul(dM, mine) * value**2
+    gap = value[None] - s[:, None]
+    turn = matmul(jnp.swapaxes(y, 0, 1), pushed) * jnp.conj(gap) / (jnp.abs(gap) ** 2 + (APART * jnp.abs(value)) ** 2)
+    return mine, -matmul(x, turn)
+
+
+def moving_points(chain: Chain, linear: Linearized, modes: Modes) -> Float[Array, "3 P n *batch"]:
+    """Return the displacement of the named points [m/sqrt(kg m^2)] in each of all modes; once differentiable."""
+    eigenvalues, shapes = jax.lax.stop_gradient(((2 * jnp.pi * modes.frequency) ** 2, modes.shape))
+    return _moved(chain, linear, turning_shapes(linear.H, linear.M, eigenvalues, shapes))
+
+
+def moving_points_damped(chain: Chain, linear: Linearized) -> Complex[Array, "3 P n *batch"]:
+    """Return likewise the displacement in the damped mode nearest to each undamped one, up to a factor of each."""
+    shapes = damped_shapes(linear)
+    return _moved(chain, linear, shapes.real) + 1j * _moved(chain, linear, shapes.imag)
+
+
+def _moved(chain: Chain, linear: Linearized, shapes: Float[Array, "n n *batch"]) -> Float[Array, "3 P n *batch"]:
+    columns = jnp.moveaxis(shapes, 1, -1)
+    return jax.vmap(lambda v: point_motion(chain, linear.phi, v), in_axes=-1, out_axes=2)(columns)

@@ -1,6 +1,33 @@
-"""The multibody model of an arm: moments of mass, bushings, drives and belts, as the equations of motion need them."""
+"""The multibody model of an arm: moments of mass, bushings, drives and belts, as the equations of motion need them.
+
+Elastic belts between pulleys: stretch, tension, and what they do to bushings and pins.
+
+    upper span  T_u = max(0, T0 + k (e_u + tau de_u/dt)),   lower span likewise
+    e_u = L(D) - L(D0) + s,   e_l = L(D) - L(D0) - s,   s = r1 (theta1 - gamma) - r2 (theta2 - gamma)
+
+D is the distance of the pulleys' centres across the axis and gamma the turn of the line between them; both change as
+the driven shaft tilts under the belt. L(D) = sqrt(D^2 - d^2) + d asin(d/D), d = r1 - r2, is the length of a span with
+its share of the arcs, so that dL/dD = cos(beta), sin(beta) = d/D. By virtual work, torque T_u - T_l times radius on
+each pulley, (T_u + T_l) cos(beta) along the line of centres and (T_u - T_l) sin(beta) across it follow. Angles are
+counted from the command, on which the belts run without stretch, and forces from the assembled arm: the bushings were
+aligned under pretension.
+
+Rigid belts (xi = 0) are not the limit of stiff ones. Those force s to zero, with gamma = 0 and without kinematic error
+
+    r2 (N2 xi2 + phi2) = r1 (N1 - 1) xi1
+
+phi along the axis: the pulley is held in space, not on its shaft. Behind a driver at rest xi = -phi / N, the link turns
+by phi (1 - 1/N), and a frequency of torsion is higher by about 1/N. Stiff belts also hold their driven shafts from
+tilting, by 2 k height^2. With a stretch a torque at the link sees the compliance
+
+    (1 - 1/N)^2 / k_tors + 1 / (2 k (N r2)^2)
+
+References:
+    Ours, after the paper's Figure 3; its printed equations are lost.
+"""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -9,7 +36,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.arm.assembly import (
+from ident.arm.chain import (
     Loads,
     Moments,
     axes,
@@ -22,11 +49,52 @@ from ident.arm.assembly import (
     positions,
     stack,
 )
-from ident.arm.fields import names_of
-from ident.arm.losses import refuse_losses
-from ident.arm.rotations import skew
-from ident.arm.springs import CurvedSprings
+from ident.arm.fields import LOSS, names_of
+from ident.arm.mechanics import Phi, flat, inboard, unflatten
+from ident.arm.parts import CurvedSprings
+from ident.arm.rotations import (
+    acceleration_map,
+    axial,
+    cross,
+    left_jacobian,
+    left_jacobian_rate,
+    matmul,
+    matvec,
+    rotated,
+    rotation,
+    rotation_by,
+    skew,
+    total,
+    transpose,
+    turn_about,
+    turned,
+)
 from ident.errors import InputError, Problem
+from ident.programs import AnyArray
+
+# -------- Losses
+# Structural damping (loss factors), of which motion in time knows nothing.
+
+
+def refuse_losses(arm: Arm) -> None:
+    """Refuse an arm with loss factors where it moves in time.
+
+    A complex stiffness is a law of harmonic motion alone: in time it is not causal (Crandall, "The role of damping in
+    vibration theory", J. Sound Vib. 11(1), 1970). A damping time tau = eta / (2 pi f) loses as much at one frequency f.
+
+    Raises:
+        InputError: some joint has a loss factor.
+    """
+    given = [f"{joint.name}.{field}" for joint in arm.joints for field in LOSS if getattr(joint, field) is not None]
+    if given:
+        got = f"a loss factor ({given[0]})"
+        expected = "damping times, as loss factors hold for harmonic motion only"
+        time = given[0].replace("loss", "tau")
+        remedy = f"take them out, and give {time} = loss factor / (2 pi f) instead, which is exact at one frequency f"
+        raise InputError(Problem(arm.name, got, expected, remedy))
+
+
+# -------- Multibody
 
 
 class Drives(eqx.Module):
@@ -242,3 +310,411 @@ def _belts(arm: Arm, rank: int) -> Belts:
         height=column("height"),
         ends=tuple((names.index(belt.driver), names.index(belt.driven)) for belt in arm.belts),
     )
+
+
+# -------- Belts
+#
+
+Spans = Float[Array, "2 B *#batch"]
+
+
+def stretch(model: "Multibody", phi: Array, xi: Array, error: Array) -> Spans:
+    """Return by how much upper and lower span of each belt are longer than unloaded [m].
+
+    Args:
+        model: the multibody model.
+        phi: (3, N, *batch) [rad] rotation vectors of the bushings.
+        xi: (N, *batch) [rad] deviation of each pin from its command.
+        error: (N, *batch) [rad] kinematic error of each drive.
+    """
+    belts = model.belts
+    driver, driven = (np.asarray(ends, int) for ends in zip(*belts.ends, strict=True))
+    axis, offset = model.axis[:, driven], model.offset[:, driven]
+    start = offset - axis * (axis * offset).sum(0)
+    tilt = matvec(rotation(phi[:, driven]), axis) - axis
+    line = start + belts.height * (tilt - axis * (axis * tilt).sum(0))
+    D0, D = (jnp.sqrt((x * x).sum(0)) for x in (start, line))
+    gamma = jnp.arctan2((axis * jnp.cross(start, line, axis=0)).sum(0), (start * line).sum(0))
+
+    first = (model.drives.ratio[driver] - 1) * xi[driver] - error[driver]
+    second = model.drives.ratio[driven] * xi[driven] + (axis * phi[:, driven]).sum(0)
+    s = belts.radius[0] * (first - gamma) - belts.radius[1] * (second - gamma)
+    longer = _span(D, belts.radius) - _span(D0, belts.radius)
+    return jnp.stack([longer + s, longer - s])
+
+
+def tensions(model: "Multibody", e: Spans, e_dot: Spans) -> Spans:
+    """Return the tension of upper and lower span [N]; a slack span pulls with zero."""
+    belts = model.belts
+    return jnp.maximum(0.0, belts.pretension + belts.stiffness * (e + belts.tau * e_dot))
+
+
+def belt_forces(
+    model: "Multibody", position: tuple[Array, Array, Array], rate: tuple[Array, Array, Array]
+) -> tuple[Float[Array, "3 N *#batch"], Float[Array, "N *#batch"], Float[Array, "N *#batch"]]:
+    """Return the moments [N m] on bushings, wave generators and kinematic errors that the belts ask for.
+
+    Args:
+        model: the multibody model.
+        position: phi (3, N, *batch), xi and error (N, *batch) [rad], as in `stretch`.
+        rate: their rates [rad/s].
+    """
+
+    def length(phi: Array, xi: Array, error: Array) -> Array:
+        return stretch(model, phi, xi, error)
+
+    e, pullback = jax.vjp(length, *position)
+    e_dot = jax.jvp(length, position, rate)[1]
+    pullback_assembled = jax.vjp(length, jnp.zeros_like(position[0]), *position[1:])[1]
+    now = pullback(tensions(model, e, e_dot))
+    assembled = pullback_assembled(jnp.broadcast_to(model.belts.pretension, e.shape))
+    on_bushings, on_pins, on_errors = (a - b for a, b in zip(now, assembled, strict=True))
+    return on_bushings, on_pins, on_errors
+
+
+def _span(D: Array, radius: Array) -> Array:
+    d = radius[0] - radius[1]
+    return jnp.sqrt(D * D - d * d) + d * jnp.arcsin(d / D)
+
+
+# -------- Multibody kinematics
+# Kinematics of an arm whose pins are driven: the motors' command, how pins and pulleys turn, where bodies are.
+#
+# Coordinates y are flat: joint by joint the rotation vector phi_j of its bushing along the axes of its shaft, then for
+# each elastic belt the deviation xi of the pin that it drives from its command. No angle is taken as small.
+
+Joints = Float[Array, "N *#batch"]
+
+
+class Command(NamedTuple):
+    """The command of the motors: angles of the driven joints and their rates.
+
+    Attributes:
+        q: (driven, *batch) [rad]
+        qd: (driven, *batch) [rad/s]
+        qdd: (driven, *batch) [rad/s^2]
+    """
+
+    q: Float[AnyArray, "driven *#batch"]
+    qd: Float[AnyArray, "driven *#batch"]
+    qdd: Float[AnyArray, "driven *#batch"]
+
+
+class Turning(NamedTuple):
+    """An angle and its rates at each joint, `(N, *batch)` [rad, rad/s, rad/s^2]."""
+
+    angle: Joints
+    rate: Joints
+    acceleration: Joints
+
+
+def at_rest(angle: Joints) -> Turning:
+    """Return angles that do not change."""
+    return Turning(angle, jnp.zeros_like(angle), jnp.zeros_like(angle))
+
+
+class Pins(eqx.Module):
+    """How pins and pulleys turn.
+
+    Attributes:
+        pin: of the link against the shaft, kinematic error included.
+        pulley: of the pulley against the shaft.
+        slope: (N, *batch) [-] turn of the pin for one of the wave generator divided by the ratio.
+        error: (N, *batch) [rad] kinematic error.
+    """
+
+    pin: Turning
+    pulley: Turning
+    slope: Joints
+    error: Joints
+
+
+def pins(model: Multibody, command: Command, xi: Turning) -> Pins:
+    """Turn pins and pulleys by the command and the deviations xi from it."""
+    q, qd, qdd = (_spread(part, model) + own for part, own in zip(command, xi, strict=True))
+    drives, error, slope = model.drives, jnp.zeros_like(q), jnp.ones_like(q)
+    if model.transmission_error:
+        argument = 2 * drives.ratio * q + drives.error_phase
+        error = drives.error * jnp.sin(argument)
+        slope = 1 + 2 * drives.ratio * drives.error * jnp.cos(argument)
+    pin = Turning(q + error, slope * qd, slope * qdd - 4 * drives.ratio**2 * error * qd * qd)
+    return Pins(pin, Turning(drives.ratio * q, drives.ratio * qd, drives.ratio * qdd), slope, error)
+
+
+def transmission_error(model: Multibody, turning: Pins) -> Turning:
+    """Return by how much the pins deviate from their wave generators: the kinematic error and its rates."""
+    exact = [part / model.drives.ratio for part in turning.pulley]
+    return Turning(*(pin - wave for pin, wave in zip(turning.pin, exact, strict=True)))
+
+
+def bushing_rotations(model: Multibody, y: Array) -> Phi:
+    """Return the bushings' part of the coordinates as `(3, N, *batch)`."""
+    return unflatten(y[: 3 * model.joints])
+
+
+def deviations(model: Multibody, y: Array) -> Joints:
+    """Return how far each pin deviates from its command, `(N, *batch)`."""
+    none = jnp.zeros_like(y[0])
+    own = {joint: y[3 * model.joints + k] for k, joint in enumerate(model.belt_driven)}
+    return jnp.stack([own.get(joint, none) for joint in range(model.joints)])
+
+
+def end_point(model: Multibody, q: Joints, phi: Phi | None = None) -> Float[Array, "3 *#batch"]:
+    """Return the last named point in the base frame [m], from it inwards joint by joint.
+
+    Args:
+        model: the multibody model of the arm under its load.
+        q: (N, *batch) [rad] angles of all pins.
+        phi: (3, N, *batch) [rad] rotations of all bushings; none when None.
+    """
+    r = tuple(model.position[:, -1])
+    for joint in range(model.carrier[-1], -1, -1):
+        r = turned(r, model.axis[:, joint], q[joint])
+        r = r if phi is None else rotated(r, phi[:, joint])
+        r = tuple(x + start for x, start in zip(r, model.offset[:, joint], strict=True))
+    return jnp.stack(jnp.broadcast_arrays(*r))
+
+
+def _spread(driven: AnyArray, model: Multibody) -> Joints:
+    none = jnp.zeros_like(driven[0])
+    return jnp.stack([driven[model.driven.index(j)] if j in model.driven else none for j in range(model.joints)])
+
+
+def _frames(model: Multibody, q: Joints, phi: Phi, J: Array) -> tuple[Array, Array, Array, Array]:
+    """Return axes before each bushing, of each shaft, of each link `(3, 3, N, *batch)`, and the bushings' centres."""
+    turn, pin = rotation_by(phi, J), turn_about(model.axis, q)
+    turn, pin = jnp.broadcast_arrays(turn, pin)
+    shaft, link = [turn[:, :, 0]], [matmul(turn[:, :, 0], pin[:, :, 0])]
+    for j in range(1, model.joints):
+        shaft.append(matmul(link[-1], turn[:, :, j]))
+        link.append(matmul(shaft[-1], pin[:, :, j]))
+    unit = jnp.broadcast_to(jnp.eye(3).reshape((3, 3) + (1,) * (turn.ndim - 3)), shaft[0].shape)
+    before, after = jnp.stack([unit, *link[:-1]], 2), jnp.stack(link, 2)
+    return before, jnp.stack(shaft, 2), after, total(inboard(model.joints), matvec(before, model.offset), 1)
+
+
+class Kinematics(NamedTuple):
+    """Where shafts and links are and how they move, in base axes.
+
+    Attributes:
+        shaft: (3, 3, N, *batch) axes of the shafts.
+        link: (3, 3, N, *batch) axes of the links.
+        project: (3, 3, N, *batch) map from a moment about a bushing to the bushing's coordinates, by virtual work.
+        axis: (3, N, *batch) axes of the pins.
+        centre: (3, N, *batch) [m] bushing centres.
+        acceleration: (3, N, *batch) [m/s^2] of the centres, against free fall.
+        w: (3, N, *batch) [rad/s] angular velocities of the shafts.
+        alpha: (3, N, *batch) [rad/s^2] angular accelerations of the shafts.
+        w_link: (3, N, *batch) [rad/s] angular velocities of the links.
+        alpha_link: (3, N, *batch) [rad/s^2] angular accelerations of the links.
+    """
+
+    shaft: Array
+    link: Array
+    project: Array
+    axis: Array
+    centre: Array
+    acceleration: Array
+    w: Array
+    alpha: Array
+    w_link: Array
+    alpha_link: Array
+
+
+def kinematics(model: Multibody, pin: Turning, phi: Phi, v: Phi, a: Phi) -> Kinematics:
+    """Return how the bodies move, from the base outwards; phi, v, a `(3, N, *batch)` move the bushings."""
+    inward = inboard(model.joints)
+    J = left_jacobian(phi)
+    rate, change = left_jacobian_rate(phi, v)
+    before, shaft, link, centre = _frames(model, pin.angle, phi, J)
+
+    u, axis = matvec(before, rate), matvec(shaft, model.axis)
+    turn = axis * pin.rate
+    w_link = total(inward, u + turn, 1)
+    w = w_link - turn
+    bend = matvec(before, change + matvec(J, a)) + cross(w - u, u)
+    twist = axis * pin.acceleration + cross(w, turn)
+    alpha_link = total(inward, bend + twist, 1)
+
+    reach = matvec(before, model.offset)[:, 1:]
+    gravity = model.gravity.reshape((3,) + (1,) * (centre.ndim - 1))
+    steps = matvec(acceleration_map(w_link, alpha_link)[:, :, :-1], reach)
+    steps = jnp.concatenate([jnp.zeros((3, 1, *steps.shape[2:])), steps], 1)
+    return Kinematics(
+        shaft=shaft,
+        link=link,
+        project=matmul(transpose(J), transpose(before)),
+        axis=axis,
+        centre=centre,
+        acceleration=total(inward, steps, 1) - gravity,
+        w=w,
+        alpha=alpha_link - twist,
+        w_link=w_link,
+        alpha_link=alpha_link,
+    )
+
+
+# -------- Multibody dynamics
+# Exact equations of motion of an arm whose pins are driven, no angle taken as small; coordinates: see `kinematics`.
+
+
+def residual(model: Multibody, command: Command, y: Array, yd: Array, ydd: Array) -> Float[Array, "n *#batch"]:
+    """Return M(y) d2y/dt2 + h(y, dy/dt, t): zero where the equations of motion hold [N m].
+
+    By Newton and Euler's equations of every body, from the base outwards and back. Differentiable.
+
+    Args:
+        model: the multibody model of the arm under its load.
+        command: of the motors at this moment.
+        y: (n, *batch) coordinates [rad]
+        yd: (n, *batch) their rates [rad/s]
+        ydd: (n, *batch) their accelerations [rad/s^2]
+
+    References:
+        Featherstone, "Rigid Body Dynamics Algorithms", 2008, section 5.3 (recursive Newton-Euler).
+    """
+    xi = Turning(*(deviations(model, part) for part in (y, yd, ydd)))
+    return residual_of(model, pins(model, command, xi), y, yd, ydd)
+
+
+def residual_of(model: Multibody, turning: Pins, y: Array, yd: Array, ydd: Array) -> Float[Array, "n *#batch"]:
+    """Return the residual where it is known how pins and pulleys turn; see `residual`."""
+    at = kinematics(model, turning.pin, *(bushing_rotations(model, part) for part in (y, yd, ydd)))
+    forces = _sum(_of_bodies(model, at, turning.pulley), imbalance(model, at, turning.pulley))
+    moved = equations(model, at, turning.slope, forces)
+    phi, v = bushing_rotations(model, y), bushing_rotations(model, yd)
+    spring = flat(spring_moments(model, phi) + matvec(model.damping, v))
+    if not model.belt_driven:
+        return moved + spring
+    error = transmission_error(model, turning)
+    position, rate = (phi, deviations(model, y), error.angle), (v, deviations(model, yd), error.rate)
+    on_bushings, on_pins, on_errors = belt_forces(model, *(_alike(*parts) for parts in (position, rate)))
+    on_pins = on_pins + (turning.slope - 1) * on_errors
+    return moved + jnp.concatenate([spring + flat(on_bushings), on_pins[np.asarray(model.belt_driven)]])
+
+
+def spring_moments(model: Multibody, phi: Phi) -> Phi:
+    """Return the moments of the bushings' springs [N m], along the shafts' axes."""
+    moment = matvec(model.stiffness, phi)
+    return moment if model.curved is None else moment + model.curved.torque(phi)
+
+
+def beyond_tangent(model: Multibody, rest: Phi, phi: Phi) -> tuple[Joints, Joints]:
+    """Return by how much the springs' moments miss their tangents at rest, and those moments' change by them [N m].
+
+    Each is the size of a vector of each bushing (N, *batch).
+    """
+    K = model.stiffness if model.curved is None else model.stiffness + sum(model.curved.tangents(rest))
+    by_tangent = matvec(K, phi - rest)
+    missed = spring_moments(model, phi) - spring_moments(model, rest) - by_tangent
+    missed, by_tangent = (jnp.sqrt((x * x).sum(0)) for x in (missed, by_tangent))
+    return missed, by_tangent
+
+
+def drive_torques(model: Multibody, command: Command, y: Array, yd: Array, ydd: Array) -> Joints:
+    """Return the torque at each pin [N m] by which motors and belts make the arm follow its command.
+
+    It is the torque at the wave generator times the ratio; zero where there is no pin.
+    """
+    turning = pins(model, command, Turning(*(deviations(model, part) for part in (y, yd, ydd))))
+    at = kinematics(model, turning.pin, *(bushing_rotations(model, part) for part in (y, yd, ydd)))
+    forces = _sum(_of_bodies(model, at, turning.pulley), imbalance(model, at, turning.pulley))
+    torque = _on_pins(model, at, turning.slope, forces, _outboard_moment(model, at, forces))
+    driven = np.isin(np.arange(model.joints), model.driven)
+    return jnp.where(driven.reshape((-1,) + (1,) * (torque.ndim - 1)), torque, 0.0)
+
+
+class Forces(NamedTuple):
+    """What accelerating and holding up bodies asks for.
+
+    Attributes:
+        force: (3, N, *batch) [N]
+        on_link: (3, N, *batch) [N m] moment about the bushing, for what is behind the pin.
+        on_shaft: (3, N, *batch) [N m] moment about the bushing, for shaft and pulley.
+        on_pulley: (N, *batch) [N m] torque of the pulley about the axis.
+    """
+
+    force: Array
+    on_link: Array
+    on_shaft: Array
+    on_pulley: Array
+
+
+def equations(model: Multibody, at: Kinematics, slope: Joints, forces: Forces) -> Float[Array, "n *#batch"]:
+    """Return what forces on the bodies ask of bushings and of the pins that elastic belts drive [N m]."""
+    moment = _outboard_moment(model, at, forces)
+    on_bushings = flat(matvec(at.project, moment))
+    if not model.belt_driven:
+        return on_bushings
+    on_pins = _on_pins(model, at, slope, forces, moment)
+    return jnp.concatenate([on_bushings, on_pins[np.asarray(model.belt_driven)]])
+
+
+def _outboard_moment(model: Multibody, at: Kinematics, forces: Forces) -> Phi:
+    """Return the moment about each bushing for all bodies beyond it."""
+    outboard = inboard(model.joints).T
+    moment = forces.on_link + forces.on_shaft + cross(at.centre, forces.force)
+    return total(outboard, moment, 1) - cross(at.centre, total(outboard, forces.force, 1))
+
+
+def _on_pins(model: Multibody, at: Kinematics, slope: Joints, forces: Forces, moment: Phi) -> Joints:
+    pin = (at.axis * (moment - forces.on_shaft)).sum(0)
+    return slope * pin + model.drives.ratio * forces.on_pulley
+
+
+def _of_bodies(model: Multibody, at: Kinematics, pulley: Turning) -> Forces:
+    """Return the forces of shafts, links, loads and balanced rotors."""
+    f_shaft, n_shaft = _newton_euler(model.shaft, at.shaft, acceleration_map(at.w, at.alpha), at.acceleration)
+    f_link, n_link = _newton_euler(model.link, at.link, acceleration_map(at.w_link, at.alpha_link), at.acceleration)
+    f_points, n_points = _points(model, at.link)
+    on_rotor = model.drives.rotor * (at.axis * pulley.acceleration + cross(at.w, at.axis * pulley.rate))
+    on_pulley = model.drives.rotor * (pulley.acceleration + (at.axis * at.alpha).sum(0))
+    return Forces(f_shaft + f_link + f_points, n_link + n_points, n_shaft + on_rotor, on_pulley)
+
+
+def _newton_euler(moments: Moments, axes: Array, A: Array, acceleration: Array) -> tuple[Array, Array]:
+    """Return force and moment about the bushing (3, N, *batch) that accelerate the bodies.
+
+    The point at r accelerates by acceleration + A r.
+    """
+    first = matvec(axes, moments.first)
+    second = matmul(matmul(axes, moments.second), transpose(axes))
+    force = moments.mass * acceleration + matvec(A, first)
+    return force, cross(first, acceleration) + axial(matmul(second, transpose(A)))
+
+
+def imbalance(model: Multibody, at: Kinematics, pulley: Turning) -> Forces:
+    """Return the forces of the turning masses, in excess of the same masses centred on their axes.
+
+    The eccentric mass at h axis + e u turns, the same mass at h axis is taken away from the shaft, whose mass has it.
+    """
+    drives = model.drives
+    angle = pulley.angle + drives.phase
+    u = matvec(at.shaft, drives.across[:, 0] * jnp.cos(angle) + drives.across[:, 1] * jnp.sin(angle))
+    w = at.axis * pulley.rate
+    A = acceleration_map(at.w + w, at.alpha + at.axis * pulley.acceleration + cross(at.w, w))
+    first = drives.imbalance * u
+    # the integral of r x (A r) with r r' = h (axis u' + u axis') + e u u'
+    bob = matvec(A, drives.height * at.axis + drives.reach * u)
+    moment = cross(first, at.acceleration + bob) + cross(drives.height * at.axis, matvec(A, first))
+    return Forces(matvec(A, first), jnp.zeros_like(moment), moment, (at.axis * moment).sum(0))
+
+
+def _points(model: Multibody, link: Array) -> tuple[Array, Array]:
+    """Return the reaction (3, N, *batch) to the forces on the named points."""
+    body = np.asarray(model.carrier, dtype=int)
+    at = np.equal.outer(np.arange(model.joints), body)
+    arm = matvec(link[:, :, body], model.position)
+    force = jnp.broadcast_to(model.force, arm.shape)
+    return -total(at, force, 1), -total(at, cross(arm, force), 1)
+
+
+def _alike(phi: Phi, *joints: Joints) -> tuple[Phi, Joints, Joints]:
+    """Give all the same batch."""
+    batch = jnp.broadcast_shapes(phi.shape[2:], *(part.shape[1:] for part in joints))
+    xi, error = (jnp.broadcast_to(part, (part.shape[0], *batch)) for part in joints)
+    return jnp.broadcast_to(phi, (*phi.shape[:2], *batch)), xi, error
+
+
+def _sum(one: Forces, other: Forces) -> Forces:
+    return Forces(*(a + b for a, b in zip(one, other, strict=True)))

@@ -1,6 +1,21 @@
 """The parts of an arm: rigid bodies, joints of pin and elastic bushing, named points, payloads.
 
 All numbers are SI (m, kg, s, rad, N).
+
+Springs that are no straight line: what a bushing's torque adds to stiffness times angle.
+
+A bushing's torque in bending, or in torsion, is a function of the angle x alone; in bending x is the size of the
+bending part of its rotation vector, so that it gives alike in all directions. With K1 its `k_bend` or `k_tors`:
+
+    Spring:       T = K1 x + (K2 - K1) ramp(x - x1) + (K3 - K2) ramp(x - x2),   x1 = T1/K1,  x2 = x1 + (T2 - T1)/K2
+    CubicSpring:  T = K1 x + c x^3
+
+and T(-x) = -T(x). The ramp's slope goes from 0 to 1, as a cubic polynomial, over `WIDTH` of the angle x1 (x2) on either
+side of it: beyond that the torque is the catalogue's broken line itself, and the tangent has a derivative everywhere.
+
+References:
+    The broken line is that of the makers' catalogues: Harmonic Drive AG, "Engineering Data", torsional stiffness. The
+    smoothing is ours.
 """
 
 from typing import Any
@@ -11,6 +26,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ident.arm.fields import names_of
+from ident.arm.rotations import identity, outer
 from ident.errors import InputError, Problem
 
 
@@ -168,3 +185,314 @@ def check_inertia(name: str, mass: Any, inertia: Any) -> None:
                 "inertia",
             )
         )
+
+
+# -------- Drive
+# What moves an arm and excites it: harmonic drives, belts between them, servos, and the stroke that they drive.
+
+
+class Drive(eqx.Module):
+    """A harmonic drive on the shaft of a joint, its wave generator turned by a pulley.
+
+    The pulley turns by theta = ratio * q about the joint's axis, seen from the shaft, while the pin turns by q. A
+    turning mass of the drive has its centre off the axis: at theta = 0 in the direction `phase`, counted about the axis
+    from the shaft's x axis (from y where the joint's axis is x). That mass is part of the shaft's. The pin deviates
+    from the wave generator by the kinematic error, `error` sin(2 theta + error_phase): twice a turn, since the wave
+    generator is an ellipse.
+
+    Attributes:
+        name: unique in its arm.
+        joint: name of the joint on whose shaft it sits.
+        ratio: () [-] turns of the wave generator for one of the joint; negative where it turns the other way.
+        rotor_inertia: () [kg m^2] of pulley and wave generator about the axis; a part of the shaft's inertia, never
+            added to it: the shaft's bodies weigh and turn with it, and it counts on its own only as it turns faster.
+        eccentric_mass: () [kg] the turning mass that is off its axis.
+        eccentricity: () [m] distance of its centre from the axis.
+        height: () [m] of that centre above the bushing, along the axis.
+        phase: () [rad] direction of that centre at pulley angle zero.
+        error: () [rad] amplitude of the kinematic error at the pin.
+        error_phase: () [rad] phase of the kinematic error.
+
+    References:
+        Tuttle, Seering, "A nonlinear model of a harmonic drive gear transmission", IEEE T-RA 12(3), 1996 (kinematic
+        error at twice the wave generator's frequency).
+    """
+
+    name: str = eqx.field(static=True)
+    joint: str = eqx.field(static=True)
+    ratio: Float[Array, ""]
+    rotor_inertia: Float[Array, ""]
+    eccentric_mass: Float[Array, ""]
+    eccentricity: Float[Array, ""]
+    height: Float[Array, ""]
+    phase: Float[Array, ""]
+    error: Float[Array, ""]
+    error_phase: Float[Array, ""]
+
+    def __init__(self, name: str, joint: str, *, ratio: Any, **numbers: Any):
+        self.name, self.joint = name, joint
+        for field in names_of("Drive"):
+            setattr(self, field, jnp.asarray(ratio if field == "ratio" else numbers.pop(field, 0.0), float))
+        _no_more(numbers)
+
+
+class Belt(eqx.Module):
+    """A belt along a link, from the pulley of the joint before to the pulley of the joint behind it.
+
+    Attributes:
+        name: unique in its arm.
+        driver: name of the joint whose pulley drives the belt.
+        driven: name of the joint whose pulley it drives, the next one that has a pin.
+        driver_radius: () [m]
+        driven_radius: () [m]
+        pretension: () [N] of each span of the unloaded belt.
+        stiffness: () [N/m] of each span.
+        tau: () [s] damping per stiffness.
+        height: () [m] of the belt's plane above the bushing of the driven joint, along its axis.
+    """
+
+    name: str = eqx.field(static=True)
+    driver: str = eqx.field(static=True)
+    driven: str = eqx.field(static=True)
+    driver_radius: Float[Array, ""]
+    driven_radius: Float[Array, ""]
+    pretension: Float[Array, ""]
+    stiffness: Float[Array, ""]
+    tau: Float[Array, ""]
+    height: Float[Array, ""]
+
+    def __init__(self, name: str, driver: str, driven: str, **numbers: Any):
+        self.name, self.driver, self.driven = name, driver, driven
+        for field in names_of("Belt"):
+            setattr(self, field, jnp.asarray(numbers.pop(field, 0.0), float))
+        _no_more(numbers)
+
+
+class Servo(eqx.Module):
+    """A servo that holds a motor: a spring and a damper between the motor's angle and its command.
+
+    Its motor turns the pulley of a drive and, by belts, those of the drives that they tie to it. What it holds is all
+    that turns with them: rotors (`rotor_inertia`, to which the motor's own belongs) and links. An integral action
+    brings the motor back to its command, so that static deflections are those of held motors.
+
+    Attributes:
+        name: unique in its arm.
+        joint: name of the joint on whose drive the motor sits.
+        k_servo: () [N m/rad] stiffness at the motor, of its angle seen from the shaft that it sits on.
+        tau: () [s] damping per stiffness.
+    """
+
+    name: str = eqx.field(static=True)
+    joint: str = eqx.field(static=True)
+    k_servo: Float[Array, ""]
+    tau: Float[Array, ""]
+
+    def __init__(self, name: str, joint: str, **numbers: Any):
+        self.name, self.joint = name, joint
+        for field in names_of("Servo"):
+            setattr(self, field, jnp.asarray(numbers.pop(field, 0.0), float))
+        _no_more(numbers)
+
+
+PROFILES = ("s-curve", "trapezoid", "cycloid")
+"""How alpha may go from one end of a stroke to the other; see `ident.vibrate.motion.stroke`."""
+
+
+class Stroke(eqx.Module):
+    """The straight motion of the hand: joint angles alpha times `direction`, alpha from folded to unfolded.
+
+    Attributes:
+        name: always `stroke`.
+        profile: one of `PROFILES`, how alpha goes from end to end unless a study asks for another.
+        direction: (driven,) [-] share of each pin in alpha.
+        folded: () [rad] alpha of the folded arm.
+        unfolded: () [rad] alpha of the unfolded arm.
+        speed: () [rad/s] limit of |d alpha/dt| at full speed.
+        acceleration: () [rad/s^2] limit of the second derivative at full speed.
+        jerk: () [rad/s^3] limit of the third derivative at full speed.
+    """
+
+    name: str = eqx.field(static=True)
+    profile: str = eqx.field(static=True)
+    direction: Float[Array, "driven"]
+    folded: Float[Array, ""]
+    unfolded: Float[Array, ""]
+    speed: Float[Array, ""]
+    acceleration: Float[Array, ""]
+    jerk: Float[Array, ""]
+
+    def __init__(self, direction: Any, *, profile: str = PROFILES[0], **numbers: Any):
+        self.name, self.profile, self.direction = "stroke", profile, jnp.asarray(direction, float)
+        for field in names_of("Stroke"):
+            setattr(self, field, jnp.asarray(numbers.pop(field), float))
+        _no_more(numbers)
+
+
+def _no_more(numbers: dict[str, Any]) -> None:
+    if numbers:
+        raise TypeError(f"unknown: {', '.join(numbers)}")
+
+
+# -------- Springs
+#
+
+WIDTH = 0.25
+"""Half the width of a transition, as a share of the angle at which the broken line bends."""
+DIRECTIONS = ("bending", "torsion")
+STIFFNESS_OF = {"bending": "k_bend", "torsion": "k_tors"}
+"""The stiffness of a joint that is a spring's K1."""
+
+Angle = Float[Array, "N *#batch"]
+Vectors = Float[Array, "3 N *#batch"]
+Squares = Float[Array, "3 3 N *#batch"]
+
+
+class Spring(eqx.Module):
+    """How a bushing stiffens, or softens, with load: a broken line of three pieces, as drive makers print it.
+
+    Attributes:
+        name: unique in its arm.
+        joint: name of the joint whose bushing it is; its `k_bend` or `k_tors` is K1.
+        direction: `bending` or `torsion`.
+        ratio2: () [-] K2/K1.
+        ratio3: () [-] K3/K1.
+        torque1: () [N m] T1, at which K1 ends.
+        torque2: () [N m] T2, at which K3 begins.
+    """
+
+    name: str = eqx.field(static=True)
+    joint: str = eqx.field(static=True)
+    direction: str = eqx.field(static=True)
+    ratio2: Float[Array, ""]
+    ratio3: Float[Array, ""]
+    torque1: Float[Array, ""]
+    torque2: Float[Array, ""]
+
+    def __init__(self, name: str, joint: str, direction: str, **numbers: Any):
+        self.name, self.joint, self.direction = name, joint, direction
+        for field in names_of("Spring"):
+            setattr(self, field, jnp.asarray(numbers[field], float))
+
+
+class CubicSpring(eqx.Module):
+    """How a bushing stiffens with the cube of its angle.
+
+    Attributes:
+        name: unique in its arm.
+        joint: name of the joint whose bushing it is; its `k_bend` or `k_tors` is the stiffness at no load.
+        direction: `bending` or `torsion`.
+        cubic: () [N m/rad^3] torque per cube of the angle.
+    """
+
+    name: str = eqx.field(static=True)
+    joint: str = eqx.field(static=True)
+    direction: str = eqx.field(static=True)
+    cubic: Float[Array, ""]
+
+    def __init__(self, name: str, joint: str, direction: str, cubic: Any):
+        self.name, self.joint, self.direction, self.cubic = name, joint, direction, jnp.asarray(cubic, float)
+
+
+class Curves(eqx.Module):
+    """What the bushings' torques in one direction add to stiffness times angle x, as functions of s = x^2.
+
+    Attributes:
+        rise: (2, N, *batch) [N m/rad] K2 - K1 and K3 - K2.
+        angle: (2, N, *batch) [rad] x1 and x2.
+        cubic: (N, *batch) [N m/rad^3]
+    """
+
+    rise: Float[Array, "2 N *#batch"]
+    angle: Float[Array, "2 N *#batch"]
+    cubic: Float[Array, "N *#batch"]
+
+    def energy(self, s: Angle) -> Angle:
+        """Return the energy that is added [N m]."""
+        _, _, _, energy = self._ramps(s)
+        return (self.rise * energy).sum(0) + self.cubic * s * s / 4
+
+    def secant(self, s: Angle) -> Angle:
+        """Return the torque that is added, per angle [N m/rad]."""
+        x, _, ramp, _ = self._ramps(s)
+        return (self.rise * ramp / x).sum(0) + self.cubic * s
+
+    def steepening(self, s: Angle) -> Angle:
+        """Return by how much the tangent is above the secant, per square of the angle [N m/rad^3]."""
+        x, step, ramp, _ = self._ramps(s)
+        return (self.rise * (step - ramp / x) / x**2).sum(0) + 2 * self.cubic
+
+    def _ramps(self, s: Angle) -> tuple[Array, Array, Array, Array]:
+        """Return the angle, slope and height of both ramps there, and the area below them.
+
+        Far below a ramp the angle stands still: nothing depends on it there, and it may be zero.
+        """
+        x = jnp.sqrt(jnp.maximum(s, (self.angle / 2) ** 2))
+        half = WIDTH * self.angle
+        u = x / half - 1 / WIDTH
+        beyond, u = jnp.maximum(u - 1, 0.0), jnp.clip(u, -1.0, 1.0)
+        step = (2 + 3 * u - u**3) / 4
+        ramp = (3 + 8 * u + 6 * u**2 - u**4) / 16
+        area = (4 + 15 * u + 20 * u**2 + 10 * u**3 - u**5) / 80
+        return x, step, half * (ramp + beyond), half**2 * (area + beyond + beyond**2 / 2)
+
+
+class CurvedSprings(eqx.Module):
+    """Where an arm's springs are no straight lines.
+
+    Attributes:
+        axis: (3, N, *batch) axes of the pins, along the axes that the rotation vectors have.
+        bend: across the axis; None where all are straight.
+        tors: about it.
+    """
+
+    axis: Float[Array, "3 N *#batch"]
+    bend: Curves | None
+    tors: Curves | None
+
+    def energy(self, phi: Vectors) -> Angle:
+        """Return the energy of each bushing beyond that of its stiffness [N m]."""
+        across, along = self._parts(phi)
+        energy = jnp.zeros_like(along)
+        if self.bend is not None:
+            energy = energy + self.bend.energy((across * across).sum(0))
+        return energy if self.tors is None else energy + self.tors.energy(along * along)
+
+    def torque(self, phi: Vectors) -> Vectors:
+        """Return the torque of each bushing beyond stiffness times angle [N m]: the energy's gradient."""
+        across, along = self._parts(phi)
+        torque = jnp.zeros_like(across)
+        if self.bend is not None:
+            torque = torque + self.bend.secant((across * across).sum(0)) * across
+        return torque if self.tors is None else torque + self.tors.secant(along * along) * along * self.axis
+
+    def tangents(self, phi: Vectors) -> tuple[Squares, Squares]:
+        """Return what bending and torsion add to the tangent of each bushing [N m/rad]: the energy's Hessian.
+
+        In bending it is dT/dx along the bending angle and T/x across it; the same at x = 0.
+        """
+        across, along = self._parts(phi)
+        straight = outer(self.axis, self.axis)
+        bend = tors = jnp.zeros_like(straight)
+        if self.bend is not None:
+            s = (across * across).sum(0)
+            plane = -straight + identity(3, straight.ndim - 2)
+            bend = self.bend.secant(s) * plane + self.bend.steepening(s) * outer(across, across)
+        if self.tors is not None:
+            s = along * along
+            tors = (self.tors.secant(s) + self.tors.steepening(s) * s) * straight
+        return bend, tors
+
+    def sizes(self, moment: Vectors) -> tuple[Angle, Angle]:
+        """Return the sizes of the bushings' moments in bending and in torsion, in the unit of the moments."""
+        across, along = self._parts(moment)
+        return jnp.sqrt((across * across).sum(0)), jnp.abs(along)
+
+    def _parts(self, phi: Vectors) -> tuple[Vectors, Angle]:
+        along = (self.axis * phi).sum(0)
+        return phi - self.axis * along, along
+
+
+def bends(spring: Spring, k: Any) -> tuple[Any, Any]:
+    """Return the angles at which a spring's line bends [rad], K1 [N m/rad] given; T2 below T1 counts as T1."""
+    first = spring.torque1 / k
+    return first, first + jnp.maximum(spring.torque2 - spring.torque1, 0.0) / (k * spring.ratio2)

@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from ident.arm.arm import Arm
-from ident.assess.basis import Basis
-from ident.vibrate.redesign.design import Design, Place
-from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.sensitivity import Sensitivities
-from ident.vibrate.redesign.variable import Variable
-from ident.vibrate.redesign.verify import Verification
+from ident.assess.scenario import Basis
+from ident.vibrate.design import Design, Place, Verification
+from ident.vibrate.evaluator import Evaluator, Variable
+from ident.vibrate.sweep import Sensitivities, Sweep
 
 AT_BOUND = 1e-3
 """Distance from a bound, of the way between both, that is none."""
@@ -74,3 +73,47 @@ def unchanged(place: Place) -> bool:
 def keeps(place: Place, limit: float) -> bool:
     """Tell whether a design keeps a limit."""
     return place.largest <= limit
+
+
+# -------- Sweep
+# A sweep as it is reported: all that the report, the files and the figures have in common.
+
+
+@dataclass(frozen=True)
+class SweepStudy:
+    """What was swept, of what, and what came out.
+
+    Attributes:
+        basis: the arm as it was simulated, its motion and draws.
+        sweeps: one for each parameter, or a single one of two.
+        rate: samples a second.
+        elastic_belts: whether belts stretch.
+        limit: [m] that the amplitude should not exceed; None for none.
+    """
+
+    basis: Basis
+    sweeps: tuple[Sweep, ...]
+    rate: float
+    elastic_belts: bool = False
+    limit: float | None = None
+
+    @property
+    def measure(self) -> str:
+        """Of the vibration."""
+        return self.sweeps[0].measure
+
+    @property
+    def is_map(self) -> bool:
+        """Whether two parameters were varied together."""
+        return len(self.sweeps[0].axes) > 1
+
+    @property
+    def present(self) -> Float[np.ndarray, "3"]:
+        """Amplitudes of the arm as it is [m]."""
+        return self.sweeps[0].present
+
+    @property
+    def draws(self) -> int:
+        """Number of draws."""
+        draws = self.sweeps[0].draws
+        return 0 if draws is None else draws.shape[-1]

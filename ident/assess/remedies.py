@@ -1,25 +1,263 @@
 """Which change meets the limit: torsional stiffness first, mass centres second, both, or another speed."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import binomtest
 
-from ident.assess.keeping import keeping
-from ident.assess.task import CONFIDENT, RATE, Task
-from ident.assess.vibration import exact_response, likely_excitation
-from ident.vibrate.redesign.binomial import BinomialEstimate
-from ident.vibrate.redesign.constraints import Requirements
-from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.objective import Point
-from ident.vibrate.redesign.search import Effort, Search
-from ident.vibrate.redesign.side_by_side import side_by_side
-from ident.vibrate.redesign.variable import Variable
-from ident.vibrate.redesign.worst_case import settled, with_cut
-from ident.vibrate.response.exact import Progress
-from ident.vibrate.response.response import peak
+from ident.assess.effort import DiagnosisEffort
+from ident.assess.scenario import Basis, OverPhases, Unknowns, at_share, over_phases
+from ident.errors import InputError, Problem
+from ident.vibrate.design import Effort, Point, Requirements, Search, settled, with_cut
+from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, Variable, binomial_estimate, side_by_side
+from ident.vibrate.exact import Progress
+from ident.vibrate.response import Response, peak
+from ident.vibrate.simulate import sample_times, simulate
+
+# -------- Task
+# What a diagnosis is asked: an arm in motion, a limit, and what of the arm is uncertain.
+
+STIFFER = 2.0
+"""Factor by which a torsional stiffness may be raised or lowered; our assumption of what another drive can be."""
+MOVED = 0.2
+"""Share of a body's length by which its mass centre may be moved either way; our assumption."""
+CONFIDENT = 0.95
+"""Probability of keeping the limit that is asked for."""
+RATE = 250.0
+"""Samples a second."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A diagnosis of an arm whose numbers are known as well as the draws say.
+
+    Attributes:
+        basis: the arm with the medians of the draws, its motion and its load; its draws in random order.
+        limit: [m] largest vibration, in any direction, that is accepted.
+        effort: how much is computed.
+    """
+
+    basis: Basis
+    limit: float
+    effort: DiagnosisEffort = field(default_factory=DiagnosisEffort)
+
+    @property
+    def assessment_draws(self) -> Draws:
+        """The draws by which vibration and remedies are assessed."""
+        return self._first(self.effort.assessment_draws)
+
+    @property
+    def band_draws(self) -> Draws:
+        """The draws for the bands of natural frequencies."""
+        return self._first(self.effort.band_draws)
+
+    @property
+    def fresh_draws(self) -> Draws:
+        """The draws that nothing was assessed or optimised by."""
+        return {path: values[self.effort.assessment_draws :] for path, values in self.basis.draws.items()}
+
+    @cached_property
+    def torsion(self) -> tuple[Variable, ...]:
+        """The torsional stiffnesses."""
+        present = {f"{joint.name}.k_tors": float(joint.k_tors) for joint in self.basis.arm.joints}
+        soft = {path: k for path, k in present.items() if 0 < k < np.inf}
+        return tuple(Variable((path,), k / STIFFER, k * STIFFER) for path, k in soft.items())
+
+    @cached_property
+    def centres(self) -> tuple[Variable, ...]:
+        """The mass centres of the last joint's bodies along the arm, as far as their shapes are known."""
+        extents, centres = self.basis.arm_file.extents, []
+        for body in self.basis.arm.joints[-1].link:
+            if body.name in extents:
+                low, high = extents[body.name][:, 0]
+                present, reach = float(body.com[0]), MOVED * (high - low)
+                bounds = max(low, present - reach), min(high, present + reach)
+                centres += [Variable((f"{body.name}.com.x",), *bounds)] if bounds[0] < present < bounds[1] else []
+        return tuple(centres)
+
+    @cached_property
+    def step(self) -> float:
+        """Time step [s] for the stiffest arm that is tried; one for all, so that they share their programs."""
+        stiffest = Evaluator(self.basis.arm, self.basis.motion, (*self.torsion, *self.centres), loads=self.basis.loads)
+        return stiffest.step_for(stiffest.bounds)
+
+    def evaluator(self, *variables: Variable, draws: Draws | None = None) -> Evaluator:
+        """Return what is simulated again and again; all of a task are one program."""
+        return Evaluator(
+            self.basis.arm,
+            self.basis.motion,
+            variables,
+            draws=draws or {},
+            loads=self.basis.loads,
+            rate=RATE,
+            step=self.step,
+        )
+
+    def over_phases(self, evaluator: Evaluator) -> Evaluator:
+        """Return the same over all phases that are not known, with the highest kinematic errors that may be."""
+        unknown = self.basis.unknown
+        return replace(evaluator, arm=evaluator.arm.replace(unknown.highest), unknown=unknown.phases)
+
+    def _first(self, count: int) -> Draws:
+        return {path: values[:count] for path, values in self.basis.draws.items()}
+
+
+# -------- Keeping
+# With which probability a limit is kept: of as many draws as a verdict needs, and no more.
+
+FIRST = 19
+"""Draws at the first look; with the arm itself they fill the cores evenly. At each further look twice as many."""
+UNLIKELY = 0.01
+"""Probability of such a count, or one as improbable, if the limit were kept with just the probability asked for."""
+
+
+def is_settled(keeps: BinomialEstimate) -> bool:
+    """Tell whether a count says on which side of the probability asked for the true one is.
+
+    By the exact binomial test at each look. Up to a thousand draws a limit is so found to be kept as often as by all of
+    them, to 0.3 % and whatever the true probability; of 450 draws on average where that is 98 %, of 250 where it is 99.
+
+    References:
+        Armitage, McPherson, Rowe, "Repeated significance tests on accumulating data", Journal of the Royal Statistical
+        Society A 132(2), 1969.
+    """
+    return bool(binomtest(keeps.count, keeps.draws, CONFIDENT).pvalue < UNLIKELY)
+
+
+def keeping(
+    evaluator: Evaluator, change: Float[np.ndarray, "V"], limit: float, progress: Progress = iter
+) -> tuple[Float[np.ndarray, "3"], BinomialEstimate]:
+    """Return the amplitude [m] of the arm itself after a change, and with which probability a limit is kept.
+
+    Draws are simulated in their order, some at first and more as long as they don't settle the verdict.
+
+    Args:
+        evaluator: with the draws.
+        change: of its variables.
+        limit: [m]
+        progress: shows how far it is, over the looks.
+
+    Raises:
+        InputError: there are no draws.
+    """
+    if evaluator.size == 1:
+        remedy = "take a posterior's draws: the arm alone says nothing of a probability"
+        raise InputError(Problem("`evaluator`", "no draws", "at least one", remedy))
+    parts, keeps = list(looks(evaluator.size - 1)), np.zeros(0, bool)
+    for k in progress(range(len(parts))):
+        draws = {path: values[parts[k]] for path, values in evaluator.draws.items()}
+        amplitudes = replace(evaluator, draws=draws).amplitudes(change[None])[:, 0]
+        keeps = np.append(keeps, amplitudes[:, 1:].max(0) <= limit)
+        if is_settled(binomial_estimate(keeps)):
+            break
+    return amplitudes[:, 0], binomial_estimate(keeps)
+
+
+def looks(count: int) -> Iterator[slice]:
+    """Yield which draws come in at each look."""
+    begin, end = 0, FIRST
+    while begin < count:
+        yield slice(begin, min(end, count))
+        begin, end = end, 2 * end + 1
+
+
+# -------- Vibration
+# How far the arm vibrates, and with which probability that is too far.
+
+
+@dataclass(frozen=True)
+class VibrationAssessment:
+    """The arm at work as it is.
+
+    Attributes:
+        response: by the exact equations.
+        amplitude: (3,) [m] of the arm itself, with the excitation of `at_confidence`, which the response has as well.
+        draws: (3, D) [m], each with phases and kinematic errors of its own.
+        keeps: probability that the limit is kept in all directions, by the draws.
+        limit: [m]
+        phases: the arm itself over the phases that are not known; None where all are known.
+    """
+
+    response: Response
+    amplitude: Float[np.ndarray, "3"]
+    draws: Float[np.ndarray, "3 D"]
+    keeps: BinomialEstimate
+    limit: float
+    phases: OverPhases | None = None
+
+    @property
+    def peak(self) -> Float[np.ndarray, "3"]:
+        """Largest vibration in each direction by the exact equations [m]."""
+        return np.asarray(peak(self.response.vibration))
+
+    @property
+    def band(self) -> Float[np.ndarray, "2 3"]:
+        """5 and 95 % quantiles over the draws [m]."""
+        return np.quantile(self.draws, (0.05, 0.95), axis=1)
+
+    @property
+    def scatter(self) -> float:
+        """Factor from the largest amplitude of the arm itself to the 95 % quantile of its draws."""
+        return float(np.quantile(self.draws.max(0), 0.95) / self.amplitude.max())
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the limit is kept by the exact equations, and with confidence by the draws."""
+        return self.keeps.share >= CONFIDENT and bool(self.peak.max() <= self.limit)
+
+
+def at_confidence(task: Task) -> Task:
+    """Return a task whose arm is excited so that it vibrates no less than with the share of phases that is asked for.
+
+    So the arm itself stands for what nobody knows of its excitation; where all is known it stays as it is.
+    """
+    if not task.basis.unknown.phases:
+        return task
+    excitation = likely_excitation(task.over_phases(task.evaluator()), task.basis.unknown, np.zeros(0))
+    return replace(task, basis=replace(task.basis, arm=task.basis.arm.replace(excitation)))
+
+
+def assess_vibration(task: Task, progress: Progress = iter) -> VibrationAssessment:
+    """Simulate the motion exactly, and for the draws by the fast method."""
+    unknown, evaluator, nothing = task.basis.unknown, task.evaluator(), np.zeros(0)
+    phases = over_phases(task.over_phases(evaluator).superposition(nothing), unknown) if unknown.phases else None
+    response = exact_response(evaluator)
+    amplitudes = task.evaluator(draws=task.assessment_draws).amplitudes(np.zeros((1, 0)), progress)[:, 0]
+    own, draws = amplitudes[:, 0], amplitudes[:, 1:]
+    keeps = binomial_estimate(draws.max(0) <= task.limit)
+    return VibrationAssessment(response, own, draws, keeps, task.limit, phases)
+
+
+def likely_excitation(evaluator: Evaluator, unknown: Unknowns, change: Float[np.ndarray, "V"]) -> dict[str, float]:
+    """Return the excitation of an arm after a change, as `at_confidence` takes it; none where all is known.
+
+    Args:
+        evaluator: of the arm over its phases, see `Task.over_phases`.
+        unknown: what is not known.
+        change: of the evaluator's variables.
+    """
+    if not unknown.phases:
+        return {}
+    return at_share(evaluator.arm, evaluator.superposition(change), unknown, CONFIDENT)
+
+
+def exact_response(evaluator: Evaluator) -> Response:
+    """Simulate the motion of an evaluator's arm by the exact equations, to its end.
+
+    Raises:
+        KeyboardInterrupt: interrupted; `simulate` would return the part that there is.
+    """
+    rate, motion = evaluator.rate, evaluator.motion
+    response = simulate(evaluator.arm, motion, loads=evaluator.loads, method="exact", rate=rate)
+    if len(response.time) < len(sample_times(motion, rate)):
+        raise KeyboardInterrupt
+    return response
+
+
+# -------- Remedies
 
 KINDS = ("torsion", "mass centre", "both", "speed")
 """Kinds of remedies in the paper's order; what it does not speak of comes last."""

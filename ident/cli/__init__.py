@@ -9,9 +9,8 @@ import textwrap
 
 import typer
 
-from ident.cli import commands, describing, diagnosing, exploring, exporting, fleet, modal  # noqa: F401  (they hang on the app)
-from ident.cli.app import app
-from ident.cli.command import SHORT
+from ident.cli import commands  # noqa: F401  (they hang on the app)
+from ident.cli.command import SHORT, app
 from ident.errors import ConvergenceError, IdentError, InputError
 
 

@@ -1,21 +1,381 @@
 """A command made of a study: its flags follow from the study's inputs and options, its complaints name them."""
 
+import atexit
+import ctypes
+import gc
 import inspect
-from collections.abc import Callable, Sequence
-from dataclasses import Field
+import json
+import os
+import sys
+import textwrap
+import tomllib
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import Field, dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from tempfile import TemporaryFile
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 
 import typer
 
-from ident.cli.app import app
-from ident.cli.defaults import with_defaults
-from ident.cli.output import JsonOption, QuietOption, output, say_notes, speaking
-from ident.cli.running import check_folder, progress, read, start
-from ident.errors import InputError
+from ident import __version__
+from ident.errors import InputError, Problem
 from ident.files import together
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result, written_to
+from ident.text import decode, did_you_mean, one_line, quoted, read_bytes
+
+if TYPE_CHECKING:
+    from ident.description.file import ArmFile
+    from ident.measure import Campaign
+
+
+# -------- App
+# The program `ident` itself: its commands hang on `app`.
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="How stiff is each joint of a robot arm? ident fits joint stiffnesses to measured natural frequencies "
+    "and static deflections, and says how far each one can be trusted.",
+)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", help="print the version and stop", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Options of the program itself."""
+
+
+# -------- Output
+# What a command says: words for people, or one JSON document for programs.
+#
+# Words go to standard output; with `--json` they go to standard error, and with `--quiet` nowhere. Errors always go to
+# standard error.
+
+FOLDED: dict[str, Any] = {"subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
+JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON; words go to standard error")]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="print no words but errors")]
+
+
+@dataclass
+class Output:
+    """How one command speaks, and what it has to say to programs.
+
+    Attributes:
+        json: whether a document is printed at the end.
+        quiet: whether there are no words.
+        document: the result for programs, made when it is asked for.
+        written: files.
+    """
+
+    json: bool = False
+    quiet: bool = False
+    document: Callable[[], Mapping[str, Any]] = dict
+    written: list[str] = field(default_factory=list)
+
+    def say(self, text: str = "", *, nl: bool = True) -> None:
+        """Print words."""
+        if not self.quiet:
+            typer.echo(text, nl=nl, err=self.json)
+
+    def wrote(self, path: Path) -> None:
+        """Say that a file was written."""
+        self.written.append(str(path))
+        self.say(f"wrote {path}")
+
+
+SPOKEN: ContextVar[Output] = ContextVar("SPOKEN")
+"""How the present command speaks."""
+
+
+def output() -> Output:
+    """Return how the present command speaks."""
+    return SPOKEN.get(Output())
+
+
+@contextmanager
+def speaking(*, as_json: bool, quiet: bool) -> Iterator[None]:
+    """Speak so within; at the end, whatever the exit status, print the document if that was asked for."""
+    spoken = Output(as_json, quiet)
+    token = SPOKEN.set(spoken)
+    end: typer.Exit | None = None
+    try:
+        yield
+    except typer.Exit as stop:
+        end = stop
+    finally:
+        SPOKEN.reset(token)
+    if as_json:
+        document = {**spoken.document(), "written": spoken.written, "status": end.exit_code if end else 0}
+        typer.echo(json.dumps(document, allow_nan=False))
+    if end:
+        raise end
+
+
+def say_notes(notes: Iterable[str]) -> None:
+    """Say where an arm is not what its robot description says."""
+    for note in notes:
+        output().say(textwrap.fill(f"NOTE: {note}", 100, **FOLDED))
+
+
+# -------- Defaults
+# Defaults of flags from `ident.toml` beside the campaign, or the arm: command line before file before ident's own.
+#
+# starts = 8              # a flag of any command, without its dashes
+# out = "results"         # a path counts from the folder of the file
+# [fit]
+# prior-sd = 0.5          # for one command only
+# fix = ["joint1.k_bend", "joint2.k_bend"]
+
+FILE = "ident.toml"
+WITHOUT = ("new", "rerun")
+"""Commands that take no defaults: what is new has none, what is repeated has its own."""
+TYPES: dict[type, tuple[Any, str]] = {
+    bool: (bool, "true or false"),
+    int: (int, "a whole number"),
+    float: (int | float, "a number"),
+    str: (str | int | float, "text in quotes"),
+    Path: (str, "a path in quotes"),
+}
+"""What a flag of each type takes from the file, and how that is said."""
+LONGEST_SHOWN = 90
+"""Characters of a value that are repeated."""
+NO_DEFAULTS = ("help", "json", "quiet", "restart")
+"""Flags that a file can't set: they are said once."""
+
+
+def with_defaults(context: typer.Context, values: Mapping[str, Any], kinds: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a command's values, those that the command line does not give by the file, if there is one.
+
+    Args:
+        context: of the command line.
+        values: by parameter.
+        kinds: type of each parameter.
+
+    Raises:
+        InputError: keys that no command has, and values that their flags do not take; all are listed.
+    """
+    given = dict(values)
+    name, own = str(context.info_name), _flags(context.command)
+    path = _main(context, given)
+    if name in WITHOUT or path is None or not os.path.isfile(file := path.parent / FILE):
+        return given
+    where, document = one_line(str(file)), _read(file)
+    problems = [*_unknown(context, document, where)]
+    taken: dict[str, Any] = {}
+    of_all = {key: value for key, value in document.items() if not isinstance(value, dict)}
+    of_this = document.get(name)
+    for key, value in {**of_all, **(of_this if isinstance(of_this, dict) else {})}.items():
+        parameter = own.get(_plain(key))
+        if parameter is None or _said(context, parameter.name):
+            continue
+        try:
+            taken[parameter.name] = _cast(kinds[parameter.name], value, file.parent)
+        except (ValueError, OverflowError) as error:
+            expected = str(error) if isinstance(error, ValueError) else "a number that is not beyond all others"
+            problems.append(Problem(where, quoted(str(value)), expected, f"see ident {name} --help", key))
+    if problems:
+        raise InputError(problems)
+    if taken:
+        shown = ", ".join(f"{key.replace('_', '-')} = {_shown(value)}" for key, value in taken.items())
+        output().say(textwrap.fill(f"defaults from {where}: {shown}", 100, **FOLDED))
+    return {**given, **taken}
+
+
+def _shown(value: Any) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= LONGEST_SHOWN else text[:LONGEST_SHOWN] + "…"
+
+
+def _main(context: typer.Context, values: Mapping[str, Any]) -> Path | None:
+    """Return the file that the command is about: its first argument, or else the arm."""
+    arguments = [each.name for each in context.command.params if each.param_type_name == "argument"]
+    paths = (values.get(str(name)) for name in (*arguments, "arm"))
+    return next((path for path in paths if isinstance(path, Path)), None)
+
+
+def _flags(command: Any) -> dict[str, Any]:
+    """Return the parameters of a command by their longest flag, without dashes."""
+    options = [each for each in command.params if each.param_type_name == "option" and not each.hidden]
+    named = {_plain(max(each.opts, key=len)): each for each in options}
+    return {name: each for name, each in named.items() if name not in NO_DEFAULTS}
+
+
+def _plain(flag: str) -> str:
+    return flag.lstrip("-").replace("-", "_")
+
+
+def _said(context: typer.Context, name: str) -> bool:
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def _read(file: Path) -> dict[str, Any]:
+    where = one_line(str(file))
+    try:
+        return tomllib.loads(decode(read_bytes(file, "defaults as TOML"), where))
+    except (ValueError, RecursionError) as error:
+        raise InputError(Problem(where, str(error).lower(), "defaults as TOML", "correct the syntax")) from None
+
+
+def _unknown(context: typer.Context, document: Mapping[str, Any], where: str) -> Iterator[Problem]:
+    """Yield keys that no command has, and those of a table that its command has not."""
+    commands: dict[str, Any] = getattr(context.parent and context.parent.command, "commands", {})
+    flags = {name: _flags(command) for name, command in commands.items() if name not in WITHOUT}
+    every = sorted({flag for own in flags.values() for flag in own})
+    for key, value in document.items():
+        if isinstance(value, dict) and key in flags:
+            for inner in value:
+                if _plain(inner) not in flags[key]:
+                    yield _no_such(where, f"{key}.{inner}", inner, sorted(flags[key]))
+        elif key in flags and not isinstance(value, str):  # `fit` is a flag of other commands, too
+            got, expected = quoted(str(value)), "a table of the command's flags, or as a flag a path in quotes"
+            yield Problem(where, got, expected, f"write [{key}] above the flags", key)
+        elif isinstance(value, dict) or _plain(key) not in every:
+            yield _no_such(where, key, key, [*sorted(flags), *every] if isinstance(value, dict) else every)
+
+
+def _no_such(where: str, place: str, key: str, known: list[str]) -> Problem:
+    remedy = did_you_mean(_plain(key), known, "remove it").replace("_", "-")
+    return Problem(where, f"unknown key {quoted(key)}", "a flag of a command, without its dashes", remedy, place)
+
+
+def _cast(kind: Any, value: Any, folder: Path) -> Any:
+    """Return a value of the file as the command line would have given it.
+
+    Raises:
+        ValueError: it is of another type than the flag; says what would be right.
+    """
+    if isinstance(kind, UnionType):
+        kind = next(each for each in get_args(kind) if each is not NoneType)
+    if get_origin(kind) is list:
+        return [_cast(str, each, folder) for each in (value if isinstance(value, list) else [value])]
+    wanted, words = TYPES[kind]
+    if not isinstance(value, wanted) or (isinstance(value, bool) and kind is not bool):
+        raise ValueError(words)
+    return folder / value if kind is Path else kind(value)
+
+
+# -------- Running
+# What every command does first: set up jax, read the inputs, show progress.
+
+NEW_PROGRAM = "/jax/compilation_cache/cache_misses"
+"""What jax reports of a program that it has compiled, as none like it was kept."""
+LONGEST_PATH = 200
+"""Characters of a path that a message repeats."""
+
+
+def start() -> None:
+    """Set up jax: double precision, and compiled programs kept from one run to the next."""
+    warnings.simplefilter(
+        "ignore", append=True
+    )  # what a library warns of is no news to who uses ident; -W says otherwise
+    glibc("mallopt", -8, 2)  # M_ARENA_MAX: threads share two heaps, a sixth less memory than with one each
+    gc.set_threshold(1_000_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA logs slow compilation as an error
+    atexit.register(gc.freeze)  # and 0.6 s less to stop: what is left goes with the process
+    import jax
+
+    folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    jax.config.update("jax_enable_x64", True)
+    if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        jax.config.update("jax_compilation_cache_dir", str(Path(folder) / "ident" / "jax"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    os.environ.setdefault("IDENT_PROGRAMS", "on")
+    os.environ.setdefault("EQX_ON_ERROR", "nan")  # the checks of diffrax else call Python, which no cache can keep
+    if sys.stderr.isatty() and not output().quiet:
+        import jax.monitoring
+
+        jax.monitoring.register_event_listener(_look_out_for_new_programs)
+
+
+def glibc(name: str, *numbers: int) -> None:
+    """Call a function of glibc about memory; on other systems nothing happens."""
+    with suppress(Exception):
+        getattr(ctypes.CDLL(None), name)(*numbers)
+
+
+def _look_out_for_new_programs(event: str, **_: Any) -> None:
+    if event == NEW_PROGRAM:
+        _say_that_it_compiles()
+
+
+@cache
+def _say_that_it_compiles() -> None:
+    """Say once why this run takes longer than the next one will."""
+    typer.echo("compiling, once: the next run like this one starts at once", err=True)
+
+
+def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
+    """Read a campaign and its arm, arm.toml beside the campaign if no other is named; and set up jax between them.
+
+    So a campaign that is refused need not wait for jax.
+    """
+    from ident.measure import read_campaign
+
+    measured = read_campaign(campaign)
+    start()
+    from ident.description.file import read_arm
+
+    return measured, read_arm(arm or campaign.parent / "arm.toml")
+
+
+def check_folder(out: Path) -> None:
+    """Refuse a folder that can't be written, before anything is computed for it.
+
+    Raises:
+        InputError: it is a file, or lies where nothing can be written.
+    """
+    there, got = out, ""
+    try:
+        there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+        if there.is_dir():
+            with TemporaryFile(dir=there):  # rights alone do not tell: root has them in /proc, too
+                pass
+        else:
+            got = "a file"
+    except (OSError, ValueError) as error:
+        got = f"no place to write ({(getattr(error, 'strerror', None) or str(error)).lower()})"
+    if got:
+        where = one_line(str(there)[:LONGEST_PATH])
+        raise InputError(Problem(where, got, "a folder that can be written", "choose another (`folder`)"))
+
+
+def discard_unless_taken(folder: Path, discard: Callable[[Path], None]) -> None:
+    """Remove what a finished run has kept; another run that has begun to go on from there will remove it."""
+    with suppress(InputError):
+        discard(folder)
+
+
+def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:
+    """Return what shows a bar over an iterable on a terminal; it vanishes at the end."""
+    if output().quiet or not sys.stderr.isatty():
+        return iter
+    from rich.console import Console
+    from rich.progress import track
+
+    def shown(numbers: Iterable[int]) -> Iterator[int]:
+        return iter(track(numbers, description, total, console=Console(stderr=True), transient=True))
+
+    return shown
+
+
+# -------- Command
 
 CampaignArgument = Annotated[Path, typer.Argument(help="measurements, a CSV file (data/README.md)")]
 ArmOption = Annotated[

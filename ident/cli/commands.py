@@ -1,11 +1,13 @@
 """The commands: each calls the study of its name, prints the report and writes the files."""
 
+import gc
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ident.cli import running
+from ident.cli import command as running
 from ident.cli.command import (
     SHORT,
     ArmOption,
@@ -13,22 +15,36 @@ from ident.cli.command import (
     ForceOption,
     NoFigureOption,
     OutOption,
+    PathOption,
     StrictOption,
     command,
     finish,
     flag,
     leave,
     offer,
+    output,
     plain,
+    say_notes,
     write,
 )
-from ident.cli.output import output
 from ident.errors import InputError, Problem
+from ident.studies.arm import KINDS
 from ident.studies.check import check
 from ident.studies.compare import compare
 from ident.studies.design import design
-from ident.studies.diagnose import discard
+from ident.studies.diagnose import (
+    STAGES,
+    DiagnoseOptions,
+    DiagnoseResult,
+    check_browser,
+    diagnose,
+    discard,
+    part_folder,
+)
+from ident.studies.explore import explore
 from ident.studies.fit import fit
+from ident.studies.fleet import FleetOptions, fleet
+from ident.studies.modal import ModalOptions, modal_test, new_channels
 from ident.studies.options import Options, renamed
 from ident.studies.plan import PlanOptions, plan
 from ident.studies.predict import predict
@@ -40,6 +56,10 @@ from ident.studies.simulate import SimulateResult, simulate
 from ident.studies.spectrum import spectrum
 from ident.studies.sweep import sweep
 from ident.studies.validate import validate
+from ident.text import read_bytes
+
+if TYPE_CHECKING:
+    from ident.studies.diagnose import StageReport
 
 offer(predict, "Predict natural frequencies, modes and static deflection of an arm.", files=False)
 offer(
@@ -243,3 +263,335 @@ def rerun(
     running.discard_unless_taken(folder, discard)
     if not repeated.same:
         raise typer.Exit(SHORT)
+
+
+# -------- Describing
+# Commands about files: what an arm is and what its names are, what a result says.
+
+NEXT = """Example numbers: every one is marked as assumed, or simulated. Next:
+  ident show {arm}          the arm drawn, and what looks odd
+  ident show {arm} --names  the names that commands and campaigns take
+  ident check {campaign}     what the measurements can tell
+  ident fit {campaign}       the stiffnesses"""
+RESULTS = (".json", ".nc")
+"""How result files end."""
+STARTS = (b"{", b"\x89HDF")
+"""How result files begin."""
+
+ShownArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="file",
+        help="an arm (.toml, .urdf or .xml), or a result: .json, or .nc of sample and diagnose",
+    ),
+]
+
+
+@plain("show")
+def show(
+    file: ShownArgument,
+    posture: Annotated[
+        str | None, typer.Option("--posture", "-q", help="joint angles of the drawn arm in degrees, as 30,-60,30")
+    ] = None,
+    names: Annotated[
+        bool, typer.Option("--names", help="list the names that options, campaigns and --set take, and draw nothing")
+    ] = False,
+    out: OutOption = Path("out"),
+    no_figure: NoFigureOption = False,
+) -> None:
+    """Draw an arm and say what looks odd about it, list its names, or print a saved result again.
+
+    Of an arm: masses and reach, first modes, every number with its origin, and a warning for each that looks wrong.
+    Writes into the folder given by --out ARM.show.png, and ARM.show.modes.svg, in which the first modes move: any
+    browser opens it. With --names: numbers with value, unit and origin, joints, points, loads, modes, kinds of
+    measurement, and the words that options choose from. Of a result: the report, as the command printed it that has
+    written the file. Names and results write nothing.
+    """
+    if is_result(file):
+        for flag, given in (("--posture", posture is not None), ("--names", names)):
+            if given:
+                raise InputError(Problem(flag, "it for a result", "an arm", "leave it out"))
+        _show_result(file)
+        return
+    if names:
+        if posture is not None:
+            raise InputError(Problem("--posture", "it with --names", "one of them", "drop one"))
+        _list_names(file)
+        return
+    running.check_folder(out)
+    running.start()
+    from ident.studies import options as reading
+    from ident.studies.arm import show as draw
+
+    try:
+        picture = draw(file, None if posture is None else reading.postures([posture], "--posture")[0])
+    except InputError as error:
+        flags = {"posture": "--posture"}
+        raise InputError(replace(p, where=flags.get(p.where, p.where)) for p in error.problems) from None
+    output().say(picture.report())
+    output().document = picture.document
+    for path in () if no_figure else picture.save_figures(out):
+        output().wrote(path)
+
+
+def is_result(file: Path) -> bool:
+    """Tell by its end, and else by its beginning, whether a file is a result, and no arm.
+
+    Raises:
+        InputError: there is no such file.
+    """
+    if file.suffix in RESULTS:
+        return True
+    expected = "an arm description (TOML, URDF or MJCF) or a result file of ident (.json or .nc)"
+    return read_bytes(file, expected).startswith(STARTS)
+
+
+def _show_result(file: Path) -> None:
+    running.start()
+    from ident.studies.result import load
+
+    result = load(file)
+    say_notes(result.notes)
+    output().say(result.report())
+    output().document = result.document
+
+
+def _list_names(arm: Path) -> None:
+    running.start()
+    from ident.studies.arm import names
+
+    found = names(arm)
+    output().say(found.report(), nl=False)
+    output().document = found.document
+
+
+@plain("new")
+def new(
+    kind: Annotated[str, typer.Argument(help=f"{' or '.join(KINDS)}; with --robot, the folder")],
+    folder: Annotated[Path | None, typer.Argument(help="folder to make")] = None,
+    robot: Annotated[
+        Path | None, typer.Option("--robot", "--urdf", help="robot description (URDF or MJCF) to take the arm from")
+    ] = None,
+    tip: Annotated[
+        str | None,
+        typer.Option("--tip", help="link, body or site of it that the arm ends with; default: the end of the chain"),
+    ] = None,
+) -> None:
+    """Write an arm and a campaign with example numbers into a new folder, ready to run and to be filled in.
+
+    As `ident new scara my_robot`, or `ident new my_robot --robot robot.urdf`. Writes arm.toml, in which every number
+    has a comment or an origin, and campaign.csv, simulated with stiffnesses that it states.
+    """
+    from ident.studies import arm as study
+
+    if robot is not None and folder is None:
+        folder = Path(kind)
+    elif robot is not None:
+        remedy = "as ident new my_robot --robot robot.urdf"
+        raise InputError(Problem("", "a kind and --robot", "one of them", remedy))
+    if tip is not None and robot is None:
+        raise InputError(Problem("--tip", "a tip without --robot", "a robot description that has it", "leave it out"))
+    if folder is None:
+        raise InputError(Problem("", "no folder", "the folder to make", f"as ident new {KINDS[0]} my_robot"))
+    running.check_folder(folder)
+    if robot is None:
+        made = study.new(kind, folder)
+    else:
+        running.start()
+        made = study.new_from_robot(robot, folder, tip)
+    say_notes(made.notes)
+    output().document = lambda: {"notes": list(made.notes)} if made.notes else {}
+    for path in made.paths:
+        output().wrote(path)
+    output().say(NEXT.format(arm=made.paths[0], campaign=made.paths[1]))
+
+
+# -------- Diagnosing
+# `ident diagnose`: it prints stage by stage, and gives back what a stage leaves behind.
+
+
+@command(DiagnoseOptions)
+def diagnose_command(
+    campaign: CampaignArgument,
+    options: DiagnoseOptions,
+    arm: ArmOption = None,
+    path: PathOption = None,
+    restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
+    out: OutOption = Path("out"),
+    pdf: Annotated[bool, typer.Option("--pdf", help="print the page as PDF as well, by Chromium")] = False,
+    strict: StrictOption = False,
+) -> None:
+    """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
+
+    The paper's procedure: stiffnesses, natural frequencies along the motion, resonance, vibration against the limit,
+    torsional stiffness first and mass centres second. Goes on where an earlier run of the same inputs was stopped.
+    Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
+    results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
+    """
+    if pdf:
+        check_browser()
+    result = run_diagnose(campaign, options, arm, path, restart, out, pdf=pdf)
+    leave(result, strict=strict)
+
+
+def run_diagnose(
+    campaign: Path,
+    options: DiagnoseOptions,
+    arm: Path | None,
+    path: Path | None,
+    restart: bool,
+    out: Path,
+    *,
+    pdf: bool = False,
+) -> DiagnoseResult:
+    """Diagnose an arm, print each stage when it is finished, and write the result into a folder."""
+    measured, arm_file = running.read(campaign, arm)
+    import jax
+
+    folder, stages = part_folder(out, measured), list(STAGES)
+
+    def finished(report: "StageReport") -> None:
+        output().say(str(report))
+        if stages[report.number - 1] in ("trust", "vibration", "sensitivities"):
+            jax.clear_caches()  # most programs of the next stage are new
+            gc.collect()
+        running.glibc("malloc_trim", 0)  # with few heaps (`running.start`) 1.0 instead of 1.3 GB
+
+    try:
+        result = diagnose(
+            arm_file,
+            measured,
+            options,
+            path=path,
+            folder=folder,
+            restart=restart,
+            progress=running.progress,
+            on_stage=finished,
+        )
+    except KeyboardInterrupt:
+        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
+        raise typer.Exit(130) from None
+    output().say(result.closing)
+    output().document = result.document
+    write(result, out, [lambda folder: (result.save_pdf(folder),)] if pdf else [])
+    running.discard_unless_taken(folder, discard)
+    return result
+
+
+# -------- Exploring
+# The command `ident explore`: an arm as a page with sliders.
+
+offer(
+    explore,
+    """Explore an arm by hand: a page with sliders for stiffnesses, payload, speed and posture.
+
+    The page shows the arm and its modes, natural frequencies along the motion against the pulleys', static deflection
+    and steady response, and computes them itself: one HTML file, no network, no server. Writes ARM.explore.html into
+    the folder given by --out.
+    """,
+    measured=flag("measurements to show beside, a CSV file (data/README.md)", "--campaign"),
+)
+
+
+# -------- Exporting
+# The command `ident export`: what was identified, in the robot's own description.
+
+
+@plain("export")
+def export(
+    result: Annotated[Path, typer.Argument(help="result of ident fit (.fit.json) or ident sample (.sample.nc)")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="file to write: .xml (MJCF), .urdf, .toml or .json", show_default=False)
+    ],
+    arm: Annotated[
+        Path | None, typer.Option("--arm", help="description to write into; default: the one that was fitted")
+    ] = None,
+    posture: Annotated[
+        str | None,
+        typer.Option("--posture", "-q", help="joint angles in degrees, as 30,-60,30, where MJCF is exact under weight"),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="write into the description of another robot, too")] = False,
+) -> None:
+    """Write what was identified into the robot's own description, or as JSON.
+
+    MJCF gets three passive hinges before each driven one, URDF a comment, both .joints.toml beside them, by which ident
+    reads them; an arm file the values, with the origin calibrated. Of a posterior the medians are written.
+    """
+    running.start()
+    from ident.studies import options as reading
+    from ident.studies.export import export as write
+
+    at = None if posture is None else reading.postures([posture], "--posture")[0]
+    try:
+        written = write(result, out, arm=arm, posture=at, force=force)
+    except InputError as error:
+        raise InputError(renamed(Options, problem) for problem in error.problems) from None
+    for path in written:
+        output().wrote(path)
+
+
+# -------- Fleet
+# The command `ident fleet`: many robots of one design.
+
+
+@command(FleetOptions)
+def fleet_command(
+    robots: Annotated[Path, typer.Argument(help="folder with a CSV file, or a folder with one, for each robot")],
+    options: FleetOptions,
+    arm: Annotated[
+        Path | None, typer.Option("--arm", help="arm of robots whose folder has none; default: arm.toml beside them")
+    ] = None,
+    out: OutOption = Path("out"),
+    no_figure: NoFigureOption = False,
+    strict: StrictOption = False,
+) -> None:
+    """Fit each robot of a fleet, and say how their stiffnesses spread and which robot stands out.
+
+    Goes on where an earlier run of the same inputs was stopped. Writes ROBOTS.fleet.json, .prior (flags of ident fit
+    for the next robot) and .png into the folder given by --out. Exit status 3 where a robot failed.
+    """
+    folder = out / f"{robots.absolute().name}.fleet.robots"
+    try:
+        result = fleet(robots, arm, options, folder=folder, progress=running.progress)
+    except KeyboardInterrupt:
+        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
+        raise typer.Exit(130) from None
+    finish(result, out, no_figure)
+    output().say(f"kept {folder}: fits of robots whose files have not changed are taken from there")
+    leave(result, strict=strict)
+
+
+# -------- Modal
+# The command `ident modal`: from the files of a hammer or ambient test to a campaign.
+
+
+@command(ModalOptions)
+def modal_command(
+    tests: Annotated[
+        Path,
+        typer.Argument(help="folder of recordings: UFF, CSV, MAT, LVM, TDMS, WAV or HDF5, see docs/commands/modal.md"),
+    ],
+    options: ModalOptions,
+    channels: Annotated[
+        Path | None, typer.Option("--channels", help="channel table, a CSV file; default: channels.csv in the folder")
+    ] = None,
+    arm: Annotated[Path | None, typer.Option("--arm", help="arm description; default: arm.toml in the folder")] = None,
+    init: Annotated[bool, typer.Option("--init", help="write the channel table to fill in, and stop")] = False,
+    out: OutOption = Path("out"),
+    no_figure: NoFigureOption = False,
+    strict: StrictOption = False,
+) -> None:
+    """Make a campaign of the files of a hammer test, or of one without force: modes with their covariance, names.
+
+    Says which hits do not count, which lines are those of what turned, and which modes have no certain name, and why.
+    Writes TESTS.modal.csv (a campaign for ident fit), .covariance.csv, .nc, .json and three figures for each posture
+    into the folder given by --out.
+    """
+    if init:
+        path, rows = new_channels(tests, channels, arm)
+        output().wrote(path)
+        output().say(f"{rows} channels to fill in; then: ident modal {tests}")
+        return
+    result = modal_test(tests, channels, arm, options)
+    finish(result, out, no_figure)
+    leave(result, strict=strict)

@@ -1,31 +1,121 @@
 """The arm as a file: `arm.toml`, URDF or MJCF to `Arm` with the origin of every number, and TOML with other numbers."""
 
 import hashlib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import tomlkit
 from jaxtyping import Float
 from pydantic import ValidationError
 
-from ident.arm.arm import Arm
-from ident.arm.base import on_soft_base
-from ident.arm.belt_condition import belt_mismatches
-from ident.arm.checks import check_size, massless_joints
-from ident.description.explanations import Source
-from ident.description.joints_file import JointsFile
-from ident.description.quantities import Origin
-from ident.description.rewriting import changed_numbers, set_inertias, set_numbers
-from ident.description.robot_file import is_robot, robot_arm
-from ident.description.schema import ArmDocument, named
-from ident.description.toml_text import load_toml
-from ident.description.uncertainty import uncertain_numbers
-from ident.description.writing import joint_text, with_first_joint
+from ident.arm.arm import Arm, check_size, massless_joints, on_soft_base
+from ident.arm.parts import Payload, Point
+from ident.arm.plausibility import belt_mismatches
+from ident.description.problems import Source, load_toml
+from ident.description.rewriting import changed_numbers, joint_text, set_inertias, set_numbers, with_first_joint
+from ident.description.robot import (
+    BUSHING,
+    JointsDocument,
+    JointsFile,
+    Robot,
+    beside,
+    check_joints,
+    no_joints,
+    read_joints,
+    refusal,
+    refuse_xacro,
+)
+from ident.description.schema import ArmDocument, Origin, named, uncertain_numbers
 from ident.errors import InputError, Problem
 from ident.text import decode, one_line, read_bytes
+
+# -------- Robot file
+# An arm of a robot description, URDF or MJCF, and the file of bushings beside it.
+
+REMEDY = "give a URDF or MJCF file, not xacro or SDF"
+
+
+def is_robot(text: str) -> bool:
+    """Tell whether a text is XML, and so no TOML."""
+    return text.lstrip().startswith("<")
+
+
+def robot_kind(data: bytes, where: str) -> str:
+    """Return what the root element of a robot description is called: robot of URDF, mujoco of MJCF.
+
+    Raises:
+        InputError: it is no XML, or another root.
+    """
+    try:
+        root = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        refuse_xacro(data, None, where)
+        line, column = getattr(error, "position", (1, 0))
+        got, expected = f"no XML ({one_line(str(error))})", "a robot description (URDF or MJCF)"
+        raise refusal(f"{where}:{line}, column {column}", got, expected, "correct it") from None
+    refuse_xacro(data, root, where)
+    if root.tag not in ("robot", "mujoco"):
+        raise refusal(f"{where}:1", f"<{one_line(root.tag)}>", "<robot> or <mujoco>", REMEDY)
+    return str(root.tag)
+
+
+def read_robot(path: str | PathLike[str], tip: str | None = None) -> Robot:
+    """Return the robot of a file, up to the link, body or site that the arm ends with, if one is named.
+
+    Raises:
+        InputError: it is no robot description of a serial arm, or the package that reads it is missing.
+    """
+    data = read_bytes(path, "a robot description (URDF or MJCF)")
+    if robot_kind(data, one_line(str(path))) == "robot":
+        from ident.description.urdf import urdf_robot
+
+        return urdf_robot(data, str(path), tip)
+    from ident.description.mjcf import mjcf_robot
+
+    return mjcf_robot(str(path), tip)
+
+
+def robot_arm(
+    path: str | PathLike[str],
+) -> tuple[Arm, JointsFile, dict[str, str], tuple[str, ...]]:
+    """Return the arm of a robot description, where its bushings come from, the origin of every number, and notes.
+
+    What the description says has the origin `derived`. The notes say where the arm is not what the description says.
+
+    Raises:
+        InputError: the description or the file of bushings is wrong.
+    """
+    file = beside(str(path))
+    if not os.path.exists(file):
+        raise no_joints(file, read_robot(path))
+    source, document, text = read_joints(file)
+    robot = read_robot(path, document.tip)
+    check_joints(document, robot, text)
+    bushings = {table.name: table.bushing() for table in document.joint}
+    points = tuple(Point(each.name, each.joint, each.position.number) for each in document.point)
+    payloads = tuple(Payload(each.joint, each.body()) for each in document.payload)
+    arm = robot.arm(bushings, points, payloads)
+    return arm, source, _origins(arm, document), robot.notes
+
+
+def _origins(arm: Arm, document: JointsDocument) -> dict[str, str]:
+    written: list[Any] = [*document.joint, *document.point, *document.payload]
+    origins: dict[str, str] = dict.fromkeys(arm.paths(), "derived")
+    for path in origins:
+        name, field, *_ = path.split(".")
+        table = next((each for each in written if each.name == name), None)
+        if table is not None and (field in BUSHING or table not in document.joint):
+            quantity = getattr(table, field)
+            origins[path] = quantity.origin if quantity else "derived"
+    return origins
+
+
+# -------- File
 
 
 @dataclass(frozen=True)

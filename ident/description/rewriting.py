@@ -1,17 +1,20 @@
 """Numbers of an arm put into a TOML document that stays as it is written otherwise."""
 
-from collections.abc import Mapping
+import math
+import re
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import tomlkit
 from jaxtyping import Float
 
-from ident.arm.arm import Arm
-from ident.arm.fields import COMPONENTS
-from ident.arm.parts import Body
-from ident.description.quantities import Origin, si
+from ident.arm.arm import GRAVITY, Arm
+from ident.arm.fields import COMPONENTS, DAMPING, LOSS, STIFFNESS
+from ident.arm.parts import Body, Joint
+from ident.description.schema import Origin, si
 from ident.errors import InputError, Problem
+from ident.text import one_line
 
 NEAR = 1e-9
 """Share of an inertia within which two are the same: that of twelve digits."""
@@ -99,3 +102,123 @@ def _slot(tables: Mapping[str, Any], path: str, where: str) -> tuple[Any, Any, A
     except (KeyError, IndexError, TypeError, ValueError):
         raise InputError(Problem(where, path, "a number of this file", "see `Arm.paths()`")) from None
     return entry, holder, key
+
+
+# -------- Writing
+# An arm as TOML text, with an origin for every number; what `read_arm` reads back as the same arm.
+
+UNITS = dict.fromkeys(STIFFNESS, "N*m/rad") | dict.fromkeys(DAMPING, "s")
+NOTHING = 1e-12
+"""Magnitude below which a length or inertia [SI] is rounding, and written as zero."""
+
+
+def arm_text(
+    arm: Arm,
+    *,
+    origin: Origin,
+    guessed: tuple[str, ...] = (),
+    note: str = "",
+    head: str = "",
+    origins: Mapping[str, str] | None = None,
+) -> str:
+    """Return an arm without drives, belts, springs and stroke as TOML, vectors along its own axes, in SI and degrees.
+
+    Args:
+        arm: the arm.
+        origin: of its numbers.
+        guessed: keys whose origin is `assumed` instead.
+        note: a line that every joint and body gets.
+        head: comment above it, without the `#`.
+        origins: of quantities, as `link2.com`, where it is another.
+    """
+    writer = _Writer(origin, guessed, note, origins or {})
+    lines = [f"# {one_line(line)}".rstrip() for line in head.splitlines()]
+    lines += ['format = "ident-arm/1"', f"name = {_quoted(arm.name)}"]
+    if not np.array_equal(arm.gravity, GRAVITY):
+        lines.append(writer.line("gravity", arm.gravity, "m/s^2"))
+    for joint in arm.joints:
+        lines += ["", *writer.joint(joint)]
+    for point in arm.points:
+        lines += ["", "[[point]]", f'name = "{point.name}"', f'joint = "{point.joint}"']
+        lines.append(writer.line("position", point.position, "m", point.name))
+    for payload in arm.payloads:
+        lines += ["", "[[payload]]", f'joint = "{payload.joint}"', *writer.body(payload.body)]
+    return "\n".join(lines) + "\n"
+
+
+def joint_text(joint: Joint, origin: Origin) -> str:
+    """Return a joint with its bodies as a table of an arm file."""
+    return "\n".join([*_Writer(origin, (), "", {}).joint(joint), "", ""])
+
+
+def bushing_text(joint: Joint, origin: Origin) -> str:
+    """Return a joint as a table of a file of bushings."""
+    return "\n".join(["[[joint]]", f'name = "{joint.name}"', *_Writer(origin, (), "", {}).bushing(joint), "", ""])
+
+
+def with_first_joint(text: str, table: str, where: str) -> str:
+    """Return a TOML text with a table before that of its first joint.
+
+    Raises:
+        InputError: its joints are no tables.
+    """
+    first = re.search(r"^[ \t]*\[\[[ \t]*joint[ \t]*\]\]", text, re.MULTILINE)
+    if first is None:
+        got, remedy = "joints that are no tables", "write each as [[joint]]"
+        raise InputError(Problem(where, got, "a table [[joint]], before which the base stands", remedy))
+    return text[: first.start()] + table + text[first.start() :]
+
+
+class _Writer:
+    """Writes numbers with their origin."""
+
+    def __init__(self, origin: Origin, guessed: tuple[str, ...], note: str, origins: Mapping[str, str]):
+        self.origin, self.guessed, self.note, self.origins = origin, guessed, note, origins
+
+    def line(self, key: str, value: Any, unit: str = "", part: str = "") -> str:
+        """Return a quantity of a part."""
+        units = f', unit = "{unit}"' if unit else ""
+        origin = "assumed" if key in self.guessed else self.origins.get(f"{part}.{key}", self.origin)
+        return f'{key} = {{ value = {_written(value)}{units}, origin = "{origin}" }}'
+
+    def joint(self, joint: Joint) -> Iterator[str]:
+        """Yield a joint with its bodies."""
+        yield from ["[[joint]]", f'name = "{joint.name}"', self.line("axis", joint.axis, part=joint.name)]
+        yield self.line("offset", joint.offset, "m", joint.name)
+        yield from self.bushing(joint)
+        if all(map(math.isfinite, joint.limits)):
+            yield self.line("limits", np.degrees(joint.limits), "deg", joint.name)
+        if not joint.driven:
+            yield "driven = false"
+        for kind, bodies in (("shaft", joint.shaft), ("link", joint.link)):
+            for body in bodies:
+                yield from ["", f"[[joint.{kind}]]", *self.body(body)]
+
+    def bushing(self, joint: Joint) -> Iterator[str]:
+        """Yield stiffness and damping of a joint, loss factors where it has any."""
+        for key in (*STIFFNESS, *DAMPING, *LOSS):
+            if (value := getattr(joint, key)) is not None:
+                yield self.line(key, value, UNITS.get(key, ""), joint.name)
+
+    def body(self, body: Body) -> Iterator[str]:
+        """Yield the keys of a body."""
+        note = f", note = {_quoted(self.note)} }}" if self.note else " }"
+        yield f'name = "{body.name}"'
+        yield self.line("mass", body.mass, "kg", body.name).removesuffix(" }") + note
+        yield self.line("com", body.com, "m", body.name)
+        inertia = np.asarray(body.inertia)
+        diagonal = np.abs(inertia - np.diag(np.diag(inertia))).max() < NOTHING
+        yield self.line("inertia", np.diag(inertia) if diagonal else inertia, "kg*m^2", body.name)
+
+
+def _written(value: Any) -> str:
+    """Return a number, vector or matrix as TOML, with twelve digits."""
+    if np.ndim(value):
+        return f"[{', '.join(map(_written, np.asarray(value)))}]"
+    number = float(value)
+    return f"{number:.12g}" if abs(number) > NOTHING else "0"
+
+
+def _quoted(text: str) -> str:
+    escaped = one_line(text).replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'

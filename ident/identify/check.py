@@ -1,27 +1,154 @@
 """All that can be said of a campaign before solving, in one call: an arm and a campaign in, a check out."""
 
+import math
 from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
+from ident.arm.mechanics import equilibrium
+from ident.arm.parts import DIRECTIONS, CubicSpring, Spring
+from ident.arm.rotations import matvec
 from ident.errors import InputError, Problem
-from ident.identify.build_problem import build_problem
-from ident.identify.curved import SpringCheck, check_springs
-from ident.identify.data_checks import check_values, contradictory_repeats
-from ident.identify.label_checks import LabelDoubt, changing_labels, label_doubts
-from ident.identify.loops import Ramp, ramps
+from ident.identify.conditions import Conditions, Ramp, bind, ramps
+from ident.identify.predict import chains
+from ident.identify.problem import (
+    LabelDoubt,
+    build_problem,
+    changing_labels,
+    check_values,
+    contradictory_repeats,
+    label_doubts,
+)
 from ident.identify.unknowns import Unknowns
-from ident.inference.consistency import Consistency, consistency
-from ident.inference.cross_prediction import CrossPrediction, contradicting, cross_predictions
-from ident.inference.identifiability import Check, check
+from ident.inference.fit import CrossPrediction, contradicting, cross_predictions
+from ident.inference.identifiability import Check, Consistency, check, consistency
+from ident.inference.search import evaluate, solve
 from ident.measure import Campaign
+from ident.programs import jit
 
 if TYPE_CHECKING:
     from ident.identify.explanations import Explanations
+
+
+# -------- Curved
+# Whether a campaign can tell a curved spring from a straight one, and how it is loaded while it is measured.
+
+TOLD_APART = 3.84
+"""Chi-squared that a straight spring must cost, for the data to tell: the 95 % limit of one number."""
+UNLOADED = 0.1
+"""Share of T1 below which a spring counts as unloaded."""
+
+
+@dataclass(frozen=True)
+class SpringCheck:
+    """What a campaign can tell of one curved spring, at the numbers of the arm file.
+
+    Attributes:
+        spring: its name.
+        chi_squared: what exact data of this arm would cost at best, were the spring straight; NaN where no arm with a
+            straight one stands.
+        torque1: [N m] T1; NaN of a cubic spring.
+        at_rest: [N m] least and largest load in the states in which deflections, rotations and twists were read.
+        vibrating: [N m] likewise where modes were measured; NaN without any.
+    """
+
+    spring: str
+    chi_squared: float
+    torque1: float
+    at_rest: tuple[float, float]
+    vibrating: tuple[float, float]
+
+    @property
+    def told(self) -> bool:
+        """Whether the data can tell it from a straight one."""
+        return self.chi_squared > TOLD_APART or math.isnan(self.chi_squared)
+
+    @property
+    def unloaded(self) -> bool:
+        """Whether modes were measured only where the spring carries next to nothing."""
+        return self.vibrating[1] < UNLOADED * self.torque1
+
+
+def check_springs(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> tuple[SpringCheck, ...]:
+    """Look at each curved spring of an arm with the eyes of a campaign.
+
+    Data as the arm file predicts them are fitted with the spring made straight, its own numbers kept and all other
+    unknowns free: what that costs is what the data could tell, if they came out as expected.
+
+    Raises:
+        InputError: campaign and arm do not fit together.
+    """
+    if not arm.springs:
+        return ()
+    problem = build_problem(arm, campaign, unknowns)
+    exact = evaluate(problem).predicted
+    if not np.isfinite(exact).all():
+        return ()
+    rows = (replace(m, value=float(value)) for m, value in zip(campaign, exact, strict=True))
+    as_predicted = replace(campaign, measurements=tuple(rows))
+    conditions = bind(arm, campaign)
+    loads, readings = _loads(arm, conditions), conditions.readings
+    vibrating = np.concatenate([conditions.named.states, conditions.unnamed.states])
+    at_rest = np.concatenate([readings.states, np.asarray(readings.references)[np.asarray(readings.references) >= 0]])
+    return tuple(
+        SpringCheck(
+            spring.name,
+            _cost(arm, spring, as_predicted, unknowns or Unknowns()),
+            float(spring.torque1) if isinstance(spring, Spring) else math.nan,
+            _ends(loads[spring.name][at_rest]),
+            _ends(loads[spring.name][vibrating]),
+        )
+        for spring in arm.springs
+    )
+
+
+def straightened(spring: Spring | CubicSpring) -> dict[str, float]:
+    """Return numbers by path with which a spring is straight."""
+    if isinstance(spring, CubicSpring):
+        return {f"{spring.name}.cubic": 0.0}
+    return {f"{spring.name}.ratio2": 1.0, f"{spring.name}.ratio3": 1.0}
+
+
+def _cost(arm: Arm, spring: Spring | CubicSpring, exact: Campaign, unknowns: Unknowns) -> float:
+    own = f"{spring.name}."
+    free, priors = ({path: x for path, x in each.items() if not path.startswith(own)} for each in _given(unknowns))
+    tied = tuple(group for group in unknowns.tied if not any(path.startswith(own) for path in group))
+    kept = replace(unknowns, free=free, priors=priors, tied=tied).with_prior
+    problem = build_problem(arm.replace(straightened(spring)), exact, kept)
+    end = solve(problem, np.asarray(problem.parameters.theta(problem.parameters.column("start"))))
+    residuals = np.asarray(problem.scaled(np.asarray(problem.measured) - end.predicted))
+    return float(residuals @ residuals)
+
+
+def _given(unknowns: Unknowns) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    return unknowns.free, unknowns.priors
+
+
+def _ends(loads: Float[np.ndarray, "states"]) -> tuple[float, float]:
+    return (float(loads.min()), float(loads.max())) if loads.size else (math.nan, math.nan)
+
+
+@jit
+def _sizes(arm: Arm, conditions: Conditions) -> tuple[Array, Array]:
+    chain = chains(arm, {}, conditions)
+    phi, curved = equilibrium(chain), chain.curved
+    assert curved is not None
+    return curved.sizes(matvec(chain.stiffness, phi) + curved.torque(phi))
+
+
+def _loads(arm: Arm, conditions: Conditions) -> dict[str, Float[np.ndarray, "states"]]:
+    """Return each spring's load [N m] in each state of a campaign, by its name."""
+    sizes = dict(zip(DIRECTIONS, map(np.asarray, _sizes(arm, conditions)), strict=True))
+    places = {joint.name: place for place, joint in enumerate(arm.joints)}
+    return {spring.name: sizes[spring.direction][places[spring.joint]] for spring in arm.springs}
+
+
+# -------- Check
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,28 +1,496 @@
-"""A campaign bound to an arm: under which conditions each value was measured, as arrays."""
+"""A campaign bound to an arm: under which conditions each value was measured, as arrays.
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+Loops of ramps: by how much an arm, its load let down, stays behind what it was on the way up.
+
+Friction in a drive and play in a bearing make readings depend on the way by which a load was reached. What rows of one
+loop read, up and back, is taken to lie half its width to either side of what springs alone would give,
+
+    read = springs -/+ width / 2,   - while loading, + while unloading,
+
+the width the same at all loads of the ramp. It is an unknown of its own, of which nothing is said beforehand: so rows
+of both ways tell stiffnesses by their middle, and the width is told by what they differ by. Where it is not the same at
+all loads, as towards the turning points of a ramp, data and model contradict each other.
+
+References:
+    The loop in the torsion of harmonic drives, and its width: Tuttle, Seering, "A nonlinear model of a harmonic drive
+    gear transmission", IEEE Trans. Robot. Autom. 12 (3), 1996; makers' catalogues give it as "hysteresis loss".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Complex, Float, Inexact, Int
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Loads
-from ident.arm.labels import parse_label
+from ident.arm.chain import Chain, Loads
+from ident.arm.mechanics import StaticEquilibrium
+from ident.arm.modes import Modes, damped_eigenvalues, linearize, moving_points, moving_points_damped, parse_label
 from ident.errors import InputError, Problem
-from ident.identify.definitions import NotAllUndamped, definitions_of
-from ident.identify.loads import in_base_axes, load_columns
-from ident.identify.loops import loop_places
-from ident.identify.misfits import misfits, too_many
-from ident.identify.mode_assignment import Named, name_modes
-from ident.identify.repeats import Repeats, repeats, room
-from ident.identify.shapes import Shapes, shapes_of
-from ident.inference.parameters import AnyArray
-from ident.measure import Campaign, Load, Measurement
-from ident.measure.kinds import DIFFERENCES, POSITIONS, ROTATIONS, SHAPES, TWISTS
+from ident.identify.binding import in_base_axes, load_columns, misfits, too_many
+from ident.identify.mode_matching import Named, name_modes
+from ident.inference.information import information
+from ident.inference.parameters import AnyArray, Parameter
+from ident.inference.problem import Data, InverseProblem
+from ident.inference.search import evaluate
+from ident.measure import DEFINITIONS, Campaign, Load, Measurement
+from ident.measure.campaign import ROUNDING
+from ident.measure.load import DIFFERENCES, POSITIONS, RAMPS, ROTATIONS, SHAPES, TWISTS
+
+if TYPE_CHECKING:
+    from ident.inference.fit import Fit
+
+
+# -------- Definitions
+#
+
+"""What a measured frequency is of its damped mode: undamped, of the pole, damped, or of a peak; see `DEFINITIONS`."""
+
+
+MOST_DAMPED = 0.7
+"""Damping ratio up to which a mode counts as having a peak; from 0.707 on there is none, and near it it is flat."""
+
+NotAllUndamped = Int[AnyArray, "F"] | None
+"""What each frequency is, those with a label first, as places in `DEFINITIONS`; None where all are undamped."""
+
+
+def definitions_of(values: Sequence[Measurement]) -> Int[np.ndarray, F] | None:
+    """Return what each of these measurements that is a frequency is of its damped mode; None where all are undamped."""
+    definitions = [DEFINITIONS.index(m.of or DEFINITIONS[0]) for m in values if m.kind == "frequency"]
+    return np.array(definitions, int) if any(definitions) else None
+
+
+def frequencies_of_pole(s: Complex[Array, "*shape"]) -> tuple[Float[Array, "*shape"], ...]:
+    """Return |s|, Im s and the peaks of receptance and accelerance of a mode alone with the pole s, all [Hz].
+
+    A peak is 0 where there is none, beyond a damping ratio of `MOST_DAMPED`; so is Im s of an overdamped mode.
+    """
+    hertz = jnp.abs(s) / (2 * jnp.pi)
+    squared = 1 - 2 * (s.real / jnp.abs(s)) ** 2
+    peaked = squared >= 1 - 2 * MOST_DAMPED**2
+    ratio = jnp.sqrt(jnp.where(peaked, squared, 1.0))
+    peaks = (jnp.where(peaked, hertz * ratio, 0.0), jnp.where(peaked, hertz / ratio, 0.0))
+    return hertz, s.imag / (2 * jnp.pi), *peaks
+
+
+def by_definition(
+    hertz: Float[Array, "m S *batch"], chain: Chain, at: StaticEquilibrium, definitions: NotAllUndamped
+) -> Float[Array, "K m S *batch"]:
+    """Return the frequencies of the lowest modes by each definition, from the undamped ones; only these where all are.
+
+    The poles are those of the damped arm, exact for dampers of any distribution.
+    """
+    if definitions is None:
+        return hertz[None]
+    poles = damped_eigenvalues(linearize(chain, at))[: len(hertz)]
+    return jnp.stack([hertz, *frequencies_of_pole(poles)])
+
+
+def defined(
+    table: Float[Array, "K m S *batch"], states: Int[AnyArray, R], definitions: NotAllUndamped
+) -> Float[Array, "m R *batch"]:
+    """Return the frequencies of each value's state, as the value is defined; undamped from where definitions end."""
+    if definitions is None:
+        return table[0][:, states]
+    own = jnp.pad(jnp.asarray(definitions), (0, len(states) - len(definitions)))
+    return jnp.moveaxis(table[own, :, states], 0, 1)
+
+
+# -------- Loops
+#
+
+PREFIX = "loop:"
+"""What the names of the widths begin with; then a number from 1, and the kind of its rows."""
+STEP = 1e-4
+"""Size of theta: 0.1 mm, or 0.1 mrad."""
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A ramp of loads, and how well the width of its loop is told.
+
+    Attributes:
+        name: of its width among the unknowns.
+        rows: places of its rows in the campaign.
+        of: one of these, which says what was read, and at which posture.
+        sd: [m or rad] standard deviation of the width; infinite where the data do not tell.
+    """
+
+    name: str
+    rows: tuple[int, ...]
+    of: Measurement
+    sd: float
+
+
+@dataclass(frozen=True)
+class Loop(Ramp):
+    """The loop that a ramp of loads went through.
+
+    Attributes:
+        width: [m or rad] what was read while unloading, less what was read at the same load while loading.
+        largest: [m or rad] the largest value that was read.
+    """
+
+    width: float
+    largest: float
+
+
+def loops(campaign: Campaign, fit: Fit) -> tuple[Loop, ...]:
+    """Return the loops of a campaign's ramps, as a fit has found them."""
+    found = _ramps(campaign, fit.problem, fit.information.sd)
+    values = [[abs(campaign.measurements[i].value) for i in ramp.rows] for ramp in found]
+    return tuple(
+        Loop(**vars(ramp), width=fit.parameters[ramp.name], largest=max(own, default=0.0))
+        for ramp, own in zip(found, values, strict=True)
+    )
+
+
+def ramps(campaign: Campaign, problem: InverseProblem) -> tuple[Ramp, ...]:
+    """Return the ramps of a campaign, and how well its data alone would tell their widths at the starting values."""
+    if not _names(campaign):
+        return ()
+    parameters = problem.parameters
+    start = np.asarray(parameters.theta(parameters.column("start")))
+    jacobian = np.asarray(jax.device_get(evaluate(problem, start)).jacobian)
+    if not np.isfinite(jacobian).all():
+        return _ramps(campaign, problem, np.full(len(start), np.inf))
+    prior = np.where(parameters.nuisance, parameters.normal_sd, np.inf)
+    known = information(problem.scaled(jacobian), prior, parameters.names, parameters.nuisance)
+    return _ramps(campaign, problem, known.sd)
+
+
+def _ramps(campaign: Campaign, problem: InverseProblem, sd: np.ndarray) -> tuple[Ramp, ...]:
+    names, places = problem.parameters.names, loop_places(campaign)
+    found = []
+    for number, name in _names(campaign).items():
+        rows = tuple(i for i, place in enumerate(places) if abs(place) == number)
+        found.append(Ramp(name, rows, campaign.measurements[rows[0]], STEP * float(sd[names.index(name)])))
+    return tuple(found)
+
+
+def is_of_loop(name: str) -> bool:
+    """Tell whether a parameter is the width of a loop."""
+    return name.startswith(PREFIX)
+
+
+def kind_of(name: str) -> str:
+    """Return the kind of the rows that a loop's width is of."""
+    return name.rpartition(":")[2]
+
+
+def _number(name: str) -> int:
+    return int(name.split(":")[1])
+
+
+def without_loops(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the numbers that are no widths of loops."""
+    return {name: value for name, value in parameters.items() if not is_of_loop(name)}
+
+
+def loop_places(campaign: Campaign) -> list[int]:
+    """Return the number of each row's loop, from 1, negative where it was read while loading; 0 for none.
+
+    One loop is of one kind, posture, place that was read and state of the drives; a `repeat` tells ramps apart.
+    """
+    numbers: dict[Hashable, int] = {}
+    return [
+        (-1 if m.ramp == RAMPS[0] else 1) * numbers.setdefault(_key(m), len(numbers) + 1) if m.ramp else 0
+        for m in campaign
+    ]
+
+
+def _key(m: Measurement) -> Hashable:
+    return m.kind, m.posture, m.point, m.direction, m.joint, m.setup, m.drives, m.repeat
+
+
+def _names(campaign: Campaign) -> dict[int, str]:
+    """Return the name of each loop's width, by its number."""
+    return {abs(n): f"{PREFIX}{abs(n)}:{m.kind}" for m, n in zip(campaign, loop_places(campaign), strict=True) if n}
+
+
+def loop_parameters(campaign: Campaign) -> tuple[Parameter, ...]:
+    """Return the widths of the loops: nuisances of which nothing is known."""
+    return tuple(Parameter((name,), False, 0.0, 0.0, np.inf, STEP, nuisance=True) for name in _names(campaign).values())
+
+
+def with_loops(conditions: Conditions, parameters: Mapping[str, Any]) -> Conditions:
+    """Return the conditions with what each reading lags behind, its loop as wide as these numbers say."""
+    readings = conditions.readings
+    if readings.loop is None:
+        return conditions
+    rank = max((jnp.ndim(value) for value in parameters.values()), default=0)
+    own = {_number(name): jnp.asarray(value) for name, value in parameters.items() if is_of_loop(name)}
+    none = jnp.zeros((1,) * rank)
+    each = [own.get(number, none) for number in range(max(own, default=0) + 1)]
+    widths = jnp.stack(jnp.broadcast_arrays(*(x.reshape(x.shape + (1,) * (rank - x.ndim)) for x in each)))
+    side = jnp.sign(jnp.asarray(readings.loop)).reshape(-1, *(1,) * rank) / 2
+    return replace(conditions, readings=replace(readings, loop=None, lag=side * widths[jnp.abs(readings.loop)]))
+
+
+# -------- Repeats
+# Which rows of a campaign measured the same thing: it is predicted once, and named by what all of them say.
+
+WIDTH = 8
+"""Numbers that are added at once."""
+
+
+class Repeats(eqx.Module):
+    """Sums over the rows of each value.
+
+    Attributes:
+        first: (V,) the first row of each value.
+        sums: tables of what is added: of rows, then of such sums, until there is one for each value; (C, 8), or (V, 1)
+            where nothing was measured twice. One beyond the last stands for nothing.
+    """
+
+    first: Int[AnyArray, V]
+    sums: tuple[Int[AnyArray, "_ _"], ...]
+
+    def total(self, x: Float[AnyArray, D * batch]) -> Float[Array, V * batch]:
+        """Add up what belongs to the rows of each value, in memory and time that grow with the rows alone.
+
+        Not by a scatter: that of XLA on several cores (jax 0.10) does not give the same bits twice.
+        """
+        for table in self.sums:
+            x = jnp.concatenate([x, jnp.zeros((1, *x.shape[1:]))])[table].sum(1)
+        return jnp.asarray(x)
+
+    def pooled(self, data: Data) -> Data:
+        """Return the mean of the rows of each value, weighted by sigma^-2, and its standard deviation."""
+        measured, sigma = (jnp.asarray(x)[self.first] for x in data)
+        if self.sums[0].shape[1] == 1:
+            return Data(measured, sigma)
+        weight = jnp.asarray(data.sigma) ** -2.0
+        total = self.total(weight)
+        counts = total > 0
+        known = jnp.where(counts, total, 1.0)
+        mean = self.total(weight * data.measured) / known
+        return Data(jnp.where(counts, mean, measured), jnp.where(counts, known**-0.5, jnp.inf))
+
+
+def repeats(order: Int[np.ndarray, D], first: Int[np.ndarray, V]) -> Repeats:
+    """Return how the rows of each value are added up.
+
+    Args:
+        order: the value that each row measured.
+        first: the first row of each value.
+    """
+    owner, tables, count = np.asarray(order), list[np.ndarray](), len(first)
+    width = 1 if len(owner) == count else WIDTH
+    while not tables or len(owner) > count:
+        each = np.bincount(owner, minlength=count)
+        chunks = -(-each // width)
+        ends, ascending = np.cumsum(chunks), np.argsort(owner, kind="stable")
+        place = np.arange(len(owner)) - np.repeat(np.cumsum(each) - each, each)
+        tables.append(np.full((chunks.sum(), width), len(owner)))
+        tables[-1][(ends - chunks)[owner[ascending]] + place // width, place % width] = ascending
+        owner = np.repeat(np.arange(count), chunks)
+    return Repeats(np.asarray(first), tuple(tables))
+
+
+def shared_error(
+    order: Int[np.ndarray, D], sigma: Float[np.ndarray, D], resolution: Float[np.ndarray, D]
+) -> Float[np.ndarray, D]:
+    """Return standard deviations by which the mean of repeated readings is as sure as it is.
+
+    Readings of one value share the error of the display's steps r, so that their mean has the variance
+
+        1 / sum(1 / sigma^2) + r^2 / 12
+
+    (a common error in weighted means: Cowan, "Statistical Data Analysis", 1998, 7.6). Each sigma is raised by the
+    factor that gives this; the coarsest r counts. By the same factor counts less what single readings differ by; and
+    where they differ by a tenth of r or more, their mean is better than that: both on the safe side.
+
+    Args:
+        order: the value that each row measured.
+        sigma: [SI] of each row.
+        resolution: [SI] of each row; zero for none.
+    """
+    count = int(order.max(initial=-1)) + 1
+    weight, step = np.bincount(order, sigma**-2.0, count), np.zeros(count)
+    np.maximum.at(step, order, resolution)
+    return np.asarray(sigma * np.sqrt(1 + weight * (ROUNDING * step) ** 2)[order])
+
+
+def roomy(count: int) -> int:
+    """Return the next of 0, 4, 8, 16, 24, 32, 48, 64, 96, ...: few sizes, and not much more room.
+
+    At most half as many again, where there are many; above 2048 a quarter.
+    """
+    if not count:
+        return 0
+    power = max(4, 1 << (count - 1).bit_length())
+    if power > 2048:
+        return -(-count // (power // 8)) * (power // 8)
+    return 3 * power // 4 if power > 16 and count <= 3 * power // 4 else power
+
+
+def room(group: np.ndarray) -> np.ndarray:
+    """Return the entries of a group, the first one repeated at its end until their number is one of few."""
+    return np.concatenate([group, np.repeat(group[:1], roomy(len(group)) - len(group))]).astype(int)
+
+
+# -------- Shapes
+# Measured shapes of modes: how a mode moves points along directions, over how it moves a reference.
+#
+# Design. A row is the ratio r_i of two motions of a mode, so that neither scale nor sign matters; n rows are what is
+# known of a shape at n + 1 places, and have n degrees of freedom. The model's own ratio u_i / u_0 runs away where its
+# mode does not move the reference. So, with y = (1, r) the measured shape and p the multiple of u that is nearest to y,
+#
+#     predicted = r + (1 + r r') (p - y)_i,    i = 1 ... n,
+#
+# which is u_i / u_0 up to the square of their difference, and never larger than the measured shape allows: p - y is the
+# residual in the plane across the model's shape.
+#
+# The shape of a damped mode (`pole`) is complex. Measured and computed ones are turned by the same rule, so that they
+# are as real as can be at the places of the shape: by the angle a that makes the sum of (u exp(-i a))^2 positive. Their
+# real parts are compared; without damping nothing is turned.
+#
+# Where another mode b has nearly the same frequency both are known as the plane that they span only, and p may leave
+# the
+# direction of u within it: p is the point of that plane that is nearest to y, a step t b across u counting for
+# t^2 |u|^2 (g / NEAR)^2, where g is the relative distance of the squared frequencies. So modes far apart are compared
+# as
+# they are, modes that coincide as a plane, and the prediction is smooth throughout, as shapes turn by 1/g at most.
+
+NEAR = 0.02
+"""Relative distance of squared frequencies at which two modes count half as their plane: 1 % in frequency."""
+SHAPE_ROUNDING = 1e-12
+"""The square of that distance below which they are taken to coincide."""
+
+
+class Shapes(eqx.Module):
+    """Rows of shapes, each with the whole shape that it is of, so that they may come in any order.
+
+    Attributes:
+        own: (n,) which of the places of its shape a row is; the reference is place 0.
+        points: (n, K) points of the arm.
+        direction: (3, n, K) unit vectors, zero beyond the places that a shape has.
+        ratio: (n, K) measured motion over that of the reference, zero likewise.
+        damped: (n,) whether it is the shape of the damped mode; None where none is.
+    """
+
+    own: Int[AnyArray, n]
+    points: Int[AnyArray, "n K"]
+    direction: Float[AnyArray, "3 n K"]
+    ratio: Float[AnyArray, "n K"]
+    damped: Bool[AnyArray, n] | None = None
+
+    def of(self, places: Int[np.ndarray, _]) -> Shapes:
+        """Return some of the rows."""
+        damped = None if self.damped is None else self.damped[places]
+        return Shapes(self.own[places], self.points[places], self.direction[:, places], self.ratio[places], damped)
+
+
+def shapes_of(arm: Arm, rows: Sequence[Measurement]) -> Shapes | None:
+    """Return rows of shapes as the model needs them; None for none."""
+    whole: dict[tuple[object, ...], list[Measurement]] = {}
+    for m in rows:
+        whole.setdefault(_shape(m), []).append(m)
+    if not whole:
+        return None
+    names, size = [point.name for point in arm.points], 1 + max(map(len, whole.values()))
+    own, points = np.empty(len(rows), int), np.zeros((len(rows), size), int)
+    direction, ratio = np.zeros((3, len(rows), size)), np.zeros((len(rows), size))
+    for i, m in enumerate(rows):
+        each = whole[_shape(m)]
+        own[i], ratio[i, 0] = 1 + next(place for place, other in enumerate(each) if other is m), 1.0
+        points[i, 0], direction[:, i, 0] = names.index(m.reference_point or ""), m.reference_direction or ()
+        for place, other in enumerate(each, 1):
+            points[i, place], ratio[i, place] = names.index(other.point or ""), other.value
+            direction[:, i, place] = other.direction or ()
+    damped = np.array([m.of is not None for m in rows])
+    return Shapes(own, points, direction, ratio, damped if damped.any() else None)
+
+
+def _shape(m: Measurement) -> tuple[object, ...]:
+    """Return what rows of one shape have in common."""
+    return m.posture, m.load, m.drives, m.mode, m.of, m.reference_point, m.reference_direction, m.repeat
+
+
+def read_shapes(
+    chain: Chain,
+    at: StaticEquilibrium,
+    modes: Modes,
+    shapes: Shapes,
+    states: Int[AnyArray, n],
+    chosen: Float[AnyArray, "m n *batch"],
+) -> Float[Array, n * batch]:
+    """Return what is read of the chosen modes' shapes [-]; NaN where none is chosen.
+
+    Args:
+        chain: in all states, batch (S, *batch).
+        at: its equilibrium.
+        modes: all of its modes.
+        shapes: the rows.
+        states: of the rows.
+        chosen: one for the mode of each row.
+    """
+    linear = linearize(chain, at)
+    motion = moving_points(chain, linear, modes)
+    rank = motion.ndim - 4
+    each = _seen(motion, shapes, states)
+    hertz = modes.frequency[:, states]
+    gap = (hertz / (hertz * chosen).sum(0)) ** 2 - 1
+    others = jnp.where(chosen > 0, jnp.inf, jnp.abs(gap))
+    nearest = jax.lax.stop_gradient(jnp.arange(len(others)).reshape((-1,) + (1,) * (rank + 1)) == jnp.argmin(others, 0))
+    u, b = _of_modes(each, chosen), _of_modes(each, nearest)
+    weight = (u * u).sum(0) * (((gap * nearest).sum(0) / NEAR) ** 2 + SHAPE_ROUNDING)
+    if shapes.damped is not None:
+        damped = as_real(_seen(moving_points_damped(chain, linear), shapes, states))
+        u = jnp.where(_lifted(shapes.damped, rank), _of_modes(damped, chosen), u)
+    read = _compared(jnp.moveaxis(_lifted(shapes.ratio, rank), 1, 0), u, b, weight)
+    own = jnp.take_along_axis(read, jnp.broadcast_to(_lifted(shapes.own, rank), read.shape[1:])[None], 0)[0]
+    return jnp.where(chosen.sum(0) > 0, own, jnp.nan)
+
+
+def _seen(motion: Inexact[Array, "3 P m S *batch"], shapes: Shapes, states: AnyArray) -> Inexact[Array, "n K m *batch"]:
+    """Return how the places of each shape move along their directions in all modes."""
+    moved = motion[:, jnp.asarray(shapes.points), :, jnp.asarray(states)[:, None]]
+    return (moved * jnp.moveaxis(_lifted(shapes.direction, motion.ndim - 3), 0, 2)).sum(2)
+
+
+def _of_modes(each: Float[Array, "n K m *batch"], chosen: AnyArray) -> Float[Array, "K n *batch"]:
+    """Return what the chosen mode of each row does."""
+    return jnp.moveaxis((each * jnp.moveaxis(chosen, 0, 1)[:, None]).sum(2), 1, 0)
+
+
+def as_real(shapes: Complex[Array, "n K *batch"]) -> Float[Array, "n K *batch"]:
+    """Return the real parts of shapes that are turned so that they are as real as can be."""
+    squared = (shapes**2).sum(1, keepdims=True)
+    squared = jnp.where(squared == 0, 1.0, squared)  # a mode that moves none of the places
+    return (shapes / jnp.sqrt(squared / jnp.abs(squared))).real
+
+
+def _compared(
+    y: Float[AnyArray, "K n *#batch"],
+    u: Float[AnyArray, "K n *batch"],
+    b: Float[AnyArray, "K n *batch"],
+    weight: Float[AnyArray, n * batch],
+) -> Float[AnyArray, "K n *batch"]:
+    """Return the predicted ratios; that of the reference, which is no row, means nothing.
+
+    A step t b across u counts for t^2 weight.
+    """
+    length = (u * u).sum(0) + 1e-30
+    across = b - u * (u * b).sum(0) / length
+    step = (across * y).sum(0) / ((across * across).sum(0) + weight)
+    off = u * (u * y).sum(0) / length + across * step - y
+    return y + off + y * (y[1:] * off[1:]).sum(0)
+
+
+def _lifted(x: AnyArray, rank: int) -> Array:
+    """Give an array as many batch axes as the predictions have."""
+    return jnp.asarray(x).reshape(x.shape + (1,) * rank)
+
+
+# -------- Conditions
 
 BY_MODE = ("frequency", "damping_ratio", *SHAPES)
 State = tuple[tuple[float, ...], Load, str]
@@ -41,9 +509,9 @@ class Unnamed(eqx.Module):
         highest: largest of these places, 0 for none.
     """
 
-    states: Int[AnyArray, "n"]
-    ordinals: Int[AnyArray, "n"]
-    last: Bool[AnyArray, "n"]
+    states: Int[AnyArray, n]
+    ordinals: Int[AnyArray, n]
+    last: Bool[AnyArray, n]
     highest: int = eqx.field(static=True)
 
 
@@ -67,19 +535,19 @@ class Readings(eqx.Module):
         lag: (n, *batch) [m or rad] by how much it lags behind, half the width of its loop (`loops.with_loops`).
     """
 
-    states: Int[AnyArray, "n"]
-    references: Int[AnyArray, "n"]
-    points: Int[AnyArray, "n"]
+    states: Int[AnyArray, n]
+    references: Int[AnyArray, n]
+    points: Int[AnyArray, n]
     direction: Float[AnyArray, "3 n *batch"]
-    turning: Bool[AnyArray, "n"] | None = None
-    twisting: Bool[AnyArray, "n"] | None = None
-    placing: Bool[AnyArray, "n"] | None = None
-    setup: Int[AnyArray, "n"] | None = None
-    datum: Float[AnyArray, "n *batch"] | None = None
-    loop: Int[AnyArray, "n"] | None = None
-    lag: Float[AnyArray, "n *batch"] | None = None
+    turning: Bool[AnyArray, n] | None = None
+    twisting: Bool[AnyArray, n] | None = None
+    placing: Bool[AnyArray, n] | None = None
+    setup: Int[AnyArray, n] | None = None
+    datum: Float[AnyArray, n * batch] | None = None
+    loop: Int[AnyArray, n] | None = None
+    lag: Float[AnyArray, n * batch] | None = None
 
-    def by_kind(self) -> list[Int[np.ndarray, "_"]]:
+    def by_kind(self) -> list[Int[np.ndarray, _]]:
         """Return the places of deflections, rotations, twists and positions, each by itself and as differences."""
         difference = np.asarray(self.references) >= 0
         what = np.zeros(len(difference), int)
@@ -87,7 +555,7 @@ class Readings(eqx.Module):
             what = what if those is None else np.where(those, code, what)
         return [np.flatnonzero((what == code) & (difference == differs)) for code in range(4) for differs in (0, 1)]
 
-    def of(self, places: Int[np.ndarray, "_"]) -> "Readings":
+    def of(self, places: Int[np.ndarray, _]) -> Readings:
         """Return some of them."""
         own = {name: x[places] for name, x in vars(self).items() if name != "direction" and x is not None}
         return replace(self, direction=self.direction[:, places], **own)
@@ -117,10 +585,10 @@ class Conditions(eqx.Module):
     named: Named
     unnamed: Unnamed
     readings: Readings
-    order: Int[AnyArray, "D"]
+    order: Int[AnyArray, D]
     repeats: Repeats
     definitions: NotAllUndamped = None
-    servo: Float[AnyArray, "S"] | None = None
+    servo: Float[AnyArray, S] | None = None
     shapes: Shapes | None = None
 
     @property
@@ -138,7 +606,7 @@ class Conditions(eqx.Module):
         """Number of values, each of which one or several rows measured."""
         return len(self.named.states) + len(self.unnamed.states) + len(self.readings.states)
 
-    def padded(self) -> tuple["Conditions", np.ndarray, np.ndarray]:
+    def padded(self) -> tuple[Conditions, np.ndarray, np.ndarray]:
         """Return the conditions of a campaign of one of few sizes, in which a row stands for each value of this one.
 
         Its rows come by kind, so that their order is the same for all campaigns of a size.
@@ -232,7 +700,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     return jax.device_put(bound)
 
 
-def _servo(arm: Arm, states: dict[State, int]) -> Float[np.ndarray, "S"] | None:
+def _servo(arm: Arm, states: dict[State, int]) -> Float[np.ndarray, S] | None:
     """Return where servos held the motors; None where none did, or the arm file describes none: as brakes, then."""
     on = np.array([drives == "servo" for *_, drives in states], float)
     return on if arm.servos and on.any() else None
@@ -283,6 +751,6 @@ def _readings(values: Sequence[tuple[Any, ...]], setups: Sequence[str]) -> Readi
     return Readings(states, references, points, directions, turns, twists, places, frames, loop=loops)
 
 
-def _where(words: Sequence[str], word: str) -> Bool[np.ndarray, "n"] | None:
+def _where(words: Sequence[str], word: str) -> Bool[np.ndarray, n] | None:
     """Return where a word stands; None where it stands nowhere."""
     return np.array([each == word for each in words], bool) if word in words else None

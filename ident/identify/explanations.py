@@ -10,21 +10,250 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-from ident.arm.arm import Arm, stiffness_paths
-from ident.arm.base import on_soft_base
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm, on_soft_base, stiffness_paths
 from ident.arm.fields import STIFFNESS
 from ident.errors import InputError
-from ident.identify.alternatives import NUMBER_KINDS, SCALES
-from ident.identify.assumptions import KINDS as ASSUMED
-from ident.identify.assumptions import Assumption
-from ident.identify.fit import CampaignFit
-from ident.identify.inquiry import LIKELY, RIDGES, Cause, Finding, Inquiry, inquire
-from ident.identify.slips import slips
-from ident.identify.telling import LEADING, Telling, Told, telling
+from ident.identify.candidates import RESOLUTION, posture_grid, relative_sigma
+from ident.identify.conditions import bind
+from ident.identify.fit import KINDS as ASSUMED
+from ident.identify.fit import Assumption, CampaignFit
+from ident.identify.hypotheses import (
+    LIKELY,
+    NUMBER_KINDS,
+    RIDGES,
+    SCALES,
+    AlteredModel,
+    Cause,
+    Finding,
+    Inquiry,
+    calibrated,
+    inquire,
+)
 from ident.identify.unknowns import Unknowns
-from ident.inference.exchange import Exchange
-from ident.inference.verdicts import SUSPICIOUS
-from ident.measure import Campaign
+from ident.inference.information import SUSPICIOUS
+from ident.inference.problem import InverseProblem
+from ident.inference.scrutiny import Exchange
+from ident.inference.search import looker
+from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
+from ident.measure.load import AXES
+
+# -------- Slips
+# Slips of the pen that a campaign may hold: a payload that was on, or off, where its rows say otherwise.
+
+MOST_STATES = 3
+"""States (posture and load) of the values farthest off, each of which is asked about by itself."""
+
+
+@dataclass(frozen=True)
+class Slip:
+    """A payload that may have been on, or off, in some rows.
+
+    Attributes:
+        payload: its name.
+        on: whether it was on in rows that do not say so; else it was off in rows that do.
+        rows: places of these rows.
+        campaign: with these rows put right.
+    """
+
+    payload: str
+    on: bool
+    rows: tuple[int, ...]
+    campaign: Campaign
+
+
+def slips(arm: Arm, campaign: Campaign, farthest_off: Sequence[int]) -> Iterator[Slip]:
+    """Yield all slips with payloads of whole kinds of rows, of all rows, and of the states of values that are far off.
+
+    Args:
+        arm: its payloads are those that may be on.
+        campaign: what was measured.
+        farthest_off: places of rows, those farthest off first.
+    """
+    rows = campaign.measurements
+    kinds = {kind: [i for i, m in enumerate(rows) if m.kind == kind] for kind in dict.fromkeys(m.kind for m in rows)}
+    states = list(dict.fromkeys((rows[i].posture, rows[i].load) for i in farthest_off))[:MOST_STATES]
+    own = [[i for i, m in enumerate(rows) if (m.posture, m.load) == state] for state in states]
+    seen = set()
+    for payload in (payload.body.name for payload in arm.payloads):
+        for among in (range(len(rows)), *kinds.values(), *own):
+            for on in (True, False):
+                moved = tuple(i for i in among if (payload in rows[i].load.payloads) != on)
+                if moved and (payload, moved) not in seen:
+                    seen.add((payload, moved))
+                    changed = tuple(_with(m, payload, on) if i in moved else m for i, m in enumerate(rows))
+                    yield Slip(payload, on, moved, replace(campaign, measurements=changed))
+
+
+def _with(m: Measurement, payload: str, on: bool) -> Measurement:
+    names = {*m.load.payloads, payload} if on else set(m.load.payloads) - {payload}
+    load = m.load
+    return replace(m, load=Load(tuple(names), load.masses, load.forces, load.moments, load.own))
+
+
+# -------- Telling
+# Which measurement would tell explanations apart: what each of them predicts, and how surely.
+
+LEADING = 4
+"""Explanations that are to be told apart, at most."""
+POSTURES, LOADS = 8, 8
+SHOWN = 3
+"""Postures and loads that are asked about, and measurements that are named, at most."""
+APART = 2.0
+"""Distance [sd] of two predictions below which a measurement tells nothing."""
+ENOUGH = 4.0
+"""Distance [sd] beyond which more is no better."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """An explanation that may be asked what it predicts.
+
+    Attributes:
+        inquiry: in which it was found.
+        finding: where.
+    """
+
+    inquiry: Inquiry
+    finding: Finding
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The unknowns and what is otherwise, by path [SI]."""
+        parameters = self.inquiry.problem.parameters
+        values = parameters.by_path(np.asarray(parameters.values(self.finding.theta)))
+        return {path: float(x) for path, x in values.items()}
+
+
+@dataclass(frozen=True)
+class Telling:
+    """A measurement, and what each leading explanation predicts of it.
+
+    Attributes:
+        measurement: its value is the middle one of the predictions, its sigma what such an instrument has.
+        numbers: of the explanations that are told apart.
+        predicted: [SI] by each of them; NaN where one has no answer.
+        sd: of these, by data and priors.
+        apart: [sd] of the two that it tells apart best, sigma included.
+        place: of a frequency, its place from the lowest, from 1.
+    """
+
+    measurement: Measurement
+    numbers: tuple[int, ...]
+    predicted: tuple[float, ...]
+    sd: tuple[float, ...]
+    apart: float
+    place: float = 0.0
+
+
+def telling(arm: Arm, campaign: Campaign, leading: Mapping[int, Told]) -> tuple[Telling, ...]:
+    """Return what to measure to tell explanations apart, the most telling first; none where nothing would.
+
+    Candidates are the two lowest frequencies and the deflection of the arm's last point along -z, at postures that may
+    be held, under own weight, each payload, and what was hung on it in the campaign.
+
+    Args:
+        arm: as its file has it.
+        campaign: how well it is measured.
+        leading: the explanations by their numbers.
+    """
+    if len(leading) < 2 or not arm.points:
+        return ()
+    candidates = _candidates(arm, campaign)
+    if not candidates:
+        return ()
+    found = [_predicted(each, candidates) for each in leading.values()]
+    values, sds = (np.array([each[i] for each in found]) for i in (0, 1))
+    answered = np.isfinite(values).sum(0) > 1
+    candidates = [m for m, told in zip(candidates, answered, strict=True) if told]
+    if not candidates:
+        return ()
+    values, sds = values[:, answered], sds[:, answered]
+    middle = np.nanmedian(values, 0)
+    sigma = _sigma(campaign, candidates, middle)
+    pairs = combinations(range(len(leading)), 2)
+    each = [np.abs(values[i] - values[j]) / np.sqrt(sds[i] ** 2 + sds[j] ** 2 + sigma**2) for i, j in pairs]
+    chosen = []
+    for best, apart in _best(np.nan_to_num(each)):
+        m = replace(candidates[best], value=float(middle[best]), sigma=float(sigma[best]))
+        predicted, sd = (tuple(map(float, x[:, best])) for x in (values, sds))
+        place = candidates[best].value if m.kind == "frequency" else 0.0
+        chosen.append(Telling(m, tuple(leading), predicted, sd, apart, place))
+    return tuple(chosen)
+
+
+def _sigma(
+    campaign: Campaign, candidates: Sequence[Measurement], values: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "n"]:
+    """Return the standard deviations with which candidates would be measured."""
+    shares = relative_sigma(campaign)
+    least = np.array([0.0 if m.kind == "frequency" else RESOLUTION for m in candidates])
+    return np.hypot(np.array([shares[m.kind] for m in candidates]) * np.abs(values), least)
+
+
+def _best(apart: Float[np.ndarray, "pairs n"]) -> Iterator[tuple[int, float]]:
+    """Yield the places of measurements that tell pairs apart, each of those that are left, and how far at best [sd]."""
+    left = np.ones(len(apart), bool)
+    for _ in range(SHOWN):
+        best = int(np.argmax(np.minimum(apart[left], ENOUGH).sum(0)))
+        far = float(apart[left][:, best].max(initial=0.0))
+        if far < APART:
+            return
+        yield best, far
+        left &= apart[:, best] < APART
+
+
+def _candidates(arm: Arm, campaign: Campaign) -> list[Measurement]:
+    try:
+        grid, _ = posture_grid(arm)
+    except InputError:  # no posture may be held: the campaign's own are all that is left
+        grid = np.zeros((0, len(arm.driven)))
+    spaced = grid[np.unique(np.linspace(0, len(grid) - 1, POSTURES).astype(int))] if len(grid) else grid
+    postures = dict.fromkeys([*(m.posture for m in campaign), *(tuple(map(float, row)) for row in spaced)])
+    own = dict.fromkeys(m.load for m in campaign if not (m.load.forces or m.load.moments or m.load.own))
+    loads = dict.fromkeys([OWN_WEIGHT, *(Load((payload.body.name,)) for payload in arm.payloads), *own])
+    return [
+        row
+        for posture in list(postures)[:POSTURES]
+        for load in list(loads)[:LOADS]
+        for row in (
+            Measurement(kind="frequency", posture=posture, value=1.0, sigma=1.0, load=load),
+            Measurement(kind="frequency", posture=posture, value=2.0, sigma=1.0, load=load),
+            Measurement(
+                kind="deflection",
+                posture=posture,
+                value=1.0,
+                sigma=1.0,
+                load=load,
+                point=arm.points[-1].name,
+                direction=AXES["-z"],
+            ),
+        )
+    ]
+
+
+def _predicted(told: Told, candidates: Sequence[Measurement]) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """Return what an explanation predicts, and the standard deviation of that."""
+    inquiry, model = told.inquiry, told.inquiry.problem.model
+    assert isinstance(model, AlteredModel)
+    count = len(candidates)
+    problem = InverseProblem(
+        replace(model, conditions=bind(model.arm, Campaign(measurements=tuple(candidates))), frames=None),
+        np.ones(count),
+        np.full(count, np.inf),
+        inquiry.problem.parameters,
+        tuple(m.kind for m in candidates),
+    )
+    theta = told.finding.theta
+    predicted, jacobian, _ = looker(problem)(theta, None)
+    predicted, jacobian = calibrated(inquiry.numbers, theta, problem.kinds, predicted, jacobian)
+    variance = np.einsum("ip,pq,iq->i", jacobian, told.finding.covariance, jacobian)
+    return predicted, np.sqrt(np.maximum(variance, 0.0))
+
+
+# -------- Explanations
 
 SLIP = 2.6
 """Standard deviations that a slip of the pen counts as, one in a hundred campaigns; assumed."""

@@ -2,31 +2,424 @@
 
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from inspect import unwrap
+from itertools import combinations
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ident.arm.arm import Arm
-from ident.identify.assumptions import Assumptions, assumptions
-from ident.identify.build_problem import build_problem
-from ident.identify.data_checks import check_values, repeated, row_names
-from ident.identify.exchangeable import exchangeable, moves_of
-from ident.identify.loops import Loop, loops
-from ident.identify.mode_assignment import FAR
-from ident.identify.predict import ArmModel
-from ident.identify.setups import vector_of
-from ident.identify.uncertain import scaled_inertia
-from ident.identify.unknowns import Unknowns
-from ident.inference.cross_prediction import cross_predictions
-from ident.inference.curvature import fixed_combinations
-from ident.inference.exchange import Exchange, exchanges
-from ident.inference.fit import FIT_STARTS, Fit, fit, with_stretch
-from ident.inference.robust import SUSPICIOUS, robust_weights, weighted
-from ident.measure import Campaign
+from ident.arm.chain import Chain
+from ident.arm.hinges import CutArm, cut
+from ident.arm.mechanics import (
+    Phi,
+    StaticEquilibrium,
+    flat,
+    potential_gradient,
+    second_variations,
+    static_equilibrium,
+    unflatten,
+)
+from ident.arm.modes import Modes, modes_about
+from ident.arm.parts import Body
+from ident.arm.rotations import matvec, transpose
+from ident.identify.conditions import Conditions, Loop, bind, loops
+from ident.identify.mode_matching import FAR
+from ident.identify.predict import ArmModel, Held, chains, mode_choice, pick, read, vector_of
+from ident.identify.problem import build_problem, check_values, repeated, row_names
+from ident.identify.unknowns import Unknowns, scaled_inertia
+from ident.inference.fit import FIT_STARTS, Fit, cross_predictions, fit, with_stretch
+from ident.inference.information import ScoreTest, asked_for, score_tests
+from ident.inference.optima import fixed_combinations
+from ident.inference.scrutiny import SUSPICIOUS, Exchange, Moves, Pair, exchanges, robust_weights, weighted
+from ident.measure import Campaign, Measurement
+from ident.measure.load import SHAPES
+from ident.programs import RUNS_ONCE, jit
 
 if TYPE_CHECKING:
     from ident.identify.explanations import Explanations
+
+
+# -------- Slopes
+# How predictions change with what a fit takes for granted: with compliances at zero, and with given numbers.
+
+Choices = tuple[Float[Array, "m R"], Float[Array, "m n"]]
+"""The modes of the named and of the unnamed values, as `mode_choice` gives them."""
+MANY = 64
+"""States above which one amount is changed after the other, for the memory that all of them together would take."""
+LONG = 24
+"""Bushings above which that is done, too: an arm of 24 joints, cut at 49, would take 5 GB."""
+
+
+class Slopes(NamedTuple):
+    """A campaign's predictions [SI] and their derivatives; zero in the rows of damping ratios and shapes.
+
+    Attributes:
+        predicted: (D,) of the arm itself.
+        bending, torsion: (H, D) by the compliance [rad/(N m)] of each hinge across its axis, and about it.
+        mass: (N, D) by ln(mass) of what each joint carries behind its pin, the inertia with it.
+        centre: (N, D) by the way of its mass centre along the link, as a share of its length.
+        servo: (N, D) by compliance in series with each joint's torsion, as a share of the joint's own.
+    """
+
+    predicted: Float[Array, "D"]
+    bending: Float[Array, "H D"]
+    torsion: Float[Array, "H D"]
+    mass: Float[Array, "N D"]
+    centre: Float[Array, "N D"]
+    servo: Float[Array, "N D"]
+
+
+@jit
+def slopes(
+    arm: Arm, cut: CutArm, conditions: Conditions, chosen: Float[Array | np.ndarray, "m R"] | None = None
+) -> Slopes:
+    """Differentiate what a campaign would measure, exactly, by compliances at zero and by given numbers.
+
+    A hinge of compliance c P, P a projector, turns by psi = -c P g, where g is the potential's gradient by psi. So,
+    with H the Hessian of the arm without hinges, the static equilibrium moves by
+
+        d psi_s/dc = -P g,    d phi_s/dc = -H^-1 (d grad V/d psi) d psi_s/dc,
+
+    and a mass-normalised mode v of eigenvalue l, whose gradient at the hinge is m = ((H - l M) v)_psi, has
+
+        dl/dc = -m' P m + the change of v' (H - l M) v along the equilibrium's move.
+
+    A number x of the arm moves the equilibrium by -H^-1 d(grad V)/dx, and adds d(v' (H - l M) v)/dx. Nothing is solved
+    but the arm as it is, so hinges between which there is no mass do no harm.
+
+    Args:
+        arm: the arm as it was fitted.
+        cut: the same arm, cut at hinges.
+        conditions: those of the campaign.
+        chosen: one for the mode that each labelled value was taken for; by default as the labels alone have it.
+
+    References:
+        Lancaster, "On eigenvalues of matrices dependent on a parameter", Numer. Math. 6, 1964. For hinges: ours,
+        compared with arms that have stiff bushings there in tests/identify/test_slopes.py.
+    """
+    at, modes, rest, shapes = _at_rest(arm, cut, conditions)
+    still, own, n, count = chains(cut.arm, {}, conditions), np.array(cut.own), len(cut.arm.joints), len(cut.own)
+    hinges, squared = np.array([hinge.place for hinge in cut.hinges], int), (2 * jnp.pi * modes.frequency) ** 2
+
+    def of_mode(phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> Float[Array, ""]:
+        return _of_mode(still, phi, v, eigenvalue).sum()
+
+    by_phi, by_shape = jax.vmap(jax.grad(of_mode, (0, 1)), (None, 0, 0))(rest, shapes, squared)
+    moment, gradient = by_shape[:, :, hinges] / 2, unflatten(potential_gradient(still, rest))[:, hinges]
+    projectors = [K[:, :, hinges] for K in (still.bend, still.tors)]
+    turns = jnp.concatenate([_one_each(-matvec(P, gradient), hinges, n) for P in projectors])
+    turns = jnp.concatenate([turns, jnp.zeros((3 * count, *rest.shape))])
+    amounts = jnp.concatenate([jnp.zeros((2 * len(hinges), 3 * count)), jnp.eye(3 * count)])
+
+    def gradients(x: Array, phi: Phi) -> tuple[Float[Array, "n3 S"], Float[Array, "m S"]]:
+        chain = chains(_changed(cut, x), {}, conditions)
+        each = jax.vmap(lambda v, eigenvalue: _of_mode(chain, phi, v, eigenvalue))(shapes, squared)
+        return potential_gradient(chain, phi), each
+
+    def along(way: tuple[Array, Array]) -> Any:
+        return jax.jvp(gradients, (jnp.zeros(3 * count), rest), way)[1]
+
+    together = rest.shape[2] <= MANY and n <= LONG
+    each_amount = jax.vmap(along) if together else lambda ways: jax.lax.map(along, ways)
+    forces, change = each_amount((amounts, turns))
+    yielded = jnp.concatenate([jnp.einsum("mahs,abhs,mbhs->hms", moment, P, moment) for P in projectors])
+    moves = -jax.vmap(lambda force: _solve(at.W, unflatten(force)[:, own]))(forces)
+    change = change.at[: len(yielded)].add(-yielded) + jnp.einsum("mans,eans->ems", by_phi[:, :, own], moves)
+    hertz, ways = change / (8 * jnp.pi**2 * modes.frequency), turns.at[:, :, own].set(moves)
+    readings = conditions.readings
+    reads = jax.vmap(lambda way: jax.jvp(lambda phi: read(still, phi, readings), (rest,), (way,))[1])(ways)
+    choice = mode_choice(conditions, modes, chosen)
+    rows = jax.vmap(lambda f, r: _rows(f, r, choice, conditions))(hertz, reads)
+    parts = np.cumsum([len(hinges), len(hinges), count, count])
+    return Slopes(_rows(modes.frequency, read(still, rest, readings), choice, conditions), *jnp.split(rows, parts))
+
+
+slopes_once = jit(unwrap(slopes), RUNS_ONCE)
+"""The same, for a campaign that is not looked at in many parts."""
+
+
+def _at_rest(
+    arm: Arm, cut: CutArm, conditions: Conditions
+) -> tuple[StaticEquilibrium, Modes, Phi, Float[Array, "m 3 n S"]]:
+    """Return equilibrium and modes of the arm, and both in the coordinates of the one that is cut."""
+    chain = chains(arm, {}, conditions)
+    at = static_equilibrium(chain)
+    modes, own = modes_about(chain, at), np.array(cut.own)
+    rest = jnp.zeros((3, len(cut.arm.joints), *at.phi.shape[2:])).at[:, own].set(at.phi)
+    shapes = jax.vmap(unflatten, 1)(modes.shape)
+    return at, modes, rest, jnp.zeros((len(shapes), *rest.shape)).at[:, :, own].set(shapes)
+
+
+def _of_mode(chain: Chain, phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> Float[Array, "S"]:
+    """Return v' (H - l M) v."""
+    H, M = second_variations(chain, phi, v)
+    return H - eigenvalue * M
+
+
+def _changed(cut: CutArm, amounts: Float[Array, "amounts"]) -> Arm:
+    """Change the masses, the mass centres and the torsion of the joints that the arm had before."""
+    mass, centre, servo = jnp.split(amounts, 3)
+    joints = list(cut.arm.joints)
+    for j, place in enumerate(cut.own):
+        joints[place] = eqx.tree_at(lambda joint: joint.k_tors, joints[place], joints[place].k_tors / (1 + servo[j]))
+        way, factor = centre[j] * cut.link_end(place), 1 + mass[j]
+        for piece in cut.pieces(place):
+            link = tuple(_heavier(body, factor, way) for body in joints[piece].link)
+            joints[piece] = eqx.tree_at(lambda joint: joint.link, joints[piece], link)
+    return eqx.tree_at(lambda arm: arm.joints, cut.arm, tuple(joints))
+
+
+def _heavier(body: Body, factor: Array, way: Float[Array, "3"]) -> Body:
+    numbers = body.mass * factor, body.com + way, body.inertia * factor
+    return eqx.tree_at(lambda body: (body.mass, body.com, body.inertia), body, numbers)
+
+
+def _one_each(turn: Float[Array, "3 H S"], hinges: np.ndarray, n: int) -> Float[Array, "H 3 n S"]:
+    """Return for each hinge the turns of all bushings where only that one turns."""
+    alone = np.equal.outer(hinges, np.arange(n)).astype(float)
+    return jnp.einsum("ahs,hn->hans", turn, alone)
+
+
+def _solve(W: Array, force: Phi) -> Phi:
+    return unflatten(matvec(transpose(W), matvec(W, flat(force))))
+
+
+def _rows(
+    frequency: Float[Array, "m S"], reads: Float[Array, "r"], choice: Choices, conditions: Conditions
+) -> Float[Array, "D"]:
+    named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
+    values = [
+        pick(frequency, choice[0][:, :first], named.states[:first]),
+        jnp.zeros(named.others),
+        pick(frequency, choice[1], unnamed.states),
+        reads,
+    ]
+    return jnp.concatenate(values)[conditions.order]
+
+
+# -------- Assumptions
+# What a fit of an arm takes for granted: rigid base and links, given masses, a servo that holds.
+
+ASSUMED = "assumed"
+DUMAS = f"{ASSUMED}; links are usually taken as much stiffer (Dumas et al., Robot. Comput. Integr. Manuf. 27, 2011)"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of thing that a fit takes for granted.
+
+    Attributes:
+        plausible: an amount that an engineer would not be surprised at, as a share.
+        of: what it is a share of.
+        positive: whether it can't be negative.
+        origin: where that amount comes from.
+    """
+
+    plausible: float
+    of: str
+    positive: bool
+    origin: str
+
+
+KINDS = {
+    "base rocks": Kind(0.2, "joint 1's bending compliance", True, ASSUMED),
+    "base turns": Kind(0.2, "joint 1's torsional compliance", True, ASSUMED),
+    "link bends": Kind(0.1, "its joint's bending compliance", True, DUMAS),
+    "link twists": Kind(0.1, "its joint's bending compliance", True, DUMAS),
+    "mass": Kind(0.1, "the link's mass, inertia with it", False, ASSUMED),
+    "mass centre": Kind(0.02, "the link's length", False, ASSUMED),
+    "servo gives": Kind(0.05, "its joint's torsional compliance", True, ASSUMED),
+}
+"""All that is looked at. No published ratio of a base's stiffness to a first joint's was found: a base is taken to be
+five times as stiff as joint 1 at least, the softest with which rates were studied (tests/benchmarks/README.md)."""
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """One thing that a fit takes for granted.
+
+    Attributes:
+        kind: one of `KINDS`.
+        joint: name of the joint whose link or servo it is; empty for the base.
+        test: what the plausible amount would move, and whether the data ask for it.
+    """
+
+    kind: str
+    joint: str
+    test: ScoreTest
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """All that a fit takes for granted.
+
+    Attributes:
+        items: each with its test.
+        height: [m] below bushing 1 at which a base is thought to give.
+    """
+
+    items: tuple[Assumption, ...]
+    height: float
+
+    @property
+    def asked_for(self) -> tuple[Assumption, ...]:
+        """What the data ask for, most of all first."""
+        return tuple(self.items[place] for place in asked_for([item.test for item in self.items]))
+
+
+def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
+    """Say of all that a fit takes for granted how far it might move the answer, and whether the data ask for it.
+
+    Damping ratios are left out: they say next to nothing of a stiffness. So are shapes, and rows with a servo on, where
+    the arm has servos. An arm that has an undriven joint at its foot or within a link takes nothing for granted there.
+    What a discrepancy factor scales is scaled here as well.
+
+    Args:
+        fit: of the campaign.
+        arm: as its file has it.
+        campaign: what was fitted.
+    """
+    fitted, pieces, found = _found(fit, arm, campaign)
+    names, changes = zip(*_each(fitted, pieces, found), strict=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = np.where(found.predicted != 0, fit.predicted / found.predicted, 1.0)
+    kinds = [KINDS[kind] for kind, _ in names]
+    tests = score_tests(
+        fit,
+        np.array(changes) * factor,
+        np.array([kind.plausible for kind in kinds]),
+        [kind.positive for kind in kinds],
+        np.array([_left_out(arm, m) for m in campaign]),
+    )
+    items = tuple(Assumption(kind, joint, test) for (kind, joint), test in zip(names, tests, strict=True))
+    return Assumptions(items, pieces.height)
+
+
+def _found(fit: Fit, arm: Arm, campaign: Campaign) -> tuple[Arm, CutArm, Slopes]:
+    """Return the arm with the fitted numbers, whole and in pieces, and how the campaign's predictions change."""
+    own, model = set(arm.paths()), fit.problem.model
+    scaled, frames = (model.scaled, model.frames) if isinstance(model, ArmModel) else ((), None)
+    fitted = scaled_inertia(arm, fit.parameters, scaled).replace(
+        {path: value for path, value in fit.parameters.items() if path in own}
+    )
+    pieces, free = cut(fitted), replace(fitted, servos=())
+    # all readings in the base frame, and lagging behind, as they were fitted
+    _, _, conditions = ArmModel(free, bind(free, campaign), frames=frames).at(fit.parameters)
+    return fitted, pieces, _slopes(fit.choice.held, free, pieces, jax.device_get(conditions))
+
+
+def _left_out(arm: Arm, m: Measurement) -> bool:
+    return m.kind in ("damping_ratio", *SHAPES) or (bool(arm.servos) and m.drives == "servo")
+
+
+def _slopes(held: Held | None, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Slopes:
+    """Return how the campaign's predictions change; part by part where it is large."""
+    model = ArmModel(fitted, conditions)
+    parts = model.in_parts()
+    if parts is None:
+        padded, _, places = conditions.padded()
+        each = [jax.device_get(slopes_once(fitted, pieces, padded, _places(fitted, held)))]
+    else:
+        places, split = parts.places, parts.split(held)
+        chosen = [_places(fitted, own) for own in split]
+        calls = zip(parts.models, chosen, strict=True)
+        each = [jax.device_get(slopes(fitted, pieces, part.conditions, own)) for part, own in calls]
+    joined = [np.concatenate(columns, -1)[..., places] for columns in zip(*each, strict=True)]
+    return Slopes(*joined)  # type: ignore[arg-type]  # fetched from jax
+
+
+def _places(arm: Arm, held: Held | None) -> Float[np.ndarray, "m R"] | None:
+    """Return the modes that labels were taken for, without those of motors that servos hold: the last where none is."""
+    return None if held is None else np.asarray(held.place)[: 3 * len(arm.joints)]
+
+
+def _each(arm: Arm, pieces: CutArm, found: Slopes) -> "list[tuple[tuple[str, str], Float[np.ndarray, 'D']]]":
+    """Return what is assumed, by kind and joint, with the change of the predictions by each share."""
+    names = dict(zip(pieces.own, (joint.name for joint in arm.joints), strict=True))
+    each: list[tuple[tuple[str, str], np.ndarray]] = []
+    for hinge, bending, torsion in zip(pieces.hinges, found.bending, found.torsion, strict=True):
+        beside = pieces.arm.joints[hinge.beside]
+        across, about = float(beside.k_bend), float(beside.k_bend if hinge.link else beside.k_tors)
+        kinds = ("link bends", "link twists") if hinge.link else ("base rocks", "base turns")
+        name = names[hinge.beside] if hinge.link else ""
+        each += [((kinds[0], name), bending / across), ((kinds[1], name), torsion / about)]
+    rows = zip(arm.joints, found.mass, found.centre, found.servo, strict=True)
+    for joint, mass, centre, servo in rows:
+        each += [(("mass", joint.name), mass), (("mass centre", joint.name), centre)] if joint.link else []
+        each += [(("servo gives", joint.name), servo)] if joint.driven else []
+    return sorted(each, key=lambda pair: list(KINDS).index(pair[0][0]))
+
+
+def of_kind(items: Sequence[Assumption], kind: str) -> tuple[Assumption, ...]:
+    """Return those of one kind."""
+    return tuple(item for item in items if item.kind == kind)
+
+
+# -------- Exchangeable
+# Which values of a campaign may have been taken for each other, and which row each belongs to once exchanged.
+
+MOST = 300
+"""Values up to which all pairs are looked at; of more, those of the values that are farthest off."""
+
+
+def exchangeable(campaign: Campaign, far_off: Sequence[int] = ()) -> Iterator[Pair]:
+    """Yield the places of values of one kind that may be taken for each other: at one posture, or of one name.
+
+    Frequencies without a label are never so at one posture, as their order alone tells them apart. Shapes are not, as
+    what is predicted of one is scaled to what was measured.
+
+    Args:
+        campaign: what was measured.
+        far_off: where there are more than `MOST` values, pairs must have one of these places.
+    """
+    rows = campaign.measurements
+    if len(rows) <= MOST:
+        pairs: Iterable[Pair] = combinations(range(len(rows)), 2)
+    else:
+        pairs = sorted({(min(i, j), max(i, j)) for i in far_off for j in range(len(rows)) if i != j})
+    for i, j in pairs:
+        a, b = rows[i], rows[j]
+        if a.kind == b.kind and a.kind not in SHAPES and (_state(a) == _state(b)) != (_name(a) == _name(b)):
+            yield i, j
+
+
+def moves_of(campaign: Campaign) -> Callable[[Pair], Moves]:
+    """Return what tells which row gets the value of which other one, where two values are exchanged.
+
+    A frequency without a label may take another place in the order of its new state, and so move others there.
+    """
+    rows, states = campaign.measurements, [_state(m) for m in campaign]
+    ascending: dict[tuple[object, ...], list[int]] = {}
+    for i in sorted(range(len(rows)), key=lambda i: rows[i].value):
+        if rows[i].kind == "frequency" and not rows[i].mode:
+            ascending.setdefault(states[i], []).append(i)
+
+    def moves(pair: Pair) -> Moves:
+        source = {pair[0]: pair[1], pair[1]: pair[0]}
+        for state in {states[i] for i in pair}:
+            own = ascending.get(state, [])
+            if set(pair) & set(own):
+                values = sorted((source.get(i, i) for i in own), key=lambda i: rows[i].value)
+                source |= dict(zip(own, values, strict=True))
+        return source
+
+    return moves
+
+
+def _state(m: Measurement) -> tuple[object, ...]:
+    return m.posture, m.load, m.reference_load, m.drives
+
+
+def _name(m: Measurement) -> tuple[object, ...]:
+    return m.mode, m.point, m.direction, m.joint, m.reference_point, m.reference_direction
+
+
+# -------- Fit
 
 FARTHEST = 20
 """Values farthest off of which it is asked, in a large campaign, whether they were taken for others."""

@@ -2,22 +2,196 @@
 
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
 import numpy as np
+from jaxtyping import Array, Bool, Float
 
 from ident.arm.arm import Arm
 from ident.errors import IdentError
-from ident.identify.build_problem import build_problem
-from ident.identify.conditions import bind
-from ident.identify.data_checks import check_values, plausible_beside
+from ident.identify.conditions import bind, shared_error
 from ident.identify.fleet import Linear, Robot, SourceFile, Stiffnesses, robot_at
-from ident.identify.repeats import shared_error
+from ident.identify.problem import build_problem, check_values, plausible_beside
 from ident.identify.unknowns import Unknowns
-from ident.inference.fit_many import Values, fit_many
-from ident.inference.least_squares import evaluate
+from ident.inference.information import IMPROBABLE, RANK_TOLERANCE, half_width, row_tests
+from ident.inference.optima import SAME
+from ident.inference.problem import Growing, InverseProblem
+from ident.inference.search import OPTIMUM_STEP, SEVERAL, TURNS, UNTIL_ANEW, WHOLE, evaluate, search
 from ident.measure import Campaign
-from ident.measure.kinds import SHAPES
+from ident.measure.load import SHAPES
+from ident.programs import jit
+
+# -------- Fit many
+# Many problems that differ in their values alone: searches in batches, for those that nothing speaks against.
+#
+# One program searches for all problems of a batch from the same starts. Where the data fit an optimum that several
+# starts
+# have reached, and nothing that was met rivals it, that is the fit; what `fit` compares besides, kinds of data against
+# each other and the ends of intervals against the cost, is left out. Any other problem is for `fit` alone.
+
+STARTS, SPREAD = 3, 0.3
+"""Starts of each problem, the parameters' own among them, and the standard deviation in theta of the others about it:
+less than that of a single fit, as robots of one design are alike."""
+STEPS = 40
+"""Steps of a search at most: all searches of a batch take as many as the longest."""
+REACHED = 2
+"""Starts that have ended in the best optimum at least."""
+
+
+class Values(NamedTuple):
+    """What was measured in many problems: measured and sigma, (R, D) each [SI]."""
+
+    measured: Float[np.ndarray, "R D"]
+    sigma: Float[np.ndarray, "R D"]
+
+
+class Many(NamedTuple):
+    """Fits of many problems.
+
+    Attributes:
+        sound: (R,) whether nothing speaks against this one; what else is said of it counts only there.
+        theta: (R, P)
+        sd: (R, P) standard deviations by data and prior.
+        residuals: (R, V) [sigma] of the data; of repeated values that of their mean.
+        slope: (R, V, P) their derivative by theta.
+    """
+
+    sound: Bool[np.ndarray, "R"]
+    theta: Float[np.ndarray, "R P"]
+    sd: Float[np.ndarray, "R P"]
+    residuals: Float[np.ndarray, "R V"]
+    slope: Float[np.ndarray, "R V P"]
+
+
+class _Ends(NamedTuple):
+    """Where searches ended: residuals and their slope with those of the prior, predictions, all of the padded problem.
+
+    `score` is infinite where a search has not ended, or holds what is not the most probable choice.
+    """
+
+    theta: Any
+    score: Any
+    residuals: Any
+    slope: Any
+    predicted: Any
+
+
+def fit_many(problem: InverseProblem, values: Values, size: int, seed: int = 0) -> Many:
+    """Fit problems that differ in their values alone.
+
+    What comes out for one of them is the same to the last bit where all others are the same, too; how a sum is rounded
+    may depend on its place in a vector.
+
+    Args:
+        problem: one of them, of few data (`in_parts`).
+        values: of each, `size` at most.
+        size: problems that the program is for; what is missing is filled up.
+        seed: of the starts.
+    """
+    count = len(values.measured)
+    padded, pooled, places = _padded(problem, values)
+    fill = np.minimum(np.arange(size), count - 1)
+    first = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
+    away = np.random.default_rng(seed).standard_normal((STARTS, len(first))) * SPREAD
+    away[0] = 0
+    filled = Values(*(part[fill] for part in pooled))
+    ends = [_ended(padded, filled, np.tile(first + start, (size, 1))) for start in away]
+    every = _Ends(*(np.stack(part)[:, :count] for part in zip(*ends, strict=True)))
+    best = _Ends(*(part[every.score.argmin(0), np.arange(count)] for part in every))
+    seen = pooled.measured.shape[1]
+    data, slope = best.residuals[:, :seen], best.slope[:, :seen]
+    off = np.where(np.isfinite(values.sigma), (best.predicted[:, places] - values.measured) / values.sigma, 0.0)
+    sound = _agreed(every, best) & _fitting(values, off, slope)
+    for r in np.flatnonzero(sound).tolist():
+        with np.errstate(invalid="ignore"):  # of what is not fitted both sigmas are infinite
+            own = slope[r][places] * np.nan_to_num(pooled.sigma[r][places] / values.sigma[r])[:, None]
+        whole = [np.concatenate(part) for part in ((off[r], best.residuals[r, seen:]), (own, best.slope[r, seen:]))]
+        sound[r] = not row_tests(_with(problem, values, r), *whole).outliers.any()
+    sd = np.full(best.theta.shape, np.nan)
+    sd[sound] = np.sqrt(np.linalg.inv(np.swapaxes(best.slope[sound], 1, 2) @ best.slope[sound]).diagonal(0, 1, 2))
+    return Many(sound, best.theta, sd, data, slope)
+
+
+def _padded(problem: InverseProblem, values: Values) -> tuple[InverseProblem, Values, np.ndarray]:
+    """Return a problem of one of few sizes, the values of all that it stands for, and where each is."""
+    if not isinstance(problem.model, Growing):
+        return problem, values, np.arange(len(problem.kinds))
+    model, source, places = problem.model.padded()
+    own = (_with(problem, values, r) for r in range(len(values.measured)))
+    mean, spread, _ = zip(*(each.pooled(source, places) for each in own), strict=True)
+    pooled = Values(np.array(mean), np.array(spread))
+    kinds = tuple(problem.kinds[i] for i in source)
+    return InverseProblem(model, mean[0], spread[0], problem.parameters, kinds), pooled, places
+
+
+def _with(problem: InverseProblem, values: Values, r: int) -> InverseProblem:
+    """Return the problem with the values of one of many."""
+    measured, sigma = values.measured[r], values.sigma[r]
+    return InverseProblem(problem.model, measured, sigma, problem.parameters, problem.kinds, None, problem.vectors)
+
+
+def _ended(problem: InverseProblem, values: Values, start: np.ndarray) -> _Ends:
+    """Search for each problem from its start, anew where another choice has become more probable."""
+    held = jax.tree.map(lambda x: np.broadcast_to(np.asarray(x), (len(start), *np.shape(x))), problem.unheld())
+    for _ in range(TURNS):
+        ends, again, ended = jax.device_get(_search_all(problem, values, start, held))
+        if ended.all():
+            break
+        start, held = ends.theta, again
+    fine = ended & np.isfinite(ends.score) & np.isfinite(ends.slope).all((1, 2))
+    return ends._replace(score=np.where(fine, ends.score, np.inf))
+
+
+@jit
+def _search_all(problem: InverseProblem, values: Values, starts: Any, held: Any) -> tuple[_Ends, Any, Array]:
+    """Return ends, what is held for the next turn, and which need none, as they have ended or have no answer."""
+
+    def one(values: Values, start: Array, held: Any) -> tuple[_Ends, Any, Array]:
+        own = eqx.tree_at(lambda p: (p.measured, p.sigma), problem, tuple(values))
+        end, finished = search(own, start, held, UNTIL_ANEW, WHOLE, steps=STEPS)
+        residuals, slope = own.weigh(end.predicted, end.jacobian, end.theta)
+        score, choice = end.cost + end.choice.cost.sum(), end.choice
+        again = None if choice.held is None else choice.held.anew()
+        over = ~finished | ~jax.numpy.isfinite(end.cost)
+        score = jax.numpy.where(over, jax.numpy.inf, score)
+        ended = choice.settled | over
+        return _Ends(end.theta, score, residuals, slope, end.predicted), again, ended
+
+    return eqx.filter_vmap(one)(values, starts, held)
+
+
+def _agreed(every: _Ends, best: _Ends) -> np.ndarray:
+    """Tell where the best end is an optimum that several starts have reached, and that no other one rivals.
+
+    A direction that data and prior leave open over several e-folds is not looked along (`convergence`): such a problem
+    is for `fit` alone.
+    """
+    known = np.isfinite(best.score)
+    slope = np.where(known[:, None, None], best.slope, 0.0)
+    U, s, _ = np.linalg.svd(slope, full_matrices=False)
+    step = np.linalg.norm(np.einsum("rdp,rd->rp", U, np.where(known[:, None], best.residuals, 0.0)), axis=1)
+    optimum = known & (s[:, -1] > 1 / SEVERAL) & (step < OPTIMUM_STEP)
+    above = np.where(known, every.score - np.where(known, best.score, 0.0), np.inf)
+    apart = np.linalg.norm(np.einsum("rdp,srp->srd", slope, every.theta - best.theta), axis=2)
+    near = np.isfinite(above) & (apart < SAME * (1 + np.where(known, best.score, 0.0)) ** 0.5)
+    rival = ~near & (above < half_width(0.95) ** 2)
+    return optimum & (near.sum(0) >= REACHED) & ~rival.any(0)
+
+
+def _fitting(values: Values, off: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Tell whose chi-squared is not improbable."""
+    from scipy.special import chdtrc
+
+    s = np.linalg.svd(np.nan_to_num(slope), compute_uv=False)
+    rank = (s > RANK_TOLERANCE * s[:, :1]).sum(1)
+    freedom = np.isfinite(values.sigma).sum(1) - rank
+    p = np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), (off**2).sum(1)), 1.0)
+    return p >= IMPROBABLE
+
+
+# -------- Fleet batch
 
 
 class Given(NamedTuple):

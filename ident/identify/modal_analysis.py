@@ -14,15 +14,12 @@ from jaxtyping import Array, Bool, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Chain, Loads, at_posture
-from ident.arm.equilibrium import deflection, static_equilibrium
-from ident.arm.labels import Label, is_ambiguous, mode_labels
-from ident.arm.mechanics import Phi, forward_kinematics, point_positions
-from ident.arm.modes import Modes, damped_eigenvalues, linearize, modes_about
-from ident.arm.motors import motion_of
+from ident.arm.mechanics import Phi, deflection, forward_kinematics, motion_of, point_positions, static_equilibrium
+from ident.arm.modes import Label, Modes, damped_eigenvalues, is_ambiguous, linearize, mode_labels, modes_about
 from ident.errors import InputError, ModelError, Problem
-from ident.identify.loads import bind_loads, in_base_axes
-from ident.jit import jit
+from ident.identify.binding import bind_loads, in_base_axes
 from ident.measure import DRIVE_STATES, OWN_WEIGHT, Load
+from ident.programs import jit
 
 MODES = 4
 """Modes that are returned, unless another number is asked for."""

@@ -7,9 +7,8 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from ident.identify.conditions import Conditions, Unnamed
-from ident.identify.mode_assignment import Named
-from ident.identify.repeats import repeats
+from ident.identify.conditions import Conditions, Unnamed, repeats
+from ident.identify.mode_matching import Named
 
 LARGE = 512
 """States up to which a campaign stays whole."""

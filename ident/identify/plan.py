@@ -10,43 +10,43 @@ from jaxtyping import Bool, Float, Int
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
-from ident.identify.build_problem import build_problem
-from ident.identify.candidate_predictions import CandidatePredictions, distinct_predictions
-from ident.identify.experiments import (
+from ident.identify.candidates import (
+    STEP,
+    CandidatePredictions,
     Experiment,
     Instruments,
     any_campaign,
     candidate_experiments,
     common_share,
+    distinct_predictions,
     expected_rows,
     modes_of,
+    posture_grid,
     relative_sigma,
     whole_information,
 )
 from ident.identify.fit import CampaignFit
-from ident.identify.posture_grid import STEP, posture_grid
-from ident.identify.setups import is_of_readings
+from ident.identify.predict import is_of_readings
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
-from ident.inference.optimal_design import (
+from ident.inference.design import (
     D_OPTIMAL,
+    DRAWS,
     Experiments,
+    PriorInformation,
     Step,
     criterion,
     gains,
     greedy,
     information_gain,
-    without_common,
-)
-from ident.inference.parameters import Parameter, Parameters
-from ident.inference.prior_information import (
-    DRAWS,
-    PriorInformation,
     prior_and_data_information,
     prior_information,
     sds,
+    without_common,
 )
+from ident.inference.parameters import Parameter, Parameters
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
-from ident.measure.covariance import Covariance, Group
+from ident.measure.covariance_and_frames import Covariance, Group
 
 
 @dataclass(frozen=True)

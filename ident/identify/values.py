@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from ident.arm.arm import Arm
-from ident.arm.base import BASE
+from ident.arm.arm import BASE, Arm
 from ident.arm.fields import COMPONENTS, EXPECTED, STIFFNESS, field_of, fields_in
 from ident.arm.parts import Joint
 from ident.errors import InputError, Problem
@@ -354,7 +353,7 @@ class Draws:
     @classmethod
     def of_sample(cls, sample: "Sample", arm: Arm | None = None, sha256: str = "") -> "Draws":
         """Return the draws of a posterior that was sampled in this process, of an arm if that is to be compared."""
-        from ident.inference.posterior_summary import chains
+        from ident.inference.draws import chains
 
         by_chain, items = chains(sample), sample.posterior.parameters.items
         best = by_chain.optimum == by_chain.optimum.min()
@@ -413,3 +412,26 @@ def _choice(total: int, count: int, seed: int | None) -> np.ndarray:
     if seed is not None:
         return np.sort(np.random.default_rng(seed).choice(total, count, replace=False))
     return np.floor((np.arange(count) + 0.5) * total / max(count, 1)).astype(int)
+
+
+# -------- Identified
+# What a fit or a posterior says of the numbers of an arm, to be written elsewhere.
+
+
+@dataclass(frozen=True)
+class Identified:
+    """Numbers of an arm by path, with where they come from.
+
+    Attributes:
+        values: fitted value, or median of the draws [SI]; tied numbers each by its own path.
+        intervals: 95 % interval of each [SI].
+        supported: those of which the data support an interval.
+        doubts: what speaks against the fit.
+        sources: what they were made from: a word, path and SHA-256 of each file.
+    """
+
+    values: Mapping[str, float]
+    intervals: Mapping[str, tuple[float, float]]
+    supported: frozenset[str]
+    doubts: tuple[str, ...]
+    sources: tuple[tuple[str, str, str], ...]

@@ -1,18 +1,168 @@
 """What data can tell, before any solving: a verdict for each parameter of any model."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
+import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+from scipy.special import chdtrc
 
-from ident.inference.information import OPEN_ABOVE, Information, clear_of, information
-from ident.inference.least_squares import End, evaluate
-from ident.inference.leverage import Leverage, leverage_of
-from ident.inference.other_solutions import OtherSolutions, other_solutions
+from ident.inference.fit import UNMET, moment_sd
+from ident.inference.information import OPEN_ABOVE, RANK_TOLERANCE, Information, clear_of, half_width, information
+from ident.inference.optima import SAME, Ended, Optimum, distinct, is_tie, unmet
 from ident.inference.parameters import Parameter
 from ident.inference.problem import InverseProblem
+from ident.inference.search import End, Searcher, convergence, evaluate, without_priors
+
+# -------- Leverage
+# Which measurements matter: what each one tells, and what would be lost without it.
+
+EMPTY = 0.02
+"""Share of an average measurement's information below which one counts as carrying none."""
+ALONE = 0.9
+"""Leverage above which one measurement dominates: nine tenths of what is known of some direction come from it."""
+REPLACEABLE = 0.5
+"""Leverage below which nothing much is lost: no standard deviation grows by more than 1.4 without it."""
+
+
+@dataclass(frozen=True)
+class Leverage:
+    """The part that each measurement has in what the data tell.
+
+    Attributes:
+        leverage: (D,) share of the measurement in what is known of the direction that it tells most of; the diagonal
+            of J (J'J)^-1 J', J = d(predicted / sigma)/d(theta). They sum to the rank.
+        sees: (D,) place of the parameter that moves it most, in sigmas; -1 if none does.
+        opened: (D,) number of directions that nothing would be known of without it.
+        lost: (D,) parameters that would no longer be identifiable without it.
+    """
+
+    leverage: Float[np.ndarray, "D"]
+    sees: tuple[int, ...]
+    opened: tuple[int, ...]
+    lost: tuple[tuple[str, ...], ...]
+
+    @property
+    def share(self) -> Float[np.ndarray, "D"]:
+        """Share of each measurement in all information."""
+        return self.leverage / max(self.leverage.sum(), 1e-300)
+
+    @property
+    def empty(self) -> Bool[np.ndarray, "D"]:
+        """Which carry no information."""
+        return self.share < EMPTY / len(self.leverage)
+
+    @property
+    def dominant(self) -> Bool[np.ndarray, "D"]:
+        """Which dominate: something is known by them alone, or hardly by anything else."""
+        needed = [bool(opened or lost) for opened, lost in zip(self.opened, self.lost, strict=True)]
+        return np.array(needed, bool) | (self.leverage > ALONE)
+
+
+def leverage_of(
+    jacobian: Float[np.ndarray, "D P"], names: tuple[str, ...], groups: Int[np.ndarray, "D"] | None = None
+) -> Leverage:
+    """Drop each measurement in turn and see what is lost, by the Jacobian alone; a group of them is dropped whole.
+
+    Args:
+        jacobian: d(predicted / sigma)/d(theta), made independent, zero for values that are not fitted.
+        names: of the parameters.
+        groups: number of the group of values whose errors are correlated, -1 for none; its leverage is shared evenly.
+
+    References:
+        Belsley, Kuh, Welsch, "Regression Diagnostics", 1980, section 2.1.
+    """
+    U, s, _ = np.linalg.svd(jacobian, full_matrices=False)
+    leverage = (U[:, s > RANK_TOLERANCE * max(s[0], 1e-300)] ** 2).sum(1)
+    alone = np.arange(len(jacobian)) + len(jacobian)
+    units = alone if groups is None else np.where(groups < 0, alone, groups)
+    sees = tuple(int(np.argmax(np.abs(row))) if row.any() else -1 for row in jacobian)
+    none = np.full(len(names), np.inf)
+    whole = information(jacobian, none, names)
+    opened, lost = [0] * len(jacobian), [()] * len(jacobian)
+    for unit in np.unique(units[leverage > REPLACEABLE]):
+        rest = information(jacobian[units != unit], none, names)
+        gone = tuple(np.array(names)[whole.supported & ~rest.supported].tolist())
+        for i in np.flatnonzero(units == unit):
+            opened[i], lost[i] = max(whole.rank - rest.rank, 0), gone
+    _, place, count = np.unique(units, return_inverse=True, return_counts=True)
+    leverage = (np.bincount(place, leverage) / count)[place]
+    return Leverage(leverage, sees, tuple(opened), tuple(lost))
+
+
+# -------- Other solutions
+# Whether other values give the very same data: a search, before any measured value counts.
+
+STARTS = 16
+"""Starts at least."""
+MOST = 96
+"""Starts at most, where other solutions are met, and more of them are expected."""
+SPREAD = 1.0
+"""Their standard deviation in theta, where the prior is not narrower: a factor of e for a stiffness."""
+
+
+@dataclass(frozen=True)
+class OtherSolutions:
+    """What fits data as predicted at the starting values, beside these.
+
+    Attributes:
+        starts: number of starts that were tried.
+        ended: number of them that ended in an optimum of any cost.
+        exact: optima that give the same data, but for rounding.
+        near: others that data of the given sigmas would hardly rule out: chi-squared within the 95 % limit.
+    """
+
+    starts: int
+    ended: int
+    exact: tuple[Optimum, ...]
+    near: tuple[Optimum, ...]
+
+
+def other_solutions(problem: InverseProblem, here: End, *, starts: int = STARTS, seed: int = 0) -> OtherSolutions:
+    """Look for other values that give the same data as the starting values.
+
+    A full rank of the Jacobian says that no others are near. Far away there may be some, by symmetry or else
+    (local and global identifiability: Walter, Pronzato, "Identification of Parametric Models from Experimental Data",
+    1997, ch. 2). Priors count nothing. What is found is a proof; that nothing is found is none.
+
+    Args:
+        problem: model, sigmas and unknowns.
+        here: predictions at the starting values.
+        starts: number of starts at least.
+        seed: of the starts.
+    """
+    exact = eqx.tree_at(
+        lambda p: p.measured, without_priors(problem, but_nuisances=True), jax.device_put(np.asarray(here.predicted))
+    )
+    start, width = np.asarray(here.theta), np.minimum(problem.parameters.normal_sd, SPREAD)
+    noise = np.random.default_rng(seed).standard_normal((MOST, len(start))) * width
+    reached: list[Ended] = []
+    optima: tuple[Optimum, ...] = ()
+    search, tried = Searcher(exact), 0
+    for tried, step in enumerate(noise, 1):
+        end = jax.device_get(search(start + step))
+        how = convergence(exact, end) if np.isfinite(end.cost) else None
+        if how and how.converged:
+            reached.append((end, how))
+            optima = distinct(exact, reached)
+        if tried >= starts and (not optima or unmet(optima) < UNMET):
+            break
+    others = [optimum for optimum in optima if not _same(exact, optimum, here)]
+    exactly = tuple(optimum for optimum in others if is_tie(0.0, optimum.cost))
+    near = tuple(o for o in others if not is_tie(0.0, o.cost) and o.cost < half_width(0.95) ** 2)
+    return OtherSolutions(tried, len(reached), exactly, near)
+
+
+def _same(problem: InverseProblem, optimum: Optimum, here: End) -> bool:
+    """Tell whether an optimum is the one at the starting values, by the distance in theta and in what is predicted."""
+    step = optimum.theta - np.asarray(here.theta)
+    moved = problem.scaled(np.asarray(here.jacobian) @ step)
+    return bool(is_tie(0.0, optimum.cost) and min(np.linalg.norm(moved), np.abs(step).max()) < SAME)
+
+
+# -------- Identifiability
 
 Verdict = Literal["identifiable", "weak", "open", "not seen", "unknown"]
 POINTS = 8
@@ -138,3 +288,117 @@ def _verdicts(
     seen = (size > INVISIBLE * size.max(1, keepdims=True)).any(0)
     words = np.where(seen, np.where((sd < OPEN_ABOVE).any(0), "weak", "open"), "not seen")
     return tuple(np.where(np.all(supported, axis=0), "identifiable", words).tolist())
+
+
+# -------- Consistency
+# Do the data agree among themselves? A linear answer, before any solving.
+
+COARSE = 0.3
+"""Relative sigma above which a value may well change its sign, so that its logarithm means nothing."""
+STRAIGHT = 1.0
+"""Largest error of the straight line, in sigma, at which a chi-squared over all values is worth its name."""
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """What the linearised model says of the data among themselves.
+
+    Attributes:
+        chi_squared: least sum of squares that any parameters reach, data and prior.
+        degrees_of_freedom: number of values and priors less the number of directions they see together.
+        bend: largest error of the straight line in sigma, where all data together lead; NaN where the model ends.
+    """
+
+    chi_squared: float
+    degrees_of_freedom: int
+    bend: float
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a larger chi-squared if all is right; NaN without degrees of freedom or a straight line."""
+        meaningful = self.degrees_of_freedom > 0 and self.bend < STRAIGHT
+        return float(chdtrc(self.degrees_of_freedom, self.chi_squared)) if meaningful else np.nan
+
+
+def consistency(problem: InverseProblem) -> Consistency | None:
+    """Test the data among themselves with the model linearised at the parameters' starting values.
+
+    Values that depend on positive parameters only are linearised as powers of them, ln(value) in ln(parameter), as
+    frequencies and deflections nearly are; other values, and those whose sign is not sure, as they stand. One step
+    leads to the parameters that the data ask for. There the model is evaluated once, and every sigma is widened by
+    what the straight line was off, so that a bad start makes the test weaker, not wrong. There is no second step.
+
+    Returns:
+        None where the model has no answer at the start.
+    """
+    line = _line(problem)
+    if not all(np.isfinite(part).all() for part in (line.value, line.slope)):
+        return None
+    answer, bend = _widened(problem, line)
+    return Consistency(answer.chi_squared, answer.degrees_of_freedom, bend)
+
+
+class _Line(NamedTuple):
+    """The model as a straight line about the start, each value in a scale of its own: moved = slope @ step."""
+
+    start: Float[np.ndarray, "P"]
+    value: Float[np.ndarray, "D"]
+    measured: Float[np.ndarray, "D"]
+    sigma: Float[np.ndarray, "D"]
+    power: Bool[np.ndarray, "D"]
+    slope: Float[np.ndarray, "D P"]
+    centre: Float[np.ndarray, "P"]
+    widths: Float[np.ndarray, "P"]
+
+    def moved(self, values: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
+        """Return how far values lie from the start."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(self.power, np.log(values / self.value), values - self.value)
+
+    def scale(self, values: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
+        """Return the value of one unit of move there."""
+        return np.where(self.power, np.abs(values), 1.0)
+
+
+class _Answer(NamedTuple):
+    """The step that the data ask for, and what it leaves unexplained."""
+
+    step: Float[np.ndarray, "P"]
+    chi_squared: float
+    degrees_of_freedom: int
+
+
+def _line(problem: InverseProblem) -> _Line:
+    end, known = evaluate(problem), problem.parameters
+    value, J = np.asarray(end.predicted), np.asarray(end.jacobian)
+    measured, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
+    of_positive = ~((J != 0) & ~known.positive).any(1)
+    coarse = np.isfinite(sigma) & (sigma > COARSE * np.abs(measured))
+    power = of_positive & (value * measured > 0) & ~coarse
+    slope = J / np.where(power, value, 1.0)[:, None]
+    start, centre = (np.asarray(known.theta(known.column(name))) for name in ("start", "centre"))
+    return _Line(start, value, measured, sigma, power, slope, centre, moment_sd(known))
+
+
+def _widened(problem: InverseProblem, line: _Line) -> tuple[_Answer, float]:
+    """Return the answer of all values, sigmas widened by the error of the line, and that error in sigma."""
+    spread = line.sigma / line.scale(line.measured)
+    first = _answer(line, spread, problem)
+    there = np.asarray(evaluate(problem, line.start + first.step).predicted)
+    error = np.abs(line.moved(there) - line.slope @ first.step)
+    wider = np.hypot(spread, np.nan_to_num(error, nan=np.inf))
+    return _answer(line, wider, problem), float((error / spread).max())
+
+
+def _answer(line: _Line, spread: Float[np.ndarray, "D"], problem: InverseProblem) -> _Answer:
+    """Solve; errors are correlated as the problem's are, whatever they have been widened by."""
+    weight, prior_slope = 1 / spread, 1 / line.widths
+    residual = (line.start - line.centre) * prior_slope
+    problem = problem.with_sigma(spread)
+    A = np.vstack([problem.scaled(line.slope), np.diag(prior_slope)])
+    b = np.concatenate([problem.scaled(line.moved(line.measured)), -residual])
+    U, s, Vt = np.linalg.svd(np.vstack([A, np.zeros((A.shape[1], A.shape[1]))]), full_matrices=False)
+    seen = s > RANK_TOLERANCE * max(s[0], 1e-300)
+    step = (Vt[seen] / s[seen, None]).T @ (U[: len(A), seen].T @ b)
+    freedom = int((weight > 0).sum() + (prior_slope > 0).sum() - seen.sum())
+    return _Answer(step, float(((b - A @ step) ** 2).sum()), freedom)

@@ -1,11 +1,18 @@
 """What data can tell about parameters, from the Jacobian at one point: directions, ranks, standard deviations."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+
+from ident.inference.problem import InverseProblem
+
+if TYPE_CHECKING:
+    from ident.inference.fit import Fit
 
 WEAK_ABOVE = 0.5
 """Standard deviation in theta above which a direction counts as weakly known: for a stiffness, a factor of 1.6."""
@@ -234,3 +241,301 @@ def _echelon(rows: np.ndarray) -> list[tuple[int, np.ndarray]]:
         rows[others] -= np.outer(rows[others, lead], rows[i])
         leads.append(int(lead))
     return sorted(zip(leads, rows, strict=True), key=lambda pair: pair[0])
+
+
+# -------- Verdicts
+# From a chance to a verdict: the levels, and the correction for how many values are tested together.
+
+SUSPICIOUS = 3.0
+"""Standard deviations beyond which a single normal value is suspicious; more where many are tested together."""
+RARE = 2 * NormalDist().cdf(-SUSPICIOUS)
+"""The chance of that: of a false alarm among all values, or all kinds of data, that are tested together."""
+IMPROBABLE = 1e-3
+"""Chance of so large a chi-squared below which model or sigmas are called wrong; of so small a one, sigmas or rows."""
+
+
+def rare(chances: Sequence[float] | Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
+    """Tell which of several chances are too small, with one false alarm in 1 / RARE sets of them at most (`holm`)."""
+    return holm(chances) < RARE
+
+
+def holm(chances: Sequence[float] | Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    """Return chances that hold for all of several tests together.
+
+    Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Statist. 6, 1979: the smallest of n times
+    n, the next one times n - 1, none less than those before it.
+    """
+    single = np.asarray(chances, float)
+    order = np.argsort(single)
+    stepwise = np.maximum.accumulate(single[order] * np.arange(len(single), 0, -1))
+    return np.minimum(stepwise, 1.0)[np.argsort(order)]
+
+
+def farthest(count: int) -> float:
+    """Return the limit [sd] for the farthest of so many normal values."""
+    return standard_deviations(RARE / max(count, 1))
+
+
+def standard_deviations(chance: float) -> float:
+    """Return how many standard deviations a normal value exceeds, up or down, with this chance."""
+    return -NormalDist().inv_cdf(chance / 2) if chance > 0 else np.inf
+
+
+# -------- Score
+# Does a fit miss something that its model takes for granted? What that would move, and whether the data ask for it.
+#
+# A model takes for granted that a base is rigid, and that no single value is wrong: both are amounts taken to be zero.
+
+APART = 1e-6
+"""Share of what an amount changes in the data, squared, below which the parameters can make up for all of it."""
+
+NOTHING = 1e-6
+"""Change of all data together [sd] by the plausible amount below which they do not depend on it: rounding."""
+
+CHECKED = 0.01
+"""Share of an error of a value, squared, that a fit does not absorb, below which the value cannot be checked: an error
+of 10 times the limit, 38 sigma of 20 values, would pass in half of the cases."""
+
+
+BLAMED = 20
+"""Values and vectors too far off, of more of which no single one is sought that would explain the others."""
+
+
+@dataclass(frozen=True)
+class ScoreTest:
+    """What one amount that a model takes to be zero would do to a fit, and whether the data ask for it.
+
+    Attributes:
+        amount: the plausible one.
+        positive: whether it can't be below zero, so that only an amount above is asked for.
+        shift: (P,) by how much that amount, were it modelled, would move each theta.
+        seen: whether the data depend on it at all.
+        apart: share of what it changes in the data, squared, for which no change of the parameters makes up.
+        z: the score in standard deviations: normal if the amount is zero and model, sigmas and priors are right.
+        sd: standard deviation of the amount by the data, as far as the model is linear.
+    """
+
+    amount: float
+    positive: bool
+    shift: Float[np.ndarray, "P"]
+    seen: bool
+    apart: float
+    z: float
+    sd: float
+
+    @property
+    def separable(self) -> bool:
+        """Whether the data can tell it from the parameters."""
+        return self.seen and self.apart > APART
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a score as far in the direction asked for; NaN where the data can't tell."""
+        if not self.separable:
+            return math.nan
+        tail = NormalDist().cdf(-self.z if self.positive else -abs(self.z))
+        return tail if self.positive else 2 * tail
+
+
+def asked_for(tests: Sequence[ScoreTest]) -> tuple[int, ...]:
+    """Return the places of those tests that ring, of the largest score first; Holm over all that can be told."""
+    told = [place for place, test in enumerate(tests) if test.separable]
+    rings = rare([tests[place].p_value for place in told])
+    asked = [place for place, ring in zip(told, rings, strict=True) if ring]
+    return tuple(sorted(asked, key=lambda place: -abs(tests[place].z)))
+
+
+def score_tests(
+    fit: "Fit",
+    changes: Float[np.ndarray, "A D"],
+    amounts: Float[np.ndarray, "A"],
+    positive: Sequence[bool],
+    without: Bool[np.ndarray, "D"] | None = None,
+) -> tuple[ScoreTest, ...]:
+    """Test several amounts that a model takes to be zero, each by itself, with the parameters profiled out.
+
+    With r = (predicted - measured) / sigma and the residuals of the priors below it, S their Jacobian by theta and d
+    that by an amount (zero for the priors), of which d_p = d - S (S'S)^-1 S'd is left when theta makes up for what it
+    can,
+
+        z = -d_p' r / |d_p|,        shift by an amount a = -(S'S)^-1 S'd a,
+
+    |d_p|^2 = d'd - d'S (S'S)^-1 S'd being the information on the amount (Rao 1948). An amount that can't be negative is
+    tested on one side, zero being a boundary: there the score keeps its normal law, unlike the likelihood ratio.
+
+    Args:
+        fit: the best optimum of it is looked at.
+        changes: derivatives of the predictions [SI] by each amount, at zero.
+        amounts: plausible ones, in the same unit.
+        positive: whether each can't be below zero.
+        without: data whose derivatives are not known: they are left out; none when None.
+
+    References:
+        Rao, "Large sample tests of statistical hypotheses concerning several parameters", Proc. Cambridge Philos. Soc.
+        44, 1948. Verbeke, Molenberghs, "The use of score tests for inference on variance components", Biometrics 59,
+        2003, section 3 (one-sided at a boundary).
+    """
+    count = len(fit.problem.kinds)
+    kept = np.ones(count, bool) if without is None else ~without
+    problem = fit.problem.with_sigma(np.where(kept, np.asarray(fit.problem.sigma), np.inf))
+    residuals, slope = (np.asarray(x) for x in problem.weigh(fit.predicted, np.asarray(fit.jacobian), fit.best.theta))
+    scaled = problem.scaled(np.where(kept, changes, 0.0).T)
+    d = np.concatenate([scaled, np.zeros((len(residuals) - count, scaled.shape[1]))])
+    basis, inverse = _factors(slope)
+    alone, _ = _factors(slope[:count])
+    left, of_data = d - basis @ (basis.T @ d), d[:count] - alone @ (alone.T @ d[:count])
+    size = np.linalg.norm(left, axis=0)
+    whole = np.linalg.norm(d, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z, sd = -(left.T @ residuals) / size, 1 / size
+        apart = (np.linalg.norm(of_data, axis=0) / whole) ** 2
+    shift = -(inverse @ d) * amounts
+    apart, seen = np.nan_to_num(apart), whole * amounts > NOTHING
+    tests = zip(amounts, positive, shift.T, seen, apart, z, sd, strict=True)
+    return tuple(ScoreTest(float(row[0]), row[1], row[2], bool(row[3]), *map(float, row[4:])) for row in tests)
+
+
+@dataclass(frozen=True)
+class RowTests:
+    """Whether single values are wrong: the score test of a shift of each, or of each vector of values.
+
+    Attributes:
+        z: (D,) the shift in standard deviations, of the sign of predicted - measured: normal if all is right; NaN of a
+            value that is not fitted, or for any error of which the parameters make up.
+        left: (D,) share of an error of the value, squared, that is left when the parameters have made up for what they
+            can, all other errors given; of a component of a vector that of the vector's best direction.
+        chance: (D,) of so large a shift, of a component of a vector that of the whole vector; NaN where `z` is.
+        units: (D,) number of the vector of each value, one of its own for any other value.
+    """
+
+    z: Float[np.ndarray, "D"]
+    left: Float[np.ndarray, "D"]
+    chance: Float[np.ndarray, "D"]
+    units: Int[np.ndarray, "D"]
+
+    @property
+    def tested(self) -> int:
+        """How many values and vectors are tested."""
+        return len(np.unique(self.units[np.isfinite(self.chance)]))
+
+    @property
+    def limit(self) -> float:
+        """Limit [sd] for the farthest of so many."""
+        return farthest(self.tested)
+
+    @property
+    def outliers(self) -> Bool[np.ndarray, "D"]:
+        """Which values, each with all components of its vector, are too far off for so many; Holm over all."""
+        known = np.flatnonzero(np.isfinite(self.chance))
+        units, first, place = np.unique(self.units[known], return_index=True, return_inverse=True)
+        found = np.zeros(len(self.z), bool)
+        found[known] = rare(self.chance[known][first])[place] if len(units) else False
+        return found
+
+    @property
+    def unchecked(self) -> Bool[np.ndarray, "D"]:
+        """Which fitted values cannot be checked: nothing else that is known tells what they should read."""
+        return self.left < CHECKED
+
+
+def row_tests(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> RowTests:
+    """Test a shift of each value by itself, the parameters profiled out: is that value wrong?
+
+    With C the covariance of the errors, r = predicted - measured, J the Jacobian, P what the priors know, and e the
+    value's unit vector,
+
+        z = e' C^-1 r / (e' C^-1 V C^-1 e)^1/2,        V = C - J (J' C^-1 J + P)^-1 J',
+
+    which is the score test (`score_tests`) of one more parameter that moves this value only, and of a linear model also
+    the root of what such a parameter would take off the cost. Where errors are independent z is the residual over
+    sigma (1 - h)^1/2, h being the value's leverage. Of a vector all components may be shifted at once: chi-squared.
+
+    Args:
+        problem: its `correlation`, `vectors` and finite `sigma` count.
+        residuals: of the data, made independent, then of the priors, as of `InverseProblem.weigh`.
+        slope: their Jacobian by all that is fitted.
+
+    References:
+        Baarda, "A testing procedure for use in geodetic networks", Netherlands Geodetic Commission 2(5), 1968. Cook,
+        Weisberg, "Residuals and Influence in Regression", 1982, section 2.2.
+    """
+    count = len(problem.kinds)
+    fitted = np.isfinite(np.asarray(problem.sigma))
+    known = problem.correlation
+    basis, _ = _factors(slope)
+    there = (residuals - basis @ (basis.T @ residuals))[:count]
+    score, absorbed = (part if known is None else known.pull_back(part) for part in (there, basis[:count]))
+    size = np.where(fitted, 1.0 if known is None else known.precision, 0.0)
+    variance = size - (absorbed**2).sum(1)
+    told = fitted & (variance > APART * size)
+    z, left, chance = np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)
+    z[told] = score[told] / np.sqrt(variance[told])
+    left[fitted] = np.maximum(variance, 0.0)[fitted] / size[fitted]
+    chance[told] = [2 * NormalDist().cdf(-abs(each)) for each in z[told].tolist()]
+    units = np.arange(count) if problem.vectors is None else np.asarray(problem.vectors)
+    for unit in np.flatnonzero(np.bincount(units[fitted]) > 1):
+        own = np.flatnonzero(fitted & (units == unit))
+        chance[own], left[own] = _of_vector(problem, own, score[own], absorbed[own])
+    return RowTests(z, left, chance, units)
+
+
+def blamed(
+    problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]
+) -> tuple[tuple[int, ...], ...]:
+    """Return each value, or vector, without which no other one is too far off; none of many that are.
+
+    A wrong value pulls the fit, so that right ones may look wrong as well. Where several are returned, the data can't
+    tell which of them is wrong.
+
+    Args:
+        problem: as of `row_tests`.
+        residuals: as there.
+        slope: as there.
+
+    Returns:
+        Places of the value, or of the vector's components.
+    """
+    tests = row_tests(problem, residuals, slope)
+    found, sigma = [], np.asarray(problem.sigma)
+    units = np.unique(tests.units[tests.outliers])
+    for unit in units if len(units) <= BLAMED else ():
+        own = np.flatnonzero((tests.units == unit) & np.isfinite(sigma))
+        shifts = np.zeros((len(residuals), len(own)))
+        shifts[own, np.arange(len(own))] = 1.0
+        if problem.correlation is not None:
+            shifts[: len(sigma)] = problem.correlation.whiten(shifts[: len(sigma)])
+        if not row_tests(problem, residuals, np.hstack([slope, shifts])).outliers.any():
+            found.append(tuple(own.tolist()))
+    return tuple(found)
+
+
+def _of_vector(
+    problem: InverseProblem,
+    own: Int[np.ndarray, "n"],
+    score: Float[np.ndarray, "n"],
+    absorbed: Float[np.ndarray, "n K"],
+) -> tuple[float, float]:
+    """Return the chance of the scores of a vector's components, NaN where they can't be tested, and what is left."""
+    from scipy.special import chdtrc
+
+    size = np.eye(len(own))
+    if problem.correlation is not None:
+        shifts = np.zeros((len(problem.kinds), len(own)))
+        shifts[own, np.arange(len(own))] = 1.0
+        whitened = problem.correlation.whiten(shifts)
+        size = whitened.T @ whitened
+    # in directions in which errors are independent of one size, so that what is left of them is a share
+    L = np.linalg.inv(np.linalg.cholesky(size))
+    share, ways = np.linalg.eigh(np.eye(len(own)) - (L @ absorbed) @ (L @ absorbed).T)
+    told = share > APART
+    if not told.any():
+        return math.nan, 0.0
+    squares = (ways.T @ (L @ score))[told] ** 2 / share[told]
+    return float(chdtrc(told.sum(), squares.sum())), float(share.max())
+
+
+def _factors(slope: Float[np.ndarray, "R P"]) -> tuple[Float[np.ndarray, "R K"], Float[np.ndarray, "P R"]]:
+    """Return an orthonormal basis of what a slope reaches, and its pseudo-inverse."""
+    U, s, Vt = np.linalg.svd(slope, full_matrices=False)
+    seen = s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)
+    return U[:, seen], (Vt[seen].T / s[seen]) @ U[:, seen].T

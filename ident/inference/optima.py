@@ -1,15 +1,26 @@
 """Where the starts of a fit ended: which ends are one optimum, in which order, and how well each is known."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from ident.inference.convergence import Convergence
-from ident.inference.information import RANK_TOLERANCE, half_width, information
-from ident.inference.least_squares import End
+from ident.inference.information import (
+    RANK_TOLERANCE,
+    WEAK_ABOVE,
+    Direction,
+    Information,
+    alone,
+    half_width,
+    information,
+)
+from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
+from ident.inference.search import OPTIMUM_STEP, Convergence, End, look, minimum, solve, step_length, weighed
 
 Ended = tuple[End, Convergence]
 """Where a search ended, and how."""
@@ -139,3 +150,432 @@ def _is_valley(scaled: np.ndarray, prior_sd: np.ndarray) -> bool:
     """Tell whether data and prior together leave a direction open."""
     s = np.linalg.svd(np.vstack([scaled, np.diag(1 / prior_sd)]), compute_uv=False)
     return bool(s[-1] < RANK_TOLERANCE * s[0])
+
+
+# -------- Constrained fit
+# An inverse problem in which one parameter is held and all others are fitted.
+
+WIDTH = 1e-5
+"""Width of the prior that holds a parameter, in its standard deviations, or in theta where that is less."""
+GAIN = 1e-6
+"""Fall of the cost that is not worth a further step."""
+MORE = 3
+"""Further searches where none has converged."""
+BEYOND = 100.0
+"""Delta chi-squared above which a point is outside of every interval, and need not be known any better."""
+REACH = 1000.0
+"""Factor on a positive parameter beyond which a profile is called open; for the others, ln(REACH) units of theta or
+standard deviations, whichever is more."""
+STEEPEST = 5.0
+"""The other parameters' theta are foreseen to move at most so many times as far as the held one's."""
+
+
+class Point(NamedTuple):
+    """A point of a profile.
+
+    Attributes:
+        theta: (P,) all parameters.
+        delta_chi_squared: cost above the optimum's, data and priors.
+        converged: whether the other parameters' next step is negligible.
+        tangent: (P,) estimated d(theta) / d(theta of the held one) along the profile.
+        choice: by what the model knows what its values belong to; None where it chooses nothing.
+        said: minus twice the logarithm of the probability of what was said of the values.
+    """
+
+    theta: Any
+    delta_chi_squared: float
+    converged: bool
+    tangent: Any
+    choice: Any = None
+    said: float = 0.0
+
+
+@dataclass(frozen=True)
+class ConstrainedFit:
+    """A fitted problem with one parameter that is held.
+
+    What holds it is a narrow normal prior in place of its own, so that the program compiled for the fit serves all
+    parameters. It moves the parameter by WIDTH^2 sd^2 / 2 times the slope of the cost, some 1e-10 of a standard
+    deviation; and since its cost does not depend on the others, these are fitted exactly for where it is.
+
+    Attributes:
+        problem: what was fitted.
+        optimum: where.
+        end: the same as the end of a search, whose choice others may take over.
+        index: place of the parameter in theta.
+    """
+
+    problem: InverseProblem
+    optimum: Optimum
+    end: End
+    index: int
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation of the parameter's theta in the linear approximation; may be infinite."""
+        return float(self.optimum.sd[self.index])
+
+    @property
+    def centre(self) -> float:
+        """The parameter's fitted theta."""
+        return float(self.optimum.theta[self.index])
+
+    def limit(self, reach: float = REACH) -> float:
+        """Return the distance in theta beyond which nothing is looked for, see `REACH`."""
+        wide = not self.problem.parameters.items[self.index].positive and 1 < self.sd < math.inf
+        return math.log(reach) * (self.sd if wide else 1.0)
+
+    def start(self) -> Point:
+        """Return the optimum."""
+        _, slope = weighed(self.problem, self.end)
+        tangent = self._tangent(slope)
+        return Point(self.optimum.theta, 0.0, self.optimum.converged, tangent, self.end.choice.held, self.optimum.said)
+
+    def at(self, theta: float, near: Sequence[Point]) -> Point | None:
+        """Fit all others with the held one at theta; None where the model has no answer.
+
+        Args:
+            theta: of the held parameter.
+            near: points to start from. Each is tried with and without its tangent, until an attempt converges; if none
+                does, as in a long valley, the best one goes on.
+        """
+        problem = self._held(theta)
+        points: list[Point] = []
+
+        def converges(guess: np.ndarray, choice: Any) -> bool:
+            point = self._point(solve(problem, guess, self.end, choice))
+            points.extend([] if point is None else [point])
+            return point is not None and point.converged
+
+        for point in near:
+            for slope in (point.tangent, np.zeros_like(point.tangent)):
+                guess = point.theta + slope * (theta - point.theta[self.index])
+                guess[self.index] = theta
+                if converges(guess, point.choice):
+                    return _best(points)
+        for _ in range(MORE if points else 0):
+            best = _best(points)
+            if best.delta_chi_squared > BEYOND or converges(
+                best.theta, None if self.end.choice.settled else best.choice
+            ):
+                break
+        return _best(points) if points else None
+
+    def _held(self, theta: float) -> InverseProblem:
+        items = list(self.problem.parameters.items)
+        item = items[self.index]
+        centre = np.exp(theta) if item.positive else theta * item.scale
+        width = WIDTH * min(self.sd, 1.0)
+        items[self.index] = Parameter(item.paths, item.positive, item.start, centre, width, item.scale)
+        return replace(self.problem, parameters=Parameters(tuple(items)))
+
+    def _point(self, end: End) -> Point | None:
+        """Weigh where a search ended by the problem's own priors."""
+        if not np.isfinite(end.cost):
+            return None
+        theta = np.asarray(end.theta)
+        residuals, slope = weighed(self.problem, end)
+        cost = float(residuals @ residuals)
+        others = np.arange(len(theta)) != self.index
+        converged = step_length(residuals, slope[:, others]) < OPTIMUM_STEP
+        said = float(end.choice.cost.sum())
+        return Point(theta, cost - self.optimum.cost, converged, self._tangent(slope), end.choice.held, said)
+
+    def _tangent(self, slope: np.ndarray) -> np.ndarray:
+        """Return how the others follow in the linear approximation; the shortest way where that is open."""
+        tangent, others = np.zeros(slope.shape[1]), np.arange(slope.shape[1]) != self.index
+        if not np.isfinite(slope).all():
+            return tangent
+        # the held parameter's own prior lies in a row of its own and so moves no other
+        follow = -np.linalg.lstsq(slope[:, others], slope[:, self.index], rcond=RANK_TOLERANCE)[0]
+        tangent[others] = np.clip(follow, -STEEPEST, STEEPEST)
+        return tangent
+
+
+def _best(points: Sequence[Point]) -> Point:
+    """Return the point of least cost; a converged one where that makes next to no difference."""
+    return min(points, key=lambda point: point.delta_chi_squared - GAIN * point.converged)
+
+
+# -------- Profile path
+# One side of a profile: the path outwards from the optimum, and where it meets the thresholds.
+
+FIRST = 0.1
+"""Largest first step in theta."""
+FINE, COARSE = 0.3, 0.7
+"""Increase of sqrt(delta chi-squared) that a step aims at, and the largest that it may bring."""
+EDGE = 1e-5
+"""Accuracy of an end, as a share of its distance from the optimum."""
+
+
+class Ending(StrEnum):
+    """Why an interval ends on one side: its cost is met, it is not met within reach, or the model ends before it."""
+
+    CROSSED = "crossed"
+    OPEN = "open"
+    MODEL = "bounded by the model"
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Where an interval ends on one side.
+
+    Attributes:
+        distance: from the optimum in theta, infinite where open.
+        ending: why.
+    """
+
+    distance: float
+    ending: Ending
+
+
+@dataclass(frozen=True)
+class Side:
+    """One side of a profile.
+
+    Attributes:
+        points: from the optimum outwards.
+        bounds: one for each threshold.
+    """
+
+    points: tuple[Point, ...]
+    bounds: tuple[Bound, ...]
+
+
+def profile_path(constrained: ConstrainedFit, sign: int, limit: float, thresholds: Sequence[float]) -> Side:
+    """Follow a profile to one side until the highest threshold, the limit or the end of the model.
+
+    Each interval reaches to the outermost crossing of its threshold that the path meets, so none leaves the next one.
+
+    Args:
+        constrained: the problem, with one parameter held.
+        sign: -1 towards smaller, 1 towards larger theta.
+        limit: distance in theta at which the path ends.
+        thresholds: of delta chi-squared, ascending.
+    """
+    path, ending = _outwards(constrained, sign, limit, thresholds[-1])
+    bounds = tuple(_bound(constrained, sign, path, ending, level) for level in thresholds)
+    return Side(tuple(point for _, point in sorted(path.items())), bounds)
+
+
+def _outwards(constrained: ConstrainedFit, sign: int, limit: float, top: float) -> tuple[dict[float, Point], Ending]:
+    """Return the points by their distance, and why there are no more.
+
+    Steps grow where the profile is flat and shrink where it is steep. Towards the end of the model they are halved, and
+    towards a jump; beyond one they are as long as the first.
+    """
+    here, wall = 0.0, math.inf
+    step = first = min(FIRST, FINE * constrained.sd)
+    path = {here: constrained.start()}
+    while path[here].delta_chi_squared <= top:
+        if here >= limit:
+            return path, Ending.OPEN
+        if wall - here <= EDGE * max(min(wall, limit), first):
+            return path, Ending.MODEL
+        there = min(here + step, limit, (here + wall) / 2)
+        point = constrained.at(_theta(constrained, sign, there), [path[here]])
+        if point is None:
+            wall = there
+            continue
+        gain = _root(point) - _root(path[here])
+        if gain > COARSE and there - here > EDGE * max(there, first):
+            step = (there - here) / 2
+            continue
+        path[there] = point
+        going_on = (there - here) * min(max(FINE / max(gain, 1e-9), 0.5), 2.0)
+        step, here = first if abs(gain) > COARSE else going_on, there
+    return path, Ending.CROSSED
+
+
+def _bound(constrained: ConstrainedFit, sign: int, path: dict[float, Point], ending: Ending, level: float) -> Bound:
+    """Find where the profile leaves an interval for good; the points that it takes are added to the path."""
+    from scipy.optimize import brentq  # long to import, and a fit of short intervals needs none
+
+    places = sorted(path)
+    last = max(i for i, place in enumerate(places) if path[place].delta_chi_squared <= level or i == 0)
+    if last == len(places) - 1:
+        return Bound(math.inf if ending is Ending.OPEN else places[last], ending)
+
+    def excess(distance: float) -> float:
+        if distance not in path:
+            inside = max(place for place in path if place < distance)
+            outside = min(place for place in path if place > distance)
+            point = constrained.at(_theta(constrained, sign, distance), [path[inside], path[outside]])
+            if point is None:
+                return math.sqrt(level)
+            path[distance] = point
+        return _root(path[distance]) - math.sqrt(level)
+
+    inside, outside = places[last], places[last + 1]
+    if excess(inside) >= 0:
+        return Bound(inside, Ending.CROSSED)
+    return Bound(float(brentq(excess, inside, outside, xtol=EDGE * outside)), Ending.CROSSED)
+
+
+def _theta(constrained: ConstrainedFit, sign: int, distance: float) -> float:
+    return constrained.centre + sign * distance
+
+
+def _root(point: Point) -> float:
+    return math.sqrt(max(point.delta_chi_squared, 0.0))
+
+
+# -------- Curvature
+# Where intervals, and widths of combinations, end: by the linear approximation, or on the cost where it bends.
+
+LEVEL = 0.95
+"""Chance of covering the true value, of the intervals whose ends are looked at."""
+BETTER = 1e-3
+"""Fall of the cost below the optimum from which the fit is said to be beaten."""
+LINEAR = 0.2
+"""Share by which half an interval may differ from the linear one's half and still count as linear."""
+LOOKS, NEAR, LONGEST = 8, 0.1, 6.0
+"""Constrained searches for an end of a combination at most, the share within which it is found, and the factor by which
+one reaches beyond the last at most."""
+
+
+def stretches(
+    problem: InverseProblem, optimum: Optimum, end: End, which: Bool[np.ndarray, "P"]
+) -> tuple[Float[np.ndarray, "P 2"], Float[np.ndarray, "P"] | None]:
+    """Return by what factor each half of an interval is longer than the linear one, below and above; infinite if open.
+
+    One where the profile of the cost (see `profile`) says of the linear end that it is where it should be, to `LINEAR`;
+    elsewhere the profile is followed to the end. What that does to coverage is in tests/benchmarks/README.md.
+
+    Args:
+        problem: what was fitted.
+        optimum: where.
+        end: the same as the end of a search.
+        which: the parameters that are looked at.
+
+    Returns:
+        Also theta where the cost is lowest on the way, if it falls below the optimum's: then there is a better optimum,
+        and the factors mean nothing.
+    """
+    found, points = np.ones((len(which), 2)), list[Point]()
+    for index in np.flatnonzero(which):
+        constrained = ConstrainedFit(problem, optimum, end, int(index))
+        for side, sign in enumerate((-1, 1)):
+            found[index, side], seen = _stretch(constrained, sign)
+            points += seen
+    lowest = max(points, key=lambda point: _fall(optimum, point), default=None)
+    return found, lowest.theta if lowest and _fall(optimum, lowest) > BETTER else None
+
+
+def _stretch(constrained: ConstrainedFit, sign: int) -> tuple[float, Sequence[Point]]:
+    """Return the factor of one half, and the points at which the cost was looked at."""
+    width, start = half_width(LEVEL), constrained.start()
+    there = constrained.at(constrained.centre + sign * width * constrained.sd, [start])
+    if there and there.converged and abs(width / math.sqrt(max(there.delta_chi_squared, 1e-9)) - 1) <= LINEAR:
+        return 1.0, [there]
+    path = profile_path(constrained, sign, constrained.limit(), [width**2])
+    return path.bounds[0].distance / (width * constrained.sd), [*path.points, there or start]
+
+
+def _fall(optimum: Optimum, point: Point) -> float:
+    """Return how far the cost is below the optimum's, less what speaks more against labels and the like there."""
+    return -float(point.delta_chi_squared) - max(point.said - optimum.said, 0.0)
+
+
+def fixed_combinations(
+    problem: InverseProblem, end: End, known: Information, *, widths: bool = True
+) -> tuple[Direction, ...]:
+    """Return the combinations that the data fix, each with the width of its profile as its standard deviation.
+
+    The linear standard deviation of a combination w'theta is a promise about the optimum's surroundings only: where
+    the cost bends along the other combinations, w turns on the way, and the product is known less well, by much where
+    data are few. So theta is fitted again with w'theta held, by data and priors, outwards on both sides until the cost
+    has risen to the 95 % limit; half the distance of the two ends, over 1.96, is the standard deviation.
+
+    Args:
+        problem: what was fitted.
+        end: the optimum, as the end of a search.
+        known: what data and priors tell there.
+        widths: whether to look for the widths; NaN otherwise.
+
+    Returns:
+        One for each direction of `known` that is not open, as one parameter where it is hardly more (`alone`); infinite
+        where an end is not met within `REACH`, NaN where the cost falls below the optimum's.
+    """
+    found = []
+    for direction in known.directions:
+        if not direction.open:
+            weights = alone(direction.weights)
+            ends = [_distance(problem, end, sign * weights, known) for sign in (-1, 1)] if widths else [math.nan]
+            found.append(Direction(weights, sum(ends) / (2 * half_width(LEVEL))))
+    return tuple(found)
+
+
+def _distance(problem: InverseProblem, end: End, weights: Float[np.ndarray, "P"], known: Information) -> float:
+    """Return how far w'theta may rise until the least cost has risen to the 95 % limit."""
+    width, furthest = half_width(LEVEL), math.log(REACH)
+    covariance = np.nan_to_num(known.covariance, nan=0.0, posinf=furthest**2)
+    sd = math.sqrt(weights @ covariance @ weights)
+    path = {0.0: (0.0, np.asarray(end.theta))}  # root of the rise, and theta, by distance
+    follow = covariance @ weights / sd**2  # how theta moves per unit of w'theta in the linear approximation
+    distance, steps = min(width * sd, furthest), _aside(covariance)
+    for _ in range(LOOKS):
+        answered = [known for known, (root, _) in path.items() if np.isfinite(root)]
+        nearest = min(answered, key=lambda known: abs(known - distance))
+        start = path[nearest][1] + follow * (distance - nearest)
+        value = float(weights @ path[0.0][1]) + distance
+        reached = [_with_held(problem, end, weights, value, start + step) for step in steps]
+        there = min(reached, key=lambda each: np.nan_to_num(each.cost, nan=np.inf))
+        rise = float(there.cost) - float(end.cost)
+        if rise < -BETTER:
+            return math.nan
+        root = math.sqrt(max(rise, 0.0))
+        if abs(root / width - 1) <= NEAR:
+            return distance * width / root
+        if root < width and distance >= furthest:
+            return math.inf
+        if np.isfinite(root):
+            follow, steps = (there.theta - path[nearest][1]) / (distance - nearest), steps[:1]
+        path[distance] = (root, np.asarray(there.theta))
+        distance = _next_distance({known: root for known, (root, _) in path.items()}, width, furthest)
+    return distance
+
+
+def _aside(covariance: Float[np.ndarray, "P P"]) -> list[Float[np.ndarray, "P"]]:
+    """Return steps from where a search begins: none, and where a valley is long, another along it.
+
+    At its middle the cost may be level to both sides, though it falls there: springs in series of equal stiffness.
+    """
+    variance, axes = np.linalg.eigh(covariance)
+    step = math.sqrt(variance[-1]) * axes[:, -1]
+    return [0 * step, step] if variance[-1] > WEAK_ABOVE**2 else [0 * step]
+
+
+def _next_distance(path: Mapping[float, float], width: float, furthest: float) -> float:
+    """Return where the root of the rise is expected to meet the width, of its values by distance.
+
+    Outwards as a power of the distance, one in the linear approximation, less where the valley turns away.
+    """
+    near = max(distance for distance, root in path.items() if root < width)
+    far = min((distance for distance, root in path.items() if not root < width), default=math.inf)
+    low = max(path[near], 1e-9)
+    if math.isfinite(far):
+        share = (width - low) / (path[far] - low) if math.isfinite(path[far]) else 0.5
+        return near + (far - near) * min(max(share, 0.1), 0.9)
+    before = max((distance for distance in path if 0 < distance < near), default=0.0)
+    power = math.log(low / max(path[before], 1e-9)) / math.log(near / before) if before else 1.0
+    return min(near * min((width / low) ** (1 / max(power, 0.3)), LONGEST), furthest)
+
+
+def _with_held(
+    problem: InverseProblem, optimum: End, weights: Float[np.ndarray, "P"], value: float, start: Float[np.ndarray, "P"]
+) -> End:
+    """Fit theta with w'theta held, as by a narrow normal prior; the cost is that of data and priors alone."""
+
+    def weigh(end: End) -> tuple[np.ndarray, np.ndarray]:
+        residuals, slope = weighed(problem, end)
+        return np.append(residuals, (weights @ end.theta - value) / WIDTH), np.vstack([slope, weights / WIDTH])
+
+    def look_there(theta: Float[np.ndarray, "P"], held: Any) -> End:
+        here = look(problem, theta, held)
+        return here._replace(cost=here.cost + ((weights @ theta - value) / WIDTH) ** 2)
+
+    held = None if optimum.choice.held is None else optimum.choice.held.likened()
+    end, _ = minimum(look_there, weigh, start, held, True)
+    residuals, _ = weighed(problem, end)
+    return end._replace(cost=residuals @ residuals)

@@ -1,17 +1,189 @@
 """What inference needs of a model and of data, whatever the model: a predict function, values, sigmas, unknowns."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ident.errors import InputError, Problem
-from ident.inference.correlation import Correlation
-from ident.inference.parameters import AnyArray, Parameters, library
+from ident.inference.parameters import AnyArray, Parameter, Parameters, library
+from ident.text import did_you_mean
+
+# -------- Correlation
+# Values whose errors are correlated, in groups: what is measured of them is made independent, group by group.
+#
+# With the correlation R of a group's errors and L L' = R, the numbers L^-1 (predicted - measured) / sigma are
+# independent
+# with standard deviation 1 (whitening: generalised least squares, Aitken, Proc. R. Soc. Edinburgh 55, 1936).
+
+OWN_MIN = 1e-4
+"""Least part of its standard deviation that an error has to itself, whatever others of its group are."""
+
+
+class Block(eqx.Module):
+    """Groups of one size.
+
+    Attributes:
+        rows: (G, n) places of each group's values.
+        correlation: (G, n, n) of their errors.
+        whitening: (G, n, n) inverse of its Cholesky factor over the values that count; zero for the others.
+        log_det: (G,) half the logarithm of its determinant over these.
+    """
+
+    rows: Int[AnyArray, "G n"]
+    correlation: Float[AnyArray, "G n n"]
+    whitening: Float[AnyArray, "G n n"]
+    log_det: Float[AnyArray, "G"]
+
+
+class Correlation(eqx.Module):
+    """Which values have correlated errors, and how.
+
+    Attributes:
+        single: (S,) places of the values that are in no group.
+        blocks: groups, by size.
+        order: (D,) where each value is among the single ones and those of the blocks, one after the other.
+    """
+
+    single: Int[AnyArray, "S"]
+    blocks: tuple[Block, ...]
+    order: Int[AnyArray, "D"]
+
+    def whiten(self, x: Float[AnyArray, "D *batch"]) -> Any:
+        """Return independent combinations, `(D, *batch)`, of what each value is off in its sigma: L^-1 x by group."""
+        xp = library(x)
+        parts = [x[self.single]]
+        for block in self.blocks:
+            mixed = xp.einsum("gij,gj...->gi...", block.whitening, x[block.rows])
+            parts.append(mixed.reshape((-1, *x.shape[1:])))
+        return xp.concatenate(parts)[self.order]
+
+    def pull_back(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
+        """Return L'^-1 x for each group: what independent combinations say of each value, the adjoint of `whiten`."""
+        parts = [x[np.asarray(self.single)]]
+        for block in self.blocks:
+            mixed = np.einsum("gji,gj...->gi...", np.asarray(block.whitening), x[np.asarray(block.rows)])
+            parts.append(mixed.reshape((-1, *x.shape[1:])))
+        return np.concatenate(parts)[np.asarray(self.order)]
+
+    def color(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
+        """Return L x for each group: correlated numbers of independent ones."""
+        parts = [x[np.asarray(self.single)]]
+        for block in self.blocks:
+            mixed = np.einsum("gij,gj...->gi...", np.linalg.cholesky(block.correlation), x[np.asarray(block.rows)])
+            parts.append(mixed.reshape((-1, *x.shape[1:])))
+        return np.concatenate(parts)[np.asarray(self.order)]
+
+    def inverse_among(self, places: Int[np.ndarray, "N K"]) -> Float[np.ndarray, "N K K"]:
+        """Return the elements of R^-1 that are between the values of each of several sets."""
+        found = (places[:, :, None] == places[:, None]).astype(float)
+        for block in self.blocks:
+            W, rows = np.asarray(block.whitening), np.asarray(block.rows)
+            inverse = np.einsum("gji,gjk->gik", W, W)
+            group, member = np.full(len(self.order), -1), np.zeros(len(self.order), int)
+            group[rows], member[rows] = np.arange(len(rows))[:, None], np.arange(rows.shape[1])
+            own, at = group[places], member[places]
+            both = own[:, :, None] == own[:, None]
+            inside = inverse[own[:, :, None], at[:, :, None], at[:, None]]
+            found = np.where(own[:, :, None] < 0, found, np.where(both, inside, 0.0))
+        return found
+
+    def moved(self, source: Int[np.ndarray, "D"]) -> "Correlation":
+        """Return the same for values that come to other places, each with its error: place i gets that of source[i]."""
+        to = np.argsort(source)
+        single = to[np.asarray(self.single)]
+        blocks = tuple(eqx.tree_at(lambda b: b.rows, block, to[np.asarray(block.rows)]) for block in self.blocks)
+        grouped = np.concatenate([block.rows.ravel() for block in blocks])
+        return Correlation(single, blocks, np.argsort(np.concatenate([single, grouped])))
+
+    @property
+    def precision(self) -> Float[np.ndarray, "D"]:
+        """Diagonal of the inverse of the whole correlation; 0 of a value within a group that does not count."""
+        parts = [np.ones(len(self.single))]
+        parts += [(np.asarray(block.whitening) ** 2).sum(1).ravel() for block in self.blocks]
+        return np.concatenate(parts)[np.asarray(self.order)]
+
+    @property
+    def log_det(self) -> Any:
+        """Half the logarithm of the determinant of the whole correlation."""
+        return sum(block.log_det.sum() for block in self.blocks)
+
+    @property
+    def groups(self) -> Int[np.ndarray, "D"]:
+        """Number of each value's group, from 0; -1 for none."""
+        found, number = np.full(len(self.order), -1), 0
+        for block in self.blocks:
+            for rows in np.asarray(block.rows):
+                found[rows] = number
+                number += 1
+        return found
+
+    def matrix(self, places: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n n"]:
+        """Return the correlation of the errors of some values."""
+        whole = np.eye(len(places))
+        for block in self.blocks:
+            for rows, R in zip(np.asarray(block.rows), np.asarray(block.correlation), strict=True):
+                _, here, there = np.intersect1d(places, rows, assume_unique=True, return_indices=True)
+                whole[np.ix_(here, here)] = R[np.ix_(there, there)]
+        return whole
+
+    def among(self, counts: Bool[np.ndarray, "D"]) -> "Correlation":
+        """Return the same where only some values count; within a group the others are left out of its correlation."""
+        return _made(len(self.order), [(block.rows, block.correlation) for block in self.blocks], counts)
+
+
+def correlation(
+    groups: Sequence[tuple[Sequence[int], Float[np.ndarray, "_ _"]]], counts: Bool[np.ndarray, "D"]
+) -> Correlation | None:
+    """Return the correlation of values.
+
+    Args:
+        groups: places of the values of each, and the correlation of their errors; a value is in one group at most.
+        counts: (D,) values that are fitted.
+
+    Returns:
+        None where nothing is correlated.
+
+    Raises:
+        InputError: a correlation that no errors can have.
+    """
+    sizes = sorted({len(rows) for rows, _ in groups})
+    of_size = [[each for each in groups if len(each[0]) == size] for size in sizes]
+    blocks = [(np.array([rows for rows, _ in own], int), np.array([R for _, R in own], float)) for own in of_size]
+    return _made(len(counts), blocks, counts) if blocks else None
+
+
+def _made(count: int, blocks: Sequence[tuple[AnyArray, AnyArray]], counts: np.ndarray) -> Correlation:
+    made = tuple(_block(np.asarray(rows), np.asarray(R), counts) for rows, R in blocks)
+    grouped = np.concatenate([block.rows.ravel() for block in made])
+    single = np.setdiff1d(np.arange(count), grouped)
+    return Correlation(single, made, np.argsort(np.concatenate([single, grouped])))
+
+
+def _block(rows: np.ndarray, R: np.ndarray, counts: np.ndarray) -> Block:
+    used = counts[rows]
+    both = used[:, :, None] & used[:, None, :]
+    try:
+        L = np.linalg.cholesky(np.where(both, R, np.eye(R.shape[-1])))
+    except np.linalg.LinAlgError:
+        expected = "a positive definite correlation in each group"
+        raise InputError(
+            Problem("", "errors that can't be so correlated", expected, "correct the covariance")
+        ) from None
+    own = np.diagonal(L, axis1=1, axis2=2)
+    if (least := own.min(initial=1.0)) < OWN_MIN:
+        got = f"an error that the others of its group fix to {least:.2g} of its standard deviation"
+        remedy = "leave out the value that the others repeat, or correct the covariance"
+        raise InputError(Problem("", got, f"at least {OWN_MIN:g}", remedy))
+    log_det = np.log(own).sum(1)
+    return Block(rows, R, np.where(both, np.linalg.inv(L), 0.0), log_det)
+
+
+# -------- Problem
 
 
 class Data(NamedTuple):
@@ -281,3 +453,114 @@ def _one_part(model: Growing, source: np.ndarray, places: np.ndarray) -> Parts:
 
 def _wrong(name: str, place: int, value: float, expected: str, remedy: str) -> Problem:
     return Problem(f"value {place + 1}", f"{value:g}", expected, remedy, f"`{name}`")
+
+
+# -------- Discrepancy
+# A model that is known to be wrong by a factor: model discrepancy as further unknowns.
+
+DISCREPANCY_PREFIX = "discrepancy."
+"""What the names of discrepancies begin with; a kind of measurement follows."""
+NARROWEST, WIDEST = 1e-6, 1e6
+"""Widths of ln(factor): within a millionth there is none, and beyond a million there is no bound at all."""
+
+
+class Discrepant(eqx.Module, Choosing, Growing):
+    """A model whose predictions of one kind are all off by an unknown factor.
+
+    A common factor, because geometry and masses that are taken wrong shift all values of a kind alike; scatter from
+    one value to the next is noise.
+
+    References:
+        Kennedy, O'Hagan, "Bayesian calibration of computer models", J. R. Stat. Soc. B 63(3), 2001.
+
+    Attributes:
+        model: the model.
+        kinds: (D,) kind of each value.
+    """
+
+    model: Callable[..., Float[Array, "D *batch"]]
+    kinds: tuple[str, ...] = eqx.field(static=True)
+
+    def __call__(self, parameters: Mapping[str, Any], data: Data | None = None) -> Float[Array, "D *batch"]:
+        """Predict values for parameters among which `discrepancy.KIND` are the factors."""
+        rest, factor = self._split(parameters)
+        if data is None or not isinstance(self.model, Choosing):
+            return factor * self.model(rest)
+        return factor * self.model(rest, _before(data, factor))
+
+    def unheld(self) -> Any:
+        """Return what the model holds before the first step."""
+        return self.model.unheld() if isinstance(self.model, Choosing) else None
+
+    def holding(self, parameters: Mapping[str, Any], data: Data, held: Any) -> tuple[Float[Array, "D"], Choice]:
+        """Predict values by the choice that is held."""
+        rest, factor = self._split(parameters)
+        assert isinstance(self.model, Choosing)
+        values, choice = self.model.holding(rest, _before(data, factor), held)
+        return values * factor, choice
+
+    def padded(self) -> tuple["Discrepant", np.ndarray, np.ndarray]:
+        """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
+        if not isinstance(self.model, Growing):
+            return self, np.arange(len(self.kinds)), np.arange(len(self.kinds))
+        model, source, places = self.model.padded()
+        return Discrepant(model, tuple(self.kinds[i] for i in source)), source, places
+
+    def in_parts(self) -> Parts | None:
+        """Return a large model in parts of one size, None for one that stays whole."""
+        parts = self.model.in_parts() if isinstance(self.model, Growing) else None
+        if parts is None:
+            return None
+        each = zip(parts.models, parts.source, strict=True)
+        models = tuple(Discrepant(model, tuple(self.kinds[i] for i in source)) for model, source in each)
+        return parts._replace(models=models)
+
+    def _split(self, parameters: Mapping[str, Any]) -> tuple[dict[str, Any], Float[Array, "D *batch"]]:
+        """Return the model's own parameters, and the factor on each value."""
+        off = {
+            name.removeprefix(DISCREPANCY_PREFIX): x
+            for name, x in parameters.items()
+            if name.startswith(DISCREPANCY_PREFIX)
+        }
+        batch = np.broadcast_shapes(*(jnp.shape(x) for x in parameters.values()))
+        names = sorted(set(self.kinds))
+        each = jnp.stack([jnp.broadcast_to(off.get(kind, 1.0), batch) for kind in names])
+        factor = each[np.searchsorted(names, self.kinds)]
+        return {name: x for name, x in parameters.items() if not name.startswith(DISCREPANCY_PREFIX)}, factor
+
+
+def _before(data: Data, factor: Float[Array, "D *batch"]) -> Data:
+    """Return the data as the model without its discrepancy would show them."""
+    measured, sigma = (jnp.reshape(x, x.shape + (1,) * (factor.ndim - x.ndim)) for x in data)
+    return Data(measured / factor, sigma / factor)
+
+
+def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> InverseProblem:
+    """Return the problem in which the model may be off by a factor for each of these kinds of measurement.
+
+    Args:
+        problem: the problem.
+        widths: standard deviation of ln(factor) by kind, such as 0.1 for ten percent.
+
+    Raises:
+        InputError: nothing of that kind was measured, or a width that is not positive.
+    """
+    for kind, width in widths.items():
+        if kind not in problem.kinds:
+            remedy = did_you_mean(kind, sorted(set(problem.kinds)), "name a kind of the campaign")
+            raise InputError(Problem("", f"a discrepancy of {kind}", "a kind that was measured", remedy))
+        if not NARROWEST <= width <= WIDEST:
+            expected, remedy = f"a width from {NARROWEST:g} to {WIDEST:g}", f"as {kind}:0.1 for ten percent"
+            raise InputError(Problem("", f"a discrepancy of width {width:g}", expected, remedy))
+    more = tuple(Parameter((DISCREPANCY_PREFIX + kind,), True, 1.0, 1.0, width) for kind, width in widths.items())
+    if not more:
+        return problem
+    return InverseProblem(
+        Discrepant(problem.model, problem.kinds),
+        problem.measured,
+        problem.sigma,
+        Parameters((*problem.parameters.items, *more)),
+        problem.kinds,
+        problem.correlation,
+        problem.vectors,
+    )

@@ -12,12 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ident.errors import InputError, Problem
-from ident.inference.constrained_fit import REACH, ConstrainedFit
-from ident.inference.curvature import BETTER, LINEAR
 from ident.inference.fit import Fit
 from ident.inference.information import half_width
+from ident.inference.optima import BETTER, LINEAR, REACH, ConstrainedFit, Ending, Side, profile_path
 from ident.inference.parameters import Parameter, Parameters
-from ident.inference.profile_path import Ending, Side, profile_path
 from ident.text import did_you_mean, one_line
 
 LEVELS = (0.5, 0.683, 0.95)

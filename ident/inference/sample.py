@@ -5,21 +5,371 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
+import emcee
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from emcee.moves import DEMove, StretchMove
+from emcee.moves.red_blue import RedBlueMove
+from jaxtyping import Bool, Float, Int
 
-from ident.errors import InputError, Problem
-from ident.inference.checkpoints import Chains, identity
-from ident.inference.diagnostics import Diagnosis, diagnose
-from ident.inference.ensembles import BLOCK, SPLITS, Ensembles, batch_size
+from ident.codec import Store
+from ident.errors import InputError, ModelError, Problem
+from ident.inference.chains import Chains, Diagnosis, Draws, Walkers, diagnose, identity
 from ident.inference.fit import Fit
 from ident.inference.information import information
-from ident.inference.linear_marginal import MOVED, TRIED, LinearMarginal, linear_marginal, linear_nuisances, moved
-from ident.inference.marginal import Marginal
-from ident.inference.posterior import Posterior
-from ident.store import Store
+from ident.inference.optima import Optimum
+from ident.inference.posterior import (
+    MOVED,
+    TRIED,
+    LinearMarginal,
+    Marginal,
+    Posterior,
+    evaluate,
+    linear_marginal,
+    linear_nuisances,
+    moved,
+)
+from ident.inference.problem import InverseProblem
+from ident.inference.search import evaluate as fit_at
+from ident.inference.search import solve
+
+# -------- Initial walkers
+# Where an ensemble begins: points that are already spread as the posterior is.
+
+TRIES = 20
+"""Rounds of drawing until the model has an answer at enough points."""
+NARROW = 0.1
+"""Spread of the noise scales of initial walkers, in widths of their priors."""
+
+
+def initial_walkers(
+    posterior: Posterior, optimum: Optimum, count: int, rng: np.random.Generator, batch: int
+) -> Float[np.ndarray, "count P"]:
+    """Draw points about an optimum by fitting it again and again to perturbed data and priors.
+
+    Every measured value and every prior's centre is moved by its own uncertainty, and the fit repeated from the
+    optimum. For a linear model that draws from the posterior exactly; for a curved, thin one, such as three numbers
+    leave of six stiffnesses, the points lie along it, where a normal distribution's would lie off it.
+
+    Args:
+        posterior: the posterior.
+        optimum: of its problem.
+        count: number of points.
+        rng: source of randomness.
+        batch: size of batch in which the density is computed.
+
+    Raises:
+        ModelError: no such point was found.
+
+    References:
+        Bardsley, Solonen, Haario, Laine, "Randomize-then-optimize", SIAM J. Sci. Comput. 36(4), 2014.
+    """
+    walkers = np.zeros((0, len(posterior.parameters.items)))
+    for _ in range(TRIES):
+        points = np.array([_point(posterior, optimum, rng) for _ in range(count)])
+        points = points[np.isfinite(points).all(1)]
+        if len(points):
+            walkers = np.concatenate([walkers, points[np.isfinite(evaluate(posterior, points, batch).log_density)]])
+        if len(walkers) >= count:
+            return walkers[:count]
+    raise ModelError("no points to start the sampler from: the model has no answer about the optimum")
+
+
+def _point(posterior: Posterior, optimum: Optimum, rng: np.random.Generator) -> np.ndarray:
+    end = solve(_perturbed(posterior.problem, rng), jnp.asarray(optimum.theta))
+    scales = [NARROW * float(item.prior_sd) * rng.standard_normal() for item in posterior.noise.items]
+    return np.concatenate([np.asarray(end.theta), scales])
+
+
+def _perturbed(problem: InverseProblem, rng: np.random.Generator) -> InverseProblem:
+    """Move data and priors by their own uncertainty; a flat prior counts as a normal one of about its width."""
+    sigma, parameters = np.asarray(problem.sigma), problem.parameters
+    noise = np.where(np.isfinite(sigma), sigma, 0.0) * problem.correlated(rng.standard_normal(len(sigma)))
+    sd = parameters.normal_sd
+    shift = np.where(parameters.proper, sd, 0.0) * rng.standard_normal(len(sd))
+    centres = parameters.values(parameters.theta(parameters.column("centre")) + shift)
+    items = tuple(
+        eqx.tree_at(
+            lambda item: (item.centre, item.prior_sd, item.flat), item, tuple(map(np.asarray, (centre, s, 0.0)))
+        )
+        for item, centre, s in zip(parameters.items, centres, sd, strict=True)
+    )
+    moved = (problem.measured + noise, items)
+    return eqx.tree_at(lambda p: (p.measured, p.parameters.items), problem, moved)
+
+
+# -------- Moves
+# Moves of walkers beyond emcee's own: in reciprocals, by a normal approximation, for ensembles side by side.
+
+Proposal = tuple[np.ndarray, np.ndarray]
+"""Proposed points (n, Q), and the logarithms of the factors (n,) that keep the moves reversible."""
+
+
+class Apart(RedBlueMove):
+    """Moves ensembles that know nothing of each other, side by side in one of emcee's: one batch evaluates all.
+
+    Walker w of ensemble e is number e W + w, and the halves of an ensemble, which are moved in turn, are its walkers of
+    even and of odd number.
+    """
+
+    def __init__(self, moves: Sequence[RedBlueMove]):
+        """Take a move for each ensemble."""
+        super().__init__(randomize_split=False)
+        self.moves = moves
+
+    def setup(self, coords: np.ndarray) -> None:
+        """Set up each ensemble's move."""
+        for move, own in zip(self.moves, np.split(coords, len(self.moves)), strict=True):
+            move.setup(own)
+
+    def get_proposal(self, s: np.ndarray, c: Sequence[np.ndarray], random: np.random.RandomState) -> Proposal:
+        """Propose new places for one half of each ensemble, given its other half."""
+        moving, waiting = (np.split(half, len(self.moves)) for half in (s, np.concatenate(c)))
+        parts = [m.get_proposal(own, [w], random) for m, own, w in zip(self.moves, moving, waiting, strict=True)]
+        points, factors = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return points, factors
+
+
+class InReciprocals(RedBlueMove):
+    """Another move in the reciprocals of positive unknowns.
+
+    Deflections and the squares of periods are nearly linear in the compliances: a posterior that is a thin curved
+    sheet in the logarithms of stiffnesses is nearly flat in their reciprocals, and moves along differences of walkers
+    stay on it.
+    """
+
+    def __init__(self, move: RedBlueMove, positive: Bool[np.ndarray, "Q"]):
+        """Take the move, and which unknowns are logarithms of positive numbers."""
+        super().__init__()
+        self.move, self.positive = move, positive
+
+    def setup(self, coords: np.ndarray) -> None:
+        """Set up the move."""
+        self.move.setup(coords)
+
+    def get_proposal(self, s: np.ndarray, c: Sequence[np.ndarray], random: np.random.RandomState) -> Proposal:
+        """Propose in the reciprocals; a proposal that is not positive is one to be refused."""
+        q, factors = self.move.get_proposal(self._reciprocals(s), [self._reciprocals(half) for half in c], random)
+        refused = (self.positive & (q <= 0)).any(1)
+        theta = np.where(self.positive, -np.log(np.where(self.positive & (q > 0), q, 1.0)), q)
+        theta[refused] = s[refused]
+        rise = np.where(self.positive, theta - s, 0.0).sum(1)  # the density of exp(-theta) is that of theta by it
+        return theta, np.where(refused, -np.inf, factors + rise)
+
+    def _reciprocals(self, theta: np.ndarray) -> np.ndarray:
+        return np.where(self.positive, np.exp(-np.where(self.positive, theta, 0.0)), theta)
+
+
+class Independent(RedBlueMove):
+    """Draws from the normal approximation about an optimum, in the reciprocals of positive unknowns.
+
+    Where data tell all unknowns well, most of its proposals are accepted, and draws are nearly independent.
+
+    References:
+        Tierney, "Markov chains for exploring posterior distributions", Annals of Statistics 22(4), 1994, section 2.3.3.
+    """
+
+    def __init__(
+        self,
+        centre: Float[np.ndarray, "Q"],
+        covariance: Float[np.ndarray, "Q Q"],
+        positive: Bool[np.ndarray, "Q"],
+    ):
+        """Take optimum and covariance in theta, and which unknowns are logarithms of positive numbers."""
+        super().__init__()
+        sign = np.where(positive, -1.0, 1.0)
+        self.centre, self.positive = centre, positive
+        self.root = np.linalg.cholesky(covariance * np.outer(sign, sign))
+
+    def get_proposal(self, s: np.ndarray, c: Sequence[np.ndarray], random: np.random.RandomState) -> Proposal:
+        """Propose points that depend on no walker; one outside the positive numbers is one to be refused."""
+        points, log_density = self.draw(random.standard_normal(s.shape))
+        refused = ~np.isfinite(log_density)
+        points[refused] = s[refused]
+        return points, np.where(refused, -np.inf, self.log_density(s) - log_density)
+
+    def draw(self, normal: Float[np.ndarray, "n Q"]) -> tuple[Float[np.ndarray, "n Q"], Float[np.ndarray, "n"]]:
+        """Turn standard normal numbers into points; return also their log density, -inf for one that is none."""
+        off = normal @ self.root.T
+        outside = (self.positive & (off <= -1)).any(1)
+        points = self.centre + np.where(self.positive, -np.log1p(np.where(self.positive & (off > -1), off, 0.0)), off)
+        return points, np.where(outside, -np.inf, self.log_density(points))
+
+    def log_density(self, theta: Float[np.ndarray, "n Q"]) -> Float[np.ndarray, "n"]:
+        """Return the logarithm of the density in theta, up to a constant."""
+        step = theta - self.centre
+        off = np.where(self.positive, np.expm1(-np.where(self.positive, step, 0.0)), step)
+        return -(np.linalg.solve(self.root, off.T) ** 2).sum(0) / 2 - np.where(self.positive, step, 0.0).sum(1)
+
+
+# -------- Ensembles
+# Ensembles of walkers that emcee moves side by side, a block of steps at a time.
+
+BLOCK = 50
+"""Steps between two checkpoints."""
+SPLITS = 2
+"""Parts of an ensemble that emcee moves in turn."""
+PARTS = 2
+"""Parts of what is moved at the same time that two threads evaluate."""
+TRIALS = 4
+"""Points for each walker by which independent proposals are tried."""
+WORTH = 0.25
+"""Share of independent proposals that must be accepted for them to be made at all."""
+MOST = 0.8
+"""Share of the moves that they are at most: the others reach where no such proposal goes."""
+
+
+def batch_size(ensembles: int, walkers: int) -> int:
+    """Return the number of points that are evaluated together."""
+    return -(-ensembles * walkers // (SPLITS * PARTS))
+
+
+class Ensembles:
+    """All ensembles of one run, about one or several optima."""
+
+    def __init__(
+        self,
+        target: Marginal | LinearMarginal,
+        optima: Sequence[Optimum],
+        walkers: int,
+        seed: int,
+        pool: ThreadPoolExecutor,
+    ):
+        """Prepare.
+
+        Args:
+            target: what is sampled.
+            optima: about which each ensemble begins.
+            walkers: in each ensemble.
+            seed: of everything.
+            pool: threads that evaluate parts of a batch.
+        """
+        self.target, self.optima, self.walkers, self.seed, self.pool = target, optima, walkers, seed, pool
+        self.positive = target.parameters.positive
+        proposals = {id(optimum): _independent(target, optimum) for optimum in optima}
+        self.proposals = [proposals[id(optimum)] for optimum in optima]
+        self.sampler: emcee.EnsembleSampler | None = None
+
+    def begin(self) -> Walkers:
+        """Return walkers spread as the posterior about each optimum is.
+
+        Where the normal approximation is good, they are draws from it, resampled by their importance (Rubin, "The
+        calculation of posterior distributions by data augmentation: comment", JASA 82(398), 1987); else by
+        `initial_walkers`.
+        """
+        moves, *own = np.random.SeedSequence(self.seed).spawn(1 + len(self.optima))
+        rngs = [np.random.default_rng(each) for each in own]
+        tried = [self._tried(proposal, rng) for proposal, rng in zip(self.proposals, rngs, strict=True)]
+        share = min(accepted for accepted, _ in tried)
+        if share >= WORTH:
+            theta = np.concatenate([points for _, points in tried])
+        else:
+            batch, kept = batch_size(len(self.optima), self.walkers), ~self.target.integrated
+            theta = np.concatenate(
+                [
+                    initial_walkers(self.target.posterior, optimum, self.walkers, rng, batch)[:, kept]
+                    for optimum, rng in zip(self.optima, rngs, strict=True)
+                ]
+            )
+        twister = np.random.RandomState(np.random.MT19937(moves)).get_state()
+        return _walkers(theta, self._densities(theta), twister, min(share, MOST) * (share >= WORTH))
+
+    def advance(self, start: Walkers, block: int) -> tuple[Draws, Int[np.ndarray, "ensembles"], Walkers]:
+        """Return the draws of one block of steps, the moves accepted, and the walkers at its end.
+
+        Args:
+            start: where the walkers are.
+            block: its number, which gives the factors' random numbers.
+        """
+        if self.sampler is None:
+            self.sampler = self._sampler(start.share)
+        twister = ("MT19937", start.key, *map(int, start.position), start.deviate)
+        log_density, blobs = start.known[:, 0], start.known[:, 1:] if start.known.shape[1] > 1 else None
+        state = emcee.State(start.theta, log_prob=log_density, blobs=blobs, random_state=twister)
+        self.sampler.reset()
+        state = self.sampler.run_mcmc(state, BLOCK, skip_initial_state_check=True)
+        backend = self.sampler.backend
+        accepted = backend.accepted.astype(int).reshape(len(self.optima), -1).sum(1)
+        end = _walkers(state.coords, _columns(state.log_prob, state.blobs), state.random_state, start.share)
+        known = _columns(backend.get_log_prob(), backend.get_blobs())
+        return self._draws(backend.get_chain(), known, block), accepted, end
+
+    def _draws(self, theta: np.ndarray, known: np.ndarray, block: int) -> Draws:
+        rng = np.random.default_rng([self.seed, block])
+        shape = len(theta), len(self.optima), self.walkers
+        points, of_them = (x.reshape(-1, x.shape[-1]) for x in (theta, known))
+        whole, log_density = self.target.completed(points, of_them, rng)
+        return Draws(whole.reshape(*shape, -1), log_density.reshape(shape))
+
+    def _densities(self, points: Float[np.ndarray, "n Q"]) -> Float[np.ndarray, "n columns"]:
+        batch = batch_size(len(self.optima), self.walkers)
+        return self.target.columns(evaluate(self.target.itself, points, batch, self.pool.map))
+
+    def _sampler(self, share: float) -> emcee.EnsembleSampler:
+        def density(points: np.ndarray) -> np.ndarray:
+            known = self._densities(points)
+            return known if known.shape[1] > 1 else known[:, 0]
+
+        number, unknowns = len(self.optima) * self.walkers, len(self.positive)
+        moves = [(Apart([move] * len(self.optima)), (1 - share) * part) for move, part in self._moves()]
+        if share:
+            moves.append((Apart(self.proposals), share))
+        return emcee.EnsembleSampler(number, unknowns, density, vectorize=True, moves=moves)
+
+    def _tried(self, proposal: Independent | None, rng: np.random.Generator) -> tuple[float, np.ndarray]:
+        """Return the share of independent proposals that would be accepted, and walkers drawn by importance."""
+        if proposal is None:
+            return 0.0, np.empty((0, len(self.positive)))
+        points, log_proposal = proposal.draw(rng.standard_normal((TRIALS * self.walkers, len(self.positive))))
+        log_weight = self._densities(points)[:, 0] - log_proposal
+        log_weight = np.where(np.isfinite(log_proposal), log_weight, -np.inf)
+        weight = np.exp(log_weight - log_weight.max())
+        if (weight > 0).sum() < self.walkers:
+            return 0.0, points[: self.walkers]
+        here = rng.choice(len(points), len(points), p=weight / weight.sum())
+        accepted = np.minimum(1.0, weight / weight[here]).mean()
+        return float(accepted), points[rng.choice(len(points), self.walkers, replace=False, p=weight / weight.sum())]
+
+    def _moves(self) -> list[tuple[RedBlueMove, float]]:
+        """Differences of walkers and stretches: in reciprocals, where thin posteriors are flat, and as they are."""
+        return [
+            (InReciprocals(DEMove(), self.positive), 0.45),
+            (InReciprocals(DEMove(gamma0=0.4), self.positive), 0.25),
+            (InReciprocals(StretchMove(), self.positive), 0.1),
+            (DEMove(gamma0=0.3), 0.1),
+            (StretchMove(), 0.1),
+        ]
+
+
+def _independent(target: Marginal | LinearMarginal, optimum: Optimum) -> Independent | None:
+    """Return draws from the normal approximation about an optimum; None where sigmas are unknown or it has none."""
+    if target.posterior.noise.items:
+        return None
+    problem = target.posterior.problem
+    scaled = problem.scaled(np.asarray(fit_at(problem, optimum.theta).jacobian))
+    if not np.isfinite(scaled).all():
+        return None
+    names, kept = problem.parameters.names, ~target.integrated
+    covariance = information(scaled, problem.parameters.normal_sd, names).covariance[np.ix_(kept, kept)]
+    if not np.isfinite(covariance).all():
+        return None
+    return Independent(optimum.theta[kept], covariance, target.parameters.positive)
+
+
+def _columns(log_density: np.ndarray, blobs: np.ndarray | None) -> np.ndarray:
+    one = log_density[..., None]
+    return one if blobs is None else np.concatenate([one, blobs], -1)
+
+
+def _walkers(theta: np.ndarray, known: np.ndarray, twister: Any, share: float) -> Walkers:
+    _, key, place, stored, deviate = twister
+    return Walkers(theta, known, key, np.array([place, stored]), float(deviate), share)
+
+
+# -------- Sample
 
 FIRST_CHECK = 100
 """Steps after which the chains are diagnosed first; then when they should do, or are half as long again."""

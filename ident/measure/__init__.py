@@ -4,17 +4,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from ident.measure.campaign import Campaign, Measurement
-from ident.measure.columns import COLUMNS
-from ident.measure.kinds import DEFINITIONS, DRIVE_STATES, KINDS
-from ident.measure.load import OWN_WEIGHT, Load, parse_direction
-from ident.measure.reading import parse_campaign, read_campaign
-from ident.measure.writing import format_campaign, write_campaign
+from ident.measure.load import DEFINITIONS, DRIVE_STATES, KINDS, OWN_WEIGHT, Load, parse_direction
+from ident.measure.reading import COLUMNS, format_campaign, parse_campaign, read_campaign, write_campaign
 from ident.units import NMM_PER_DEG, to_si
 
 if TYPE_CHECKING:
-    from ident.measure.log import Log, parse_log, read_log
-    from ident.measure.pulleys import Pulley, read_pulleys
-    from ident.measure.trace import Trace, parse_trace, read_trace
+    from ident.measure.series import Log, Pulley, Trace, parse_log, parse_trace, read_log, read_pulleys, read_trace
 
 __all__ = [
     "COLUMNS",
@@ -42,16 +37,11 @@ __all__ = [
     "write_campaign",
 ]
 
-_SERIES = {
-    "log": ("Log", "parse_log", "read_log"),
-    "pulleys": ("Pulley", "read_pulleys"),
-    "trace": ("Trace", "parse_trace", "read_trace"),
-}
+_SERIES = ("Log", "Pulley", "Trace", "parse_log", "parse_trace", "read_log", "read_pulleys", "read_trace")
 """Series in time: they need NumPy, for which a campaign that is refused need not wait."""
 
 
 def __getattr__(name: str) -> Any:
-    for module, names in _SERIES.items():
-        if name in names:
-            return getattr(importlib.import_module(f"ident.measure.{module}"), name)
+    if name in _SERIES:
+        return getattr(importlib.import_module("ident.measure.series"), name)
     raise AttributeError(f"module 'ident.measure' has no attribute '{name}'")

@@ -1,34 +1,170 @@
 """Campaign CSV into a campaign: every cell is checked, and every problem of the file reported at once."""
 
+import csv
 import hashlib
+import io
 import os
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from ident.errors import InputError, Problem
-from ident.measure.campaign import Campaign, Measurement
-from ident.measure.cells import load_problems, role_problems, value_problems
-from ident.measure.columns import NUMERIC_COLUMNS, Header, is_column, read_header
-from ident.measure.covariance import Covariance, covariance_path, parse_covariance
-from ident.measure.kinds import KINDS
-from ident.measure.load import Load, Vector, parse_direction
-from ident.measure.setups import NO_SETUPS, Setups, parse_setups, setups_path
+from ident.files import remove_file, replace_file, together
+from ident.measure.campaign import Campaign, Measurement, load_problems, role_problems, value_problems
+from ident.measure.covariance_and_frames import (
+    NO_SETUPS,
+    Covariance,
+    Group,
+    Setups,
+    covariance_path,
+    covariance_text,
+    parse_covariance,
+    parse_setups,
+    setups_path,
+    setups_text,
+)
+from ident.measure.load import DRIVE_STATES, KINDS, Load, Vector, format_direction, parse_direction
 from ident.measure.table import (
     Findings,
     Record,
     decimal_mark,
+    format_number,
     misfit,
+    parse_fraction,
+    parse_number,
     read_records,
     read_table,
     sniff_delimiter,
     table_text,
 )
-from ident.measure.text import parse_fraction, parse_number
-from ident.text import nearest, one_line, quoted
+from ident.text import LONGEST_QUOTE, nearest, one_line, quoted
 from ident.units import si_factor
+
+# -------- Columns
+# The columns of a campaign CSV, and the header line that names them.
+
+COLUMNS = (
+    "kind",
+    "mode",
+    "of",
+    "point",
+    "direction",
+    "reference_point",
+    "reference_direction",
+    "joint",
+    "setup",
+    "load",
+    "reference_load",
+    "ramp",
+    "drives",
+    "value",
+    "unit",
+    "sigma",
+    "relative_sigma",
+    "resolution",
+    "repeat",
+    "group",
+    "note",
+)
+"""Names of the columns, beside the joint angles `q1 [deg]`, `q2 [deg]`, ..."""
+
+NUMERIC_COLUMNS = (
+    "value",
+    "sigma",
+    "relative_sigma",
+    "resolution",
+    "direction",
+    "reference_direction",
+    "load",
+    "reference_load",
+)
+"""Columns, beside the joint angles, that hold numbers."""
+
+_ANGLE_COLUMN = re.compile(r"(q[1-9][0-9]{0,2})\s*(?:\[([^\]]*)\])?", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Header:
+    """The header line.
+
+    Attributes:
+        where: its place, `file:row`.
+        names: column names in the file's order; the joint angles are q1, q2, ... without their unit.
+        angles: radians per unit of each joint angle, in the joints' order.
+        broken: columns that can't be read; problems in their cells would only repeat the header's.
+    """
+
+    where: str
+    names: tuple[str, ...]
+    angles: Mapping[str, float]
+    broken: frozenset[str]
+
+
+def is_column(name: str) -> bool:
+    """Tell whether a campaign CSV may have a column of this name."""
+    return name.lower() in COLUMNS or bool(_ANGLE_COLUMN.fullmatch(name))
+
+
+def read_header(record: Record, findings: Findings) -> Header:
+    """Read the header line and note unknown, doubled and missing columns."""
+    where, cells = record
+    mine = Findings()
+    names = [re.sub(r"\s*\[.*", "", cell).lower() if is_column(cell) else cell for cell in cells]
+    angles = {
+        name: mine.attempt(where, name, _angle_factor, cell) or 1.0
+        for name, cell in zip(names, cells, strict=True)
+        if _ANGLE_COLUMN.fullmatch(name)
+    }
+    unknown = [name for name in names if not is_column(name)]
+    mine += [_unknown_column(where, name) for name in unknown]
+    mine += [Problem(where, *doubled) for doubled in _doubled(names)]
+    mine += [Problem(where, "no such column", *lacking) for lacking in _lacking(names)]
+    findings += mine
+    meant = {nearest(name, COLUMNS) for name in unknown}
+    broken = frozenset(meant | {problem.column for problem in mine}) - {""}
+    by_joint = dict(sorted(angles.items(), key=lambda angle: int(angle[0][1:])))
+    return Header(where, tuple(names), by_joint, broken)
+
+
+def _angle_factor(cell: str) -> float:
+    unit = cell.partition("[")[2].removesuffix("]").strip()
+    if not unit:
+        remedy = "write the unit in square brackets"
+        raise InputError(Problem("", "no unit", "an angle unit, as in 'q1 [deg]'", remedy))
+    return si_factor(unit, "angle")
+
+
+def _unknown_column(where: str, name: str) -> Problem:
+    suggestion = nearest(name, COLUMNS)
+    remedy = f"write {suggestion}" if suggestion else "remove or rename the column"
+    expected = f"one of q1 [deg], ..., {', '.join(COLUMNS)}"
+    got = f"the unknown column {quoted(name)}" if name else "a column without a name"
+    return Problem(where, got, expected, remedy, one_line(name[:LONGEST_QUOTE]))
+
+
+def _doubled(names: list[str]) -> Iterator[tuple[str, str, str, str]]:
+    for name in sorted({name for name in names if name and names.count(name) > 1}):
+        yield "the column twice", "it once", "remove or rename one", one_line(name[:LONGEST_QUOTE])
+
+
+def _lacking(names: list[str]) -> Iterator[tuple[str, str, str]]:
+    """Yield expectation, remedy and name of each column that is missing."""
+    for name in ("kind", "value", "unit"):
+        if name not in names:
+            yield f"a column {name}", "add the column", name
+    if not {"sigma", "relative_sigma"} & set(names):
+        yield "a column sigma or relative_sigma", "state how far each value may be off", "sigma"
+    joints = {int(name[1:]) for name in names if _ANGLE_COLUMN.fullmatch(name)}
+    gap = next(joint for joint in count(1) if joint not in joints)
+    if gap <= max(joints, default=1):
+        yield "joint angles numbered q1, q2, ... without a gap", "add or renumber the column", f"q{gap}"
+
+
+# -------- Reading
 
 AS_TEXT = (
     "mode",
@@ -289,3 +425,118 @@ def _duplicates(measurements: tuple[Measurement, ...]) -> Iterator[tuple[Measure
         earlier = first.setdefault(key, measurement)
         if earlier is not measurement:
             yield earlier, measurement
+
+
+# -------- Writing
+# A campaign into CSV that reads back equal.
+
+WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "rotation": "mrad", "damping_ratio": "1", "ratio": "1"}
+"""Unit in which each measured quantity is written."""
+
+
+def write_campaign(
+    campaign: Campaign,
+    path: str | Path,
+    *,
+    header_comments: Iterable[str] = (),
+    relative_sigma: bool = False,
+) -> None:
+    """Write a campaign as CSV: postures in deg, frequencies in Hz, deflections in mm, every digit kept.
+
+    The text is read back before it is written, so that no file is made that `read_campaign` would refuse. The
+    files appear together or not at all. Correlations go into `CAMPAIGN.covariance.csv` beside it, frames of setups into
+    `CAMPAIGN.setups.csv`; without any, such a file of an earlier campaign there is removed.
+
+    Args:
+        campaign: what to write.
+        path: the file; an existing one is replaced.
+        header_comments: comment lines for the head of the file, such as the origin of the numbers.
+        relative_sigma: whether standard deviations are written as fractions of the value, where they are any.
+    """
+    text = campaign_text(campaign, header_comments=header_comments, relative_sigma=relative_sigma)
+    data, beside = text.encode("utf-8", errors="backslashreplace"), covariance_path(path)
+    groups = _groups(campaign)
+    correlations = covariance_text(groups, Path(path).name).encode() if groups else None
+    frames = setups_text(campaign.setups.each, Path(path).name).encode() if campaign.setups.each else None
+    parse_campaign(data, path, correlations, frames)
+    with together():
+        _write_beside(beside, correlations)
+        _write_beside(setups_path(path), frames)
+        replace_file(Path(path), lambda file: file.write(data))
+
+
+def _write_beside(path: Path, content: bytes | None) -> None:
+    """Write a file that belongs to the campaign, or remove an earlier campaign's."""
+    if content is None:
+        remove_file(path)
+    else:
+        replace_file(path, lambda file: file.write(content))
+
+
+def _groups(campaign: Campaign) -> list[Group]:
+    """Return the groups of the campaign's rows as they are numbered when they are read again."""
+    names = dict.fromkeys(m.group for m in campaign if m.group)
+    several = {campaign.measurements[places[0]].group: matrix for places, matrix in campaign.correlated}
+    return [Group(name, several.get(name, ((1.0,),))) for name in names]
+
+
+def campaign_text(campaign: Campaign, *, header_comments: Iterable[str] = (), relative_sigma: bool = False) -> str:
+    """Return a campaign as CSV text under comment lines; see `write_campaign`."""
+    comments = [f"# {line}".rstrip() for comment in header_comments for line in comment.splitlines() or [""]]
+    return "\n".join([*comments, format_campaign(campaign, relative_sigma=relative_sigma)])
+
+
+def format_campaign(campaign: Campaign, *, relative_sigma: bool = False) -> str:
+    """Return a campaign as CSV text, with the columns that are in use."""
+    angles = [f"q{joint} [deg]" for joint in range(1, campaign.joints + 1)]
+    rows = [dict(zip(angles, _degrees(m), strict=True)) | dict(_cells(m, relative_sigma)) for m in campaign]
+    used = [name for name in COLUMNS if name in _ALWAYS or any(row.get(name) for row in rows)]
+    text = io.StringIO()
+    columns = ["kind", *angles, *used[1:]]
+    writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+_ALWAYS = ("kind", "value", "unit")
+
+
+def _degrees(m: Measurement) -> list[str]:
+    return [_written(angle, si_factor("deg", "angle")) for angle in m.posture]
+
+
+def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
+    unit = WRITTEN_UNITS[KINDS[m.kind]]
+    factor = si_factor(unit, KINDS[m.kind])
+    yield from (
+        ("kind", m.kind),
+        ("mode", m.mode or ""),
+        ("of", m.of or ""),
+        ("point", m.point or ""),
+        ("joint", m.joint or ""),
+        ("setup", m.setup),
+        ("ramp", m.ramp),
+        ("note", m.note),
+    )
+    yield "direction", format_direction(m.direction) if m.direction else ""
+    yield "reference_point", m.reference_point or ""
+    yield "reference_direction", format_direction(m.reference_direction) if m.reference_direction else ""
+    yield "load", str(m.load) if m.load else ""
+    yield "reference_load", str(m.reference_load) if m.reference_load else ""
+    yield "drives", m.drives if m.drives != DRIVE_STATES[0] else ""
+    yield from (("value", _written(m.value, factor)), ("unit", unit))
+    if relative_sigma and m.sigma < abs(m.value):
+        yield "relative_sigma", _written(m.sigma, abs(m.value))
+    else:
+        yield "sigma", _written(m.sigma, factor)
+    yield "resolution", _written(m.resolution, factor) if m.resolution else ""
+    yield "repeat", m.repeat
+    yield "group", m.group
+
+
+def _written(value: float, unit: float) -> str:
+    """Return value/unit in the fewest digits, 15 at least, that read back as the same value; else in all."""
+    exact = value / unit
+    short = (float(f"{exact:.{digits}g}") for digits in (15, 16))
+    return format_number(next((number for number in short if number * unit == value), exact))

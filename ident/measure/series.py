@@ -3,7 +3,7 @@
 import hashlib
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,10 +11,19 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import InputError, Problem
-from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, sniff_delimiter, table_text
-from ident.measure.text import parse_number
-from ident.text import LONGEST_QUOTE, nearest, one_line
-from ident.units import QUANTITIES, si_factor
+from ident.measure.table import (
+    Findings,
+    Record,
+    decimal_mark,
+    misfit,
+    parse_number,
+    read_records,
+    read_table,
+    sniff_delimiter,
+    table_text,
+)
+from ident.text import LARGEST_SAMPLES, LONGEST_QUOTE, NAME, nearest, one_line, quoted
+from ident.units import QUANTITIES, si_factor, to_si
 
 TIME = "time"
 """Name of the column that every such file has."""
@@ -231,3 +240,282 @@ def _time_problems(series: Series) -> Iterator[Problem]:
                 "correct the time, or the unit in the header",
             )
         yield Problem(series.where[row], got, expected, remedy, TIME)
+
+
+# -------- Log
+# A joint path as a robot controller logs it: time and joint angles, from CSV into SI units.
+
+FEWEST_ROWS = 4
+"""Fewest rows of a log."""
+
+FASTEST = 100.0
+"""Joint speed [rad/s] above which angle or time must be in another unit than the header says, or an outlier."""
+
+FARTHEST = 10 * 2 * math.pi
+"""Angle [rad] beyond which a column marked rad must be in degrees."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """Joint angles over time.
+
+    Attributes:
+        path: the file it was read from.
+        sha256: hash of the file's bytes.
+        time: (T,) [s] increasing.
+        angles: (T,) [rad] by joint, in the order in which the joints were asked for.
+        ignored: names of further columns of the file, as written in its header.
+    """
+
+    path: str
+    sha256: str
+    time: Float[np.ndarray, " T"]
+    angles: Mapping[str, Float[np.ndarray, " T"]]
+    ignored: tuple[str, ...] = ()
+
+
+def read_log(path: str | Path, joints: Sequence[str]) -> Log:
+    """Read a log from a CSV file with the columns `time [s]` and, for each joint, `joint1 [deg]`, in any order.
+
+    Args:
+        path: the file; UTF-8, columns separated by comma, semicolon or tab, any units of time and angle.
+        joints: names of the driven joints; each has a column, further columns are ignored.
+
+    Returns:
+        The log in SI units.
+
+    Raises:
+        InputError: the file can't be read, or something in it is wrong; every problem is listed.
+    """
+    return parse_log(read_table(path, LARGEST_SAMPLES), path, joints)
+
+
+def parse_log(data: bytes, path: str | Path, joints: Sequence[str]) -> Log:
+    """Read a log from the bytes of a CSV file; `path` names it in messages."""
+    findings = Findings()
+    series = parse_series(data, path, dict.fromkeys(joints, ("angle",)), FEWEST_ROWS, findings)
+    findings += [problem for joint in joints for problem in _joint_problems(series, joint)]
+    if findings:
+        raise InputError(findings)
+    return Log(str(path), series.sha256, series[TIME], {joint: series[joint] for joint in joints}, series.ignored)
+
+
+def _joint_problems(series: Series, joint: str) -> Iterator[Problem]:
+    if joint not in series and joint not in series.at_fault:
+        yield missing_column(series.header, joint, "angle", series.ignored)
+    elif joint in series:
+        yield from _far(series, joint) or _fast(series, joint)
+
+
+def _far(series: Series, joint: str) -> list[Problem]:
+    """Find the first angle that a column marked rad can't have."""
+    angles, unit = series[joint], series.columns[joint].unit
+    far = np.flatnonzero(abs(angles) > FARTHEST)
+    if unit not in ("rad", "radian", "radians") or not far.size:
+        return []
+    got, expected = f"{angles[far[0]]:.6g} rad", "at most ten turns, 62.8 rad"
+    remedy = f"if the angles are in degrees, write '{joint} [deg]' in the header"
+    return [Problem(series.where[far[0]], got, expected, remedy, joint)]
+
+
+def _fast(series: Series, joint: str) -> list[Problem]:
+    """Find the first jump of an angle that no joint makes."""
+    if TIME not in series:
+        return []
+    steps, jumps = np.diff(series[TIME]), np.diff(series[joint])
+    fast = np.flatnonzero((steps > 0) & (abs(jumps) > FASTEST * steps))
+    if not fast.size:
+        return []
+    row = int(fast[0])
+    got = f"a jump of {jumps[row]:.4g} rad within {steps[row]:.4g} s, {abs(jumps[row]) / steps[row]:.4g} rad/s"
+    headers = " and ".join(f"'{name} [{series.columns[name].unit}]'" for name in (joint, TIME))
+    remedy = f"check the units in {headers}, or remove the outlier"
+    return [Problem(series.where[row + 1], got, f"at most {FASTEST:g} rad/s", remedy, joint)]
+
+
+# -------- Trace
+# A measured vibration of the end point: displacement or acceleration over time, from CSV into SI units.
+
+DIRECTIONS = ("x", "y", "z")
+"""Names of the columns: axes of the base frame."""
+
+KINDS = {"length": "displacement", "acceleration": "acceleration"}
+"""What a trace may be of, by the quantity of its units."""
+
+TRACE_ROWS_MIN = 16
+"""Fewest rows of a trace."""
+
+UNEVEN = 0.01
+"""Largest deviation of a sampling interval from the mean one, as a fraction of it."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A vibration over time, sampled at equal intervals.
+
+    Attributes:
+        path: the file it was read from.
+        sha256: hash of the file's bytes.
+        time: (T,) [s] increasing, uniform within 1 %.
+        kind: `displacement` or `acceleration`.
+        values: (T,) [m or m/s^2] by direction, `x`, `y` or `z` of the base frame.
+        ignored: names of further columns of the file, as written in its header.
+    """
+
+    path: str
+    sha256: str
+    time: Float[np.ndarray, " T"]
+    kind: str
+    values: Mapping[str, Float[np.ndarray, " T"]]
+    ignored: tuple[str, ...] = ()
+
+    @property
+    def interval(self) -> float:
+        """Mean time [s] between two samples."""
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+
+
+def read_trace(path: str | Path) -> Trace:
+    """Read a trace from a CSV file with the columns `time [s]` and any of `x [mm]`, `y [mm]`, `z [mm]`.
+
+    The unit tells displacement from acceleration, `x [m/s^2]`; one file has one of the two.
+
+    Args:
+        path: the file; UTF-8, columns separated by comma, semicolon or tab, in any order; further ones are ignored.
+
+    Returns:
+        The trace in SI units.
+
+    Raises:
+        InputError: the file can't be read, or something in it is wrong; every problem is listed.
+    """
+    return parse_trace(read_table(path, LARGEST_SAMPLES), path)
+
+
+def parse_trace(data: bytes, path: str | Path) -> Trace:
+    """Read a trace from the bytes of a CSV file; `path` names it in messages."""
+    findings = Findings()
+    series = parse_series(data, path, {direction: tuple(KINDS) for direction in DIRECTIONS}, TRACE_ROWS_MIN, findings)
+    findings += [*_kind_problems(series), *_sampling_problems(series)]
+    if findings:
+        raise InputError(findings)
+    given = [direction for direction in DIRECTIONS if direction in series]
+    kind = KINDS[series.columns[given[0]].quantity]
+    values = {direction: series[direction] for direction in given}
+    return Trace(str(path), series.sha256, series[TIME], kind, values, series.ignored)
+
+
+def _kind_problems(series: Series) -> Iterator[Problem]:
+    given = [column for name, column in series.columns.items() if name in DIRECTIONS]
+    if not given and not series.at_fault & set(DIRECTIONS):
+        expected = f"a column 'x [{EXAMPLES['length']}]', or y or z, or in '{EXAMPLES['acceleration']}'"
+        yield Problem(series.header, "no direction", expected, "name the measured directions in the header")
+    for column in given:
+        kind, first = KINDS[column.quantity], KINDS[given[0].quantity]
+        if kind != first:
+            expected = f"{first}, as of {given[0].name}"
+            remedy = "put displacements and accelerations into two files"
+            yield Problem(series.header, f"{kind} in '{column.unit}'", expected, remedy, column.name)
+
+
+def _sampling_problems(series: Series) -> Iterator[Problem]:
+    """Find the interval that differs most from the mean one, once time increases."""
+    steps = np.diff(series[TIME]) if TIME in series else np.zeros(0)
+    if not steps.size or not (steps > 0).all():
+        return
+    mean = steps.mean()
+    row = int(np.argmax(abs(steps - mean)))
+    if abs(steps[row] - mean) > UNEVEN * mean:
+        got = f"{steps[row]:.6g} s since the row before"
+        expected = f"{mean:.6g} s within 1 %, the mean interval"
+        remedy = "resample the trace at equal intervals; if only its times are rounded, write more digits"
+        yield Problem(series.where[row + 1], got, expected, remedy, TIME)
+
+
+# -------- Pulleys
+# Pulleys in a CSV file of a trace: turning frequency and angle over time, as `ident simulate` writes them.
+
+FIELDS = {"frequency": "frequency", "angle": "angle"}
+"""Columns of a pulley, `drive1.frequency [Hz]` and `drive1.angle [rad]`, and the quantity of each."""
+
+_COLUMN = re.compile(rf"(?P<name>(?P<pulley>{NAME})\.(?P<field>{'|'.join(FIELDS)}))\s*\[.*\]")
+
+
+@dataclass(frozen=True)
+class Pulley:
+    """How a pulley turns, at the times of the trace beside it.
+
+    Attributes:
+        frequency: (T,) [Hz] of turning; None where the file has no such column.
+        angle: (T,) [rad] unwrapped; None where the file has no such column.
+    """
+
+    frequency: Float[np.ndarray, " T"] | None = None
+    angle: Float[np.ndarray, " T"] | None = None
+
+
+def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Pulley]:
+    """Read the pulleys in the file of a trace, by name; mostly none if it was measured.
+
+    Args:
+        path: the file.
+        trace: what `read_trace` has read from it.
+
+    Returns:
+        The pulleys, in the order of the file.
+    """
+    there = [match for match in map(_COLUMN.fullmatch, trace.ignored) if match]
+    if not there:
+        return {}
+    findings = Findings()
+    wanted = {match["name"]: (FIELDS[match["field"]],) for match in there}
+    series = parse_series(read_table(path, LARGEST_SAMPLES), path, wanted, TRACE_ROWS_MIN, findings)
+    if findings:
+        raise InputError(findings)
+    return {
+        name: Pulley(**{field: series[f"{name}.{field}"] for field in _fields(name, wanted)})
+        for name in dict.fromkeys(match["pulley"] for match in there)
+    }
+
+
+def _fields(pulley: str, columns: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
+    return (field for field in FIELDS if f"{pulley}.{field}" in columns)
+
+
+# -------- Speeds
+# What turns at a known speed during a test: pulleys, motors, fans.
+
+SYNTAX = "terms joined by ' + ', each like '2.25 Hz @ pulley 1' or '1450 rpm @ pump'"
+_TERM = re.compile(r"(?P<value>[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*(?P<unit>[^\W\d_]+)\s*@\s*(?P<name>[^@+]+)")
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Something that turns.
+
+    Attributes:
+        name: what it is.
+        frequency: [Hz] revolutions in a second.
+    """
+
+    name: str
+    frequency: float
+
+
+def parse_speeds(text: str, decimal: str = ".") -> tuple[Speed, ...]:
+    """Read speeds such as `2.25 Hz @ pulley 1 + 1450 rpm @ pump`; blank is none.
+
+    Raises:
+        InputError: the text doesn't follow the syntax.
+    """
+    return tuple(_speed(term, decimal) for term in text.split(" + ")) if text.strip() else ()
+
+
+def _speed(term: str, decimal: str) -> Speed:
+    match = _TERM.fullmatch(term.strip())
+    if not match:
+        raise InputError(Problem("", quoted(term), SYNTAX, "correct it, or leave the cell empty"))
+    value = to_si(parse_number(match["value"], decimal), match["unit"], "frequency")
+    if not value > 0:
+        raise InputError(Problem("", quoted(term), "a speed above 0", "correct it, or leave the cell empty"))
+    return Speed(match["name"].strip(), value)

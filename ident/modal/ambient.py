@@ -1,19 +1,295 @@
 """From records without force to correlation functions: the ambient tests of a channel table, one for each posture."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from itertools import pairwise
 
 import numpy as np
+from jaxtyping import Float
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.optimize import minimize_scalar
 from scipy.signal import csd, detrend, resample_poly
+from scipy.special import chdtri
 
 from ident.errors import InputError, Problem
-from ident.modal.ambient_test import AmbientTest, SpectralDensity
-from ident.modal.correlations import correlations_of
-from ident.modal.harmonics import Harmonic, without_harmonics
-from ident.modal.hits import overload
-from ident.modal.modal_test import Processing
-from ident.modal.records import Record
-from ident.modal.spectra import ANTI_ALIAS
+from ident.measure.channels import ChannelTable
+from ident.measure.load import Load
+from ident.measure.recordings import Recording
+from ident.measure.series import Speed
+from ident.modal.frf import ModalTest, Place, Processing
+from ident.modal.hammer import ANTI_ALIAS, MAINS, modal_tests, overload
+from ident.modal.sources import Record, ambient_files, records
 from ident.text import one_line, quoted
+
+# -------- Correlations
+# How responses are correlated over time, block by block: all that is needed of an ambient record.
+
+
+@dataclass(frozen=True)
+class Correlations:
+    """Correlation functions of responses with references, a part of each block of the record.
+
+    R(k) = sum over t of y(t + k) y_ref(t)', t within the block; its sum over blocks is that of the record.
+
+    Attributes:
+        step: [s] between lags.
+        blocks: (B, O, R, K) [channel units squared] at lags 0 to K - 1.
+        samples: (B,) samples in each block.
+    """
+
+    step: float
+    blocks: Float[np.ndarray, "B O R K"]
+    samples: Float[np.ndarray, "B"]
+
+    @property
+    def mean(self) -> Float[np.ndarray, "O R K"]:
+        """Correlation functions of the record."""
+        return self.blocks.sum(0) / self.samples.sum()
+
+    @property
+    def duration(self) -> float:
+        """[s] of the record."""
+        return float(self.samples.sum()) * self.step
+
+    def without(self, block: int) -> Float[np.ndarray, "O R K"]:
+        """Return the correlation functions of all but one block."""
+        return np.delete(self.blocks, block, 0).sum(0) / np.delete(self.samples, block).sum()
+
+    def joined(self, count: int) -> "Correlations":
+        """Return the same with neighbouring blocks joined, `count` of them in all."""
+        starts = np.unique(np.linspace(0, len(self.blocks), count + 1).astype(int))[:-1]
+        return replace(self, blocks=np.add.reduceat(self.blocks, starts), samples=np.add.reduceat(self.samples, starts))
+
+
+def correlations_of(
+    records: Sequence[Float[np.ndarray, "O T"]], references: Sequence[int], step: float, lags: int, length: int
+) -> Correlations:
+    """Return the correlation functions of records, in blocks of at least some length.
+
+    Args:
+        records: of the same channels, without their mean.
+        references: (R,) rows of the responses that the others are correlated with.
+        step: [s] between samples.
+        lags: K.
+        length: samples of a block, at least.
+
+    References:
+        Bendat and Piersol, "Random Data", 4th ed. 2010, section 11.4.2 (by Fourier transforms).
+    """
+    blocks, samples = [], []
+    for record in records:
+        usable = record.shape[1] - lags + 1
+        edges = np.linspace(0, usable, max(usable // length, 1) + 1).astype(int)
+        for start, end in pairwise(edges.tolist()):
+            blocks.append(_block(record, references, start, end, lags))
+            samples.append(float(end - start))
+    return Correlations(step, np.array(blocks), np.array(samples))
+
+
+def _block(record: np.ndarray, references: Sequence[int], start: int, end: int, lags: int) -> np.ndarray:
+    count = next_fast_len(end - start + lags - 1, real=True)
+    ahead = rfft(record[:, start : end + lags - 1], count)
+    here = rfft(record[list(references), start:end], count)
+    out: np.ndarray = irfft(ahead[:, None] * here.conj()[None], count)[..., :lags]
+    return out
+
+
+# -------- Harmonics
+# Lines of what turns during a test, at known speeds: found, taken out of the records, and named.
+
+MULTIPLES = 10
+"""Multiples of a speed at which lines are sought."""
+SLIP = 0.01
+"""How far a speed may be from what is said, as a share."""
+CHANCE = 1e-10
+"""Chance of noise alone to stand out so far, at one frequency."""
+NARROW, ABOUT = 2.5, 24.0
+"""A line is that narrow, and what lies about it that wide to either side, in reciprocals of the duration."""
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """A line of something that turns.
+
+    Attributes:
+        name: of what turns.
+        multiple: of its speed.
+        frequency: [Hz] where the line is.
+        share: [-] of the power of the response in which it is strongest.
+        response: number of that response.
+    """
+
+    name: str
+    multiple: int
+    frequency: float
+    share: float
+    response: int
+
+    def __str__(self) -> str:
+        return f"{times(self.multiple)}{self.name} at {self.frequency:.4g} Hz"
+
+
+def times(multiple: int) -> str:
+    """Return how often, in words; empty for once."""
+    return f"{multiple} x " if multiple > 1 else ""
+
+
+def without_harmonics(
+    record: Float[np.ndarray, "O T"], step: float, speeds: Sequence[Speed], band: tuple[float, float]
+) -> tuple[Float[np.ndarray, "O T"], tuple[Harmonic, ...]]:
+    """Return a record without the lines of what turns, and the lines that it had.
+
+    At each multiple of a speed within the band, and at the mains, the record's spectrum is searched for a line: power
+    that stands out of what lies close about it, where a resonance is smooth. Such a line is a sine of constant
+    frequency whose amplitude grows linearly; it is subtracted by least squares, which takes no more of a mode than
+    what lies within the reciprocal of the record's duration.
+
+    Args:
+        record: responses, without their mean.
+        step: [s] between samples.
+        speeds: what turns.
+        band: [Hz] in which lines are sought.
+
+    References:
+        Peeters, Cornelis, Janssens, Van der Auweraer, "Removing disturbing harmonics in operational modal analysis",
+        IOMAC 2007.
+    """
+    lines: list[Harmonic] = []
+    spectrum = _Spectrum.of(record, step)
+    for name, multiple, nominal, slip in _sought(speeds, band):
+        rough = spectrum.line(nominal * (1 - slip), nominal * (1 + slip))
+        if rough is None or any(abs(each.frequency - rough) < 2 * spectrum.resolution for each in lines):
+            continue
+        frequency = _refined(record, step, rough, spectrum.resolution)
+        sine = _sine(record, step, frequency)
+        share = (sine**2).sum(1) / (record**2).sum(1)
+        record = record - sine
+        lines.append(Harmonic(name, multiple, frequency, float(share.max()), int(share.argmax())))
+    return record, tuple(lines)
+
+
+def _sought(speeds: Sequence[Speed], band: tuple[float, float]) -> Iterator[tuple[str, int, float, float]]:
+    """Yield name, multiple, frequency [Hz] and how far it may be off."""
+    for speed in speeds:
+        for multiple in range(1, MULTIPLES + 1):
+            if band[0] <= multiple * speed.frequency <= band[1]:
+                yield speed.name, multiple, multiple * speed.frequency, SLIP
+    for line in MAINS:
+        if band[0] <= line <= band[1]:
+            yield "the mains", 1, line, SLIP / 10
+
+
+def turning(speeds: Sequence[Speed], frequency: float) -> str:
+    """Return what turns at a frequency [Hz], or at a part of it; empty for nothing."""
+    pairs = [(speed, multiple) for speed in speeds for multiple in range(1, MULTIPLES + 1)]
+    apart = [abs(speed.frequency * multiple / frequency - 1) for speed, multiple in pairs]
+    if min(apart, default=1.0) > SLIP:
+        return ""
+    speed, multiple = pairs[int(np.argmin(apart))]
+    return f"{times(multiple)}{speed.name}, which turns at {speed.frequency:.4g} Hz"
+
+
+@dataclass(frozen=True)
+class _Spectrum:
+    """Power (O, F) of responses at lines [Hz] closer than the record resolves."""
+
+    frequency: np.ndarray
+    power: np.ndarray
+    resolution: float
+
+    @classmethod
+    def of(cls, record: np.ndarray, step: float) -> "_Spectrum":
+        samples = record.shape[1]
+        count = next_fast_len(2 * samples, real=True)
+        power = np.abs(np.fft.rfft(record * np.hanning(samples), count)) ** 2
+        return cls(np.fft.rfftfreq(count, step), power, 1 / (samples * step))
+
+    def line(self, low: float, high: float) -> float | None:
+        """Return where the line that stands out most is between two frequencies; None where none does."""
+        level = chdtri(2, CHANCE) / chdtri(2, 0.5)
+        at = np.flatnonzero((self.frequency >= low) & (self.frequency <= high))
+        best = max((int(at[each.argmax()]) for each in self.power[:, at]), key=self._stands_out, default=None)
+        return float(self.frequency[best]) if best is not None and self._stands_out(best) > level else None
+
+    def _stands_out(self, i: int) -> float:
+        """Return the largest power at a line over the median of what lies about it."""
+        apart = np.abs(self.frequency - self.frequency[i]) / self.resolution
+        about = (apart > NARROW) & (apart < ABOUT)
+        return float((self.power[:, i] / np.median(self.power[:, about], axis=1)).max())
+
+
+def _refined(record: np.ndarray, step: float, rough: float, resolution: float) -> float:
+    """Return the frequency at which a sine takes most of a record."""
+    ends = rough - resolution, rough + resolution
+    taken = lambda frequency: -float((_sine(record, step, frequency) ** 2).sum())  # noqa: E731
+    return float(minimize_scalar(taken, bounds=ends, method="bounded", options={"xatol": 1e-3 * resolution}).x)
+
+
+def _sine(record: np.ndarray, step: float, frequency: float) -> Float[np.ndarray, "O T"]:
+    """Return the sine, of linearly changing amplitude and phase, that is nearest to each response."""
+    time = np.linspace(-1.0, 1.0, record.shape[1])
+    turn = 2 * np.pi * frequency * step * np.arange(record.shape[1])
+    basis = np.array([np.cos(turn), np.sin(turn), time * np.cos(turn), time * np.sin(turn)])
+    fitted: np.ndarray = np.linalg.solve(basis @ basis.T, basis @ record.T).T @ basis
+    return fitted
+
+
+# -------- Ambient test
+# What an ambient test is, as a value: responses to forces that nobody measured.
+
+
+@dataclass(frozen=True)
+class SpectralDensity:
+    """Singular values of the spectral density matrix of the responses, each in its own standard deviations.
+
+    Attributes:
+        frequency: (F,) [Hz]
+        singular: (S, F) [1/Hz] descending.
+    """
+
+    frequency: Float[np.ndarray, "F"]
+    singular: Float[np.ndarray, "S F"]
+
+
+@dataclass(frozen=True)
+class AmbientTest:
+    """What was recorded at one posture under one load, without a force.
+
+    Attributes:
+        posture: (joints,) [rad]
+        load: the load case, sensors included.
+        drives: what held the motors.
+        files: from which.
+        responses: (O,) where and along what was measured.
+        references: rows of the responses with which all are correlated.
+        scale: (O,) [SI] by which responses are divided: their standard deviations.
+        order: (O,) how often each is differentiated to give an acceleration.
+        band: [Hz] in which modes are sought.
+        correlations: of the scaled responses, without harmonics.
+        density: of the scaled responses, harmonics included.
+        speeds: what turned.
+        harmonics: lines that were taken out.
+        remarks: what else a reader should know.
+    """
+
+    posture: tuple[float, ...]
+    load: Load
+    drives: str
+    files: tuple[str, ...]
+    responses: tuple[Place, ...]
+    references: tuple[int, ...]
+    scale: Float[np.ndarray, "O"]
+    order: tuple[int, ...]
+    band: tuple[float, float]
+    correlations: Correlations
+    density: SpectralDensity
+    speeds: tuple[Speed, ...]
+    harmonics: tuple[Harmonic, ...]
+    remarks: tuple[str, ...]
+
+
+# -------- Ambient
 
 LOWEST = 1.0
 """Frequency [Hz] from which on modes are sought, unless a band is given."""
@@ -145,3 +421,44 @@ def _remarks(group: Iterable[Record], harmonics: Sequence[Harmonic]) -> Iterator
         for speed in record.speeds:
             if not any(line.name == speed.name for line in harmonics):
                 yield f"{record.file}: no line of {speed.name} at {speed.frequency:.4g} Hz or its multiples is seen"
+
+
+# -------- Measured
+# The tests of a channel table, one for each posture and load: ambient ones where no force was measured.
+
+
+def measured_tests(
+    table: ChannelTable, recordings: Mapping[str, Recording], processing: Processing | None = None
+) -> tuple[ModalTest | AmbientTest, ...]:
+    """Return the tests of a channel table, one for each posture, load and state of the drives.
+
+    A posture of which no file has a force was shaken by what is about it: an ambient test.
+
+    Args:
+        table: with directions in the base frame.
+        recordings: by file name.
+        processing: windows, estimator and band.
+
+    Raises:
+        InputError: see `ident.modal.sources`, `ident.modal.records`; a record that is too short or without a hit.
+    """
+    processing = processing or Processing()
+    ambient = ambient_files(table, recordings)
+    quiet = {name: each for name, each in recordings.items() if name in ambient}
+    pushed = {name: each for name, each in recordings.items() if name not in ambient}
+    rows = [row for row in table.rows if not any(fnmatchcase(name, row.file) for name in quiet)]
+    tests: tuple[ModalTest | AmbientTest, ...] = ()
+    problems: list[Problem] = []
+    try:
+        if quiet:
+            tests += ambient_tests(records(table, quiet), processing)
+    except InputError as error:
+        problems += error.problems
+    try:
+        if any(row.counts for row in rows) or not quiet:
+            tests = modal_tests(replace(table, rows=tuple(rows)), pushed, processing) + tests
+    except InputError as error:
+        problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return tests

@@ -1,10 +1,30 @@
-"""Frequency response functions of a modal test, with the single hits that they are averaged from."""
+"""Frequency response functions of a modal test, with the single hits that they are averaged from.
 
+Whether frequency responses are those of one linear structure: driving points and reciprocity.
+
+Frequency responses of several hits: H1, H2 and Hv with coherence, and what each hit contributes.
+
+Windows of a hammer test: about the pulse for the force, and one that fades all of it out.
+
+The window exp(-sigma t) on force and response alike makes of the response function H(s) the same function on
+another line of the complex plane, H(sigma + i omega): each pole p becomes p - sigma, exactly.
+
+References:
+    Ewins, "Modal Testing", 2nd ed. 2000, sections 3.4.2 (driving point) and 3.10 (reciprocity).
+    Bendat and Piersol, "Random Data", 4th ed. 2010, chapter 6 (H1, H2, coherence).
+    Rocklin, Crowley, Vold, "A comparison of H1, H2 and Hv frequency response functions", IMAC III, 1985.
+    Efron, "The Jackknife, the Bootstrap and Other Resampling Plans", 1982 (pseudo-values).
+    Ewins, "Modal Testing", 2nd ed. 2000, section 3.7.4 (exponential window and its correction).
+"""
+
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ident.errors import InputError, Problem
+from ident.measure.load import Load
 
 
 @dataclass(frozen=True)
@@ -49,3 +69,271 @@ class Frf:
     def mean(self) -> np.ndarray:
         """(O, I, F) [1/kg] the estimate: the average over hits (H1 where every hit has the same force spectrum)."""
         return self.hits.mean(axis=0)
+
+
+# -------- Checks
+#
+
+ALONG = 0.999
+"""Cosine of the angle of two directions that are the same."""
+SIGMAS = 3.0
+"""Standard deviations by which a mobility may fall below zero."""
+SHARE = 0.1
+"""Share of the lines, weighted by their size, that may do so."""
+APART = 0.1
+"""Difference of two responses that should be equal, as a share of their size, beyond which it is said."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check of a test.
+
+    Attributes:
+        name: `driving point` or `reciprocity`.
+        places: of the force, and of reciprocity of the other one.
+        value: [-] what was found: of a driving point the share of lines that would feed energy into the hammer, of
+            reciprocity the difference of both responses beyond their scatter, by the size of both driving points.
+        limit: [-] beyond which it is doubtful.
+        remedy: what to look at then.
+    """
+
+    name: str
+    places: tuple[Place, ...]
+    value: float
+    limit: float
+    remedy: str
+
+    @property
+    def good(self) -> bool:
+        """Whether it is within its limit."""
+        return bool(self.value <= self.limit)
+
+
+def checks(frf: Frf) -> tuple[Check, ...]:
+    """Return the checks that the places of a test allow."""
+    return (*_driving_points(frf), *_reciprocity(frf))
+
+
+def _driving_points(frf: Frf) -> Iterator[Check]:
+    """Yield for each driving point the share of its mobility whose real part is below zero: a passive arm has none.
+
+    With an exponential window all lines lie at Re s = decay > 0, where the mobility of a passive structure has a
+    positive real part, too.
+    """
+    for o, i, sign in _same(frf.responses, frf.references):
+        s = frf.decay + 2j * np.pi * frf.frequency
+        mobility = sign * frf.hits[:, o, i] / s
+        mean, count = mobility.mean(0), len(mobility)
+        error = mobility.real.std(0, ddof=1) / np.sqrt(count) if count > 1 else np.zeros(len(mean))
+        below = mean.real < -SIGMAS * error
+        share = float(abs(mean)[below].sum() / abs(mean).sum())
+        remedy = "turn the direction of the force or the response, or check that both are at one point"
+        yield Check("driving point", (frf.references[i],), share, SHARE, remedy)
+
+
+def _reciprocity(frf: Frf) -> Iterator[Check]:
+    """Yield how much the response at a by a force at b differs from that at b by a force at a."""
+    ends = list(_same(frf.responses, frf.references))
+    mean = frf.mean
+    for k, (o, i, sign) in enumerate(ends):
+        for p, j, other in ends[k + 1 :]:
+            if i == j:
+                continue
+            difference = sign * frf.hits[:, o, j] - other * frf.hits[:, p, i]
+            size = np.sqrt(np.linalg.norm(mean[o, i]) * np.linalg.norm(mean[p, j]))
+            value = float(_beyond_scatter(difference) / size) if size else 0.0
+            both = frf.references[i], frf.references[j]
+            yield Check("reciprocity", both, value, APART, "check points, directions and sensitivities of both")
+
+
+def _beyond_scatter(difference: np.ndarray) -> float:
+    """Return the size of a mean difference (H, F) that the scatter of the hits does not explain."""
+    count = len(difference)
+    scatter = difference.var(0, ddof=1).sum() / count if count > 1 else 0.0
+    return float(np.sqrt(max((abs(difference.mean(0)) ** 2).sum() - scatter, 0.0)))
+
+
+def _same(responses: tuple[Place, ...], references: tuple[Place, ...]) -> Iterator[tuple[int, int, float]]:
+    """Yield response, reference and sign where both are at one point along one line."""
+    for o, response in enumerate(responses):
+        for i, reference in enumerate(references):
+            cosine = float(np.dot(response.direction, reference.direction))
+            if response.point == reference.point and abs(cosine) > ALONG:
+                yield o, i, float(np.sign(cosine))
+
+
+# -------- Estimates
+#
+
+ESTIMATORS = ("h1", "h2", "hv")
+"""Estimators: h1 for noise of the response, h2 for noise of the force, hv for both alike."""
+
+
+def contributions(force: np.ndarray, response: np.ndarray, estimator: str = "h1") -> np.ndarray:
+    """Return what each hit says of the frequency response: their mean is the estimate, their scatter its variance.
+
+    These are the pseudo-values of the jackknife, H (n) - (n - 1) H without hit h, shifted so that their mean is the
+    estimate itself.
+
+    Args:
+        force: (H, F) [N s] spectrum of the force of each hit.
+        response: (H, O, F) [m/s] spectra of the responses.
+        estimator: one of `ESTIMATORS`.
+
+    Returns:
+        (H, O, F) [1/kg] complex.
+    """
+    power = _powers(force, response)
+    whole = _estimate([each.sum(0) for each in power], estimator)
+    count = len(force)
+    if count == 1:
+        return whole[None]
+    rest = _estimate([each.sum(0) - each for each in power], estimator)
+    pseudo = count * whole - (count - 1) * rest
+    return pseudo - pseudo.mean(0) + whole
+
+
+def coherence(force: np.ndarray, response: np.ndarray) -> np.ndarray:
+    """Return the share of the response that is linear in the force, (O, F) [-]; one for a single hit.
+
+    Args:
+        force: (H, F) spectra of the force.
+        response: (H, O, F) spectra of the responses.
+    """
+    ff, aa, af = (each.sum(0) for each in _powers(force, response))
+    return np.minimum(abs(af) ** 2 / np.maximum(ff * aa, np.finfo(float).tiny), 1.0)
+
+
+def _powers(force: np.ndarray, response: np.ndarray) -> list[np.ndarray]:
+    """Return auto-powers of force (H, 1, F) and responses, and the cross-power (H, O, F), of each hit."""
+    f = force[:, None]
+    return [abs(f) ** 2, abs(response) ** 2, response * f.conj()]
+
+
+def _estimate(power: list[np.ndarray], estimator: str) -> np.ndarray:
+    ff, aa, af = power
+    if estimator == "h1":
+        return af / ff
+    if estimator == "h2":
+        return aa / af.conj()
+    return af / abs(af) * np.sqrt(aa / ff)
+
+
+# -------- Modal test
+# What a hammer test is, as a value, and how its records are processed.
+
+
+@dataclass(frozen=True)
+class Processing:
+    """How records become frequency responses.
+
+    Attributes:
+        estimator: `h1`, `h2` or `hv`.
+        window_end: [-] share to which the exponential window fades a record; 1 for none.
+        rest: [s] between two hits of one record, at least.
+        band: [Hz] lowest and highest line that is kept; None for what the hammer excites.
+    """
+
+    estimator: str = "h1"
+    window_end: float = 0.001
+    rest: float = 1.0
+    band: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A hit that does not count.
+
+    Attributes:
+        file: where it is.
+        number: of the hit in its file, from 1.
+        reason: why.
+    """
+
+    file: str
+    number: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class ModalTest:
+    """What was measured at one posture under one load.
+
+    Attributes:
+        posture: (joints,) [rad]
+        load: the load case, sensors included.
+        drives: what held the motors.
+        files: from which.
+        frf: frequency responses with those of each hit.
+        coherence: (O, I, F) [-]; ones for a single hit.
+        duration: [s] of a record; 0 for finished frequency responses.
+        rejected: hits that do not count.
+        checks: of driving points and reciprocity.
+        remarks: what else a reader should know.
+    """
+
+    posture: tuple[float, ...]
+    load: Load
+    drives: str
+    files: tuple[str, ...]
+    frf: Frf
+    coherence: np.ndarray
+    duration: float
+    rejected: tuple[Rejected, ...]
+    checks: tuple[Check, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def responses(self) -> tuple[Place, ...]:
+        """(O,) where and along what was measured."""
+        return self.frf.responses
+
+    @property
+    def hits(self) -> int:
+        """Hits that count."""
+        return len(self.frf.hits) * len(self.frf.references)
+
+    @property
+    def good(self) -> bool:
+        """Whether driving points and reciprocal responses do not contradict each other."""
+        return all(check.good for check in self.checks)
+
+
+# -------- Windows
+#
+
+MARGIN = 3.0
+"""Duration of the force window's flat part behind the pulse and of its fall, each, in durations of the pulse."""
+
+
+def exponential_decay(duration: float, end: float, applied: float = 0.0) -> float:
+    """Return by how much a window is still to fade a record [1/s] so that it ends at a share of its start.
+
+    Args:
+        duration: [s] of the record.
+        end: [-] the share; 1 for no window.
+        applied: [1/s] what the analyser's own window has faded already.
+    """
+    return max(-math.log(end) / duration - applied, 0.0)
+
+
+def exponential_window(count: int, step: float, decay: float) -> np.ndarray:
+    """Return exp(-decay t) at samples of a record, (T,) [-]."""
+    return np.exp(-decay * step * np.arange(count))
+
+
+def force_window(count: int, begin: int, end: int) -> np.ndarray:
+    """Return a window (T,) [-] that is one up to some time behind a pulse, from there on falls as a cosine to zero.
+
+    Args:
+        count: samples T.
+        begin: first sample of the pulse.
+        end: first sample after it.
+    """
+    width = max(math.ceil(MARGIN * (end - begin)), 2)
+    window = np.zeros(count)
+    flat = min(end + width, count)
+    window[:flat] = 1.0
+    fall = np.cos(np.linspace(0.0, np.pi / 2, width)) ** 2
+    window[flat : flat + width] = fall[: count - flat]
+    return window

@@ -1,22 +1,353 @@
 """From hits to frequency responses: the tests of a channel table, one for each posture and load."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtri
 
 from ident.errors import InputError, Problem
 from ident.measure.channels import ChannelTable
 from ident.measure.recordings import Recording
-from ident.modal.checks import checks
-from ident.modal.estimates import coherence, contributions
-from ident.modal.frf import Frf, Place
-from ident.modal.hits import Hit, find_hits
-from ident.modal.mains import mains_lines
-from ident.modal.modal_test import ModalTest, Processing
+from ident.modal.frf import (
+    Frf,
+    ModalTest,
+    Place,
+    Processing,
+    Rejected,
+    checks,
+    coherence,
+    contributions,
+    exponential_decay,
+    exponential_window,
+    force_window,
+)
 from ident.modal.sources import Source, sources
-from ident.modal.spectra import Spectra, excited, spectra
-from ident.modal.windows import exponential_decay
 from ident.text import one_line, quoted
+
+# -------- Hits
+# Hits of a hammer in a record of the force: where each begins, and which are double, overloaded or cut off.
+
+PULSE = 0.1
+"""Share of the largest force of a record beyond which it counts as a pulse."""
+REBOUND = 0.05
+"""Share of a hit's own peak which a second pulse must reach to make a double hit."""
+NOISE = 8.0
+"""Standard deviations of the noise which a pulse must exceed."""
+FLAT = 3
+"""Equal samples in a row at its largest number by which a channel shows that it was overloaded."""
+STEPS = 50
+"""Different numbers that a channel must have for a flat top to mean anything: else it is coarse, not overloaded."""
+FULL = 0.999
+"""Share of full scale that counts as overload."""
+
+
+@dataclass(frozen=True)
+class Hit:
+    """A pulse of the force.
+
+    Attributes:
+        block: number of the block that it is in.
+        begin: first sample of the pulse.
+        end: first sample after it.
+        until: first sample of the record after it that is another hit's, or the block's length.
+        flaw: why it does not count; empty where it does.
+    """
+
+    block: int
+    begin: int
+    end: int
+    until: int
+    flaw: str = ""
+
+
+def find_hits(force: np.ndarray, step: float, rest: float) -> list[Hit]:
+    """Find the hits in blocks of the force.
+
+    A block that was triggered holds one hit: further pulses in it make it a double one. A single block holds all hits
+    of a record: pulses closer than `rest` to the one before belong to its hit.
+
+    Args:
+        force: (B, T) [N]
+        step: [s] between samples.
+        rest: [s] between hits, at least.
+
+    Returns:
+        The hits in order, those that are double with their flaw.
+    """
+    if len(force) == 1:
+        return list(_of_record(force[0], step, rest))
+    level = PULSE * np.median(np.abs(force).max(1))
+    return [_of_block(number, block, level) for number, block in enumerate(force)]
+
+
+def _of_block(number: int, force: np.ndarray, level: float) -> Hit:
+    peak = float(np.abs(force).max())
+    noise = NOISE * _noise(force)
+    if peak <= max(level, noise) or not _stands_out(force):
+        return Hit(number, 0, 0, len(force), "no pulse of the force")
+    weak = max(REBOUND * peak, noise)
+    pulses = _distinct(force, _pulses(force, weak), weak)
+    return Hit(number, pulses[0][0], pulses[0][1], len(force), _double(force, pulses))
+
+
+def _of_record(force: np.ndarray, step: float, rest: float) -> Iterator[Hit]:
+    level = max(PULSE * float(np.abs(force).max()), NOISE * _noise(force))
+    groups: list[list[tuple[int, int]]] = []
+    for pulse in _pulses(force, level) if _stands_out(force) else ():
+        if groups and (pulse[0] - groups[-1][-1][1]) * step < rest:
+            groups[-1].append(pulse)
+        else:
+            groups.append([pulse])
+    if not groups:
+        return
+    starts = [group[0][0] for group in groups]
+    for group, until in zip(groups, [*starts[1:], len(force)], strict=True):
+        begin = group[0][0]
+        near = force[begin : min(until, begin + math.ceil(rest / step))]
+        weak = max(REBOUND * float(np.abs(near).max()), NOISE * _noise(force))
+        pulses = _distinct(near, _pulses(near, weak), weak)
+        yield Hit(0, begin + pulses[0][0], begin + pulses[0][1], until, _double(near, pulses))
+
+
+def _stands_out(force: np.ndarray) -> bool:
+    """Tell whether anything rises above the noise about the force's median: a constant offset is no pulse."""
+    return bool(np.abs(force - np.median(force)).max() > NOISE * _noise(force))
+
+
+def _pulses(force: np.ndarray, level: float) -> list[tuple[int, int]]:
+    """Return begin and end of each stretch in which the force exceeds a level."""
+    beyond = np.concatenate([[False], np.abs(force) > level, [False]])
+    edges = np.flatnonzero(np.diff(beyond.astype(int)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _distinct(force: np.ndarray, pulses: list[tuple[int, int]], level: float) -> list[tuple[int, int]]:
+    """Return the pulses that push as the largest one does: filters ring to the other side, a hammer cannot pull."""
+    sign = np.sign(force[np.argmax(np.abs(force))])
+    return [(a, b) for a, b in pulses if (sign * force[a:b]).max() > level] or pulses[:1]
+
+
+def _double(force: np.ndarray, pulses: list[tuple[int, int]]) -> str:
+    if len(pulses) < 2:
+        return ""
+    first, second = (float(np.abs(force[a:b]).max()) for a, b in pulses[:2])
+    return f"a double hit: {second:.3g} N after {first:.3g} N"
+
+
+def _noise(force: np.ndarray) -> float:
+    """Return the standard deviation of the quiet part, by the median of deviations from the median."""
+    return float(1.4826 * np.median(np.abs(force - np.median(force))))
+
+
+def overload(values: np.ndarray, full_scale: float | None) -> str:
+    """Say whether a channel was overloaded: it reaches full scale, or its largest number stands in a row.
+
+    Args:
+        values: (T,) [SI] of one hit.
+        full_scale: [SI] of the input; None where it is not known.
+
+    Returns:
+        What was seen; empty for no overload.
+    """
+    size = np.abs(values)
+    largest = float(size.max())
+    if full_scale is not None and largest >= FULL * full_scale:
+        return f"{largest:.3g} of a full scale of {full_scale:.3g}"
+    if len(np.unique(values[:: max(len(values) // 2000, 1)])) < STEPS:
+        return ""
+    at_top = size >= largest * (1 - 1e-9)
+    run = max((b - a for a, b in _runs(at_top)), default=0)
+    return f"{run} equal samples in a row at its largest number, {largest:.3g}" if run >= FLAT else ""
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+# -------- Mains
+# Lines of the mains in the responses, at 50 or 60 Hz and twice that, which are no modes.
+
+MAINS = (50.0, 60.0, 100.0, 120.0)
+"""Frequencies [Hz] at which the mains may be heard."""
+CHANCE = 1e-6
+"""Chance of noise alone to stand out so far, at one line of one channel."""
+ABOUT = 3.0
+"""Width [Hz] to either side of the line of what lies about it."""
+
+
+def mains_lines(group: Iterable[Source], frequency: np.ndarray) -> list[str]:
+    """Say which lines of the mains the last quarters of the records show, when the arm has calmed down.
+
+    Args:
+        group: what was recorded.
+        frequency: (F,) [Hz] lines that are kept.
+    """
+    seen: dict[float, list[str]] = {}
+    for source in group:
+        for each in source.responses:
+            quiet = each.values[:, -(each.values.shape[1] // 4) :]
+            for line in _lines(quiet, source.step):
+                seen.setdefault(line, []).append(each.channel)
+    return [_remark(line, list(dict.fromkeys(names)), frequency) for line, names in sorted(seen.items())]
+
+
+def _lines(quiet: np.ndarray, step: float) -> list[float]:
+    """Return the lines that stand out of what lies about them."""
+    blocks, count = quiet.shape
+    level = chdtri(2 * blocks, CHANCE) / chdtri(2 * blocks, 0.5)  # of a sum of squares of Gaussian noise
+    power = (np.abs(np.fft.rfft(np.hanning(count) * (quiet - quiet.mean(1, keepdims=True)))) ** 2).mean(0)
+    frequency, resolution = np.fft.rfftfreq(count, step), 1 / (count * step)
+    lines = []
+    for line in MAINS:
+        at = abs(frequency - line) <= 1.5 * resolution
+        about = (abs(frequency - line) <= max(ABOUT, 12 * resolution)) & (abs(frequency - line) > 3 * resolution)
+        if at.any() and about.sum() > 4 and power[at].max() > level * np.median(power[about]):
+            lines.append(line)
+    return lines
+
+
+def _remark(line: float, names: list[str], frequency: np.ndarray) -> str:
+    inside = frequency[0] <= line <= frequency[-1]
+    where = "within the band: a mode found there is none" if inside else "outside the band"
+    shown = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+    return f"a line of the mains at {line:g} Hz in {shown}, {where}"
+
+
+# -------- Spectra
+# Spectra of the good hits of a file: cut out, freed of their offset, faded, transformed.
+
+ANTI_ALIAS = 2.56
+"""Sampling rate by the highest frequency that an analyser's filter leaves alone."""
+PERIODS = 4
+"""Fewest periods of a line that a record holds."""
+FALLEN = 0.1
+"""Share of its largest value to which the force's spectrum may fall within the band: 20 dB."""
+BEFORE = 0.05
+"""Largest share of a record that is kept from before the hit: the offset is taken there."""
+CALM = 0.1
+"""Motion before a hit, as a share of that after it, beyond which the arm had not calmed down."""
+
+
+@dataclass
+class Spectra:
+    """Spectra of the good hits of one file, faded by the same window.
+
+    Attributes:
+        source: the file.
+        force: (H, F) [N s]
+        response: (H, O, F) [m/s] of accelerations.
+        rejected: hits that do not count.
+        moving: (H,) numbers of hits before which the arm had not calmed down.
+    """
+
+    source: Source
+    force: np.ndarray
+    response: np.ndarray
+    rejected: list[Rejected] = field(default_factory=list)
+    moving: list[int] = field(default_factory=list)
+
+
+def spectra(source: Source, hits: list[Hit], count: int, decay: float) -> Spectra:
+    """Return the spectra of a file's good hits."""
+    rejected, good, moving = [], [], []
+    for number, hit in enumerate(hits, 1):
+        record = _cut(source, hit, count, alone=sum(other.block == hit.block for other in hits) == 1)
+        if flaw := hit.flaw or _overloaded(source, record):
+            rejected.append(Rejected(source.file, number, flaw))
+            continue
+        good.append(_transformed(source, record, decay))
+        moving += [number] if _moves(record) else []
+    if not good:
+        reasons = "; ".join(f"hit {each.number}: {each.reason}" for each in rejected) or "no pulse of the force"
+        raise InputError(Problem(one_line(source.file), f"no good hit ({reasons})", "at least one", "repeat the hits"))
+    force, response = (np.array(each) for each in zip(*good, strict=True))
+    return Spectra(source, force, response, rejected, moving)
+
+
+class _Record(NamedTuple):
+    """What was recorded of one hit.
+
+    Attributes:
+        force: (T,) [N]
+        answers: (O, T) [SI]
+        offset: (O + 1,) [SI] of the force and the answers at rest.
+        begin: first sample of the pulse.
+        end: first sample after it.
+        late: (O,) [s] by which the samples of the answers are taken after those of the force; None for not at all.
+    """
+
+    force: np.ndarray
+    answers: np.ndarray
+    offset: np.ndarray
+    begin: int
+    end: int
+    late: np.ndarray | None
+
+
+def _cut(source: Source, hit: Hit, count: int, *, alone: bool) -> _Record:
+    """Return the record of a hit.
+
+    Its offset is that well before it, where filters do not ring yet, or of a whole block that holds several hits.
+    """
+    assert source.force is not None
+    before = min(hit.begin, int(BEFORE * count))
+    start = hit.begin - before
+    channels = np.stack([source.force[hit.block], *(each.values[hit.block] for each in source.responses)])
+    still = channels[:, start : start + before // 2] if alone and before > 7 else channels
+    part = channels[:, start : start + count]
+    late = np.array([0.0 if each.late is None else each.late[hit.block] for each in source.responses])
+    return _Record(part[0], part[1:], still.mean(1), before, hit.end - start, late if late.any() else None)
+
+
+def _transformed(source: Source, record: _Record, decay: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the spectra of force (F,) and accelerations (O, F), less their offset, faded by what decay is left."""
+    count = len(record.force)
+    window = exponential_window(count, source.step, decay - source.decay)
+    about = force_window(count, record.begin, record.end)
+    force = np.fft.rfft(about * window * (record.force - record.offset[0])) * source.step
+    faded = np.fft.rfft(window * (record.answers - record.offset[1:, None])) * source.step
+    s = decay + 2j * np.pi * np.fft.rfftfreq(count, source.step)
+    if record.late is not None:
+        faded = faded * np.exp(-s * record.late[:, None])
+    return force, faded * np.stack([s**each.order for each in source.responses])
+
+
+def _moves(record: _Record) -> bool:
+    """Tell whether all responses were there before the hit already."""
+    before = record.begin - 1
+    if before < 4:
+        return False
+    moved = record.answers - record.offset[1:, None]
+    early, late = moved[:, :before].std(1), moved[:, record.end : record.end + 4 * before].std(1)
+    return bool((early > CALM * late).all())
+
+
+def _overloaded(source: Source, record: _Record) -> str:
+    """Say which channel of a hit was overloaded; empty for none."""
+    if seen := overload(record.force, source.full_scale):
+        return f"overload of the force: {seen} N"
+    for each, values in zip(source.responses, record.answers, strict=True):
+        if seen := overload(values, each.full_scale):
+            return f"overload of {each.channel}: {seen}"
+    return ""
+
+
+def excited(every: list[Spectra], frequency: np.ndarray, rate: float) -> tuple[float, float]:
+    """Return the band that all hits excite [Hz]: from the first line to where the force has fallen by 20 dB."""
+    ends = []
+    for each in every:
+        size = np.abs(each.force).mean(0)
+        weak = np.flatnonzero(size < FALLEN * size.max())
+        weak = weak[weak > np.argmax(size)]
+        ends.append(frequency[weak[0] - 1] if len(weak) else frequency[-1])
+    return PERIODS * frequency[1], min(*ends, rate / ANTI_ALIAS)
+
+
+# -------- Hammer
 
 FEWEST = 32
 """Fewest samples of a record behind a hit."""

@@ -6,16 +6,236 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
+from jaxtyping import Complex, Float
 
 from ident.errors import InputError, Problem
-from ident.measure.channels import FORCE, IGNORED, REFERENCE, RESPONSE, TIME, ChannelRow, ChannelTable
+from ident.measure.channels import FORCE, IGNORED, QUANTITIES, REFERENCE, RESPONSE, TIME, ChannelRow, ChannelTable
 from ident.measure.load import Load
-from ident.measure.recordings import Channel, Recording
+from ident.measure.recordings import Channel, Recording, Shape
 from ident.measure.recordings.sampling import even_step
-from ident.modal.finished import is_finished
+from ident.measure.series import Speed
 from ident.modal.frf import Place
-from ident.modal.units import quantity_and_factor, unit_remark
 from ident.text import did_you_mean, one_line, quoted
+from ident.units import GRAVITIES, POUNDS, STANDARD_GRAVITY, sensor_factor
+
+# -------- Finished
+# Modes that another program has estimated: frequency, damping ratio and shape, with standard deviations.
+
+KINDS = ("frequency", "damping_ratio", "shape")
+"""What a standard deviation may be of; that of a shape is a share of its largest motion."""
+POLE = "pole"
+
+
+@dataclass(frozen=True)
+class FinishedModes:
+    """Modes of a file, ascending in frequency.
+
+    Attributes:
+        frequency: (m,) [Hz] see `of`.
+        damping: (m,) [-] damping ratios; zero where the file has none.
+        shape: (O, m) complex motion of each response, of any scale.
+        sd: (n,) standard deviations of frequencies, damping ratios, then real and imaginary parts of each shape.
+        responses: places of the responses.
+        of: what the frequencies are, one of `ident.measure.DEFINITIONS`.
+    """
+
+    frequency: Float[np.ndarray, "m"]
+    damping: Float[np.ndarray, "m"]
+    shape: Complex[np.ndarray, "O m"]
+    sd: Float[np.ndarray, "n"]
+    responses: tuple[Place, ...]
+    of: str
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "n n"]:
+        """Covariance, in the order of `sd`: a file says nothing of correlations."""
+        return np.diag(self.sd**2)
+
+    @property
+    def sigma(self) -> Float[np.ndarray, "2 m"]:
+        """(2, m) [Hz, -] standard deviations of frequencies and damping ratios."""
+        return self.sd[: 2 * len(self.frequency)].reshape(2, -1)
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest frequency [Hz]."""
+        return float(self.frequency[0]), float(self.frequency[-1])
+
+    def of_shape(self, modes: Sequence[int]) -> Float[np.ndarray, "k k"]:
+        """Return the covariance of the shapes of some modes: real parts, then imaginary ones, mode by mode."""
+        count, size = 2 * len(self.frequency), 2 * len(self.shape)
+        return np.diag(np.concatenate([self.sd[count + mode * size :][:size] for mode in modes]) ** 2)
+
+
+@dataclass(frozen=True)
+class FinishedTest:
+    """A file of finished modes, and how the arm was held.
+
+    Attributes:
+        posture: (joints,) [rad]
+        load: the load case, sensors included.
+        drives: what held the motors.
+        files: the file.
+        modes: its modes.
+    """
+
+    posture: tuple[float, ...]
+    load: Load
+    drives: str
+    files: tuple[str, ...]
+    modes: FinishedModes
+
+
+def is_finished(recording: Recording) -> bool:
+    """Tell whether a file has modes only; functions beside them are identified anew."""
+    return bool(recording.shapes) and not recording.channels
+
+
+def finished_tests(
+    table: ChannelTable, recordings: Mapping[str, Recording], sigma: Mapping[str, float], of: str | None = None
+) -> tuple[FinishedTest, ...]:
+    """Return the files of finished modes that a channel table speaks of.
+
+    Args:
+        table: with directions in the base frame.
+        recordings: by file name.
+        sigma: standard deviations as shares, by `KINDS`, where a file has none.
+        of: what frequencies are, where a file does not say it.
+
+    Raises:
+        InputError: a channel that a file has not; no standard deviations, or no word for what frequencies are.
+    """
+    found, problems = list[FinishedTest](), list[Problem]()
+    for name, recording in recordings.items():
+        rows = [row for row in table.rows if row.role == RESPONSE and fnmatchcase(name, row.file)]
+        if not (is_finished(recording) and rows):
+            continue
+        try:
+            found.append(_test(name, recording, rows, sigma, of))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return tuple(found)
+
+
+def _test(
+    name: str, recording: Recording, rows: list[ChannelRow], sigma: Mapping[str, float], of: str | None
+) -> FinishedTest:
+    shapes = sorted(recording.shapes, key=lambda shape: shape.frequency)
+    if problems := [*_lacking(name, recording, rows), *_unsaid(name, shapes, sigma, of)]:
+        raise InputError(problems)
+    motion = np.array([[shape.motion[row.channel] for shape in shapes] for row in rows], complex)
+    frequency, damping = (np.array([getattr(s, key) for s in shapes], float) for key in ("frequency", "damping_ratio"))
+    sd = [s.sigma.get("frequency", sigma.get("frequency", 0.0) * s.frequency) for s in shapes]
+    sd += [s.sigma.get("damping_ratio", sigma.get("damping_ratio", 0.0) * s.damping_ratio) for s in shapes]
+    for i, s in enumerate(shapes):
+        share = sigma.get("shape", 0.0) * float(np.abs(motion[:, i]).max())
+        sd += 2 * [s.sigma.get(row.channel, share) for row in rows]
+    places = tuple(Place(row.point, row.direction) for row in rows if row.direction is not None)
+    modes = FinishedModes(frequency, damping, motion, np.array(sd), places, next(s.of for s in shapes) or of or "")
+    return FinishedTest(rows[0].posture, rows[0].load, rows[0].drives, (name,), modes)
+
+
+def _lacking(name: str, recording: Recording, rows: list[ChannelRow]) -> Iterator[Problem]:
+    for row in rows:
+        if any(row.channel not in shape.motion for shape in recording.shapes):
+            remedy = did_you_mean(row.channel, recording.names, f"it has {', '.join(recording.names[:8])}")
+            yield Problem(
+                row.where, quoted(row.channel), f"a channel of each mode of {quoted(name)}", remedy, "channel"
+            )
+        if row.sensitivity is not None:
+            remedy = "empty the cell: a shape has any scale, the same for all of its channels"
+            yield Problem(row.where, "a sensitivity", "none for finished modes", remedy, "sensitivity")
+        if (row.posture, row.load, row.drives) != (rows[0].posture, rows[0].load, rows[0].drives):
+            remedy = "a file is of one state of the arm"
+            yield Problem(row.where, "another posture, load or state of the drives", "the file's first", remedy, "q1")
+
+
+def _unsaid(name: str, shapes: Sequence[Shape], sigma: Mapping[str, float], of: str | None) -> Iterator[Problem]:
+    """Yield what neither the file nor the options say: it is asked for by name."""
+    file = one_line(name)
+    for kind in KINDS:
+        here = all(_has(shape, kind) for shape in shapes)
+        if not here and kind not in sigma:
+            remedy = f"give their standard deviation as a share, such as `sigma` {kind}=0.01, or in the file"
+            yield Problem(file, f"{kind} without a standard deviation", "one for each", remedy, "sigma")
+    if not all(shape.of for shape in shapes) and not of:
+        remedy = "say it by `frequency_is`: undamped, pole (|pole| / 2 pi) or damped"
+        yield Problem(file, "frequencies of modes", "what they are of a damped mode", remedy, "frequency_is")
+
+
+def _has(shape: Shape, kind: str) -> bool:
+    if kind == "shape":
+        return all(name in shape.sigma for name in shape.motion)
+    return kind in shape.sigma or (kind == "damping_ratio" and shape.damping_ratio == 0)
+
+
+# -------- Units
+# What the numbers of a channel are in SI: by the channel table and the file, never by a guess.
+
+_MOTION = "m/s^2, g_0, m/s or mm"
+EXAMPLES = {"force": "N", "response": _MOTION, "reference": _MOTION, "time": "s"}
+
+
+def quantity_and_factor(row: ChannelRow, unit: str) -> tuple[str, float]:
+    """Return what a channel measures, a name in `ident.units.QUANTITIES`, and SI units per number of its file.
+
+    Args:
+        row: of the channel table.
+        unit: as the file says it; empty where it says none.
+
+    Raises:
+        InputError: neither says a unit, they contradict each other, or it is none of what the role measures.
+    """
+    if not (row.unit or unit):
+        expected = f"a unit such as {EXAMPLES[row.role]}: neither the file nor the table has one"
+        raise InputError(
+            Problem(row.where, f"no unit of channel {quoted(row.channel)}", expected, "fill the cell", "unit")
+        )
+    quantity, factor = _measured(row, row.unit or unit)
+    if row.sensitivity is not None:
+        if not row.unit or sensor_factor(unit, quantity) is not None:
+            got = f"a sensitivity of channel {quoted(row.channel)}, whose file is in {quoted(unit or row.unit)}"
+            expected = "numbers of the file for one unit of the table"
+            raise InputError(Problem(row.where, got, expected, "leave the cell empty", "sensitivity"))
+        return quantity, factor / row.sensitivity
+    _check_agreement(row, unit, quantity, factor)
+    return quantity, factor
+
+
+def _measured(row: ChannelRow, unit: str) -> tuple[str, float]:
+    """Return quantity and factor of a unit, which must be one of what the row's role measures."""
+    possible = (row.quantity,) if row.quantity else QUANTITIES[row.role]
+    for quantity in possible:
+        factor = sensor_factor(unit, quantity)
+        if factor is not None:
+            return quantity, factor
+    named = "displacement" if row.quantity == "length" else row.quantity or row.role
+    expected = f"a unit of {named}, such as {EXAMPLES[row.role]}"
+    remedy = "correct the unit" if row.unit else "write the unit and the sensitivity into the table"
+    raise InputError(Problem(row.where, f"{quoted(unit)} of channel {quoted(row.channel)}", expected, remedy, "unit"))
+
+
+def _check_agreement(row: ChannelRow, unit: str, quantity: str, factor: float) -> None:
+    """Refuse a unit of the table that contradicts the file's."""
+    if not (row.unit and unit):
+        return
+    said = sensor_factor(unit, quantity)
+    if said is None or not np.isclose(said, factor, rtol=1e-6):
+        got = f"{quoted(row.unit)} of channel {quoted(row.channel)}"
+        remedy = "give its sensitivity" if said is None else "correct one of them, or leave the cell empty"
+        raise InputError(Problem(row.where, got, f"{quoted(unit)}, as in the file", remedy, "unit"))
+
+
+def unit_remark(row: ChannelRow, unit: str) -> str:
+    """Return what is said of a unit that means something else elsewhere; empty for others."""
+    written = row.unit or unit
+    meant = {**dict.fromkeys(GRAVITIES, f"standard gravity, {STANDARD_GRAVITY} m/s^2"), **dict.fromkeys(POUNDS, "lbf")}
+    return f"{quoted(written)} of {quoted(row.channel)} is read as {meant[written]}" if written in meant else ""
+
+
+# -------- Sources
 
 ORDER = {"acceleration": 0, "velocity": 1, "length": 2}
 """How often a response is differentiated to give an acceleration."""
@@ -404,3 +624,108 @@ def sampling_step(
         remedy = "correct the table, or export the channels with one sampling"
         raise InputError(Problem(where, got, "one sampling", remedy, "rate"))
     return min(said)
+
+
+# -------- Records
+# Files of an ambient test in SI: responses to forces that nobody measured, as the channel table says.
+
+
+@dataclass(frozen=True)
+class Record:
+    """What one file recorded at one state of the arm, without a force.
+
+    Attributes:
+        file: its name, for messages.
+        posture: (joints,) [rad]
+        load: the load case, sensors included.
+        drives: what held the motors.
+        step: [s] between samples.
+        responses: what was measured.
+        references: rows of the responses with which all are correlated.
+        speeds: what turned.
+        remarks: what a reader should know.
+    """
+
+    file: str
+    posture: tuple[float, ...]
+    load: Load
+    drives: str
+    step: float
+    responses: tuple[Response, ...]
+    references: tuple[int, ...]
+    speeds: tuple[Speed, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def state(self) -> tuple[tuple[float, ...], Load, str]:
+        """At what posture, under what load and held by what it was recorded."""
+        return self.posture, self.load, self.drives
+
+
+def ambient_files(table: ChannelTable, recordings: Mapping[str, Recording]) -> frozenset[str]:
+    """Return the recordings of samples at states of the arm of which no file has a force."""
+    counting = {
+        name: [row for row in table.rows if row.counts and fnmatchcase(name, row.file)]
+        for name, recording in recordings.items()
+        if recording.channels
+    }
+    counting = {name: rows for name, rows in counting.items() if not has_responses(rows, recordings[name])}
+    pushed = {_state(row) for rows in counting.values() for row in rows if row.role == FORCE}
+    return frozenset(name for name, rows in counting.items() if rows and _state(rows[0]) not in pushed)
+
+
+def _state(row: ChannelRow) -> tuple[tuple[float, ...], Load, str]:
+    return row.posture, row.load, row.drives
+
+
+def records(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[Record, ...]:
+    """Return what files of ambient tests recorded; directions of the table have to be those of the base frame.
+
+    Raises:
+        InputError: table and files do not fit together, a unit or a rate is missing, values are no numbers.
+    """
+    problems: list[Problem] = []
+    made: list[Record] = []
+    for name, recording in recordings.items():
+        try:
+            made.append(_record(name, [row for row in table.rows if fnmatchcase(name, row.file)], recording))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return tuple(made)
+
+
+def _record(name: str, rows: list[ChannelRow], recording: Recording) -> Record:
+    check_names(name, rows, recording)
+    counting = [row for row in rows if row.counts]
+    check_state(counting)
+    channels = {each.name: each for each in recording.channels}
+    used = [channels[row.channel] for row in counting]
+    step = sampling_step(name, rows, recording, used)
+    responses = tuple(
+        response_of(name, row, channel, late=late)
+        for row, channel, late in zip(counting, *aligned(name, counting, used, step), strict=True)
+    )
+    check_moves(name, counting, responses)
+    references = tuple(i for i, row in enumerate(counting) if row.role == REFERENCE)
+    speeds = tuple(dict.fromkeys(speed for row in counting for speed in row.harmonics))
+    return Record(
+        name, *_state(counting[0]), step, responses, references or tuple(range(len(counting))), speeds,
+        (*_forces(rows, recording), *_record_unit_remarks(name, counting, channels)),
+    )  # fmt: skip
+
+
+def _record_unit_remarks(name: str, rows: list[ChannelRow], channels: Mapping[str, Channel]) -> Iterator[str]:
+    """Yield which units have been read as something that they mean only here."""
+    for row in rows:
+        if remark := unit_remark(row, channels[row.channel].unit):
+            yield remark
+
+
+def _forces(rows: list[ChannelRow], recording: Recording) -> Iterator[str]:
+    """Yield what channel looks like a force, though no row says so."""
+    used = {row.channel for row in rows if row.counts}
+    for channel in recording.channels:
+        if channel.unit in ("N", "kN", "lbf") and channel.name not in used:
+            yield f"{quoted(channel.name)} is in {channel.unit}: if that is the hammer, give it the role force"

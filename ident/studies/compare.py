@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ident.errors import InputError, Problem
-from ident.studies import reading
+from ident.studies import options as reading
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Result, check_place, study_of
 from ident.studies.shared import UnitOptions
@@ -91,7 +91,7 @@ class CompareResult(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """Return a figure for each pair: the ratio of each stiffness after to before, with its 95 % interval."""
-        from ident.present.figures.compare import compare_figure
+        from ident.present.figures.fit import compare_figure
 
         one = len(self.comparisons) == 1
         return {"" if one else each.name: compare_figure(each) for each in self.comparisons}
@@ -207,7 +207,7 @@ def _known(result: "Compared", name: str) -> "tuple[CampaignFit | Posterior, Com
     from ident.identify.compare import Posterior
     from ident.studies.diagnose import DiagnoseResult
     from ident.studies.fit import FitResult
-    from ident.studies.load import load
+    from ident.studies.result import load
     from ident.studies.sample import SampleResult
 
     file = ComparedFile()
@@ -231,7 +231,7 @@ def _known(result: "Compared", name: str) -> "tuple[CampaignFit | Posterior, Com
 def _foreign(path: Path) -> "Posterior | None":
     """Return the draws of a file that another program has written; None for one of ident, or no such file."""
     from ident.identify.compare import Posterior
-    from ident.present.files.netcdf import is_of_ident
+    from ident.present.files.document import is_of_ident
     from ident.present.files.sample import read_posterior
     from ident.studies.sample import SampleResult
 

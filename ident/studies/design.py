@@ -19,16 +19,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
-    from ident.assess.basis import Basis
     from ident.assess.design import DesignStudy
+    from ident.assess.scenario import Basis
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
-    from ident.vibrate.redesign.constraints import Requirements
-    from ident.vibrate.redesign.evaluator import Evaluator
-    from ident.vibrate.redesign.variable import Variable
+    from ident.vibrate.design import Requirements
+    from ident.vibrate.evaluator import Evaluator, Variable
 
 TIGHTENED = 2
 """Times that a limit is tightened for the search, until it is kept by the exact equations."""
@@ -75,7 +74,7 @@ class DesignOptions(AmplitudeOptions):
     @property
     def required(self) -> "Requirements":
         """What a design must keep [SI]."""
-        from ident.vibrate.redesign.constraints import Requirements
+        from ident.vibrate.design import Requirements
 
         deflection = inf if self.max_deflection is None else self.max_deflection / 1e3
         return Requirements(self.min_frequency or 0.0, deflection, inf if self.max_change is None else self.max_change)
@@ -136,15 +135,13 @@ class DesignResult(Result):
 
     def report(self) -> str:
         """Return the text that `ident design` prints."""
-        from ident.present.text.design import design_report
-        from ident.present.text.sensitivity import sensitivity_report
+        from ident.present.text.design import design_report, sensitivity_report
 
         return (design_report if self.study.design else sensitivity_report)(self.study)
 
     def figures(self) -> "dict[str, Figure]":
         """Return the trade-off, "vibration" before and after, and "sensitivities"; or these alone."""
-        from ident.present.figures.design import before_after_figure, trade_off_figure
-        from ident.present.figures.sensitivity import sensitivity_figure
+        from ident.present.figures.design import before_after_figure, sensitivity_figure, trade_off_figure
 
         sensitivities = sensitivity_figure(self.study)
         if self.study.design is None:
@@ -154,13 +151,13 @@ class DesignResult(Result):
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each number [SI]: as it is and at best, and at which bound; or its sensitivities."""
-        from ident.present.files.design import design_rows, sensitivity_rows
+        from ident.present.files.vibration import design_rows, sensitivity_rows
 
         design = self.study.design
         return design_rows(self.study, design) if design else sensitivity_rows(self.study.sensitivities)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.design import write_arm
+        from ident.present.files.vibration import write_arm
 
         written = super()._write(path, head)
         if not self.text:
@@ -201,9 +198,8 @@ def design(
         ModelError: no design within the bounds meets the requirements, or the arm collapses.
     """
     from ident.assess.design import DesignStudy
-    from ident.vibrate.redesign.design import design, with_minimum_change
-    from ident.vibrate.redesign.sensitivity import sensitivities
-    from ident.vibrate.redesign.verify import verify
+    from ident.vibrate.design import design, verify, with_minimum_change
+    from ident.vibrate.sweep import sensitivities
 
     options = DesignOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
@@ -245,7 +241,7 @@ def _name(basis: "Basis", options: DesignOptions) -> str:
 
 
 def _evaluator(basis: "Basis", options: DesignOptions) -> "Evaluator":
-    from ident.vibrate.redesign.ranges import Range, variable_of
+    from ident.vibrate.sweep import Range, variable_of
 
     def variable(interval: Range) -> "Variable":
         return variable_of(basis.arm, interval, basis.arm_file.extents)

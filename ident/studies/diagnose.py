@@ -1,29 +1,187 @@
 """Find out whether an arm vibrates too far, and which change meets the limit: from a campaign to advice."""
 
+import hashlib
+import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.assess.effort import DiagnosisEffort
 from ident.errors import InputError
-from ident.studies.diagnose_stages import CHAINS, Job, OnStage, carry_out, discard
 from ident.studies.fit import FitOptions
 from ident.studies.motion import HeldMotionOptions, basis_of
-from ident.studies.options import keyword_options, option
+from ident.studies.options import keyword_options, option, specs
 from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.sample import SampleOptions, sample
 from ident.studies.shared import as_campaign, as_file
+from ident.units import USUAL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
-    from ident.assess.diagnosis import Diagnosis, Verdict
-    from ident.assess.remedies import Remedy
+    from ident.assess.diagnose import Diagnosis, Identification, ResonanceAssessment, Verdict
+    from ident.assess.remedies import Remedy, Verification, VibrationAssessment
+    from ident.codec import Store
     from ident.description.file import ArmFile
+    from ident.inference.scrutiny import HeldOut
     from ident.measure import Campaign, Log
     from ident.present.html.page import Page
+    from ident.present.text.diagnose import StageReport
+    from ident.vibrate.sweep import Sensitivities
+
+
+# -------- Diagnose stages
+# The stages of a diagnosis: each computes its value from those before, or takes it over from an earlier run.
+
+OnStage = Callable[["StageReport"], None]
+CHAINS = "chains"
+"""Folder of the sampler's chains within that of the stages."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a diagnosis is made from.
+
+    Attributes:
+        arm: the arm.
+        campaign: the measurements.
+        options: the limit, the motion, and what is unknown of the arm.
+        log: the joint path, if one is replayed.
+        folder: where finished stages are kept; None for nowhere.
+        progress: shows how far each stage is.
+    """
+
+    arm: "ArmFile"
+    campaign: "Campaign"
+    options: "DiagnoseOptions"
+    log: "Log | None"
+    folder: Path | None
+    progress: Progress
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """What the stages depend on; by values, so that a file may move."""
+        from importlib.metadata import version
+
+        measurements = [replace(each, where="") for each in self.campaign.measurements]
+        return {
+            "campaign": _hash(measurements),
+            "arm file": _hash((self.arm.arm, self.arm.origins, self.arm.extents)),
+            "path": _hash((self.log.time, self.log.angles)) if self.log else "",
+            "set of options": _hash(replace(self.options, units=USUAL)),
+            "version of ident": version("ident"),
+        }
+
+
+def _hash(value: Any) -> str:
+    from ident.codec import encode
+
+    return hashlib.sha256(json.dumps(encode(value)).encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def discard(folder: str | Path) -> None:
+    """Remove the stages that a diagnosis has kept in a folder, and the folder if nothing else is in it.
+
+    Raises:
+        InputError: another run is at work there.
+    """
+    from ident.codec import Store
+    from ident.files import claimed
+
+    if os.path.exists(folder):
+        with claimed(Path(folder)):
+            Store.discard(Path(folder) / CHAINS)
+            Store.empty(Path(folder))
+
+
+def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
+    """Compute or take over each stage, store it, and report it."""
+    from ident.assess.diagnose import Diagnosis
+    from ident.present.text.diagnose import stage_report
+
+    diagnosis = Diagnosis()
+    for stage, compute in STAGES.items():
+        if diagnosis.needs(stage):
+            value = store.read(stage)
+            resumed = value is not None
+            if not resumed:
+                value = compute(job, diagnosis)
+                store.write(stage, value)
+            diagnosis = diagnosis.then(stage, value)
+            on_stage(stage_report(diagnosis, stage, resumed=resumed))
+    return diagnosis
+
+
+def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
+    from ident.assess.diagnose import Identification
+    from ident.assess.remedies import Task, at_confidence
+    from ident.identify.values import Draws
+
+    options, effort = job.options, job.options.effort
+    shared = {each.name: getattr(options, each.name) for each, _ in specs(FitOptions)}
+    sampling = SampleOptions(**shared, ess=effort.ess, steps=effort.steps)
+    folder = job.folder and job.folder / CHAINS
+    sampled = sample(job.arm, job.campaign, sampling, folder=folder, progress=job.progress)
+    draws = Draws.of_sample(sampled.sample.sample).some(job.arm.arm, effort.draws, options.seed)
+    basis = basis_of(job.arm, options, path=job.log, posterior=draws.shuffled(options.seed))
+    return Identification(sampled.sample, at_confidence(Task(basis, options.limit / 1e3, effort)))
+
+
+def _trust(job: Job, diagnosis: "Diagnosis") -> "tuple[HeldOut, ...]":
+    from ident.assess.diagnose import assess_trust
+
+    return assess_trust(diagnosis.identification.sampled.fitted)
+
+
+def _resonance(job: Job, diagnosis: "Diagnosis") -> "ResonanceAssessment":
+    from ident.assess.diagnose import assess_resonance
+
+    return assess_resonance(diagnosis.task)
+
+
+def _vibration(job: Job, diagnosis: "Diagnosis") -> "VibrationAssessment":
+    from ident.assess.remedies import assess_vibration
+
+    return assess_vibration(diagnosis.task, job.progress("draws"))
+
+
+def _sensitivities(job: Job, diagnosis: "Diagnosis") -> "Sensitivities":
+    from ident.vibrate.sweep import sensitivities
+
+    task = diagnosis.task
+    return sensitivities(task.over_phases(task.evaluator()))
+
+
+def _remedies(job: Job, diagnosis: "Diagnosis") -> "tuple[Remedy, ...]":
+    from ident.assess.remedies import remedies
+
+    return remedies(diagnosis.task, diagnosis.vibration.scatter, job.progress("remedies"))
+
+
+def _verification(job: Job, diagnosis: "Diagnosis") -> "tuple[Verification, ...]":
+    from ident.assess.remedies import verify_in_turn, verify_remedy
+
+    return verify_in_turn(
+        diagnosis.remedies, lambda remedy: verify_remedy(diagnosis.task, remedy, job.progress("fresh draws"))
+    )
+
+
+STAGES: Mapping[str, Callable[[Job, "Diagnosis"], Any]] = {
+    "stiffness": _stiffness,
+    "trust": _trust,
+    "resonance": _resonance,
+    "vibration": _vibration,
+    "sensitivities": _sensitivities,
+    "remedies": _remedies,
+    "verification": _verification,
+}
+"""The stages in order, each with what computes its value from those before."""
+
+
+# -------- Diagnose
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +269,7 @@ class DiagnoseResult(Result):
         """
         from tempfile import TemporaryDirectory
 
-        from ident.present.files.pdf import write_pdf
+        from ident.present.files.document import write_pdf
 
         path = Path(folder) / f"{self.name}.pdf"
         with TemporaryDirectory() as part:
@@ -121,7 +279,7 @@ class DiagnoseResult(Result):
         return path
 
     def _page(self, head: Mapping[str, Any]) -> "Page":
-        from ident.assess.arm_view import arm_view
+        from ident.assess.show import arm_view
         from ident.present.html.diagnose import diagnose_page
         from ident.studies.explore import page_of
 
@@ -131,7 +289,7 @@ class DiagnoseResult(Result):
         return diagnose_page(self.diagnosis, head, arm_view(replace(basis.arm_file, arm=basis.arm)), explorer)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.diagnose import posterior_groups
+        from ident.present.files.sample import posterior_groups
         from ident.present.html.page import write_page
 
         page, document = self._beside(path, ".html"), self._beside(path, ".json")
@@ -186,8 +344,8 @@ def diagnose(
             which another run is at work.
         ModelError: the model has no answer: no optimum, or an arm that collapses.
     """
+    from ident.codec import Store
     from ident.files import claimed
-    from ident.store import Store
 
     options, folder = DiagnoseOptions.of(options), Path(folder) if folder is not None else None
     arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
@@ -214,7 +372,7 @@ def check_browser() -> None:
     Raises:
         InputError: there is no Chromium on the PATH.
     """
-    from ident.present.files.pdf import find_browser
+    from ident.present.files.document import find_browser
 
     find_browser()
 
@@ -230,8 +388,8 @@ def _name(campaign: "Campaign") -> str:
 
 def _checked_path(arm: "ArmFile", options: DiagnoseOptions, path: "Log | str | Path | None") -> "Log | None":
     """Check what can be checked before the posterior is sampled, and return the joint path if there is one."""
-    from ident.identify.loads import loads_of
-    from ident.vibrate.response.simulate import refuse_jumps
+    from ident.identify.binding import loads_of
+    from ident.vibrate.simulate import refuse_jumps
 
     basis = basis_of(arm, options, path=path)
     refuse_jumps(basis.arm, basis.motion)

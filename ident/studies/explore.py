@@ -7,25 +7,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
-from ident.studies import reading
+from ident.studies import options as reading
 from ident.studies.motion import drawn_values, fitted_values
-from ident.studies.options import keyword_options, option
+from ident.studies.options import STROKE_PROFILES, keyword_options, option
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, as_campaign, as_file, is_angle, with_numbers
-from ident.studies.words import STROKE_PROFILES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
-    from ident.assess.basis import Basis
-    from ident.assess.exploration import Exploration
+    from ident.assess.explore import Exploration
+    from ident.assess.scenario import Basis
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Campaign
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
-    from ident.vibrate.motion.motion import Motion
+    from ident.vibrate.motion import Motion
 
 BESIDE = 0.05
 """Angle [deg] by which a posture may be beside the stroke."""
@@ -84,7 +83,7 @@ class ExploreResult(Result):
 
     def report(self) -> str:
         """Return the text that `ident explore` prints."""
-        from ident.present.text.explore import explore_report
+        from ident.present.text.export import explore_report
 
         return explore_report(self.exploration, fit=self.fit, posterior=self.posterior, changed=self.options.set)
 
@@ -94,7 +93,7 @@ class ExploreResult(Result):
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each number that has a slider."""
-        from ident.present.text.explore import slider_rows
+        from ident.present.text.export import slider_rows
 
         return slider_rows(self.exploration)
 
@@ -143,7 +142,7 @@ def explore(
         InputError: a posture of the wrong length, a load or a number that the arm has not, an arm without any point; a
             file that does not fit the arm.
     """
-    from ident.assess.exploration import exploration
+    from ident.assess.explore import exploration
     from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
 
@@ -172,7 +171,7 @@ def page_of(basis: "Basis", measured: "Campaign", soft_base: float | None, profi
         profile: of the stroke's speed, or None for the arm file's.
         posterior: file that the page's commands take the draws from.
     """
-    from ident.assess.exploration import exploration
+    from ident.assess.explore import exploration
     from ident.present.html.explore.page import Start, explore_page
 
     extension = _extension(basis.arm, profile if basis.arm.stroke is not None else None)
@@ -206,7 +205,7 @@ def _middle(arm: "Arm") -> tuple[float, ...]:
 
 
 def _extension(arm: "Arm", profile: str | None) -> "Motion | None":
-    from ident.vibrate.motion.stroke import stroke
+    from ident.vibrate.motion import stroke
 
     if arm.stroke is None:
         if profile is not None:

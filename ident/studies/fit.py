@@ -12,11 +12,10 @@ from ident.studies.shared import ProblemOptions, as_campaign, as_file
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
-    from ident.identify.assumptions import Assumptions
     from ident.identify.explanations import Explanations
-    from ident.identify.fit import CampaignFit
+    from ident.identify.fit import Assumptions, CampaignFit
     from ident.identify.unknowns import Unknowns
-    from ident.inference.cross_prediction import CrossPrediction
+    from ident.inference.fit import CrossPrediction
     from ident.measure import Campaign
 
 
@@ -200,6 +199,6 @@ def explained(fit: "CampaignFit", unknowns: "Unknowns", wanted: bool, progress: 
     """Return a fit with what would reconcile its data, where they are in doubt and that is wanted."""
     if not (wanted and fit.in_doubt):
         return fit
-    from ident.identify.explanations import explain  # what it takes would cost every other fit a second
+    from ident.identify.explanations import explain
 
     return replace(fit, explanations=explain(fit, unknowns, progress=progress("explanations")))

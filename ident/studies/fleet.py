@@ -15,9 +15,9 @@ from ident.studies.result import Progress, Result, check_place, silent
 from ident.text import one_line
 
 if TYPE_CHECKING:
-    from ident.assess.arm_view import ArmView
+    from ident.assess.show import ArmView
     from ident.identify.fleet import Fleet, Robot
-    from ident.inference.population_chains import Draws, Under
+    from ident.inference.population import Draws, Under
     from ident.present.html.page import Page
 
 CAMPAIGN, ARM = "campaign.csv", "arm.toml"
@@ -97,7 +97,7 @@ class FleetResult(Result):
     @property
     def priors(self) -> Mapping[str, str]:
         """What the fleet says of the next robot before its data, by stiffness, as `prior` takes it."""
-        from ident.present.files.fleet import fleet_priors
+        from ident.present.files.sample import fleet_priors
 
         return fleet_priors(self.fleet)
 
@@ -154,7 +154,7 @@ class FleetResult(Result):
 
     def _drawn(self) -> "ArmView | None":
         """Return the arm as it is drawn, where all fitted robots have the same file and it is still what was fitted."""
-        from ident.assess.arm_view import arm_view
+        from ident.assess.show import arm_view
         from ident.description.file import read_arm
 
         files = {robot.arm.sha256: robot.arm.path for robot in self.fleet.robots if not robot.failed}
@@ -207,8 +207,7 @@ def fleet(
         InputError: no robots, or two of one name. What is wrong with one of them does not stop the others.
     """
     from ident.identify.fleet import fleet as infer
-    from ident.studies.fleet_engine import Engine, drawn, outcomes
-    from ident.studies.fleet_tasks import One
+    from ident.studies.fleet_tasks import Engine, One, drawn, outcomes
 
     options = FleetOptions.of(options)
     files = robots_in(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)

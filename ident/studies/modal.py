@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
-from ident.studies import reading
+from ident.studies import options as reading
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Result, check_place
 from ident.studies.shared import ProblemOptions, as_file
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
-    from ident.assess.identified_modes import IdentifiedModes, NamedModes
+    from ident.assess.modal import IdentifiedModes, NamedModes
     from ident.description.file import ArmFile
     from ident.measure import Campaign
     from ident.measure.channels import ChannelTable
-    from ident.measure.covariance import Reproducibility
-    from ident.modal.ambient_test import AmbientTest
-    from ident.modal.finished import FinishedTest
-    from ident.modal.modal_test import ModalTest, Processing
+    from ident.measure.covariance_and_frames import Reproducibility
+    from ident.modal.ambient import AmbientTest
+    from ident.modal.frf import ModalTest, Processing
+    from ident.modal.sources import FinishedTest
 
 CHANNELS, ARM = "channels.csv", "arm.toml"
 """Files beside the recordings that are taken where none are named."""
@@ -85,14 +85,14 @@ class ModalOptions(ProblemOptions):
     @property
     def processing(self) -> "Processing":
         """The same as `ident.modal` takes it."""
-        from ident.modal.modal_test import Processing
+        from ident.modal.frf import Processing
 
         return Processing(self.estimator, self.window_end, self.rest, self.band)
 
     @property
     def known_reproducibility(self) -> "Reproducibility":
         """What is known of the reproducibility of tests before any is seen."""
-        from ident.measure.covariance import Reproducibility
+        from ident.measure.covariance_and_frames import Reproducibility
 
         return Reproducibility.of(self.reproducibility, self.common_share)
 
@@ -157,7 +157,7 @@ class ModalResult(Result):
     @property
     def hammer_tests(self) -> "tuple[ModalTest, ...]":
         """Those tests whose force was measured."""
-        from ident.modal.modal_test import ModalTest
+        from ident.modal.frf import ModalTest
 
         return tuple(test for test in self.tests if isinstance(test, ModalTest))
 
@@ -176,7 +176,7 @@ class ModalResult(Result):
     @property
     def short(self) -> bool:
         """Whether a search for the most probable modes has not ended."""
-        from ident.modal.estimate import Modes
+        from ident.modal.modes import Modes
 
         return any(isinstance(each.modes, Modes) and not each.modes.converged for each in self.identified)
 
@@ -189,9 +189,7 @@ class ModalResult(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """Return for each posture its responses, how its modes were chosen (`modes`), and `shapes`."""
-        from ident.present.figures.argand import argand_figure
-        from ident.present.figures.modal import measured_figure
-        from ident.present.figures.stabilisation import stabilisation_figure
+        from ident.present.figures.modal import argand_figure, measured_figure, stabilisation_figure
 
         words = ["" if i == 1 else str(i) for i in range(1, len(self.tests) + 1)]
         found = self.identified or (None,) * len(self.tests)
@@ -207,7 +205,7 @@ class ModalResult(Result):
         return figures | diagrams | planes
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.modal import modal_groups, write_campaign_file
+        from ident.present.files.series import modal_groups, write_campaign_file
 
         document = self._beside(path, ".json")
         encoded = self._write_netcdf(path, modal_groups(self.tests, head))
@@ -247,12 +245,10 @@ def modal_test(
     """
     from dataclasses import replace
 
-    from ident.assess.identified_modes import modal_campaign, observed_reproducibility
-    from ident.assess.places import in_base_frame, with_places
-    from ident.measure.channel_template import check_folder, recordings_of
-    from ident.measure.channels import ChannelTable, read_channels
-    from ident.modal.finished import finished_tests
-    from ident.modal.measured import measured_tests
+    from ident.assess.modal import in_base_frame, modal_campaign, observed_reproducibility, with_places
+    from ident.measure.channels import ChannelTable, check_folder, read_channels, recordings_of
+    from ident.modal.ambient import measured_tests
+    from ident.modal.sources import finished_tests
 
     options, folder = ModalOptions.of(options), Path(tests)
     reproducibility = options.known_reproducibility  # refused before any file is read
@@ -292,7 +288,7 @@ def _identified(
     options: ModalOptions,
 ) -> "tuple[tuple[IdentifiedModes, ...], tuple[NamedModes, ...]]":
     """Return the modes of each test, and those of files of finished ones, where they are asked for."""
-    from ident.assess.identified_modes import identify_modes, name_modes
+    from ident.assess.modal import identify_modes, name_modes
     from ident.identify.unknowns import stiffness_parameters
 
     if options.no_modes:
@@ -321,7 +317,7 @@ def new_channels(
     Raises:
         InputError: no recordings, or the table is there already.
     """
-    from ident.measure.channel_template import write_template
+    from ident.measure.channels import write_template
 
     folder = Path(tests)
     beside = folder / ARM

@@ -6,23 +6,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
-from ident.studies import reading
-from ident.studies.options import option
+from ident.studies import options as reading
+from ident.studies.options import MEASURES, STROKE_PROFILES, option
 from ident.studies.shared import ArmOptions, as_file, with_numbers
-from ident.studies.words import MEASURES, STROKE_PROFILES
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
-    from ident.assess.basis import Basis
-    from ident.assess.phases import Unknowns
+    from ident.assess.scenario import Basis, Unknowns
     from ident.description.file import ArmFile
     from ident.identify.values import Draws, Robot, Values
     from ident.measure import Log
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
-    from ident.vibrate.motion.motion import Motion
-    from ident.vibrate.redesign.evaluator import Evaluator
-    from ident.vibrate.redesign.variable import Variable
+    from ident.vibrate.evaluator import Evaluator, Variable
+    from ident.vibrate.motion import Motion
 
 STROKE = (
     "add a [stroke] with direction, folded, unfolded, speed, acceleration and jerk to the arm file, as in"
@@ -62,7 +59,7 @@ class MotionOptions(ArmOptions):
 
     def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
         """Return the arm, and what nobody knows of its excitation, as far as it matters."""
-        from ident.assess.phases import Unknowns
+        from ident.assess.scenario import Unknowns
 
         return arm, Unknowns()
 
@@ -91,7 +88,7 @@ class HeldMotionOptions(MotionOptions):
 
     def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
         """Return the arm with the largest kinematic errors, and what nobody knows of its excitation."""
-        from ident.assess.phases import unknowns
+        from ident.assess.scenario import unknowns
 
         return unknowns(arm, origins, self.set, errors=self.errors, phases=self.phases == "unknown")
 
@@ -116,9 +113,9 @@ class AmplitudeOptions(HeldMotionOptions):
         Raises:
             InputError: a belt that stretches goes slack with the arm as it is.
         """
-        from ident.vibrate.redesign.evaluator import Evaluator
-        from ident.vibrate.response.belt_tension import refuse_slack
-        from ident.vibrate.response.simulate import simulate
+        from ident.vibrate.evaluator import Evaluator
+        from ident.vibrate.response import refuse_slack
+        from ident.vibrate.simulate import simulate
 
         if self.elastic_belts and basis.arm.belts:
             as_is = simulate(basis.arm, basis.motion, loads=basis.loads, elastic_belts=True, rate=self.rate)
@@ -144,7 +141,7 @@ def basis_of(
         fit: fitted values that the arm takes over: a result, or its file.
         posterior: draws; the arm takes over their medians, unless it has fitted values.
     """
-    from ident.assess.basis import Basis
+    from ident.assess.scenario import Basis
     from ident.measure import Load, Log, read_log
 
     arm_file = as_file(arm, options.soft_base)
@@ -281,7 +278,7 @@ def _draws(posterior: "SampleResult | str | Path") -> "Draws":
 
 def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Motion, float]":
     """Return the stroke, or the path of a log, within the joint limits, and its speed in percent."""
-    from ident.vibrate.motion.limits import beyond_limits
+    from ident.vibrate.motion import beyond_limits
 
     percent = options.speed if options.speed is not None else 10.0 if log is None else 100.0
     motion = _stroke(arm, options, percent) if log is None else _replayed(options, log)
@@ -290,7 +287,7 @@ def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Mot
 
 
 def _stroke(arm: "Arm", options: MotionOptions, percent: float) -> "Motion":
-    from ident.vibrate.motion.stroke import stroke
+    from ident.vibrate.motion import stroke
 
     if arm.stroke is None:
         raise InputError(Problem(arm.name, "no stroke", "what the arm shall carry out", STROKE))
@@ -302,7 +299,7 @@ def _replayed(options: MotionOptions, log: "Log") -> "Motion":
 
     import numpy as np
 
-    from ident.vibrate.motion.replay import replay
+    from ident.vibrate.replay import replay
 
     angles = np.stack(list(log.angles.values()))
     motion = replay(log.time, angles, smoothing=radians(options.smoothing), name=Path(log.path).name)

@@ -6,7 +6,7 @@ from math import log1p, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.studies import reading
+from ident.studies import options as reading
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent
@@ -15,8 +15,8 @@ from ident.studies.shared import as_campaign, as_file
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
+    from ident.identify.candidates import HammerPlan
     from ident.identify.plan import CampaignPlan, PlanSettings
-    from ident.identify.sensor_places import HammerPlan
     from ident.measure import Campaign
 
 
@@ -146,7 +146,7 @@ class PlanResult(Result):
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         """Write the plan, and a campaign to fill in unless the batch is empty."""
-        from ident.present.files.plan import write_form
+        from ident.present.files.fit import write_form
 
         forms = (self._beside(path, ".csv"),) if self.plan.steps else ()
         for each in forms:
@@ -184,9 +184,8 @@ def plan(
     """
     import numpy as np
 
+    from ident.identify.candidates import all_postures, hammer_plans
     from ident.identify.plan import plan_campaign
-    from ident.identify.posture_grid import all_postures
-    from ident.identify.sensor_places import hammer_plans
 
     options = PlanOptions.of(options)
     arm_file, measured = as_file(arm, options.soft_base), None if campaign is None else as_campaign(campaign)

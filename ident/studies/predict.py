@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
-from ident.studies import reading
+from ident.studies import options as reading
 from ident.studies.motion import drawn_values, fitted_values
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Result
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
-    from ident.assess.prediction import Prediction
+    from ident.assess.predict import Prediction
     from ident.description.file import ArmFile
     from ident.identify.modal_analysis import ModalAnalysis
     from ident.identify.values import Values
@@ -122,7 +122,7 @@ class PredictResult(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """Return one figure a posture, `2` the second's: the modes from the side and from above."""
-        from ident.present.figures.predict import mode_figure
+        from ident.present.figures.modes import mode_figure
 
         return {str(i + 1) if i else "": mode_figure(analysis) for i, analysis in enumerate(self.analyses)}
 
@@ -135,7 +135,7 @@ class PredictResult(Result):
         Raises:
             InputError: the arm has no such driven joint.
         """
-        from ident.present.figures.predict import frequency_figure
+        from ident.present.figures.modes import frequency_figure
 
         names = [each.name for each in self.arm.arm.driven]
         angles = zip(*(analysis.posture for analysis in self.analyses), strict=True)
@@ -172,7 +172,7 @@ def predict(
             file that does not fit the arm.
         ModelError: the arm has no stable equilibrium there.
     """
-    from ident.assess.prediction import Prediction, predict_draws
+    from ident.assess.predict import Prediction, predict_draws
     from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.studies import reading
+from ident.studies import options as reading
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
 from ident.studies.options import keyword_options, option
@@ -71,7 +71,7 @@ class ProfileResult(Result):
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each parameter: fitted value, unit, and the ends [SI] of both intervals."""
-        from ident.present.files.profile import profile_rows
+        from ident.present.files.check import profile_rows
 
         return profile_rows(self.profiles)
 
@@ -106,7 +106,7 @@ def profile(
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
         ModelError: no optimum was reached.
     """
-    from ident.identify.build_problem import build_problem
+    from ident.identify.problem import build_problem
     from ident.inference import profile as likelihood
 
     options = ProfileOptions.of(options)

@@ -5,11 +5,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
 from ident.errors import InputError, Problem
-from ident.studies.reading import number, once
+from ident.studies.options import number, once
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
-    from ident.vibrate.redesign.ranges import Bound, Range
+    from ident.vibrate.sweep import Bound, Range
 
 T = TypeVar("T")
 Limits = tuple[float | str, ...]
@@ -41,7 +41,7 @@ def problems(option: str, given: Mapping[str, Limits], third: str) -> list[Probl
 
 def range_of(paths: str, limits: Limits, where: str = "") -> "Range":
     """Return a range as the arm's own calculations take it."""
-    from ident.vibrate.redesign.ranges import Range
+    from ident.vibrate.sweep import Range
 
     third = number(str(limits[2]), where) if len(limits) > 2 else None
     bounds = (_bound(limits[0], where), _bound(limits[1], where)) if limits else None
@@ -78,7 +78,7 @@ def _plain(text: str) -> float | str:
 
 
 def _bound(limit: float | str, where: str) -> "Bound":
-    from ident.vibrate.redesign.ranges import Bound
+    from ident.vibrate.sweep import Bound
 
     text = str(limit)
     return Bound(number(text.removesuffix("x"), where), times=text.endswith("x"))

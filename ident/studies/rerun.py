@@ -11,8 +11,7 @@ from typing import Any
 
 from ident.assess.repetition import Difference, differences
 from ident.errors import InputError, Problem
-from ident.studies.load import load
-from ident.studies.result import BESIDE, Progress, Result, silent, study_of
+from ident.studies.result import BESIDE, Progress, Result, load, silent, study_of
 from ident.text import one_line
 
 
@@ -40,7 +39,7 @@ class Rerun:
 
     def report(self) -> str:
         """Return the text that `ident rerun` prints."""
-        from ident.present.text.rerun import rerun_report
+        from ident.present.text.export import rerun_report
 
         rows, sampled = len(self.now.table()), bool(self.before.standard_errors())
         return f"{self.now.report().rstrip()}\n\n{rerun_report(self.differences, rows, sampled=sampled)}"

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import Problem
-from ident.studies import reading
+from ident.studies import options as reading
 from ident.studies.motion import MotionOptions, basis_of, drawn_values
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Result, check_place
@@ -16,15 +16,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
-    from ident.assess.basis import Basis
+    from ident.assess.scenario import Basis
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
-    from ident.vibrate.modal.branches import Branches
-    from ident.vibrate.modal.excitation import Excitation
-    from ident.vibrate.modal.resonance import ResonanceCrossing
+    from ident.vibrate.branches import Branches
+    from ident.vibrate.resonance import Excitation, ResonanceCrossing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +89,7 @@ class ResonanceResult(Result):
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each resonance crossing: drive, mode, times [s], frequencies [Hz], vibration [m]."""
-        from ident.present.files.resonance import resonance_rows
+        from ident.present.files.vibration import resonance_rows
 
         return resonance_rows(self.crossings)
 
@@ -121,10 +120,8 @@ def resonance(
         InputError: options that do not go together, a file that does not fit the arm, an arm without drives.
         ModelError: the arm has no stable equilibrium at some posture.
     """
-    from ident.vibrate.modal.branches import branches
-    from ident.vibrate.modal.caused_vibration import with_amplitudes
-    from ident.vibrate.modal.excitation import excitation
-    from ident.vibrate.modal.resonance import resonance_crossings
+    from ident.vibrate.branches import branches
+    from ident.vibrate.resonance import excitation, resonance_crossings, with_amplitudes
 
     options = ResonanceOptions.of(options)
     arm_file = as_file(arm, options.soft_base)

@@ -1,5 +1,6 @@
 """What every study returns: a frozen result with its report, figures, table and files."""
 
+import importlib
 import json
 import os
 import re
@@ -19,6 +20,10 @@ from ident.studies.options import Options
 from ident.text import one_line
 from ident.units import USUAL, stiffness_in
 
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
 BESIDE = ("covariance", "bushings")
 """What may be read because it lies beside an input: attributes of that input, in whose name they are called."""
 
@@ -29,10 +34,6 @@ SHOWING = (
 """Methods that show stiffnesses to people."""
 R = TypeVar("R")
 """What such a method returns."""
-
-if TYPE_CHECKING:
-    import xarray
-    from matplotlib.figure import Figure
 
 
 class Progress(Protocol):
@@ -129,8 +130,7 @@ def _with_what_lies_beside(inputs: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _inputs_of(path: Path) -> Mapping[str, Any]:
     """Return the inputs of a result that is there; none where it can't be read."""
-    from ident.present.files.document import EXPECTED, read_document
-    from ident.present.files.netcdf import read_group, whole
+    from ident.present.files.document import EXPECTED, read_document, read_group, whole
 
     try:
         if path.suffix == ".json":
@@ -184,6 +184,29 @@ def _with_names(draw: "Callable[[Any], Mapping[str, Figure]]") -> "Callable[[Any
         return Figures({word or self.main_figure: figure for word, figure in draw(self).items()})
 
     return figures
+
+
+SHARED_FILES: Mapping[str, Mapping[str, str]] = {
+    "text": {
+        **dict.fromkeys(("compare", "validate", "profile"), "check"),
+        "fleet": "sample",
+        **dict.fromkeys(("explore", "rerun"), "export"),
+    },
+    "figures": {
+        **dict.fromkeys(("plan", "fleet"), "sample"),
+        **dict.fromkeys(("compare", "validate", "profile"), "fit"),
+        **dict.fromkeys(("simulate", "spectrum"), "vibration"),
+        "predict": "modes",
+    },
+    "files": {
+        **dict.fromkeys(("compare", "validate", "profile"), "check"),
+        **dict.fromkeys(("diagnose", "fleet"), "sample"),
+        **dict.fromkeys(("design", "resonance", "spectrum", "sweep", "predict"), "vibration"),
+        "plan": "fit",
+        **dict.fromkeys(("simulate", "modal"), "series"),
+    },
+}
+"""Files of `present`, by medium, of studies that share one; every other study has one of its own name."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -302,7 +325,7 @@ class Result:
             InputError: the folder or a file can't be written.
         """
         from ident.files import together
-        from ident.present.files.png import save
+        from ident.present.files.document import save
 
         written = []
         with together():
@@ -314,8 +337,9 @@ class Result:
 
     def _present(self, medium: str, what: str) -> Any:
         """Return what `present` makes of the result: the text of a fit by `ident.present.text.fit.fit_report`."""
-        module = import_module(f"ident.present.{medium}.{study_of(self.form)}")
-        return getattr(module, f"{study_of(self.form)}_{what}")(*(getattr(self, name) for name in self.shown))
+        study = study_of(self.form)
+        module = import_module(f"ident.present.{medium}.{SHARED_FILES[medium].get(study, study)}")
+        return getattr(module, f"{study}_{what}")(*(getattr(self, name) for name in self.shown))
 
     def _beside(self, path: Path, suffix: str) -> Path:
         """Return the path of a further file: its name ends in the study's, so that it takes no other file's place."""
@@ -377,9 +401,45 @@ class Result:
     def _write_netcdf(self, path: Path, groups: "Mapping[str, xarray.Dataset]") -> Any:
         """Write the result behind groups for other tools; return it encoded, large arrays left out."""
         from ident.codec import encode
-        from ident.present.files.netcdf import write_netcdf_result
+        from ident.present.files.document import write_netcdf_result
 
         arrays: dict[str, Any] = {}
         encoded = encode(self, arrays)
         write_netcdf_result(self.form, encoded, arrays, path, groups)
         return encoded
+
+
+# -------- Load
+# Bring a saved result back.
+
+
+def load(path: str | Path) -> Result:
+    """Return the result that a study has saved, as it was.
+
+    Args:
+        path: a `.json` or `.nc` file of `Result.save` or of a command.
+
+    Raises:
+        InputError: the file is none, or one of another version of ident.
+    """
+    from ident.codec import CodecError, decode
+    from ident.present.files.document import EXPECTED, RERUN, check_format, read_result
+    from ident.text import one_line, quoted
+
+    where, (form, encoded, arrays) = one_line(str(path)), read_result(path)
+    study = study_of(form)
+    if study not in STUDIES:
+        raise InputError(Problem(where, f"the format {quoted(form)}", EXPECTED, RERUN))
+    kind: type[Result] = getattr(importlib.import_module(f"ident.studies.{study}"), f"{study.capitalize()}Result")
+    check_format(form, kind.form, where, EXPECTED)
+    if kind.suffix != Path(path).suffix == ".json":
+        remedy = f"load {one_line(Path(path).with_suffix(kind.suffix).name)} beside it"
+        raise InputError(Problem(where, f"no result to load ({form}, without its arrays)", EXPECTED, remedy))
+    try:
+        result = decode(encoded, arrays)
+        if not isinstance(result, kind):
+            raise CodecError(f"no {kind.__name__}")
+    except CodecError as error:
+        got = f"a result that this version of ident can't load ({one_line(str(error))})"
+        raise InputError(Problem(where, got, EXPECTED, "run the command again")) from None
+    return result

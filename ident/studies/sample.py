@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import Problem
-from ident.studies import reading
+from ident.studies import options as reading
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
-    from ident.identify.sample import CampaignSample
+    from ident.identify.compare import CampaignSample
     from ident.measure import Campaign
 
 
@@ -111,7 +111,7 @@ class SampleResult(Result):
     @property
     def draws(self) -> "Mapping[str, np.ndarray]":
         """Draws by parameter, (n,) [SI] each, about the best optimum, burn-in left out."""
-        from ident.inference.posterior_summary import draws
+        from ident.inference.draws import draws
 
         sample = self.sample.sample
         return dict(zip(sample.posterior.parameters.names, draws(sample, sample.basins[0]), strict=True))
@@ -180,12 +180,11 @@ def sample(
             `weights` without dynesty.
         ModelError: no optimum was reached, or the model has no answer about one.
     """
+    from ident.codec import Store
     from ident.files import claimed
-    from ident.identify.sample import sample_campaign
-    from ident.inference.ensembles import BLOCK
-    from ident.inference.evidence import check_installed
-    from ident.inference.sample import ANEW, Settings
-    from ident.store import Store
+    from ident.identify.compare import sample_campaign
+    from ident.inference.draws import check_installed
+    from ident.inference.sample import ANEW, BLOCK, Settings
 
     options, folder = SampleOptions.of(options), Path(folder) if folder is not None else None
     arm_file, campaign = as_file(arm), as_campaign(campaign)
@@ -220,8 +219,8 @@ def discard(folder: Path) -> None:
     Raises:
         InputError: another run is at work there.
     """
+    from ident.codec import Store
     from ident.inference.sample import ANEW
-    from ident.store import Store
 
     Store.discard(folder / ANEW)
     Store.discard(folder)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import InputError, Problem
 from ident.inference.priors import Prior
-from ident.studies import reading
+from ident.studies import options as reading
 from ident.studies.options import Options, option
 from ident.text import one_line
 from ident.units import STIFFNESS_UNITS, USUAL
@@ -188,8 +188,7 @@ def as_file(arm: "Arm | ArmFile | str | Path", soft_base: float | None = None) -
     Raises:
         InputError: it is no arm, its file is wrong, or it stands on a base that gives already.
     """
-    from ident.arm.arm import Arm
-    from ident.arm.checks import check_size
+    from ident.arm.arm import Arm, check_size
     from ident.description.file import ArmFile, read_arm
 
     if isinstance(arm, str | Path):
@@ -213,7 +212,7 @@ def with_numbers(arm: "Arm", taken_over: "Values | None", changed: Mapping[str, 
     Raises:
         InputError: numbers that no arm can have, with the file or the option that they are from.
     """
-    from ident.arm.checks import check_arm
+    from ident.arm.arm import check_arm
 
     sources = [("set", changed)]
     if taken_over is not None:
@@ -235,7 +234,7 @@ def _from(where: str, problem: Problem) -> Problem:
 
 
 def _on_soft_base(arm: "ArmFile", height: float) -> "ArmFile":
-    from ident.arm.base import on_soft_base
+    from ident.arm.arm import on_soft_base
 
     based = on_soft_base(arm.arm, height)
     new = {path: "assumed" for path in based.paths() if path not in arm.origins} if arm.origins else {}

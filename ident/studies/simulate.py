@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
-from ident.studies import reading
+from ident.studies import options as reading
 from ident.studies.motion import HeldMotionOptions, basis_of, drawn_values
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
-    from ident.assess.basis import Basis
-    from ident.assess.simulation import Simulation
+    from ident.assess.scenario import Basis
+    from ident.assess.simulate import Simulation
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log, Trace
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
-    from ident.vibrate.response.outline import Outline
-    from ident.vibrate.response.study import Draws, SimulatedMotion
-    from ident.vibrate.signal.compare import Comparison
+    from ident.vibrate.compare import Comparison
+    from ident.vibrate.response import Outline
+    from ident.vibrate.study import Draws, SimulatedMotion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +141,7 @@ class SimulateResult(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """Return two figures: vibration of the end point; joints, belts and pulleys (`drives`)."""
-        from ident.present.figures.simulate import drives_figure, simulate_figure
+        from ident.present.figures.vibration import drives_figure, simulate_figure
 
         return {"": simulate_figure(self.simulation), "drives": drives_figure(self.simulation)}
 
@@ -152,23 +152,23 @@ class SimulateResult(Result):
             times: [s] when the arm is drawn.
             factor: by how much the vibration is drawn larger than it is.
         """
-        from ident.present.figures.motion import path_figure
+        from ident.present.figures.modes import path_figure
 
         return path_figure(self.simulation.response, self._outline(times, factor))
 
     def animation(self, times: Sequence[float], *, factor: float = 100.0, fps: float = 10.0) -> "FuncAnimation":
         """Animate the arm at equally spaced times [s], as in `path_figure`, at so many pictures a second."""
-        from ident.present.figures.motion import motion_animation
+        from ident.present.figures.modes import motion_animation
 
         return motion_animation(self.simulation.response, self._outline(times, factor), fps=fps)
 
     def _outline(self, times: Sequence[float], factor: float) -> "Outline":
-        from ident.vibrate.response.outline import outline
+        from ident.vibrate.response import outline
 
         return outline(self.arm, self.simulation.response, times, factor=factor, loads=self.simulation.basis.loads)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.simulate import simulate_groups, write_csv
+        from ident.present.files.series import simulate_groups, write_csv
 
         csv, document = self._beside(path, ".csv"), self._beside(path, ".json")
         write_csv(self.simulation, head, csv)
@@ -209,7 +209,7 @@ def simulate(
         InputError: options that do not go together, a file that does not fit the arm, a motion that it can't make.
         ModelError: the arm collapses.
     """
-    from ident.assess.simulation import Simulation, simulated_over_phases
+    from ident.assess.simulate import Simulation, simulated_over_phases
 
     options = SimulateOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
@@ -238,8 +238,8 @@ def simulate(
 
 def _simulated(basis: "Basis", options: SimulateOptions, method: str, progress: Progress) -> "SimulatedMotion":
     """Simulate the motion by the method of the options, or else another."""
-    from ident.vibrate.response.simulate import simulate
-    from ident.vibrate.response.study import SimulatedMotion, simulate_motion
+    from ident.vibrate.simulate import simulate
+    from ident.vibrate.study import SimulatedMotion, simulate_motion
 
     arm, motion, loads, method = basis.arm, basis.motion, basis.loads, options.method or method
     belts, rate, shown = options.elastic_belts, options.rate, progress("exact method")
@@ -250,7 +250,7 @@ def _simulated(basis: "Basis", options: SimulateOptions, method: str, progress: 
 
 def _check_belts(basis: "Basis", study: "SimulatedMotion") -> None:
     """Refuse slack in belts that stretch where the fast method alone is asked for, by the motion or by draws."""
-    from ident.vibrate.response.belt_tension import refuse_slack
+    from ident.vibrate.response import refuse_slack
 
     response = study.response
     by_fast_method = basis.draws or response.method == "fast"
@@ -260,7 +260,7 @@ def _check_belts(basis: "Basis", study: "SimulatedMotion") -> None:
 
 def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Draws | None":
     """Simulate the motion for the draws of the posterior, if there is one."""
-    from ident.vibrate.response.study import draw, measures
+    from ident.vibrate.study import draw, measures
 
     if not basis.draws:
         return None
@@ -279,7 +279,7 @@ def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Dra
 
 def _compared(study: "SimulatedMotion", measured: "Trace", band: tuple[float, float]) -> "dict[str, Comparison] | None":
     """Compare with a trace; what an interruption has left may be too short for it."""
-    from ident.vibrate.response.study import against
+    from ident.vibrate.study import against
 
     try:
         return against(study.response, measured.time, measured.values, measured.kind, band)

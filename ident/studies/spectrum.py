@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
-from ident.studies import reading
-from ident.studies.options import keyword_options, option
+from ident.studies import options as reading
+from ident.studies.options import WINDOWS, keyword_options, option
 from ident.studies.result import Result, check_place
 from ident.studies.shared import FARTHEST, BaseOptions, as_file, is_angle
 from ident.studies.simulate import SimulateResult
-from ident.studies.words import WINDOWS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,11 +19,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.arm.arm import Arm
-    from ident.assess.marked_modes import MarkedModes
-    from ident.assess.spectra import Spectra
+    from ident.assess.spectrum import MarkedModes, Spectra
     from ident.description.file import ArmFile
     from ident.measure import Log, Pulley, Trace
-    from ident.vibrate.signal.spectrum import Peak
+    from ident.vibrate.spectra import Peak
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +119,7 @@ class SpectrumResult(Result):
         Raises:
             InputError: the spectrum has no frequency in the band.
         """
-        from ident.vibrate.signal.spectrum import band_rms
+        from ident.vibrate.spectra import band_rms
 
         rms = band_rms(self.spectra.spectra[self.spectra.name], low, high)
         return dict(zip(self.spectra.directions, map(float, rms), strict=True))
@@ -135,14 +133,14 @@ class SpectrumResult(Result):
             high: [Hz] upper end.
             count: peaks, at most.
         """
-        from ident.vibrate.signal.spectrum import peaks
+        from ident.vibrate.spectra import peaks
 
         column = self.spectra.directions.index(direction)
         return peaks(self.spectra.spectra[self.spectra.name].column(column), count, (low, high))
 
     def figures(self) -> "dict[str, Figure]":
         """Return the spectra, the pulleys' orders (`orders`) and spectrograms by direction, as far as asked for."""
-        from ident.present.figures.spectrum import orders_figure, spectra_figure, spectrogram_figures
+        from ident.present.figures.vibration import orders_figure, spectra_figure, spectrogram_figures
 
         orders = {"orders": orders_figure(self.spectra)} if self.spectra.tracks else {}
         spectrograms = spectrogram_figures(self.spectra, decibel=self.options.decibel)
@@ -177,7 +175,7 @@ def spectrum(
         InputError: a trace that is too short, or has not what is asked for; options that do not go together.
         ModelError: the arm has no stable equilibrium at the posture.
     """
-    from ident.assess.spectra import (
+    from ident.assess.spectrum import (
         Spectra,
         amplitude_spectra,
         common_directions,
@@ -226,7 +224,7 @@ def _traces(
     options: SpectrumOptions,
 ) -> "tuple[dict[str, Trace], Mapping[str, Pulley]]":
     """Return what of the traces counts, by name, and the pulleys beside the first."""
-    from ident.assess.spectra import cut
+    from ident.assess.spectrum import cut
 
     name, first, beside = _read(trace)
     turning = beside if pulleys is None else pulleys
@@ -274,7 +272,7 @@ def _modes(
     path: "Log | None",
 ) -> "MarkedModes | None":
     """Return the arm's natural frequencies at the posture asked for, or along the motion, or at all angles zero."""
-    from ident.assess.marked_modes import marked_along, marked_at
+    from ident.assess.spectrum import marked_along, marked_at
     from ident.measure import Load
 
     if arm_file is None:

@@ -17,15 +17,14 @@ if TYPE_CHECKING:
     from jaxtyping import Float
 
     from ident.arm.arm import Arm
-    from ident.assess.basis import Basis
-    from ident.assess.sweep import SweepStudy
+    from ident.assess.design import SweepStudy
+    from ident.assess.scenario import Basis
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
-    from ident.vibrate.redesign.sweep import Axis, Sweep
-    from ident.vibrate.redesign.trend import Trend
+    from ident.vibrate.sweep import Axis, Sweep, Trend
 
 MOST_NAMED = 3
 """Parameters that the names of files tell one by one."""
@@ -100,13 +99,13 @@ class SweepResult(Result):
 
         Each over the whole range, and about the present value, where that lies within: `trends["speed"]["y"]`.
         """
-        from ident.vibrate.redesign.trend import trends
+        from ident.vibrate.sweep import trends
 
         single = {} if self.study.is_map else self.sweeps
         return {name: {d: (whole, about) for d, whole, about in trends(sweep)} for name, sweep in single.items()}
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.sweep import write_csv
+        from ident.present.files.vibration import write_csv
 
         table = self._beside(path, ".csv")
         write_csv(self.study, head, table)
@@ -140,8 +139,8 @@ def sweep(
         InputError: no such number, a range that can't be, or a motion that the arm can't carry out.
         ModelError: the arm has no stable equilibrium at some value, which is named.
     """
-    from ident.assess.sweep import SweepStudy
-    from ident.vibrate.redesign.sweep import sweep, sweeps
+    from ident.assess.design import SweepStudy
+    from ident.vibrate.sweep import sweep, sweeps
 
     options = SweepOptions.of(options)
     arm_file = as_file(arm, options.soft_base)
@@ -162,7 +161,7 @@ def _name(basis: "Basis", axes: "Sequence[Axis]", is_map: bool) -> str:
 
 
 def _axes(basis: "Basis", options: SweepOptions) -> "list[Axis]":
-    from ident.vibrate.redesign.ranges import COUNT, MAP_COUNT, MOST_ON_MAP, Range, axis_of
+    from ident.vibrate.sweep import COUNT, MAP_COUNT, MOST_ON_MAP, Range, axis_of
 
     usual = MAP_COUNT if options.grid else COUNT
 

@@ -14,7 +14,7 @@ from ident.studies.shared import as_campaign, as_file
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
-    from ident.identify.validate import Scope, Validation
+    from ident.identify.compare import Scope, Validation
     from ident.measure import Campaign
 
 
@@ -94,7 +94,7 @@ def validate(
         InputError: see `fit`, and a campaign of fewer than two such parts.
         ModelError: no optimum was reached.
     """
-    from ident.identify.validate import validate_fit
+    from ident.identify.compare import validate_fit
 
     options = ValidateOptions.of(options)
     arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)

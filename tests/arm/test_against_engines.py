@@ -18,12 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import deflection, equilibrium
-from ident.arm.mechanics import mass_matrix, point_rotations, potential_derivatives, unflatten
+from ident.arm.mechanics import deflection, equilibrium, mass_matrix, point_rotations, potential_derivatives, unflatten
 from ident.arm.modes import natural_frequencies
 from ident.arm.rotations import rotation_vector
 from ident.identify.conditions import Readings
-from ident.identify.readings import read
+from ident.identify.predict import read
 
 pytestmark = pytest.mark.slow
 

@@ -10,11 +10,9 @@ from jaxtyping import Array
 from scipy.linalg import eigh
 from scipy.optimize import root
 
-from ident.arm.arm import Arm
-from ident.arm.base import STIFFER, on_soft_base
+from ident.arm.arm import STIFFER, Arm, on_soft_base
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import deflection, equilibrium
-from ident.arm.mechanics import straight_positions
+from ident.arm.mechanics import deflection, equilibrium, straight_positions
 from ident.arm.modes import natural_frequencies
 from ident.arm.parts import Body, Joint, Point
 from ident.errors import InputError

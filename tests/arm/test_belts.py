@@ -15,12 +15,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm
-from ident.arm.belts import belt_forces, stretch, tensions
-from ident.arm.drive import Belt, Drive
-from ident.arm.multibody import Multibody, multibody
-from ident.arm.multibody_dynamics import residual
-from ident.arm.multibody_kinematics import Command
-from ident.arm.parts import Joint
+from ident.arm.multibody import Command, Multibody, belt_forces, multibody, residual, stretch, tensions
+from ident.arm.parts import Belt, Drive, Joint
 
 pytestmark = pytest.mark.slow
 

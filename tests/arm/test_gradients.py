@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import deflection
+from ident.arm.mechanics import deflection
 from ident.arm.modes import damped_eigenvalues, linearize, modes, natural_frequencies
 
 pytestmark = pytest.mark.slow

@@ -5,10 +5,8 @@ import pytest
 from arms import lcd_arm, posture_of, random_arm
 from equinox import filter_jit
 
-from ident.arm.arm import Arm
-from ident.arm.base import on_soft_base
+from ident.arm.arm import MOST_JOINTS, Arm, on_soft_base
 from ident.arm.chain import at_posture
-from ident.arm.checks import MOST_JOINTS
 from ident.arm.hinges import cut
 from ident.arm.mechanics import mass_matrix, point_positions, potential_energy
 from ident.arm.parts import Body, Joint, Payload

@@ -13,9 +13,9 @@ from jaxtyping import Array
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Chain, Loads, at_posture, no_loads
-from ident.arm.equilibrium import deflection, equilibrium
-from ident.arm.labels import mode_labels
 from ident.arm.mechanics import (
+    deflection,
+    equilibrium,
     kinetic_energy,
     mass_matrix,
     point_positions,
@@ -25,7 +25,7 @@ from ident.arm.mechanics import (
     second_variations,
     unflatten,
 )
-from ident.arm.modes import Linearized, damped_eigenvalues, linearize, mac, modes, natural_frequencies
+from ident.arm.modes import Linearized, damped_eigenvalues, linearize, mac, mode_labels, modes, natural_frequencies
 from ident.arm.parts import Body, Joint, Payload, Point
 
 pytestmark = pytest.mark.slow

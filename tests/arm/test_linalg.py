@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg as sl
 
 from ident.arm.linalg import inverse_cholesky_factor, largest_eigenpairs, lowest_modes, solve_positive
-from ident.jit import jit
+from ident.programs import jit
 
 pytestmark = pytest.mark.slow
 

@@ -10,11 +10,10 @@ from engines import MujocoArm, rates
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import static_equilibrium
-from ident.arm.mechanics import potential_gradient, unflatten
+from ident.arm.mechanics import potential_gradient, static_equilibrium, unflatten
 from ident.arm.parts import Point
 from ident.errors import InputError
-from ident.identify.loads import loads_of
+from ident.identify.binding import loads_of
 from ident.measure import Load
 from ident.studies.predict import PredictOptions, predict
 from ident.studies.simulate import SimulateOptions, simulate

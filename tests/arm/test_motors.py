@@ -17,9 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
-from ident.arm.drive import Belt, Drive, Servo
 from ident.arm.modes import linearize, modes, natural_frequencies
-from ident.arm.parts import Body, Joint
+from ident.arm.parts import Belt, Body, Drive, Joint, Servo
 from ident.errors import InputError
 
 pytestmark = pytest.mark.slow

@@ -15,9 +15,7 @@ from moving_engines import MovingArm, MujocoMoving, PinocchioMoving
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
 from ident.arm.mechanics import potential_gradient, unflatten
-from ident.arm.multibody import Multibody, multibody
-from ident.arm.multibody_dynamics import drive_torques, residual
-from ident.arm.multibody_kinematics import Command, Turning, end_point, pins
+from ident.arm.multibody import Command, Multibody, Turning, drive_torques, end_point, multibody, pins, residual
 
 pytestmark = pytest.mark.slow
 

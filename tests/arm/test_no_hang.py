@@ -11,7 +11,7 @@ import pytest
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import deflection
+from ident.arm.mechanics import deflection
 from ident.arm.modes import damped_eigenvalues, linearize, natural_frequencies
 from ident.arm.parts import Body, Joint, Point
 

@@ -14,11 +14,8 @@ from jaxtyping import Array
 from scipy.linalg import eigh
 
 from ident.arm.arm import Arm
-from ident.arm.drive import Drive
-from ident.arm.multibody import Multibody, balanced, multibody
-from ident.arm.multibody_dynamics import drive_torques, residual
-from ident.arm.multibody_kinematics import Command
-from ident.arm.parts import Body, Joint
+from ident.arm.multibody import Command, Multibody, balanced, drive_torques, multibody, residual
+from ident.arm.parts import Body, Drive, Joint
 
 pytestmark = pytest.mark.slow
 

@@ -14,13 +14,17 @@ from scipy.optimize import brentq, root
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Chain, at_posture
-from ident.arm.drive import Drive, Servo
-from ident.arm.equilibrium import equilibrium
-from ident.arm.mechanics import flat, potential_derivatives, potential_energy, second_variations, unflatten
+from ident.arm.mechanics import (
+    equilibrium,
+    flat,
+    potential_derivatives,
+    potential_energy,
+    second_variations,
+    system,
+    unflatten,
+)
 from ident.arm.modes import modes, natural_frequencies
-from ident.arm.motors import system
-from ident.arm.parts import Body, Joint, Point
-from ident.arm.springs import CubicSpring, Curves, Spring, bends
+from ident.arm.parts import Body, CubicSpring, Curves, Drive, Joint, Point, Servo, Spring, bends
 from ident.errors import InputError
 
 NUMBERS = {"ratio2": 1.6, "ratio3": 2.3, "torque1": 4.0, "torque2": 11.0}

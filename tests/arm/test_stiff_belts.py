@@ -9,11 +9,8 @@ from jaxtyping import Array
 from scipy.linalg import eigh
 
 from ident.arm.arm import Arm
-from ident.arm.drive import Belt, Drive
-from ident.arm.multibody import Multibody, multibody
-from ident.arm.multibody_dynamics import residual
-from ident.arm.multibody_kinematics import Command
-from ident.arm.parts import Body, Joint
+from ident.arm.multibody import Command, Multibody, multibody, residual
+from ident.arm.parts import Belt, Body, Drive, Joint
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.mechanics import forward_kinematics, point_positions
 from ident.arm.parts import Body, Joint, Point
-from ident.assess.arm_view import arm_view, home
+from ident.assess.show import arm_view, home
 from ident.description.file import ArmFile
 
 jax.config.update("jax_enable_x64", True)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from arms import lcd_arm
 
-from ident.arm.assembly import moments
-from ident.assess.exploration import exploration, mass_of, without
-from ident.identify.loads import loads_of
+from ident.arm.chain import moments
+from ident.assess.explore import exploration, mass_of, without
+from ident.identify.binding import loads_of
 from ident.measure import Load
-from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.motion import stroke
 
 ARM = lcd_arm()
 

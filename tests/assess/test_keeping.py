@@ -8,11 +8,9 @@ from arms import lcd_arm
 from runs import swing
 from scipy.stats import binom
 
-from ident.assess.keeping import is_settled, keeping, looks
-from ident.assess.task import CONFIDENT
+from ident.assess.remedies import CONFIDENT, is_settled, keeping, looks
 from ident.errors import InputError
-from ident.vibrate.redesign.binomial import BinomialEstimate
-from ident.vibrate.redesign.evaluator import Evaluator
+from ident.vibrate.evaluator import BinomialEstimate, Evaluator
 
 LIMIT, WITHIN, BEYOND = 5e-4, 4e-4, 6e-4
 

@@ -8,24 +8,21 @@ import pytest
 from arms import DATA, lcd_arm
 from runs import SAMPLES, STEPS, off, short, swing, with_error
 
-from ident.assess.over_phases import OverPhases, at_share, over_phases
-from ident.assess.phases import Unknowns, unknown_errors, unknown_phases
+from ident.assess.scenario import OverPhases, Unknowns, at_share, over_phases, unknown_errors, unknown_phases
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.values import Values
 from ident.present.text.basis import basis_in_words
 from ident.studies.design import DesignOptions
 from ident.studies.motion import basis_of
-from ident.studies.reading import peak_to_peak
+from ident.studies.options import peak_to_peak
 from ident.studies.resonance import ResonanceOptions
 from ident.studies.simulate import SimulateOptions
 from ident.studies.sweep import SweepOptions
-from ident.vibrate.redesign.design import Place
-from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.sensitivity import sensitivities
-from ident.vibrate.redesign.variable import Variable
-from ident.vibrate.redesign.verify import verify
-from ident.vibrate.response.superposition import Superposition, superposition
+from ident.vibrate.design import Place, verify
+from ident.vibrate.evaluator import Evaluator, Variable
+from ident.vibrate.simulate import Superposition, superposition
+from ident.vibrate.sweep import sensitivities
 
 SWING = swing()
 RATE, STEP = SAMPLES / 5.0, 5.0 / STEPS

@@ -5,7 +5,7 @@ import pytest
 from hammer_files import FOLDER
 
 from ident.arm.chain import at_posture
-from ident.assess.places import in_base_frame, with_places
+from ident.assess.modal import in_base_frame, with_places
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.measure.channels import ChannelRow, ChannelTable

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from arms import lcd_arm
 
-from ident.assess.prediction import predict_draws
+from ident.assess.predict import predict_draws
 from ident.errors import ModelError
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load

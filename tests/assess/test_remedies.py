@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ident.assess.diagnosis import chosen
+from ident.assess.diagnose import chosen
 from ident.assess.remedies import Remedy, Verification, verify_in_turn
-from ident.vibrate.redesign.binomial import binomial_estimate
+from ident.vibrate.evaluator import binomial_estimate
 
 LIMIT = 5e-4
 

@@ -27,10 +27,9 @@ from ident.description.file import read_arm
 from ident.identify.conditions import bind
 from ident.identify.predict import ArmModel
 from ident.identify.unknowns import Unknowns, stiffness_parameters
-from ident.inference.batches import in_batches
 from ident.inference.fit import fit
-from ident.inference.least_squares import solve
 from ident.inference.problem import InverseProblem
+from ident.inference.search import in_batches, solve
 from ident.measure import Campaign, read_campaign
 
 

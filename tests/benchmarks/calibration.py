@@ -36,11 +36,11 @@ sys.path.insert(0, str(ROOT / "tests" / "support"))
 from sbc import Recovery, recover, report
 
 from ident.description.file import read_arm
-from ident.identify.build_problem import build_problem
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
-from ident.inference.least_squares import evaluate
 from ident.inference.problem import InverseProblem
 from ident.inference.sample import Settings
+from ident.inference.search import evaluate
 from ident.measure import Campaign, Measurement
 
 ALPHA = (0.0, 60.0)

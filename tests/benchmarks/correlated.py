@@ -17,11 +17,11 @@ from scipy.stats import binom, chi2
 from timing import commit, machine
 
 from ident.description.file import read_arm
-from ident.identify.build_problem import build_problem
 from ident.identify.fit import fit_campaign
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, read_campaign
-from ident.measure.covariance import Covariance, Group
+from ident.measure.covariance_and_frames import Covariance, Group
 
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 SHARED = 0.9

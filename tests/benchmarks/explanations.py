@@ -33,17 +33,15 @@ import resumable
 from scipy.stats import binom, chi2, norm
 from timing import commit, machine
 
-from ident.arm.arm import Arm, stiffness_paths
-from ident.arm.base import on_soft_base
-from ident.arm.parts import Body, Payload
-from ident.arm.springs import Spring
+from ident.arm.arm import Arm, on_soft_base, stiffness_paths
+from ident.arm.parts import Body, Payload, Spring
 from ident.description.file import read_arm
 from ident.identify.conditions import bind
 from ident.identify.explanations import explain
 from ident.identify.fit import fit_campaign
 from ident.identify.predict import predict
-from ident.jit import jit
 from ident.measure import Campaign, Load, read_campaign
+from ident.programs import jit
 
 DATA = Path(__file__).parents[2] / "data"
 FILES = {"lcd": ("lcd_arm/arm.toml", "lcd_arm/campaign.csv"), "six": ("six_axis/arm.xml", "six_axis/campaign.csv")}
@@ -220,17 +218,14 @@ def work(name: str, words: str, draw: int, seed: int, explaining: bool) -> dict[
 
 def once(name: str, words: str, draw: int, seed: int) -> dict[str, bool]:
     """Say what rings of one campaign, fitted from one start."""
-    from ident.identify.assumptions import assumptions
-    from ident.identify.build_problem import build_problem
-    from ident.identify.exchangeable import exchangeable, moves_of
-    from ident.identify.mode_assignment import FAR
-    from ident.inference.descent import ended
-    from ident.inference.exchange import exchanges
+    from ident.identify.fit import assumptions, exchangeable, moves_of
+    from ident.identify.mode_matching import FAR
+    from ident.identify.problem import build_problem
     from ident.inference.fit import Fit
-    from ident.inference.information import information
-    from ident.inference.least_squares import solve
+    from ident.inference.information import information, rare
     from ident.inference.optima import distinct, normal_prior_sd
-    from ident.inference.verdicts import rare
+    from ident.inference.scrutiny import exchanges
+    from ident.inference.search import ended, solve
 
     arm, fault = case(name)[0], faults(name)[words]
     campaign, rows = measured(name, fault, seed, draw)
@@ -268,9 +263,9 @@ def meant(change: Any, fault: Fault, rows: tuple[int, ...]) -> bool:
 
 def by_rows(name: str, draws: int, seed: int) -> bool:
     """Print how often single wrong rows are noticed by linear algebra, and tell whether it is as it should be."""
-    from ident.identify.build_problem import build_problem
-    from ident.inference.least_squares import evaluate
-    from ident.inference.score import row_tests
+    from ident.identify.problem import build_problem
+    from ident.inference.information import row_tests
+    from ident.inference.search import evaluate
 
     problem, rng = build_problem(*case(name)), np.random.default_rng(seed)
     here = evaluate(problem)
@@ -301,10 +296,9 @@ def by_rows(name: str, draws: int, seed: int) -> bool:
 
 def by_kind(name: str, draws: int, seed: int) -> None:
     """Print how often rows and chi-squared ring by linear algebra, of campaigns of the arm file's stiffnesses."""
-    from ident.identify.build_problem import build_problem
-    from ident.inference.least_squares import evaluate
-    from ident.inference.score import row_tests
-    from ident.inference.verdicts import IMPROBABLE, rare
+    from ident.identify.problem import build_problem
+    from ident.inference.information import IMPROBABLE, rare, row_tests
+    from ident.inference.search import evaluate
 
     (arm, said), problem = case(name), build_problem(*case(name))
     here, sigma = evaluate(problem), np.asarray(problem.sigma)

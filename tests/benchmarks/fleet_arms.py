@@ -26,14 +26,12 @@ from synthesize import synthesize
 
 from ident.arm.fields import field_of
 from ident.description.file import read_arm
-from ident.identify.build_problem import build_problem
 from ident.identify.fit import fit_campaign
-from ident.identify.fleet import Robot, SourceFile, fleet, robot_of
+from ident.identify.fleet import Robot, SourceFile, draws_under, fleet, robot_of
 from ident.identify.fleet_batch import Given, robots_together
-from ident.identify.fleet_draws import draws_under
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
-from ident.inference.population import Population
-from ident.inference.population_chains import Draws, Under
+from ident.inference.population import Draws, Population, Under
 from ident.measure import Campaign
 
 ROBOTS, ONE_POSTURE = 20, 5

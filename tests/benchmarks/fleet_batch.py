@@ -26,10 +26,10 @@ sys.path.append(str(DESIGN))
 from synthesize import synthesize
 
 from ident.description.file import read_arm
-from ident.identify.build_problem import build_problem
 from ident.identify.fit import fit_campaign
 from ident.identify.fleet import SourceFile, robot_of
 from ident.identify.fleet_batch import Given, robots_together
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, read_campaign, write_campaign
 

@@ -30,17 +30,17 @@ from shaken import PLACES, hammered, shaken
 
 from ident.arm.arm import Arm
 from ident.arm.parts import Point
-from ident.assess.identified_modes import IdentifiedModes, modal_campaign
+from ident.assess.modal import IdentifiedModes, modal_campaign
 from ident.description.file import ArmFile, read_arm
 from ident.errors import IdentError
-from ident.identify.build_problem import build_problem
 from ident.identify.modal_analysis import ModalAnalysis, modal_analysis
-from ident.identify.mode_labels import Measured, label_modes
+from ident.identify.mode_names import Measured, label_modes
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns, stiffness_parameters
-from ident.inference.least_squares import solve
+from ident.inference.search import solve
 from ident.measure import OWN_WEIGHT, Campaign
-from ident.modal.estimate import Modes, modes_of, together
-from ident.modal.stabilisation import mac
+from ident.modal.modes import Modes, modes_of, together
+from ident.modal.poles import mac
 from ident.studies.fit import FitOptions, fit
 
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"

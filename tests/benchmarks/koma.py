@@ -22,10 +22,9 @@ from scipy.signal import detrend, lfilter
 
 import ident
 from ident.errors import InputError
-from ident.measure.channel_template import recordings_of
-from ident.measure.channels import read_channels
-from ident.modal.measured import measured_tests
-from ident.modal.modal_test import Processing
+from ident.measure.channels import read_channels, recordings_of
+from ident.modal.ambient import measured_tests
+from ident.modal.frf import Processing
 from ident.modal.operational import OperationalModes, operational_modes
 
 RATE, NOISE, LIMIT, NEAR = 12.0, 0.6, 3.0, 0.1

@@ -26,11 +26,10 @@ from arms import random_arm
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.description.file import read_arm
-from ident.identify.build_problem import build_problem
 from ident.identify.modal_analysis import modal_analysis
-from ident.inference.convergence import convergence
-from ident.inference.least_squares import End, solve
+from ident.identify.problem import build_problem
 from ident.inference.problem import InverseProblem
+from ident.inference.search import End, convergence, solve
 from ident.measure import Campaign, Measurement, read_campaign
 
 SAME = 1e-4

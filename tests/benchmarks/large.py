@@ -22,9 +22,8 @@ from timing import commit, machine
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import deflection, equilibrium
-from ident.arm.labels import labels_of_shares, torsion_share, vertical_share
-from ident.arm.modes import modes
+from ident.arm.mechanics import deflection, equilibrium
+from ident.arm.modes import labels_of_shares, modes, torsion_share, vertical_share
 from ident.description.file import read_arm
 from ident.measure import Campaign, Measurement, write_campaign
 

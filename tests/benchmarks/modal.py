@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from known_modes import arm_like, hammer_test
 
 from ident.errors import InputError
-from ident.modal.estimate import Modes, modes_of
+from ident.modal.modes import Modes, modes_of
 
 CLOSE = 0.02
 QUANTILE = 1.959964

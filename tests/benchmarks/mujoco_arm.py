@@ -291,9 +291,7 @@ def by_ident(arm: Arm, table: MotionTable, times: np.ndarray, start: np.ndarray,
     import jax
     import jax.numpy as jnp
 
-    from ident.arm.multibody import multibody
-    from ident.arm.multibody_dynamics import residual
-    from ident.arm.multibody_kinematics import Command
+    from ident.arm.multibody import Command, multibody, residual
 
     of, n = multibody(arm), len(start) // 2
 

@@ -25,13 +25,12 @@ from arms import DATA
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
-from ident.arm.drive import Stroke
 from ident.arm.modes import modes
+from ident.arm.parts import Stroke
 from ident.description.file import read_arm
-from ident.vibrate.motion.motion import Motion
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.each import vibrations
-from ident.vibrate.response.simulate import fast_method, sample_times
+from ident.vibrate.fast import vibrations
+from ident.vibrate.motion import Motion, stroke
+from ident.vibrate.simulate import fast_method, sample_times
 
 RATIOS, FOLDED = (100, 120, 140, 160, 180, 200), (80, 120, 130, 136, 142, 148)
 COARSE = (80, 120, 142)

@@ -14,7 +14,7 @@ sys.path.append(str(HERE.parent / "support"))
 
 from mistakes import KINDS, found, sound
 
-from ident.arm.oddities import oddities
+from ident.arm.plausibility import oddities
 from ident.description.file import read_arm
 
 TEMPLATES = HERE.parents[1] / "ident" / "description" / "templates"

@@ -12,9 +12,8 @@ import numpy as np
 
 from ident.arm.arm import Arm
 from ident.description.file import read_arm
-from ident.vibrate.motion.motion import Motion
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.simulate import simulate
+from ident.vibrate.motion import Motion, stroke
+from ident.vibrate.simulate import simulate
 
 ARM = Path(__file__).parents[2] / "data" / "lcd_arm" / "arm.toml"
 REMEDY, LIMIT = {"joint1.k_tors": 1.57}, 5e-4

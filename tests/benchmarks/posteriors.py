@@ -21,13 +21,13 @@ from arms import DATA, posture_of, random_arm
 from timing import machine
 
 from ident.description.file import read_arm
-from ident.identify.build_problem import build_problem
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
 from ident.inference.fit import fit
-from ident.inference.least_squares import evaluate
 from ident.inference.posterior import posterior
 from ident.inference.problem import InverseProblem
 from ident.inference.sample import Settings, sample
+from ident.inference.search import evaluate
 from ident.measure import Campaign, Measurement, read_campaign
 
 LCD = DATA / "lcd_arm"

@@ -25,11 +25,10 @@ from shell import DATA
 from timing import machine
 
 from ident.description.file import read_arm
-from ident.identify.build_problem import build_problem
+from ident.identify.problem import build_problem
 from ident.inference.fit import Fit, fit
-from ident.inference.initial_walkers import initial_walkers
 from ident.inference.posterior import Posterior, evaluate, posterior
-from ident.inference.sample import DEFAULT, Sample, Settings, sample
+from ident.inference.sample import DEFAULT, Sample, Settings, initial_walkers, sample
 from ident.measure import Campaign, read_campaign
 
 TIMES = 20

@@ -16,11 +16,10 @@ jax.config.update("jax_enable_x64", True)
 
 from chains import storey_problem
 
-from ident.inference.convergence import convergence
 from ident.inference.fit import FIT_SPREAD, FIT_STARTS, fit
-from ident.inference.least_squares import solve
 from ident.inference.optima import Optimum, distinct, rivals
 from ident.inference.problem import InverseProblem
+from ident.inference.search import convergence, solve
 
 SEEDS = 100
 CHAINS = {

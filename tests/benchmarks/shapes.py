@@ -20,8 +20,8 @@ from timing import commit, machine
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from known_shapes import CROSSING, SKEW, rows, with_elbow
 
-from ident.identify.build_problem import build_problem
-from ident.inference.least_squares import evaluate, solve
+from ident.identify.problem import build_problem
+from ident.inference.search import evaluate, solve
 from ident.measure import Campaign
 
 SD = 0.02

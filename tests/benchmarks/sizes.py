@@ -11,7 +11,7 @@ from timing import timed
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import deflection, static_equilibrium
+from ident.arm.mechanics import deflection, static_equilibrium
 from ident.arm.modes import lowest_eigenpairs, to_hertz
 from ident.arm.parts import Body, Joint, Point
 

@@ -24,10 +24,10 @@ from timing import machine
 from transient import RATE, error, mujoco, seconds_of_stroke
 
 from ident.arm.arm import Arm
-from ident.vibrate.motion.motion import Motion
-from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.sweep import Axis, Sweep, axis, sweeps
-from ident.vibrate.response.simulate import simulate
+from ident.vibrate.evaluator import Evaluator
+from ident.vibrate.motion import Motion
+from ident.vibrate.simulate import simulate
+from ident.vibrate.sweep import Axis, Sweep, axis, sweeps
 
 
 def figure_nine(arm: Arm, count: int) -> list[Axis]:

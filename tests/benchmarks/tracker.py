@@ -25,12 +25,12 @@ from timing import commit, machine
 
 from ident.arm.arm import Arm
 from ident.description.file import read_arm
-from ident.identify.build_problem import build_problem
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import WEAK_PRIOR, Unknowns
 from ident.inference.fit import fit
 from ident.inference.information import half_width
-from ident.jit import jit
 from ident.measure import Campaign, Load, Measurement
+from ident.programs import jit
 
 Widths = dict[str, str]
 DATA = Path(__file__).parents[2] / "data"

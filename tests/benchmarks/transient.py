@@ -22,11 +22,10 @@ from sizes import column
 from timing import machine, timed
 
 from ident.arm.arm import Arm, stiffness_paths
-from ident.arm.drive import Drive, Stroke
-from ident.vibrate.motion.motion import Motion
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.response import peak
-from ident.vibrate.response.simulate import simulate
+from ident.arm.parts import Drive, Stroke
+from ident.vibrate.motion import Motion, stroke
+from ident.vibrate.response import peak
+from ident.vibrate.simulate import simulate
 
 STEPS = (2.5e-3, 2e-3, 1.25e-3, 1e-3, 5e-4)
 """Steps that MuJoCo may take [s]."""

@@ -19,8 +19,8 @@ from scipy.stats import binom
 from timing import commit, machine
 
 from ident.description.file import read_arm
-from ident.identify.build_problem import build_problem
 from ident.identify.fit import fit_campaign
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
 from ident.inference.information import half_width
 from ident.measure import Campaign, Load, Measurement

@@ -25,15 +25,13 @@ import resumable
 from scipy.stats import fisher_exact
 from timing import commit, machine
 
-from ident.assess.diagnosis import Diagnosis
-from ident.assess.task import RATE
+from ident.assess.diagnose import Diagnosis
+from ident.assess.remedies import RATE
 from ident.identify.values import Draws
-from ident.studies.load import load
-from ident.vibrate.redesign.binomial import BinomialEstimate
-from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.variable import Variable
-from ident.vibrate.response.response import peak
-from ident.vibrate.response.simulate import simulate
+from ident.studies.result import load
+from ident.vibrate.evaluator import BinomialEstimate, Evaluator, Variable
+from ident.vibrate.response import peak
+from ident.vibrate.simulate import simulate
 
 LEVEL = 0.001
 

@@ -18,9 +18,9 @@ from moving_engines import MujocoMoving
 from mujoco_arm import equilibrium
 from oracles import QuickMujoco, command_at, follow, table_of
 
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.response import Response, peak
-from ident.vibrate.response.simulate import simulate
+from ident.vibrate.motion import stroke
+from ident.vibrate.response import Response, peak
+from ident.vibrate.simulate import simulate
 
 PERCENT, DWELL, RTOL = 10.0, 1.0, 1e-7
 

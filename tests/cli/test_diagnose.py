@@ -12,7 +12,7 @@ from commands import files
 from diagnose_small import CAMPAIGN
 from reports import too_wide
 
-from ident.store import Store
+from ident.codec import Store
 
 pytestmark = pytest.mark.slow
 
@@ -86,7 +86,7 @@ def test_an_interrupted_run_says_how_it_goes_on(run, monkeypatch):
     def stopped(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ident.identify.sample.sample_campaign", stopped)
+    monkeypatch.setattr("ident.identify.compare.sample_campaign", stopped)
     code, _, err = run("diagnose", CAMPAIGN, *MOTION)
     assert code == 130
     assert "goes on from there" in err

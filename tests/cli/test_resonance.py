@@ -8,8 +8,8 @@ from arms import lcd_arm
 from commands import ARM, files, posterior
 
 import ident
-from ident.vibrate.modal.branches import branches
-from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.branches import branches
+from ident.vibrate.motion import stroke
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ import jax.monitoring
 import pytest
 
 from ident.cli import running
-from ident.cli.output import speaking
+from ident.cli.command import speaking
 
 
 @pytest.mark.parametrize("quiet", [False, True])

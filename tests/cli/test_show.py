@@ -6,11 +6,11 @@ import pytest
 from arms import lcd_arm
 from commands import ARM, files
 
-from ident.arm.labels import parse_label
+from ident.arm.modes import parse_label
 from ident.measure import DEFINITIONS, DRIVE_STATES, KINDS, Load
-from ident.studies.show import choices
-from ident.vibrate.motion.stroke import PROFILES
-from ident.vibrate.signal.windows import WINDOWS
+from ident.studies.arm import choices
+from ident.vibrate.motion import PROFILES
+from ident.vibrate.spectra import WINDOWS
 
 
 def test_an_arm_is_described_and_drawn(run, tmp_path):

@@ -13,10 +13,9 @@ from commands import ARM, files, posterior
 import ident
 from ident.cli import running
 from ident.measure import read_pulleys, read_trace
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.belt_tension import belt_tension
-from ident.vibrate.response.response import peak, rms, settling_time
-from ident.vibrate.response.simulate import simulate
+from ident.vibrate.motion import stroke
+from ident.vibrate.response import belt_tension, peak, rms, settling_time
+from ident.vibrate.simulate import simulate
 
 pytestmark = pytest.mark.slow
 
@@ -97,7 +96,7 @@ def test_its_own_csv_as_measured_trace_gives_ratio_one(run, tmp_path):
 
 
 def test_a_measured_acceleration_is_compared_as_acceleration(run, tmp_path, direct):
-    from ident.vibrate.signal.derivative import second_derivative
+    from ident.vibrate.compare import second_derivative
 
     time, z = np.asarray(direct["fast"].time), np.asarray(direct["fast"].vibration[2])
     rows = np.column_stack([time, 2 * second_derivative(time, z)])
@@ -144,7 +143,7 @@ def test_an_interrupted_run_leaves_readable_files(run, tmp_path, monkeypatch, di
 
 
 def test_interrupted_elsewhere_nothing_is_written(run, tmp_path, monkeypatch):
-    from ident.vibrate.response import study
+    from ident.vibrate import study
 
     def interrupted(*_, **__):
         raise KeyboardInterrupt

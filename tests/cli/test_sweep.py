@@ -9,10 +9,8 @@ from arms import lcd_arm
 from commands import ARM, files, posterior
 
 import ident
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.amplitude import amplitude
-from ident.vibrate.response.simulate import simulate
-from ident.vibrate.response.superposition import superposition
+from ident.vibrate.motion import stroke
+from ident.vibrate.simulate import amplitude, simulate, superposition
 
 pytestmark = pytest.mark.slow
 

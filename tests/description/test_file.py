@@ -5,10 +5,10 @@ import jax
 import numpy as np
 import pytest
 
-from ident.arm.base import on_soft_base
+from ident.arm.arm import on_soft_base
 from ident.description.file import parse_arm, parse_document, read_arm, update_arm, update_file
 from ident.errors import InputError
-from ident.identify.uncertain import scaled_inertia
+from ident.identify.unknowns import scaled_inertia
 
 jax.config.update("jax_enable_x64", True)
 

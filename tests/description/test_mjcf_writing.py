@@ -10,11 +10,9 @@ from equinox import filter_jit
 from scipy.linalg import eigh
 from three_joints import JOINTS, WITHOUT_MESHES
 
-from ident.arm.arm import stiffness_paths
-from ident.arm.base import on_soft_base
+from ident.arm.arm import on_soft_base, stiffness_paths
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import equilibrium
-from ident.arm.mechanics import point_positions
+from ident.arm.mechanics import equilibrium, point_positions
 from ident.arm.modes import linearize
 from ident.description.file import read_arm
 from ident.description.mjcf_writing import mjcf_with_bushings

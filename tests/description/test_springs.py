@@ -3,7 +3,7 @@
 import pytest
 from arms import DATA
 
-from ident.arm.springs import CubicSpring, Spring
+from ident.arm.parts import CubicSpring, Spring
 from ident.description.file import parse_arm, parse_document, update_file
 from ident.errors import InputError
 

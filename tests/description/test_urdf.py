@@ -11,8 +11,7 @@ from three_joints import JOINTS, URDF, WITH_HAND
 
 from ident.arm.chain import at_posture
 from ident.arm.mechanics import mass_matrix, straight_positions
-from ident.description.file import read_arm
-from ident.description.robot_file import read_robot
+from ident.description.file import read_arm, read_robot
 from ident.description.urdf import read_urdf
 from ident.errors import InputError
 

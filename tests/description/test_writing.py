@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ident.arm.arm import Arm
 from ident.description.file import parse_arm, update_file
-from ident.description.writing import arm_text, with_first_joint
+from ident.description.rewriting import arm_text, with_first_joint
 from ident.errors import InputError
 
 WORDS = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=30)

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 
-from ident.arm.base import on_soft_base
-from ident.identify.assumptions import KINDS
+from ident.arm.arm import on_soft_base
 from ident.identify.conditions import bind
-from ident.identify.fit import fit_campaign
+from ident.identify.fit import KINDS, fit_campaign
 from ident.identify.predict import predict
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, read_campaign

@@ -13,19 +13,14 @@ from chains import storey_frequencies, storey_problem
 from scipy.stats import binomtest
 
 from ident.errors import InputError
-from ident.identify.build_problem import build_problem
 from ident.identify.check import check_campaign
-from ident.identify.data_checks import contradictory_repeats
-from ident.identify.label_checks import label_doubts
+from ident.identify.problem import build_problem, contradictory_repeats, label_doubts
 from ident.identify.unknowns import Unknowns, parameter
-from ident.inference.consistency import consistency
-from ident.inference.cross_prediction import contradicting, cross_predictions
-from ident.inference.fit import fit
-from ident.inference.identifiability import check
-from ident.inference.least_squares import evaluate
-from ident.inference.leverage import leverage_of
+from ident.inference.fit import contradicting, cross_predictions, fit
+from ident.inference.identifiability import check, consistency, leverage_of
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
+from ident.inference.search import evaluate
 from ident.measure import Campaign, Measurement, read_campaign
 
 pytestmark = pytest.mark.slow

@@ -9,9 +9,9 @@ from one_program import predicted
 
 from ident import InputError, read_campaign
 from ident.arm.arm import stiffness_paths
-from ident.identify.build_problem import build_problem
 from ident.identify.compare import compare_fits
 from ident.identify.fit import fit_campaign
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
 
 pytestmark = pytest.mark.slow

@@ -9,13 +9,12 @@ import pytest
 from arms import DATA, lcd_arm
 
 from ident.errors import InputError
-from ident.identify.build_problem import build_problem
-from ident.identify.conditions import bind
+from ident.identify.conditions import bind, repeats, roomy
 from ident.identify.modal_analysis import modal_analysis
-from ident.identify.repeats import repeats, roomy
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
-from ident.inference.least_squares import evaluate
 from ident.inference.problem import Data
+from ident.inference.search import evaluate
 from ident.measure import Campaign, Load, Measurement, read_campaign
 
 pytestmark = pytest.mark.slow

@@ -8,16 +8,14 @@ import pytest
 from one_program import shown
 
 from ident.arm.arm import Arm
-from ident.arm.parts import Body, Joint, Point
-from ident.arm.springs import CubicSpring, Spring
-from ident.assess.exploration import exploration
+from ident.arm.parts import Body, CubicSpring, Joint, Point, Spring
+from ident.assess.explore import exploration
 from ident.errors import InputError
-from ident.identify.check import check_campaign
-from ident.identify.curved import check_springs
+from ident.identify.check import check_campaign, check_springs
 from ident.identify.fit import fit_campaign
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, Load, Measurement
-from ident.present.text.springs import springs_in_words
+from ident.present.text.basis import springs_in_words
 
 pytestmark = pytest.mark.slow
 

@@ -7,10 +7,10 @@ import pytest
 from arms import DATA, lcd_arm
 from one_program import predicted
 
-from ident.identify.build_problem import build_problem
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
-from ident.inference.cross_prediction import contradicting, cross_predictions
-from ident.inference.least_squares import solve
+from ident.inference.fit import contradicting, cross_predictions
+from ident.inference.search import solve
 from ident.measure import Campaign, Measurement, read_campaign
 
 POSTURES = (38.2, 16.2, 2.5)

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 
-from ident.identify.exchangeable import exchangeable, moves_of
-from ident.identify.fit import CampaignFit, fit_campaign
+from ident.identify.fit import CampaignFit, exchangeable, fit_campaign, moves_of
 from ident.measure import Campaign, read_campaign
 from ident.present.text.fit import fit_report
 

@@ -9,12 +9,12 @@ from arms import DATA, lcd_arm
 from one_program import shown
 
 from ident.arm.arm import Arm
-from ident.arm.springs import Spring
+from ident.arm.parts import Spring
 from ident.codec import decode, encode
 from ident.identify.explanations import MARGIN, Explanations, explain
 from ident.identify.fit import CampaignFit, fit_campaign
 from ident.measure import Campaign, Load, read_campaign
-from ident.present.text.explanations import explanations_in_words
+from ident.present.text.warnings import explanations_in_words
 
 ARM = lcd_arm()
 CAMPAIGN = read_campaign(DATA / "lcd_arm" / "campaign.csv")

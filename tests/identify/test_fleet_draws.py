@@ -6,13 +6,12 @@ from arms import DATA
 
 from ident.description.file import read_arm
 from ident.identify import fleet_draws
-from ident.identify.build_problem import build_problem
+from ident.identify.compare import sample_campaign
 from ident.identify.fit import fit_campaign
-from ident.identify.fleet_draws import draws_under
-from ident.identify.sample import sample_campaign
+from ident.identify.fleet import draws_under
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
-from ident.inference.population import Weights
-from ident.inference.population_chains import Under
+from ident.inference.population import Under, Weights
 from ident.inference.priors import Prior
 from ident.inference.sample import Settings
 from ident.measure import Campaign, read_campaign

@@ -13,18 +13,17 @@ from scipy.stats import binom
 
 from ident.arm.arm import stiffness_paths
 from ident.errors import InputError
-from ident.identify.build_problem import build_problem
+from ident.identify.compare import validate_fit
+from ident.identify.conditions import ramps
 from ident.identify.fit import fit_campaign
-from ident.identify.loops import ramps
 from ident.identify.plan import PlanSettings, plan_campaign
-from ident.identify.validate import validate_fit
-from ident.jit import jit
+from ident.identify.problem import build_problem
 from ident.measure import Campaign, Load, Measurement
-from ident.measure.reading import parse_campaign
-from ident.measure.writing import format_campaign
+from ident.measure.reading import format_campaign, parse_campaign
+from ident.present.text.check import validate_report
 from ident.present.text.fit import fit_report
-from ident.present.text.ramps import ramps_told
-from ident.present.text.validate import validate_report
+from ident.present.text.warnings import ramps_told
+from ident.programs import jit
 
 POSTURES = [(0.0, 0.0, 0.0), (0.5, -1.0, 0.6)]
 FORCES = (0.0, 50.0, 100.0, 150.0)

@@ -12,19 +12,17 @@ from equinox import filter_jit
 from one_program import predicted
 from scipy.stats import norm
 
-from ident.arm.equilibrium import static_equilibrium
-from ident.arm.labels import parse_label, torsion_share, vertical_share
-from ident.arm.modes import modes_about
+from ident.arm.mechanics import static_equilibrium
+from ident.arm.modes import modes_about, parse_label, torsion_share, vertical_share
 from ident.errors import InputError
-from ident.identify.build_problem import build_problem
 from ident.identify.check import check_campaign
 from ident.identify.conditions import bind
 from ident.identify.fit import fit_campaign
-from ident.identify.label_checks import changing_labels
 from ident.identify.modal_analysis import modal_analysis
-from ident.identify.mode_assignment import NAMING_SD, most_probable
+from ident.identify.mode_matching import NAMING_SD, most_probable
 from ident.identify.predict import chains
-from ident.inference.least_squares import End, solve
+from ident.identify.problem import build_problem, changing_labels
+from ident.inference.search import End, solve
 from ident.measure import Campaign, Measurement, read_campaign
 
 pytestmark = pytest.mark.slow

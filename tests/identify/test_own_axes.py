@@ -7,8 +7,8 @@ from one_program import predicted
 from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
-from ident.identify.build_problem import build_problem
-from ident.identify.loads import loads_of
+from ident.identify.binding import loads_of
+from ident.identify.problem import build_problem
 from ident.measure import Campaign, Load, Measurement
 
 POSTURE = (0.4, -1.1, 0.3)

@@ -9,12 +9,11 @@ import pytest
 from arms import lcd_arm
 from scipy.optimize import least_squares
 
-from ident.identify.build_problem import build_problem
 from ident.identify.fit import fit_campaign
 from ident.identify.parts import LARGE, SEVERAL
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
-from ident.inference.gauss_newton import SHORT
-from ident.inference.least_squares import evaluate
+from ident.inference.search import SHORT, evaluate
 from ident.measure import Campaign, Load, Measurement
 
 pytestmark = pytest.mark.slow

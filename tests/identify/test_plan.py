@@ -10,33 +10,36 @@ import pytest
 from arms import loose_arm
 from scipy.stats import multivariate_normal
 
-from ident.arm.arm import Arm
+from ident.arm.arm import Arm, Workspace
 from ident.arm.parts import Body, Joint, Point
-from ident.arm.workspace import Workspace
 from ident.errors import InputError, ModelError
-from ident.identify.build_problem import arm_problem
-from ident.identify.candidate_predictions import candidate_predictions
-from ident.identify.experiments import COSTS, row_information
+from ident.identify.candidates import COSTS, MOST, candidate_predictions, posture_grid, row_information
 from ident.identify.fit import fit_campaign
 from ident.identify.plan import PlanSettings, plan_campaign
-from ident.identify.posture_grid import MOST, posture_grid
+from ident.identify.problem import arm_problem
 from ident.identify.unknowns import Unknowns, stiffness_parameters
-from ident.inference.fit import fit
-from ident.inference.least_squares import solve
-from ident.inference.optimal_design import Experiments, bundle, criterion, fewest, gains, greedy, information_gain
-from ident.inference.parameters import Parameter, Parameters
-from ident.inference.prior_information import (
+from ident.inference.design import (
+    Experiments,
     PriorInformation,
+    bundle,
+    criterion,
+    fewest,
+    gains,
+    greedy,
+    information_gain,
     prior_and_data_information,
     prior_information,
     scaled_jacobians,
 )
+from ident.inference.fit import fit
+from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
-from ident.jit import jit
+from ident.inference.search import solve
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
-from ident.measure.covariance import Covariance
+from ident.measure.covariance_and_frames import Covariance
 from ident.present.text.plan import plan_report
+from ident.programs import jit
 
 pytestmark = pytest.mark.slow
 

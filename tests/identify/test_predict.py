@@ -13,14 +13,12 @@ from one_program import shown
 
 from ident.arm.arm import stiffness_paths
 from ident.arm.chain import at_posture
-from ident.arm.labels import mode_labels, parse_label
-from ident.arm.modes import damped_eigenvalues, linearize, modes
+from ident.arm.modes import damped_eigenvalues, linearize, mode_labels, modes, parse_label
 from ident.errors import InputError
-from ident.identify.conditions import bind
-from ident.identify.data_checks import contradictory_repeats
-from ident.identify.definitions import frequencies_of_pole
+from ident.identify.conditions import bind, frequencies_of_pole
 from ident.identify.fit import fit_campaign
 from ident.identify.predict import predict
+from ident.identify.problem import contradictory_repeats
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.problem import Data
 from ident.measure import DEFINITIONS, Campaign, Load, Measurement

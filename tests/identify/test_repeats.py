@@ -9,9 +9,9 @@ from one_program import shown
 from scipy.stats import binom
 
 from ident.errors import InputError
-from ident.identify.build_problem import build_problem
+from ident.identify.conditions import shared_error
 from ident.identify.fit import fit_campaign
-from ident.identify.repeats import shared_error
+from ident.identify.problem import build_problem
 from ident.measure import Campaign, parse_campaign
 
 HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,value,unit,sigma,resolution,repeat\n"

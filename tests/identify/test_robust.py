@@ -9,11 +9,11 @@ from arms import DATA, lcd_arm
 from scipy.optimize import least_squares
 
 from ident.identify.fit import fit_campaign, units_of
-from ident.identify.setups import vector_of, vectors_of
+from ident.identify.predict import vector_of, vectors_of
 from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
-from ident.inference.robust import FREEDOM, HUBER, robust_weights, weighted
+from ident.inference.scrutiny import FREEDOM, HUBER, robust_weights, weighted
 from ident.measure import Campaign, read_campaign
 
 X = np.linspace(-1.0, 1.0, 15)

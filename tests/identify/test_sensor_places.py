@@ -7,7 +7,7 @@ import pytest
 from arms import lcd_arm
 
 from ident.errors import InputError
-from ident.identify.sensor_places import (
+from ident.identify.candidates import (
     _hits,
     _sensors,
     auto_mac,

@@ -15,8 +15,8 @@ from scipy.linalg import eig
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
-from ident.arm.drive import Servo
 from ident.arm.modes import linearize
+from ident.arm.parts import Servo
 from ident.errors import InputError
 from ident.identify.conditions import bind
 from ident.identify.fit import CampaignFit, fit_campaign

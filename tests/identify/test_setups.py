@@ -12,15 +12,14 @@ from one_program import predicted
 from scipy.spatial.transform import Rotation
 
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import static_equilibrium
-from ident.arm.mechanics import point_positions
+from ident.arm.mechanics import point_positions, static_equilibrium
 from ident.errors import InputError
-from ident.identify.build_problem import build_problem
+from ident.identify.binding import loads_of
 from ident.identify.fit import fit_campaign
-from ident.identify.loads import loads_of
 from ident.identify.plan import PlanSettings, plan_campaign
+from ident.identify.problem import build_problem
 from ident.measure import Campaign, Load, Measurement, parse_campaign, read_campaign, write_campaign
-from ident.measure.setups import Setup, Setups
+from ident.measure.covariance_and_frames import Setup, Setups
 
 TURN, ORIGIN = np.array([0.4, -2.0, 1.1]), np.array([2.3, -1.7, 0.6])
 """Rotation vector [rad] and place [m] of a tracker."""

@@ -11,15 +11,13 @@ from scipy.linalg import eigh
 from scipy.optimize import root
 from scipy.stats import binom, chi2
 
-from ident.assess.identified_modes import _ratios
+from ident.assess.modal import _ratios
 from ident.errors import InputError
-from ident.identify.build_problem import build_problem
-from ident.identify.conditions import bind
-from ident.identify.shapes import _compared
-from ident.inference.least_squares import evaluate, solve
+from ident.identify.conditions import _compared, bind
+from ident.identify.problem import build_problem
+from ident.inference.search import evaluate, solve
 from ident.measure import Campaign, Measurement
-from ident.measure.reading import parse_campaign
-from ident.measure.writing import format_campaign
+from ident.measure.reading import format_campaign, parse_campaign
 
 
 @pytest.fixture(scope="module")

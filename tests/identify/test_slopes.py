@@ -11,8 +11,8 @@ from arms import DATA, lcd_arm, random_arm
 
 from ident.arm.hinges import cut
 from ident.identify.conditions import bind
+from ident.identify.fit import slopes
 from ident.identify.predict import predict
-from ident.identify.slopes import slopes
 from ident.measure import Campaign, Load, Measurement, read_campaign
 
 pytestmark = pytest.mark.slow

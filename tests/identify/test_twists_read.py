@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from ident.errors import InputError
 from ident.identify.conditions import bind
 from ident.measure import Campaign, Load, Measurement
-from ident.measure.reading import parse_campaign
-from ident.measure.writing import format_campaign
+from ident.measure.reading import format_campaign, parse_campaign
 
 JOINTS = 3
 POSTURE, FORCE = (0.4, -0.9, 1.3), np.array([6.0, -8.0, 3.0])

@@ -11,11 +11,11 @@ from one_program import predicted as at_theta
 
 from ident.description.file import read_arm
 from ident.errors import InputError
-from ident.identify.build_problem import build_problem
 from ident.identify.check import check_campaign
 from ident.identify.fit import fit_campaign
+from ident.identify.problem import build_problem
 from ident.identify.unknowns import Unknowns
-from ident.inference.least_squares import evaluate
+from ident.inference.search import evaluate
 from ident.measure import Campaign, Load, Measurement, read_campaign
 from ident.studies.fit import FitOptions
 from ident.studies.fleet import FleetOptions

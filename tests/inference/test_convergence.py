@@ -5,12 +5,11 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError
-from ident.inference.convergence import OPTIMUM_STEP, convergence
 from ident.inference.fit import fit
-from ident.inference.least_squares import evaluate
+from ident.inference.information import RARE, farthest, rare, standard_deviations
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
-from ident.inference.verdicts import RARE, farthest, rare, standard_deviations
+from ident.inference.search import OPTIMUM_STEP, convergence, evaluate
 
 
 def problem(model, measured, sigma=1.0, *, names="a", start=1.0, kinds=None, **prior):

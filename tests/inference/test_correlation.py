@@ -7,17 +7,15 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2, multivariate_normal
 
 from ident.errors import InputError
-from ident.inference.correlation import correlation
-from ident.inference.cross_prediction import cross_predictions
-from ident.inference.fit import fit
-from ident.inference.held_out import held_out
+from ident.inference.draws import posterior_predictive
+from ident.inference.fit import cross_predictions, fit
 from ident.inference.identifiability import check
+from ident.inference.information import score_tests
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.posterior import evaluate, posterior
-from ident.inference.posterior_predictive import posterior_predictive
-from ident.inference.problem import InverseProblem
+from ident.inference.problem import InverseProblem, correlation
 from ident.inference.sample import Settings, sample
-from ident.inference.score import score_tests
+from ident.inference.scrutiny import held_out
 
 RNG = np.random.default_rng(0)
 A = RNG.standard_normal((9, 2))

@@ -11,11 +11,10 @@ from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2, kstest
 
-from ident.inference.cross_prediction import contradicting, cross_predictions, moment_sd, quadratic_form
-from ident.inference.fit import fit
-from ident.inference.least_squares import solve
+from ident.inference.fit import contradicting, cross_predictions, fit, moment_sd, quadratic_form
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
+from ident.inference.search import solve
 
 
 class Linear(eqx.Module):

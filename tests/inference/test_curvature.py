@@ -6,8 +6,8 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 
-from ident.inference.curvature import fixed_combinations
 from ident.inference.fit import fit, with_stretch
+from ident.inference.optima import fixed_combinations
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 

@@ -4,11 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ident.inference.convergence import convergence
-from ident.inference.descent import ended
-from ident.inference.least_squares import evaluate, solve
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
+from ident.inference.search import convergence, ended, evaluate, solve
 
 
 def brown_and_dennis(p):

@@ -8,11 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ident.inference.correlation import correlation
-from ident.inference.exchange import exchanges
 from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
-from ident.inference.problem import InverseProblem
+from ident.inference.problem import InverseProblem, correlation
+from ident.inference.scrutiny import exchanges
 
 COUNT, UNKNOWNS = 12, 3
 PAIRS = list(combinations(range(COUNT), 2))

@@ -13,16 +13,15 @@ from arms import lcd_arm
 from one_program import shown
 
 from ident.errors import InputError, ModelError
-from ident.identify.build_problem import arm_problem
-from ident.identify.data_checks import check_values
 from ident.identify.fit import fit_campaign
+from ident.identify.problem import arm_problem, check_values
 from ident.identify.unknowns import Unknowns, parameter, stiffness_parameters
 from ident.inference.fit import fit
-from ident.inference.least_squares import evaluate
 from ident.inference.optima import Optimum, unmet
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
+from ident.inference.search import evaluate
 from ident.measure import Campaign, Measurement, read_campaign
 
 pytestmark = pytest.mark.slow

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from ident.inference.gauss_newton import minimum
-from ident.inference.least_squares import End
 from ident.inference.problem import Choice
+from ident.inference.search import End, minimum
 
 
 def of(residuals, jacobian, counted=None):

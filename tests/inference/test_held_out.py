@@ -6,9 +6,9 @@ import pytest
 from scipy.stats import chi2
 
 from ident.inference.fit import fit
-from ident.inference.held_out import held_out
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
+from ident.inference.scrutiny import held_out
 
 NAMES = ("a", "b")
 PRIOR, SIGMA = 0.7, 0.1

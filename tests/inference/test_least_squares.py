@@ -4,10 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from ident.inference.convergence import convergence
-from ident.inference.least_squares import evaluate, solve
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
+from ident.inference.search import convergence, evaluate, solve
 
 
 def curved(p):

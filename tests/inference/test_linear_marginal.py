@@ -6,9 +6,8 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from ident.inference.fit import fit
-from ident.inference.linear_marginal import linear_marginal
 from ident.inference.parameters import Parameter, Parameters
-from ident.inference.posterior import evaluate, posterior
+from ident.inference.posterior import evaluate, linear_marginal, posterior
 from ident.inference.problem import InverseProblem
 from ident.inference.sample import Settings, sample
 

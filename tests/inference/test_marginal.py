@@ -7,13 +7,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import ks_2samp, kstest, norm
 
-from ident.inference.correlation import correlation
-from ident.inference.discrepancy import with_discrepancy
 from ident.inference.fit import fit
-from ident.inference.marginal import Marginal
 from ident.inference.parameters import Parameter, Parameters
-from ident.inference.posterior import evaluate, posterior
-from ident.inference.problem import InverseProblem
+from ident.inference.posterior import Marginal, evaluate, posterior
+from ident.inference.problem import InverseProblem, correlation, with_discrepancy
 from ident.inference.sample import Settings, sample
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from emcee.moves import DEMove, StretchMove
 
-from ident.inference.moves import Apart, Independent, InReciprocals
+from ident.inference.sample import Apart, Independent, InReciprocals
 
 pytestmark = pytest.mark.slow
 

@@ -15,8 +15,7 @@ from fleets import (
 )
 from scipy.stats import binom
 
-from ident.inference.population import FALSE_ALARM, deviations, population
-from ident.inference.population_chains import Draws, Likelihood
+from ident.inference.population import FALSE_ALARM, Draws, Likelihood, deviations, population
 
 
 def test_an_interim_prior_is_divided_out():

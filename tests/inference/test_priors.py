@@ -12,11 +12,10 @@ from scipy.integrate import quad
 
 from ident.errors import InputError
 from ident.identify.unknowns import Unknowns, parameter, stiffness_parameters
-from ident.inference.discrepancy import with_discrepancy
 from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import CATALOGUE_TOLERANCE, Prior
-from ident.inference.problem import InverseProblem
+from ident.inference.problem import InverseProblem, with_discrepancy
 
 PATH = "joint1.k_tors"
 FORMS = [Prior.log_normal(2e5, 0.7), Prior.log_uniform(1e5, 4e5), Prior.catalogue(1e5, 1.5e5, 1.8e5)]

@@ -12,15 +12,14 @@ from arms import DATA, lcd_arm
 from scipy.optimize import brentq, minimize
 
 from ident.errors import InputError
-from ident.identify.build_problem import arm_problem
+from ident.identify.problem import arm_problem
 from ident.identify.unknowns import Unknowns, stiffness_parameters
-from ident.inference.constrained_fit import ConstrainedFit, Point
 from ident.inference.fit import Fit, fit
 from ident.inference.information import half_width
+from ident.inference.optima import EDGE, ConstrainedFit, Ending, Point, profile_path
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 from ident.inference.profile import LEVELS, Profile, profile, threshold
-from ident.inference.profile_path import EDGE, Ending, profile_path
 from ident.measure import read_campaign
 
 pytestmark = pytest.mark.slow

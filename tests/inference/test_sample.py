@@ -12,12 +12,11 @@ from chains import linear_problem, storey_problem
 from kills import killed_and_alone
 
 from ident.errors import InputError, ModelError
-from ident.inference.diagnostics import diagnose
-from ident.inference.evidence import weigh
+from ident.inference.chains import diagnose
+from ident.inference.draws import posterior_predictive, weigh
 from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.posterior import evaluate, posterior
-from ident.inference.posterior_predictive import posterior_predictive
 from ident.inference.problem import InverseProblem
 from ident.inference.sample import Settings, sample
 

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2, kstest, norm
 
-from ident.inference.correlation import correlation
 from ident.inference.fit import fit
+from ident.inference.information import asked_for, blamed, farthest, row_tests, score_tests
 from ident.inference.parameters import Parameter, Parameters
-from ident.inference.problem import InverseProblem
-from ident.inference.score import asked_for, blamed, row_tests, score_tests
-from ident.inference.verdicts import farthest
+from ident.inference.problem import InverseProblem, correlation
 
 slow = pytest.mark.slow  # those that search, and so compile
 

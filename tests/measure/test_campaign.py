@@ -24,7 +24,7 @@ from ident.measure import (
     read_campaign,
     write_campaign,
 )
-from ident.measure.kinds import DIFFERENCES, SHAPES, TWISTS
+from ident.measure.load import DIFFERENCES, SHAPES, TWISTS
 
 README = Path(__file__).parents[2] / "data" / "README.md"
 

@@ -9,8 +9,7 @@ from hammer_files import FOLDER, generator
 from recording_files import dataset, dataset_58
 
 from ident.errors import InputError
-from ident.measure.channel_template import recordings_of, write_template
-from ident.measure.channels import read_channels
+from ident.measure.channels import read_channels, recordings_of, write_template
 from ident.measure.recordings import read_recording
 from ident.modal.sources import sources
 

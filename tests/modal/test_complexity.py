@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from known_modes import arm_like, hammer_test
 
-from ident.modal.complexity import phase_planes
-from ident.modal.estimate import modes_of
+from ident.modal.modes import modes_of
+from ident.modal.parameters import phase_planes
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ from known_modes import arm_like, directions, hammer_test
 from scipy.stats import binom, chi2
 
 from ident.errors import InputError
-from ident.modal.estimate import modes_of, together
 from ident.modal.frf import Frf
+from ident.modal.modes import modes_of, together
 
 CLOSE = 0.02
 BAND = (3.0, 24.0)

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from ident.modal.checks import checks
-from ident.modal.estimates import ESTIMATORS, coherence, contributions
-from ident.modal.frf import Frf, Place
+from ident.modal.frf import ESTIMATORS, Frf, Place, checks, coherence, contributions
 
 LINES = np.linspace(1.0, 10.0, 40)
 

@@ -9,8 +9,8 @@ from hammer_files import oscillator
 from ident.errors import InputError
 from ident.measure.channels import ChannelRow, ChannelTable
 from ident.measure.recordings import Channel, Recording
+from ident.modal.frf import Processing
 from ident.modal.hammer import modal_tests
-from ident.modal.modal_test import Processing
 
 STEP, COUNT = 1e-3, 8000
 FREQUENCY, RATIO, MASS = 6.0, 0.02, 10.0

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from ambient_records import RATE, ambient_test, shaken
 
-from ident.measure.speeds import Speed
-from ident.modal.harmonics import without_harmonics
+from ident.measure.series import Speed
+from ident.modal.ambient import without_harmonics
 from ident.modal.operational import operational_modes
 
 pytestmark = pytest.mark.slow

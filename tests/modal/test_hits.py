@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ident.modal.hits import find_hits, overload
-from ident.modal.windows import exponential_decay, exponential_window, force_window
+from ident.modal.frf import exponential_decay, exponential_window, force_window
+from ident.modal.hammer import find_hits, overload
 
 STEP = 0.005
 

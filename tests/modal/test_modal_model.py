@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from ident.modal.modal_model import EXPONENTS, ModalModel
+from ident.modal.poles import EXPONENTS, ModalModel
 
 S = 1j * np.linspace(20.0, 120.0, 50) + 0.5
 

@@ -6,7 +6,7 @@ from known_modes import arm_like, directions, hammer_test
 
 from ident.errors import InputError
 from ident.modal.frf import Frf
-from ident.modal.noise import noise_of
+from ident.modal.poles import noise_of
 
 LINES = np.arange(1.0, 51.0, 0.125)
 

@@ -10,12 +10,10 @@ from scipy.stats import binom
 from ident.errors import InputError
 from ident.measure.channels import ChannelRow, ChannelTable
 from ident.measure.recordings import Channel, Recording
-from ident.modal.ambient import ROWS, ambient_tests
-from ident.modal.correlations import correlations_of
-from ident.modal.modal_test import Processing
-from ident.modal.operational import operational_modes
-from ident.modal.records import records
-from ident.modal.subspace import realisations
+from ident.modal.ambient import ROWS, ambient_tests, correlations_of
+from ident.modal.frf import Processing
+from ident.modal.operational import operational_modes, realisations
+from ident.modal.sources import records
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,7 @@ import pytest
 from known_modes import arm_like, hammer_test
 from sdypy.EMA import Model
 
-from ident.modal.estimate import modes_of
+from ident.modal.modes import modes_of
 
 LINES = np.arange(0.0, 60.0, 0.125)
 

@@ -9,7 +9,7 @@ from shaken import hammered, shaken
 from ident.arm.parts import Point
 from ident.description.file import read_arm
 from ident.identify.unknowns import Unknowns, stiffness_parameters
-from ident.modal.estimate import modes_of
+from ident.modal.modes import modes_of
 
 
 def test_a_damped_mode_beyond_the_band_does_not_take_the_place_of_one_within():

@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from ident.errors import InputError, ModelError
-from ident.present.files.pdf import NAMES, find_browser, write_pdf
+from ident.present.files.document import NAMES, find_browser, write_pdf
 
 there = pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="no browser to print with")
 

@@ -14,10 +14,9 @@ from ident.description.file import parse_arm, read_arm
 from ident.errors import InputError
 from ident.studies.design import DesignOptions, design
 from ident.studies.motion import drawn_groups, drawn_values
-from ident.vibrate.redesign.design import with_minimum_change
-from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.sensitivity import sensitivities
-from ident.vibrate.redesign.verify import verify
+from ident.vibrate.design import verify, with_minimum_change
+from ident.vibrate.evaluator import Evaluator
+from ident.vibrate.sweep import sensitivities
 
 pytestmark = pytest.mark.slow
 

@@ -13,11 +13,10 @@ from diagnose_small import CAMPAIGN, OPTIONS, SMALL
 from results import assert_plain, contents
 
 import ident
-from ident.assess.diagnosis import Diagnosis, ResonanceAssessment
-from ident.present.files.pdf import NAMES
-from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard
-from ident.studies.diagnose_stages import STAGES
-from ident.vibrate.redesign.binomial import BinomialEstimate
+from ident.assess.diagnose import Diagnosis, ResonanceAssessment
+from ident.present.files.document import NAMES
+from ident.studies.diagnose import STAGES, DiagnoseOptions, DiagnoseResult, diagnose, discard
+from ident.vibrate.evaluator import BinomialEstimate
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 ARM = ident.read_arm(DATA / "lcd_arm" / "arm.toml")
@@ -227,7 +226,7 @@ def test_an_interrupted_one_goes_on_and_comes_to_the_same(diagnosed, tmp_path):
 def test_without_a_folder_nothing_is_kept(result, tmp_path, monkeypatch):
     """With stages that are known already in the place of what computes them."""
     known = {stage: lambda job, diagnosis, value=value: value for stage, value in result.diagnosis.stages.items()}
-    monkeypatch.setattr("ident.studies.diagnose_stages.STAGES", known)
+    monkeypatch.setattr("ident.studies.diagnose.STAGES", known)
     monkeypatch.chdir(tmp_path)
     assert diagnose(ARM, MEASURED, OPTIONS).report() == result.report()
     assert not list(tmp_path.iterdir())
@@ -237,7 +236,7 @@ def test_stages_of_other_inputs_are_refused_and_can_be_thrown_away(tmp_path, mon
     def stopped(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ident.identify.sample.sample_campaign", stopped)
+    monkeypatch.setattr("ident.identify.compare.sample_campaign", stopped)
     with pytest.raises(KeyboardInterrupt):
         diagnose(ARM, MEASURED, OPTIONS, folder=tmp_path / "part")
     other = replace(OPTIONS, limit=7.0)

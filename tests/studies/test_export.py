@@ -9,9 +9,9 @@ import pytest
 from three_joints import JOINTS, URDF, WITHOUT_MESHES
 
 import ident
-from ident.assess.example import example
+from ident.assess.predict import example
 from ident.errors import InputError
-from ident.measure.writing import campaign_text
+from ident.measure.reading import campaign_text
 
 pytestmark = pytest.mark.slow
 OPTIONS = ident.FitOptions(starts=1)

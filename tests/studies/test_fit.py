@@ -10,7 +10,7 @@ from arms import DATA, lcd_arm
 from results import assert_comes_back, assert_plain
 
 import ident
-from ident.arm.base import on_soft_base
+from ident.arm.arm import on_soft_base
 from ident.identify.conditions import bind
 from ident.identify.fit import fit_campaign
 from ident.identify.predict import predict

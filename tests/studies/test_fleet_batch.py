@@ -12,7 +12,7 @@ from ident.identify import fleet_batch
 from ident.identify.fleet import SourceFile
 from ident.identify.fleet_batch import Given, robots_together
 from ident.identify.unknowns import Unknowns
-from ident.inference.verdicts import farthest
+from ident.inference.information import farthest
 from ident.measure import Campaign, read_campaign, write_campaign
 from ident.studies.fleet import FleetOptions, fleet
 

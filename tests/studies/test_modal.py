@@ -13,16 +13,14 @@ from scipy.stats import chi2
 
 import ident
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import static_equilibrium
-from ident.arm.labels import mode_labels
-from ident.arm.mechanics import point_positions, unflatten
-from ident.arm.modes import damped_eigenvalues, linearize, modes
-from ident.assess.identified_modes import modal_campaign
+from ident.arm.mechanics import point_positions, static_equilibrium, unflatten
+from ident.arm.modes import damped_eigenvalues, linearize, mode_labels, modes
+from ident.assess.modal import modal_campaign
 from ident.description.file import read_arm
 from ident.errors import InputError
-from ident.identify.build_problem import build_problem
-from ident.identify.loads import loads_of
-from ident.inference.least_squares import evaluate
+from ident.identify.binding import loads_of
+from ident.identify.problem import build_problem
+from ident.inference.search import evaluate
 from ident.measure import Load
 from ident.measure.channels import read_channels
 from ident.measure.recordings import read_recording

@@ -12,8 +12,8 @@ from templates import TEMPLATES, made
 
 import ident
 from ident.description.file import parse_arm, read_arm
-from ident.description.writing import arm_text
-from ident.studies.new import KINDS, new, new_from_robot
+from ident.description.rewriting import arm_text
+from ident.studies.arm import KINDS, new, new_from_robot
 
 jax.config.update("jax_enable_x64", True)
 pytestmark = pytest.mark.slow

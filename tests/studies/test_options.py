@@ -11,7 +11,7 @@ from arms import DATA, lcd_arm
 from matplotlib.text import Text
 
 import ident
-from ident.arm.base import on_soft_base
+from ident.arm.arm import on_soft_base
 from ident.description.file import ArmFile
 from ident.errors import InputError, Problem
 from ident.identify.unknowns import stiffness_parameters
@@ -22,7 +22,7 @@ from ident.studies.fit import FitOptions
 from ident.studies.options import Options, flag_of, option, renamed, specs
 from ident.studies.predict import PredictOptions
 from ident.studies.profile import ProfileOptions
-from ident.vibrate.motion.motion import FASTEST
+from ident.vibrate.motion import FASTEST
 
 
 @dataclass(frozen=True, kw_only=True)

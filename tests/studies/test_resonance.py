@@ -10,8 +10,8 @@ from commands import posterior
 from ident import InputError, load, read_arm
 from ident.studies.motion import drawn_values
 from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
-from ident.vibrate.modal.branches import branches
-from ident.vibrate.motion.stroke import stroke
+from ident.vibrate.branches import branches
+from ident.vibrate.motion import stroke
 
 pytestmark = pytest.mark.slow
 

@@ -14,7 +14,7 @@ from results import assert_comes_back, assert_plain
 import ident
 from ident.errors import InputError
 from ident.files import claimed
-from ident.identify.sample import sample_campaign
+from ident.identify.compare import sample_campaign
 from ident.inference.sample import Settings
 from ident.studies.fit import FitOptions, fit
 from ident.studies.motion import drawn_groups, drawn_values, fitted_values

@@ -12,8 +12,8 @@ from commands import posterior
 from ident import InputError, load, read_arm, read_log, read_trace
 from ident.studies.motion import drawn_values
 from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.simulate import simulate as response
+from ident.vibrate.motion import stroke
+from ident.vibrate.simulate import simulate as response
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ import pytest
 from arms import DATA
 
 from ident import InputError, load, read_arm, read_trace
-from ident.assess.marked_modes import MarkedModes
+from ident.assess.spectrum import MarkedModes
 from ident.measure import Load, Log, Pulley, Trace, read_pulleys
 from ident.studies.simulate import SimulateOptions, simulate
 from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum

@@ -9,13 +9,13 @@ from results import assert_comes_back, assert_plain
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.studies import ranges
+from ident.studies.options import MEASURES
 from ident.studies.sweep import SweepOptions, sweep
-from ident.studies.words import MEASURES
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.redesign.evaluator import Evaluator
-from ident.vibrate.redesign.sweep import axis
-from ident.vibrate.redesign.sweep import sweep as over
-from ident.vibrate.response import amplitude
+from ident.vibrate import simulate as amplitude
+from ident.vibrate.evaluator import Evaluator
+from ident.vibrate.motion import stroke
+from ident.vibrate.sweep import axis
+from ident.vibrate.sweep import sweep as over
 
 pytestmark = pytest.mark.slow
 

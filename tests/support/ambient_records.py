@@ -9,12 +9,10 @@ from hammer_files import FOLDER, generator
 
 from ident.description.file import read_arm
 from ident.measure import Load
-from ident.measure.speeds import parse_speeds
+from ident.measure.series import parse_speeds
 from ident.modal.ambient import ambient_tests
-from ident.modal.frf import Place
-from ident.modal.modal_test import Processing
-from ident.modal.records import Record
-from ident.modal.sources import Response
+from ident.modal.frf import Place, Processing
+from ident.modal.sources import Record, Response
 
 RATE = 100.0
 """Sampling rate [Hz]."""

@@ -7,9 +7,8 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from ident.arm.arm import Arm
+from ident.arm.arm import ANYWHERE, Arm
 from ident.arm.parts import Body, Joint, Payload, Point
-from ident.arm.workspace import ANYWHERE
 from ident.description.file import read_arm
 
 DATA = Path(__file__).parents[2] / "data"

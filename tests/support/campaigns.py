@@ -15,16 +15,15 @@ from arms import DATA, lcd_arm, posture_of, random_arm
 from chains import storey_frequencies
 from jaxtyping import Array, Float
 
-from ident.arm.arm import Arm
-from ident.arm.base import on_soft_base
-from ident.identify.assumptions import Assumptions, assumptions
-from ident.identify.build_problem import build_problem
+from ident.arm.arm import Arm, on_soft_base
 from ident.identify.conditions import Conditions, bind
+from ident.identify.fit import Assumptions, assumptions
 from ident.identify.predict import predict
+from ident.identify.problem import build_problem
 from ident.inference.fit import Fit, fit
-from ident.inference.least_squares import evaluate
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
+from ident.inference.search import evaluate
 from ident.measure import Campaign, Load, Measurement, read_campaign
 
 DATA_FAULTS = ("none", "swapped", "payload", "outliers", "copied")

@@ -12,7 +12,7 @@ from arms import DATA
 
 from ident.assess.effort import DiagnosisEffort
 from ident.cli.command import ArmOption, CampaignArgument, OutOption, PathOption, command
-from ident.cli.diagnosing import run_diagnose
+from ident.cli.commands import run_diagnose
 from ident.studies.diagnose import DiagnoseOptions
 
 SMALL = DiagnosisEffort(

@@ -8,8 +8,7 @@ from arms import random_arm, random_body, unit_vector
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.arm.drive import Belt, Drive
-from ident.arm.parts import Body, Joint
+from ident.arm.parts import Belt, Body, Drive, Joint
 
 
 @dataclass(frozen=True)

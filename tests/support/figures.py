@@ -8,17 +8,16 @@ import numpy as np
 from arms import DATA, lcd_arm
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from ident.identify.build_problem import arm_problem
 from ident.identify.fit import CampaignFit
+from ident.identify.problem import arm_problem
 from ident.identify.unknowns import stiffness_parameters
-from ident.inference.curvature import fixed_combinations
 from ident.inference.fit import fit
 from ident.inference.information import information
-from ident.inference.optima import Optimum
+from ident.inference.optima import Optimum, fixed_combinations
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import Choice, InverseProblem
 from ident.measure import Campaign, Load, Measurement, read_campaign
-from ident.measure.kinds import DIFFERENCES, KINDS
+from ident.measure.load import DIFFERENCES, KINDS
 
 HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
 """A name that no picture may take for a formula, a break or a reason to grow."""

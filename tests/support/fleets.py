@@ -6,8 +6,7 @@ from itertools import product
 import numpy as np
 from scipy.stats import t as student_t
 
-from ident.inference.population import FALSE_ALARM, Deviations, deviations, population
-from ident.inference.population_chains import FAULT, SHARE, Draws, Likelihood
+from ident.inference.population import FALSE_ALARM, FAULT, SHARE, Deviations, Draws, Likelihood, deviations, population
 
 OFF_BY = 6.0
 """A fault of the small form, in combined standard deviations of robot and population."""

@@ -12,10 +12,9 @@ import numpy as np
 from arms import lcd_arm
 
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import static_equilibrium
+from ident.arm.mechanics import static_equilibrium
 from ident.arm.modes import modes
-from ident.jit import jit
-from ident.programs import own_folder
+from ident.programs import jit, own_folder
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_compilation_cache_dir", sys.argv[1])

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.inference.ensembles import BLOCK
+from ident.inference.sample import BLOCK
 
 SUPPORT = Path(__file__).parent
 LINE = [sys.executable, str(SUPPORT / "sample_forever.py")]

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ident.arm.arm import Arm
-from ident.arm.oddities import oddities
+from ident.arm.plausibility import oddities
 
 VECTORS = ("offset", "com", "position")
 STIFFNESS = ("k_bend", "k_tors")

@@ -19,8 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.arm.drive import Drive
-from ident.arm.parts import Joint
+from ident.arm.parts import Drive, Joint
 
 SERIES = np.array([[(-1) ** n / math.factorial(2 * n + k) for n in range(15)] for k in (2, 3)])
 """(1 - cos t)/t^2 and (t - sin t)/t^3 in powers of t^2."""

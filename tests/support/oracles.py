@@ -12,7 +12,7 @@ import mujoco
 from moving_engines import MovingArm, MujocoMoving
 from mujoco_arm import MotionTable, command_at, displacement, integrate
 
-from ident.vibrate.motion.motion import Motion
+from ident.vibrate.motion import Motion
 
 
 class QuickMujoco(MujocoMoving):

@@ -3,8 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from ident.present.html.page import Page, Picture, Section, Table, Verdict
-from ident.present.html.picture import picture
+from ident.present.html.page import Page, Picture, Section, Table, Verdict, picture
 
 HOSTILE = (
     "<script>window.ran = 1; alert(1)</script>",

@@ -12,10 +12,9 @@ from numpy.polynomial import Polynomial
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.modes import Linearized, linearize
-from ident.vibrate.motion.motion import Motion
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.response import Response
-from ident.vibrate.response.simulate import simulate
+from ident.vibrate.motion import Motion, stroke
+from ident.vibrate.response import Response
+from ident.vibrate.simulate import simulate
 
 PIECES, POWERS = 8, 4
 """Of a stroke; every motion here has as many."""

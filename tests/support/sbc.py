@@ -18,10 +18,10 @@ import numpy as np
 from scipy.stats import binom, chisquare
 
 from ident.inference.fit import fit
-from ident.inference.least_squares import evaluate as predictions
 from ident.inference.posterior import evaluate, posterior
 from ident.inference.problem import InverseProblem
 from ident.inference.sample import Sample, Settings, sample
+from ident.inference.search import evaluate as predictions
 
 L = 99
 """Draws among which the truth is ranked: 100 ranks fall into 20 equal bins."""

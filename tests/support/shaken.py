@@ -8,8 +8,8 @@ import numpy as np
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
+from ident.arm.mechanics import point_motion
 from ident.arm.modes import linearize
-from ident.arm.motors import point_motion
 from ident.modal.frf import Frf, Place
 
 LINES = np.arange(1.0, 24.0, 0.05)

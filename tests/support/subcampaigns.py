@@ -18,8 +18,8 @@ from arms import DATA, lcd_arm
 import ident
 from ident.arm.arm import Arm
 from ident.errors import InputError, ModelError
-from ident.identify.build_problem import build_problem
-from ident.inference.least_squares import evaluate
+from ident.identify.problem import build_problem
+from ident.inference.search import evaluate
 from ident.measure import Campaign, Measurement, read_campaign
 from ident.studies.result import Result
 

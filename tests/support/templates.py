@@ -4,9 +4,9 @@ from pathlib import Path
 
 import jax
 
-from ident.assess.example import Example, example
+from ident.assess.predict import Example, example
 from ident.description.file import read_arm
-from ident.measure.writing import campaign_text
+from ident.measure.reading import campaign_text
 
 TEMPLATES = Path(__file__).parents[2] / "ident" / "description" / "templates"
 

@@ -19,11 +19,10 @@ from scipy.signal import resample_poly
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import static_equilibrium
-from ident.arm.mechanics import point_positions, unflatten
+from ident.arm.mechanics import point_positions, static_equilibrium, unflatten
 from ident.arm.modes import linearize
 from ident.description.file import read_arm
-from ident.identify.loads import loads_of
+from ident.identify.binding import loads_of
 from ident.measure import Load, to_si
 
 HERE = Path(__file__).parent

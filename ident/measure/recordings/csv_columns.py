@@ -10,8 +10,16 @@ import numpy as np
 from ident.errors import InputError, Problem
 from ident.measure.recordings.recording import EXPORT, FORCE, REAL, Channel, Contents, Shape, quotient
 from ident.measure.recordings.sampling import even_step
-from ident.measure.table import Findings, Record, decimal_mark, misfit, read_records, sniff_delimiter, table_text
-from ident.measure.text import parse_number
+from ident.measure.table import (
+    Findings,
+    Record,
+    decimal_mark,
+    misfit,
+    parse_number,
+    read_records,
+    sniff_delimiter,
+    table_text,
+)
 from ident.text import one_line, quoted
 from ident.units import si_factor
 

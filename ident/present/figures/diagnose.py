@@ -7,13 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ident.assess.diagnosis import Diagnosis
+from ident.assess.diagnose import Diagnosis
+from ident.present.figures.fit import validate_figure
 from ident.present.figures.resonance import resonance_figure
 from ident.present.figures.style import BLUE, note, plain, ratio_axis, rows
-from ident.present.figures.validate import validate_figure
-from ident.present.text.remedy_words import change_words
-from ident.present.text.units import MM
-from ident.present.text.words import cut
+from ident.present.text.diagnose import change_words
+from ident.present.text.words import MM, cut
 
 RED = "#C1432B"
 """Colour of the limit."""

@@ -5,21 +5,26 @@ Figures are made without pyplot, so that nothing global is touched.
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
+from matplotlib.lines import Line2D
 
+from ident.identify.compare import Comparison, Validation
 from ident.identify.fit import CampaignFit
-from ident.inference.cross_prediction import contradicting
+from ident.inference.fit import contradicting
 from ident.inference.information import WEAK_ABOVE, Direction
+from ident.inference.optima import Ending
 from ident.inference.parameters import Parameter
+from ident.inference.profile import Profile, threshold
 from ident.present.figures.style import (
     BLUE,
     FILLED,
     GREEN,
+    GREY,
     HOLLOW,
     ORANGE,
     PALE,
@@ -28,17 +33,17 @@ from ident.present.figures.style import (
     Style,
     engineering,
     heading,
+    key_below,
     note,
     plain,
     ratio_axis,
     rows,
     titled,
 )
-from ident.present.text.agreement import chance
-from ident.present.text.assumptions import in_words
+from ident.present.text.check import level_in_words, level_words
 from ident.present.text.fit import why_no_interval
-from ident.present.text.units import MM, in_read_unit, is_length, read_unit
-from ident.present.text.words import cut, direction_name, short
+from ident.present.text.warnings import chance, in_words
+from ident.present.text.words import MM, cut, direction_name, in_read_unit, is_length, read_unit, short
 
 KIND_STYLES: dict[str, Style] = {
     "frequency": {"color": BLUE, "marker": "o"},
@@ -304,3 +309,251 @@ def _write(axes: Axes, notes: Sequence[tuple[str, bool]]) -> None:
     for i, (line, warning) in enumerate(notes):
         style = {"va": "top", "fontsize": 9, "color": ORANGE if warning else "black"}
         note(axes, line, (0.0, 1.0), (-150, -14 * i), xycoords="axes fraction", **style)
+
+
+# -------- Compare
+# The figure of a comparison: the ratio of each stiffness after to before.
+
+WIDTH, COMPARE_ROW = 8.0, 0.34
+"""Width of the figure and height of a row [inch]."""
+
+
+def compare_figure(comparison: Comparison) -> Figure:
+    """Draw the ratio of each stiffness after to before, with its 95 % interval; those that have changed are orange."""
+    change = comparison.change
+    before, after = (cut(name, 24) for name in comparison.names)
+    figure = titled((WIDTH, COMPARE_ROW * len(change.names) + 1.9), f"Stiffness, {after} over {before}")
+    axes = figure.subplots()
+    low, high = np.exp(change.interval).T
+    marks = {"changed": {**FILLED, "color": ORANGE}, "not changed": FILLED, "open": HOLLOW}
+    kinds = np.where(change.open, "open", np.where(change.changed, "changed", "not changed")).tolist()
+    colours = {"changed": ORANGE, "not changed": BLUE, "open": GREY}
+    for i, kind in enumerate(kinds):
+        axes.hlines(i, low[i], high[i], color=colours[kind], linewidth=2.0)
+        axes.plot(np.exp(change.change[i]), i, linestyle="", **marks[kind])
+    axes.axvline(1.0, color=GREY, linewidth=0.8)
+    margin = 1.05
+    ratio_axis(axes, min(low.min(), 0.95) / margin, max(high.max(), 1.05) * margin)
+    axes.set_xlabel("ratio after / before [-], with 95 % interval", fontsize=9)
+    rows(axes, [cut(name, 24) for name in change.names])
+    handles = [Line2D([], [], label=kind, linestyle="", **marks[kind]) for kind in marks if kind in kinds]
+    verdict = "changed" if change.seen else "no change is seen"
+    note = f"together: {verdict}, p = {change.p_value:.2g}; changed: p below {level_words()} by Holm's procedure"
+    key_below(figure, handles, note)
+    return figure
+
+
+# -------- Profile
+# The figure of profiles: one panel for each parameter, delta chi-squared beside its linear approximation.
+
+COLUMNS = 3
+PROFILE_PANEL = (3.7, 2.75)
+"""Width and height of a panel [inch]."""
+ABOVE = 1.35
+"""Height of the panels, as a multiple of the highest threshold."""
+
+
+def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
+    """Draw profiles: delta chi-squared against each parameter, relative to its fitted value.
+
+    A curve that leaves the panel through its top ends an interval; an arrow at the side means open.
+    """
+    columns = min(COLUMNS, len(profiles))
+    count = math.ceil(len(profiles) / columns)
+    warnings = list(_warnings(fit, profiles))
+    size = (PROFILE_PANEL[0] * columns + 1.0, PROFILE_PANEL[1] * count + 0.9 + 0.2 * len(warnings))
+    names = f"{cut(fit.arm.name, 30)} to {cut(fit.campaign.name, 30) or 'measurements'}"
+    title = f"Profiles of the fit of {names}" if columns > 1 else f"Profile of the fit of\n{names}"
+    figure = titled(size, title, (0.09, 0.08))
+    grid = figure.subplots(count, columns, squeeze=False).flat
+    bottom = min([0.0, *(float(profile.delta_chi_squared.min()) for profile in profiles)])
+    for i, profile in enumerate(profiles):
+        _panel(grid[i], profile, bottom)
+        if i % columns == 0:
+            grid[i].set_ylabel("delta chi-squared [-]", fontsize=9)
+        if i % columns == columns - 1 or i == len(profiles) - 1:
+            _levels(grid[i], profile)
+    for axes in list(grid)[len(profiles) :]:
+        axes.set_axis_off()
+    _profile_key(figure, warnings, any(math.isfinite(profile.sd) for profile in profiles), columns)
+    return figure
+
+
+def _profile_key(figure: Figure, warnings: Sequence[str], linear: bool, columns: int) -> None:
+    """Explain the lines below the panels; warnings stand above the key."""
+    handles = [Line2D([], [], color=BLUE, linewidth=1.8, label="profile: all others fitted again")]
+    if linear:
+        handles.append(Line2D([], [], color=GREY, linewidth=1.2, linestyle="--", label="linear approximation"))
+    key = figure.legend(
+        handles=handles,
+        title="\n".join(warnings) or None,
+        loc="outside lower center",
+        ncols=2 if columns > 1 else 1,
+        frameon=False,
+        fontsize=9,
+    )
+    key.get_title().set(color=ORANGE, fontsize=9, parse_math=False)
+
+
+def _warnings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
+    if fit.doubts:
+        yield f"No interval is to be quoted: {fit.doubts[0]}".replace("see below", "see ident fit")
+    if any(profile.beaten for profile in profiles):
+        yield "The cost falls below the fit's: this was not the best optimum"
+
+
+def _panel(axes: Axes, profile: Profile, bottom: float) -> None:
+    plain(axes)
+    top = threshold(profile.widest.level)
+    axes.set_ylim(bottom - 0.05 * top, ABOVE * top)
+    left, right = _span(profile)
+    if profile.item.positive:
+        ratio_axis(axes, math.exp(left), math.exp(right))
+        axes.set_xlabel("value / fitted [-]", fontsize=9)
+    else:
+        unit = read_unit(profile.name)[1]
+        axes.set_xlim(*map(float, _place(profile, profile.optimum + np.array([left, right]))))
+        axes.set_xlabel(f"value - fitted [{unit}]", fontsize=9)
+    for interval in profile.intervals:
+        axes.axhline(threshold(interval.level), color="#D8D8D8", linewidth=0.8, zorder=1)
+    # between its points a profile is drawn as pieces of parabolas
+    theta = np.union1d(profile.theta, np.linspace(profile.theta[0], profile.theta[-1], 301))
+    root = np.interp(
+        theta, profile.theta, np.sign(profile.delta_chi_squared) * np.sqrt(np.abs(profile.delta_chi_squared))
+    )
+    axes.plot(_place(profile, theta), np.sign(root) * root**2, color=BLUE, linewidth=1.8, zorder=3)
+    if math.isfinite(profile.sd):
+        theta = profile.optimum + np.linspace(left, right, 201)
+        parabola = ((theta - profile.optimum) / profile.sd) ** 2
+        axes.plot(_place(profile, theta), parabola, color=GREY, linewidth=1.2, linestyle="--", zorder=2)
+    axes.plot([_place(profile, profile.optimum)], [0.0], linestyle="", zorder=4, **{**FILLED, "markersize": 5})
+    for side in (0, 1):
+        _ending(axes, profile, side, top)
+    axes.set_title(_title(profile), parse_math=False, fontsize=9)
+
+
+def _ending(axes: Axes, profile: Profile, side: int, top: float) -> None:
+    """Mark where the widest interval ends: a dot on its threshold, an arrow where open, a bar where the model ends."""
+    ending, theta = profile.widest.endings[side], (profile.widest.low, profile.widest.high)[side]
+    last = (0, -1)[side]
+    if ending is Ending.CROSSED:
+        axes.plot([_place(profile, theta)], [top], linestyle="", zorder=4, **{**FILLED, "markersize": 4})
+        return
+    at = (float(_place(profile, profile.theta[last])), float(profile.delta_chi_squared[last]))
+    word, marker = ("open", "<>"[side]) if ending is Ending.OPEN else ("model ends", "|")
+    style = {**HOLLOW, "color": BLUE, "marker": marker, "markersize": 7 if marker != "|" else 12}
+    axes.plot([at[0]], [at[1]], linestyle="", zorder=4, clip_on=False, **style)
+    above = at[1] < 0.9 * top
+    place = {"ha": ("left", "right")[side], "va": "bottom" if above else "top"}
+    note(axes, word, at, (0, 8 if above else -12), color=BLUE, **place)
+
+
+def _levels(axes: Axes, profile: Profile) -> None:
+    """Write the levels at the right end of their lines."""
+    for interval in profile.intervals:
+        end: Any = {"xycoords": ("axes fraction", "data"), "va": "center"}
+        note(axes, level_in_words(interval.level), (1.0, threshold(interval.level)), (4, 0), **end)
+
+
+def _span(profile: Profile) -> tuple[float, float]:
+    """Return the limits of a panel as differences of theta: the whole profile, and a little more."""
+    left, right = (float(theta) - profile.optimum for theta in profile.theta[[0, -1]])
+    pad = 0.06 * max(right - left, 1e-9)
+    return left - pad, right + pad
+
+
+def _place(profile: Profile, theta: Any) -> Any:
+    """Return where a theta stands in the panel: relative to the fitted value, or as a difference from it."""
+    off = np.asarray(theta) - profile.optimum
+    if profile.item.positive:
+        return np.exp(off)
+    return off * float(profile.item.scale) / read_unit(profile.name)[0]
+
+
+def _title(profile: Profile) -> str:
+    """Return the name, and below it the fitted value and the widest interval in the unit that people read."""
+    ends = [profile.optimum, profile.widest.low, profile.widest.high]
+    size, unit = read_unit(profile.name)
+    best, low, high = engineering(*(float(value) / size for value in profile.values(ends)))
+    below, above = (ending is Ending.OPEN for ending in profile.widest.endings)
+    if below or above:
+        span = "open" if below and above else f"below {high}" if below else f"above {low}"
+    else:
+        span = f"{low} to {high}"
+    words = f"{best} {unit}; {level_in_words(profile.widest.level)}: {span}"
+    return f"{cut(profile.name, 34)}\n{words}"
+
+
+# -------- Validate
+# The figure of a validation: how far each measurement is off its prediction, and whether quantiles are right.
+
+VALIDATE_WIDTH, VALIDATE_ROW = 10.0, 0.24
+"""Width of the figure and height of a row [inch]."""
+LEAST = 3.6
+"""Least height [inch]."""
+MOST = 60
+"""Measurements that are drawn as rows: of more, those that are farthest off."""
+
+
+def validate_figure(validation: Validation) -> Figure:
+    """Draw how far each measurement lies from its prediction, and observed against predicted quantiles."""
+    told = validation.told
+    count = sum(len(part.places) for part in told)
+    height = max(LEAST, VALIDATE_ROW * min(count, MOST) + 1.8)
+    figure = titled(
+        (VALIDATE_WIDTH, height), f"Each part of {cut(validation.fit.campaign.name, 30)}, predicted by the others"
+    )
+    left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
+    _off(left, validation)
+    _quantiles(right, validation.z)
+    handles = [
+        Line2D([], [], color=BLUE, marker="o", linestyle="", label="measured less predicted"),
+        Line2D([], [], color=PALE_BLUE, alpha=0.5, linewidth=6, label="95 % of right predictions"),
+    ]
+    if validation.missed:
+        handles.append(Line2D([], [], color=ORANGE, marker="o", linestyle="", label="of a part too far off"))
+    farthest = f"; left: the {MOST} of {count} that are farthest off" if count > MOST else ""
+    key_below(figure, handles, f"standard deviations: noise, and what the others leave open{farthest}")
+    return figure
+
+
+def _off(axes: Axes, validation: Validation) -> None:
+    """Draw a row for each measurement, part by part; of many, those that are farthest off."""
+    campaign, missed = validation.fit.campaign.measurements, {part.name for part in validation.missed}
+    z, names, colours = [], [], []
+    for part in validation.told:
+        for place, value in zip(part.places, part.off / part.sd, strict=True):
+            m = campaign[place]
+            z.append(value)
+            names.append(f"{cut(part.name, 22)}  {cut(m.mode or m.point or m.joint or m.kind, 22)}")
+            colours.append(ORANGE if part.name in missed else BLUE)
+    shown = np.sort(np.argsort(-np.abs(z))[:MOST])
+    off, names, colours = np.array(z)[shown], [names[i] for i in shown], [colours[i] for i in shown]
+    axes.axvspan(-1.96, 1.96, color=PALE_BLUE, alpha=0.5, linewidth=0)
+    axes.axvline(0, color=GREY, linewidth=0.8)
+    axes.scatter(off, np.arange(len(off)), c=colours or BLUE, s=26, zorder=3)
+    reach = max(3.0, 1.1 * float(np.abs(off).max(initial=0.0)))
+    axes.set_xlim(-reach, reach)
+    axes.set_xlabel("off [standard deviations]", fontsize=9)
+    rows(axes, names)
+
+
+def _quantiles(axes: Axes, z: np.ndarray) -> None:
+    """Draw the share of measurements below each predicted quantile, with where right predictions lie point by point."""
+    from scipy.special import ndtr
+    from scipy.stats import beta
+
+    count = len(z)
+    if count:
+        order = np.arange(1, count + 1)
+        predicted = np.sort(ndtr(z))
+        low, high = (beta.ppf(q, order, count + 1 - order) for q in (0.025, 0.975))
+        observed = (order - 0.5) / count
+        axes.fill_betweenx(observed, low, high, color=PALE_BLUE, alpha=0.5, linewidth=0)
+        axes.plot(predicted, observed, color=BLUE, marker="o", markersize=3.5, linewidth=1.0)
+    axes.plot([0, 1], [0, 1], color=GREY, linewidth=0.8)
+    axes.set_xlim(0, 1)
+    axes.set_ylim(0, 1)
+    axes.set_xlabel("predicted quantile [-]", fontsize=9)
+    axes.set_ylabel("share of measurements below [-]", fontsize=9)
+    plain(axes)

@@ -1,18 +1,79 @@
 """Figure of a posture's frequency responses: size and coherence over frequency, a panel for each response."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
 
-from ident.assess.identified_modes import IdentifiedModes
-from ident.modal.ambient_test import AmbientTest
-from ident.modal.estimate import Modes
-from ident.modal.modal_test import ModalTest
-from ident.present.figures.ambient import ambient_figure
-from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, PINK, key_below, plain, titled
-from ident.present.text.places import place_in_words
-from ident.present.text.words import cut, degrees
+from ident.assess.modal import IdentifiedModes
+from ident.modal.ambient import AmbientTest
+from ident.modal.frf import ModalTest, Place
+from ident.modal.modes import Modes
+from ident.modal.parameters import PhasePlane, phase_planes
+from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, PINK, Style, key_below, plain, titled
+from ident.present.text.words import cut, degrees, place_in_words
+
+# -------- Ambient
+# Figure of an ambient test: singular values of the spectral density, with lines of what turns.
+
+SIZE = (9.0, 4.4)
+"""Of the figure [inch]."""
+HARMONIC: Style = {"color": PINK, "linewidth": 1.0, "linestyle": ":"}
+"""Look of a line of something that turns."""
+
+
+def ambient_figure(test: AmbientTest, identified: IdentifiedModes | None = None) -> Figure:
+    """Draw the singular values of the spectral density matrix, the modes, and the harmonics that were taken out."""
+    figure = titled(SIZE, f"Responses without a force at {degrees(test.posture)}")
+    axes = figure.subplots()
+    density = test.density
+    axes.semilogy(density.frequency, density.singular[1:].T, color=PALE, linewidth=0.6)
+    axes.semilogy(density.frequency, density.singular[0], color=BLUE, linewidth=1.0)
+    for frequency in identified.modes.frequency if identified else ():
+        axes.axvline(frequency, color=ORANGE, linewidth=1.0, zorder=0)
+    draw_harmonics(axes, test)
+    axes.set_xlim(0, test.band[1])
+    axes.set_xlabel("frequency [Hz]", fontsize=9)
+    axes.set_ylabel("singular value [1/Hz]", fontsize=9)
+    plain(axes, grid=True)
+    handles = [
+        Line2D([], [], color=BLUE, label="first singular value"),
+        Line2D([], [], color=PALE, label="others"),
+        *([Line2D([], [], color=ORANGE, label="mode")] if identified else []),
+        *harmonic_key(test),
+    ]
+    note = f"{cut(str(test.load), 70)}; {test.correlations.duration:.0f} s; each response in its standard deviations"
+    key_below(figure, handles, note, columns=4)
+    return figure
+
+
+def draw_harmonics(axes: Axes, test: AmbientTest) -> None:
+    """Mark the lines that were taken out, numbered as in the key."""
+    for number, line in enumerate(test.harmonics, 1):
+        axes.axvline(line.frequency, zorder=1, **HARMONIC)
+        axes.annotate(
+            str(number), (line.frequency, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom",
+            fontsize=7, color=PINK,
+        )  # fmt: skip
+
+
+def harmonic_key(test: AmbientTest) -> list[Line2D]:
+    """Return what the marks of the lines mean."""
+    return [
+        Line2D([], [], label=f"{number}: {cut(str(line), 36)}", **HARMONIC)
+        for number, line in enumerate(test.harmonics, 1)
+    ]
+
+
+def draw_size(axes: Axes, test: AmbientTest) -> None:
+    """Draw the first two singular values as a background."""
+    axes.semilogy(test.density.frequency, np.sqrt(test.density.singular[:2].T), color=GREY, linewidth=0.7)
+
+
+# -------- Modal
 
 WIDTH, PANEL = 9.0, 1.55
 """Width of the figure and height of a row [inch]."""
@@ -101,3 +162,141 @@ def _note(test: ModalTest) -> str:
     if test.rejected:
         lines.append(f"rejected: {len(test.rejected)} hit{'s' * (len(test.rejected) > 1)}, see the report")
     return "\n".join(lines)
+
+
+# -------- Argand
+# Figure of a posture's mode shapes in the complex plane: arrows in phase lie along one line.
+
+COLUMNS, ARGAND_PANEL = 4, 2.5
+"""Modes in a row, and size of each [inch]."""
+DIRECTION_COLORS = (BLUE, ORANGE, PINK, GREY)
+"""Of the directions at a point, in their order."""
+ENDS = "os^Dv"
+"""Ends of arrows, one a point."""
+WITHIN = 2.4477
+"""Half axes of an ellipse that holds 95 %, in standard deviations."""
+
+
+def argand_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes) -> Figure:
+    """Draw each mode's motion at the responses as arrows in the complex plane, with ellipses that hold 95 %."""
+    planes = phase_planes(identified.modes)
+    columns = min(COLUMNS, len(planes))
+    rows = -(-len(planes) // columns)
+    figure = titled(
+        (ARGAND_PANEL * max(columns, 3) + 0.4, ARGAND_PANEL * 1.15 * rows + 1.5),
+        f"Mode shapes at {degrees(test.posture)}",
+    )
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    looks = _looks(test.responses)
+    for axes, plane, frequency, label in zip(
+        panels, planes, identified.modes.frequency, identified.labels.given, strict=False
+    ):
+        _panel(axes, plane, looks)
+        name = cut(str(label), 24) if label else "no certain name"
+        title = f"{frequency:.2f} Hz, {name}\ncollinearity {plane.collinearity:.3f}"
+        axes.set_title(title, fontsize=8, loc="left", parse_math=False)
+    for axes in panels[len(planes) :]:
+        axes.set_visible(False)
+    handles = [
+        Line2D([], [], color=color, marker=end, markersize=4, label=place_in_words(place))
+        for place, (color, end) in zip(test.responses, looks, strict=True)
+    ]
+    note = "turned to the real axis and scaled to one at the largest; ellipses hold 95 %"
+    key_below(figure, handles, note, columns=6)
+    return figure
+
+
+def _panel(axes: Axes, plane: PhasePlane, looks: Sequence[tuple[str, str]]) -> None:
+    for motion, covariance, (color, end) in zip(plane.shape, plane.covariance, looks, strict=True):
+        axes.plot([0, motion.real], [0, motion.imag], color=color, linewidth=1.2, marker=end, markevery=[1], ms=4)
+        variances, axis = np.linalg.eigh(covariance)
+        width, height = 2 * WITHIN * np.sqrt(np.maximum(variances, 0.0))
+        angle = float(np.degrees(np.arctan2(axis[1, 0], axis[0, 0])))
+        centre = (float(motion.real), float(motion.imag))
+        axes.add_patch(Ellipse(centre, float(width), float(height), angle=angle, fill=False, color=color, lw=0.8))
+    axes.axhline(0, color=GREY, linewidth=0.5, zorder=0)
+    axes.axvline(0, color=GREY, linewidth=0.5, zorder=0)
+    axes.set_xlim(-1.2, 1.2)
+    axes.set_ylim(-1.2, 1.2)
+    axes.set_aspect("equal")
+    plain(axes)
+    axes.tick_params(labelsize=7)
+
+
+def _looks(places: Sequence[Place]) -> list[tuple[str, str]]:
+    """Return colour and end of each response."""
+    points = list(dict.fromkeys(place.point for place in places))
+    nth = [sum(other.point == place.point for other in places[:o]) for o, place in enumerate(places)]
+    ends = [ENDS[points.index(place.point) % len(ENDS)] for place in places]
+    return [(DIRECTION_COLORS[n % len(DIRECTION_COLORS)], end) for n, end in zip(nth, ends, strict=True)]
+
+
+# -------- Stabilisation
+# Figure of how a posture's modes were chosen: poles over orders, and the MAC with the arm's modes.
+
+STABILISATION_SIZE = (9.0, 7.6)
+"""Of the figure [inch]."""
+HIGH = 0.68
+"""MAC from which on its number is written in white."""
+
+
+def stabilisation_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes) -> Figure:
+    """Draw the poles of all orders with the clusters that modes were made of, and MAC and names of the modes."""
+    figure = titled(STABILISATION_SIZE, f"Modes at {degrees(test.posture)}")
+    upper, lower = figure.subplots(2, 1, height_ratios=[3, 2])
+    _poles(upper, test, identified)
+    _mac(lower, identified)
+    ambient = isinstance(test, AmbientTest)
+    handles = [
+        Line2D([], [], linestyle="", marker="o", markersize=4, color=PALE, label="other pole"),
+        Line2D([], [], linestyle="", marker="o", markersize=4, color=BLUE, label="pole of a lasting cluster"),
+        Line2D([], [], color=ORANGE, label="mode" if ambient else "mode, by maximum likelihood"),
+        Line2D([], [], color=GREY, label="two first singular values" if ambient else "size of all responses"),
+        *(harmonic_key(test) if isinstance(test, AmbientTest) else ()),
+    ]
+    key_below(figure, handles, "MAC: measured shapes against those of the arm as its file has it", columns=4)
+    return figure
+
+
+def _poles(axes: Axes, test: ModalTest | AmbientTest, identified: IdentifiedModes) -> None:
+    """Draw the diagram over the size of the responses."""
+    diagram = identified.modes.diagram
+    lasting = diagram.cluster >= 0
+    axes.plot(diagram.frequency[~lasting], diagram.order[~lasting], "o", color=PALE, markersize=3)
+    axes.plot(diagram.frequency[lasting], diagram.order[lasting], "o", color=BLUE, markersize=3)
+    for frequency in identified.modes.frequency:
+        axes.axvline(frequency, color=ORANGE, linewidth=1.0, zorder=0)
+    axes.set_xlim(0, identified.modes.band[1])
+    axes.set_ylim(0, None)
+    axes.set_ylabel("states" if isinstance(test, AmbientTest) else "order of the polynomial", fontsize=9)
+    axes.set_xlabel("frequency [Hz]", fontsize=9)
+    plain(axes)
+    size = axes.twinx()
+    if isinstance(test, AmbientTest):
+        draw_size(size, test)
+        draw_harmonics(axes, test)
+    else:
+        every = np.sqrt((np.abs(test.frf.mean) ** 2).sum((0, 1)))
+        size.semilogy(test.frf.frequency, every, color=GREY, linewidth=0.9)
+    size.set_yticks([])
+    size.minorticks_off()
+    plain(size, left=False)
+
+
+def _mac(axes: Axes, identified: IdentifiedModes) -> None:
+    """Draw MAC as cells: rows are measured modes with their name or doubt, columns the arm's."""
+    labels, modes = identified.labels, identified.modes
+    axes.imshow(labels.mac, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    for (row, column), value in np.ndenumerate(labels.mac):
+        color = "white" if value > HIGH else "black"
+        axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=color)
+    names = [
+        f"{frequency:.2f} Hz: {cut(str(label), 24) if label else 'no certain name'}"
+        for frequency, label in zip(modes.frequency, labels.given, strict=True)
+    ]
+    axes.set_yticks(range(len(names)), names, fontsize=7, parse_math=False)
+    shown = [str(label).replace("bending", "bend.").replace("torsion", "tors.") for label in labels.computed]
+    axes.set_xticks(range(len(shown)), [text.replace(" ", "\n", 1) for text in shown], fontsize=7, parse_math=False)
+    axes.tick_params(length=0)
+    for spine in axes.spines.values():
+        spine.set_visible(False)

@@ -11,14 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import Transform
 
-from ident.arm.labels import Label
-from ident.present.figures.predict import NAME_STYLES
+from ident.arm.modes import Label
+from ident.present.figures.modes import NAME_STYLES
 from ident.present.figures.style import GREY, key_below, note, plain, titled
-from ident.present.text.resonance_words import band_words, grouped, same_lines, sources_words
+from ident.present.text.resonance import band_words, grouped, same_lines, sources_words
 from ident.present.text.words import cut
-from ident.vibrate.modal.branches import Branches
-from ident.vibrate.modal.excitation import Excitation
-from ident.vibrate.modal.resonance import ResonanceCrossing
+from ident.vibrate.branches import Branches
+from ident.vibrate.resonance import Excitation, ResonanceCrossing
 
 SIZE = (9.0, 6.6)
 """Width and height [inch]."""

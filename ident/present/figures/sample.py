@@ -1,14 +1,23 @@
 """Figures of a sampled posterior: what it says, corner plot, traces."""
 
+import math
+from typing import Any
+
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
-from ident.identify.loops import is_of_loop
-from ident.identify.sample import CampaignSample
-from ident.inference.posterior_summary import (
+from ident.identify.candidates import main_joints
+from ident.identify.compare import CampaignSample
+from ident.identify.conditions import is_of_loop
+from ident.identify.fleet import Fleet
+from ident.identify.plan import CampaignPlan
+from ident.inference.draws import (
     LEARNED,
     LEVELS,
     combinations,
@@ -18,6 +27,7 @@ from ident.inference.posterior_summary import (
     ratio_to_prior,
     share_of_prior,
 )
+from ident.inference.population import Population
 from ident.present.figures.fit import DENSE, LABEL, PANEL, ROW
 from ident.present.figures.style import (
     BLUE,
@@ -27,17 +37,21 @@ from ident.present.figures.style import (
     HOLLOW,
     ORANGE,
     PALE,
+    PALE_BLUE,
     PINK,
     Style,
     heading,
+    key_below,
+    note,
     plain,
+    power_of,
     ratio_axis,
     rows,
     titled,
 )
+from ident.present.text.plan import criterion_in_words, experiment_in_words
 from ident.present.text.sample import of_first
-from ident.present.text.units import SETUP
-from ident.present.text.words import cut, direction_name, short
+from ident.present.text.words import SETUP, cut, degrees, direction_name, in_shown_unit, short
 
 CORNER_DRAWS = 20000
 """Draws, at most, in the corner plot."""
@@ -237,3 +251,283 @@ def _thinned(draws: np.ndarray, count: int) -> np.ndarray:
 
 def _two_lines(name: str) -> str:
     return cut(name, 30).replace(".", "\n", 1)
+
+
+# -------- Fleet
+# The figure of a fleet: each robot's own and shrunk estimates beside the population, a panel a stiffness.
+
+COLUMNS = 3
+FLEET_PANEL = (3.9, 2.7)
+"""Width and height of a panel [inch]."""
+WIDEST = 1.0
+"""Standard deviation in theta above which an own estimate is not drawn: its data leave it open."""
+MOST = 300
+"""Robots that are drawn, of more those that are farthest off, in the order of their names."""
+
+
+def fleet_figure(fleet: Fleet) -> Figure:
+    """Draw a panel for each stiffness; robots in the order of their names."""
+    population = fleet.population
+    if population is None:
+        return titled((6.0, 1.6), "No population: too few robots could be fitted")
+    count = len(fleet.names)
+    columns = min(COLUMNS, count)
+    height = FLEET_PANEL[1] * math.ceil(count / columns) + 1.1
+    figure = titled((FLEET_PANEL[0] * columns, height), f"A fleet of {len(fleet.robots)} robots")
+    axes = np.atleast_1d(figure.subplots(math.ceil(count / columns), columns, squeeze=False)).ravel()
+    shown = _fleet_shown(fleet)
+    for i, panel in enumerate(axes):
+        if i < count:
+            _panel(panel, fleet, population, i, shown)
+        else:
+            panel.set_visible(False)
+    key_below(
+        figure, _handles(), "robots from left to right by name; own fits that leave a stiffness open are not drawn"
+    )
+    return figure
+
+
+def stiffness_figure(fleet: Fleet, population: Population, i: int) -> Figure:
+    """Draw one stiffness of all robots."""
+    figure = titled((6.4, 3.6), "")
+    _panel(figure.subplots(), fleet, population, i, _fleet_shown(fleet))
+    key_below(figure, _handles(), "")
+    return figure
+
+
+def _fleet_shown(fleet: Fleet) -> np.ndarray:
+    judged = fleet.deviations
+    least = judged.p.min(1) if judged else np.zeros(0)
+    return np.sort(np.argsort(least, kind="stable")[:MOST])
+
+
+def _handles() -> list[Artist]:
+    return [
+        Patch(color=PALE_BLUE, alpha=0.5, linewidth=0, label="95 % of healthy robots"),
+        Line2D([], [], color=PALE, marker="_", linestyle="", markersize=8, label="own fit, 95 %"),
+        Line2D([], [], color=BLUE, marker="o", linestyle="", markersize=4, label="shrunk, 95 %"),
+        Line2D([], [], color=ORANGE, marker="o", linestyle="", markersize=4, label="stands out"),
+    ]
+
+
+def _panel(axes: Axes, fleet: Fleet, population: Population, i: int, shown: np.ndarray) -> None:
+    """Draw one stiffness of the shown members."""
+    scale, unit = in_shown_unit(fleet.names[i], 1.0)
+    size, unit = power_of(float(np.exp(population.next_mean[i])) * scale, unit)
+    scale /= size
+    x = np.arange(len(shown))
+    robots = [fleet.robots[fleet.members[r]] for r in shown]
+    own, own_sd = (np.array([getattr(robot, name)[i] for robot in robots]) for name in ("theta", "sd"))
+    shrunk, sd = population.robot_mean[shown, i], population.robot_sd[shown, i]
+    middle, spread = population.next_mean[i], population.next_sd[i]
+    axes.axhspan(*np.exp([middle - 1.96 * spread, middle + 1.96 * spread]) * scale, color=PALE_BLUE, alpha=0.5, lw=0)
+    axes.axhline(np.exp(middle) * scale, color=GREY, linewidth=0.8)
+    drawn = own_sd < WIDEST
+    low, high = (np.exp(own + sign * 1.96 * own_sd)[drawn] * scale for sign in (-1, 1))
+    axes.vlines(x[drawn] - 0.2, low, high, color=PALE, linewidth=1.2)
+    axes.scatter(x[drawn] - 0.2, np.exp(own[drawn]) * scale, color=PALE, marker="_", s=20)
+    off = np.array([i in fleet.standing_out.get(int(r), ()) for r in shown])
+    for which, colour in ((~off, BLUE), (off, ORANGE)):
+        low, high = (np.exp(shrunk + sign * 1.96 * sd)[which] * scale for sign in (-1, 1))
+        axes.vlines(x[which], low, high, color=colour, linewidth=1.4)
+        axes.scatter(x[which], np.exp(shrunk[which]) * scale, color=colour, s=10, zorder=3)
+    for place in np.flatnonzero(off)[:5]:
+        note(axes, cut(robots[place].name, 12), (x[place], np.exp(shrunk[place]) * scale), (4, 3))
+    axes.set_ylim(*np.exp(_limits(shrunk, sd, middle, spread)) * scale)
+    axes.set_xlim(-1, len(shown))
+    axes.set_xticks([])
+    axes.set_title(f"{cut(fleet.names[i], 24)} [{unit}]", fontsize=9, parse_math=False)
+    plain(axes)
+
+
+def _limits(shrunk: np.ndarray, sd: np.ndarray, middle: float, spread: float) -> tuple[float, float]:
+    """Return the ends of the axis in theta: population and shrunk intervals lie within, own ones may be cut."""
+    low = min(float((shrunk - 2 * sd).min()), middle - 3 * spread)
+    high = max(float((shrunk + 2 * sd).max()), middle + 3 * spread)
+    return low - 0.05 * (high - low), high + 0.05 * (high - low)
+
+
+# -------- Plan
+# The figure of a plan: gain over posture, and what the standard deviations will become.
+
+COLOURS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's, one for each joint or other part."""
+LISTED = 24
+"""Listed postures up to which each has a bar of its own."""
+BESIDE: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center"}
+DASHES = {"k_bend": "-", "k_tors": (0, (5, 2))}
+
+
+def plan_figure(plan: CampaignPlan) -> Figure:
+    """Draw gain per hour over posture with the chosen experiments, and the standard deviations after each of them."""
+    title = f"What to measure next on {cut(plan.arm.name, 50)}"
+    figure = titled((13.0, 6.2), title, (0.12, 0.08), wspace=0.03)
+    left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
+    _gain_over_posture(figure, left, plan)
+    _sd_over_experiments(right, plan)
+    return figure
+
+
+def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
+    gain, postures, workspace = 60 * plan.gain_over_grid, plan.grid.postures, plan.arm.workspace
+    scattered = plan.grid.sampled or bool(workspace.postures)
+    shown = main_joints(postures, gain) if workspace.line is None else [int(np.flatnonzero(workspace.line)[0])]
+    names = [plan.arm.driven[i].name for i in shown]
+    angles = np.rad2deg(postures[:, shown])
+    if workspace.postures and len(postures) <= LISTED:
+        places = _bars(axes, plan, gain)
+    elif len(shown) == 1:
+        places = _curve(axes, plan, angles[:, 0], gain, shown[0])
+    else:
+        drawn = _map(axes, angles, gain, sampled=scattered)
+        bar = figure.colorbar(drawn, ax=axes, pad=0.02)
+        bar.set_label(_gain_label(plan), fontsize=9)
+        bar.ax.tick_params(labelsize=8)
+        bar.outline.set_visible(False)
+        axes.set_ylabel(f"{cut(names[1], 30)} [deg]", parse_math=False)
+        places = {i: tuple(np.rad2deg(q[shown])) for i, q in enumerate(plan.predictions.postures)}
+    listed = bool(workspace.postures) and len(postures) <= LISTED
+    if not listed:
+        axes.set_xlabel(f"{cut(names[0], 30)} [deg]", parse_math=False)
+        for axis, of_joint in zip((axes.xaxis, axes.yaxis), angles.T, strict=False):
+            axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not scattered else MaxNLocator(9))
+    plain(axes)
+    _mark(axes, plan, places)
+    entries: dict[str, Any] = {"chosen, in this order; from 2 on for what is then still open": _badge()}
+    if plan.measured.any():
+        entries["measured before"] = _cross()
+    others = [] if listed else [joint.name for i, joint in enumerate(plan.arm.driven) if i not in shown]
+    where = "at any angle" if scattered else "at the best angle"
+    rest = f"; {', '.join(cut(name, 20) for name in others)} {where}" if others else ""
+    if workspace.line is not None:
+        rest = f" on the line ({', '.join(f'{share:g}' for share in workspace.line)})"
+    heading(axes, f"Gain of a first experiment over posture{rest}", entries)
+
+
+def _curve(axes: Axes, plan: CampaignPlan, angles: np.ndarray, gain: np.ndarray, joint: int) -> dict[int, Any]:
+    """Draw the gain over one joint's angle, also through measured postures beside the grid; return where each is."""
+    heights = 60 * plan.best_gain
+    places = {
+        i: (math.degrees(q[joint]), height)
+        for i, (q, height) in enumerate(zip(plan.predictions.postures, heights, strict=True))
+    }
+    line = plan.arm.workspace.line
+    on_line = [
+        line is None or np.allclose(q, q[joint] / line[joint] * np.array(line)) for q in plan.predictions.postures
+    ]
+    beside = [i for i in range(len(heights)) if i not in plan.grid.seen and on_line[i]]
+    x = np.append(angles, [places[i][0] for i in beside])
+    y = np.append(gain, heights[beside])
+    order = np.argsort(x)
+    axes.plot(x[order], y[order], color=BLUE, marker="o", markersize=4)
+    axes.set_ylabel(_gain_label(plan), fontsize=9)
+    axes.set_ylim(0, 1.12 * float(np.nanmax(y)))
+    return places
+
+
+def _bars(axes: Axes, plan: CampaignPlan, gain: np.ndarray) -> dict[int, Any]:
+    """Draw a bar for each listed posture; return where the bars of those that show different things end."""
+    rows(axes, [degrees(posture) for posture in plan.grid.postures])
+    axes.barh(range(len(gain)), np.nan_to_num(gain), height=0.5, color=PALE_BLUE)
+    axes.set_xlim(0, 1.15 * float(np.nanmax(gain)))
+    axes.set_xlabel(_gain_label(plan), fontsize=9)
+    first = {int(place): row for row, place in reversed(list(enumerate(plan.grid.seen)))}
+    return {place: (float(gain[row]), row) for place, row in first.items() if place < len(plan.best_gain)}
+
+
+def _gain_label(plan: CampaignPlan) -> str:
+    words, unit = criterion_in_words(plan)
+    return f"expected gain per hour [{unit}/h]: {cut(words, 60)}"
+
+
+def _map(axes: Axes, angles: np.ndarray, gain: np.ndarray, *, sampled: bool) -> Any:
+    if sampled:
+        order = np.argsort(gain)
+        return axes.scatter(angles[order, 0], angles[order, 1], c=gain[order], cmap="viridis", s=22, linewidths=0)
+    x, y = (np.unique(angles[:, k].round(6)) for k in (0, 1))
+    table = np.full((len(y), len(x)), np.nan)
+    for (a, b), value in zip(angles.round(6), gain, strict=True):
+        i, j = np.searchsorted(y, b), np.searchsorted(x, a)
+        table[i, j] = np.fmax(table[i, j], value)
+    return axes.pcolormesh(_edges(x), _edges(y), table, cmap="viridis")
+
+
+def _edges(centres: np.ndarray) -> np.ndarray:
+    """Return the borders of cells about the centres."""
+    half = np.diff(centres) / 2 if len(centres) > 1 else np.array([5.0])
+    inner = centres[:-1] + half if len(centres) > 1 else np.array([])
+    return np.array([centres[0] - half[0], *inner, centres[-1] + half[-1]])
+
+
+def _ticks(angles: np.ndarray) -> np.ndarray:
+    """Return angles of the grid, zero among them if it is one, few enough to be read."""
+    values = np.unique(angles.round(6))
+    every = -(-len(values) // 13)
+    return values[int(np.argmin(np.abs(values))) % every :: every]
+
+
+def _badge() -> dict[str, Any]:
+    return {"marker": "s", "markersize": 10, "markerfacecolor": "white", "color": "black"}
+
+
+def _cross() -> dict[str, Any]:
+    return {"marker": "x", "markersize": 8, "markeredgewidth": 2.2, "color": ORANGE}
+
+
+def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
+    """Mark postures that were measured, and number the chosen ones beside; several numbers share a place."""
+    for i in set(np.flatnonzero(plan.measured).tolist()) & set(places):
+        axes.plot(*places[i], linestyle="", zorder=3, clip_on=False, **_cross())
+    numbers: dict[tuple[float, float], list[str]] = {}
+    for number, experiment in enumerate(plan.batch, 1):
+        if experiment.place not in places:  # measured before, but not listed
+            continue
+        x, y = places[experiment.place]
+        numbers.setdefault((round(float(x), 3), round(float(y), 6)), []).append(str(number))
+    for place, texts in numbers.items():
+        box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "black"}
+        axes.annotate(", ".join(texts), place, (13, 13), **BESIDE, fontsize=9, fontweight="bold", bbox=box, zorder=4)
+
+
+def _sd_over_experiments(axes: Axes, plan: CampaignPlan) -> None:
+    """Draw the standard deviations of theta at the best estimate, now and after each experiment."""
+    sd, experiments = 100 * plan.sd, range(len(plan.steps) + 1)
+    parts = list(dict.fromkeys(name.split(".")[0] for name in plan.known.sought))
+    entries: dict[str, Any] = {}
+    for i, name in enumerate(plan.known.sought):
+        colour = COLOURS[parts.index(name.split(".")[0]) % len(COLOURS)]
+        style: dict[str, Any] = {
+            "color": colour,
+            "linestyle": DASHES.get(name.rpartition(".")[2], ":"),
+            "linewidth": 1.8,
+        }
+        axes.plot(experiments, sd[:, i], marker="o", markersize=4, **style)
+        entries[cut(name, 28)] = style
+    axes.set_yscale("log")
+    axes.set_ylabel("standard deviation of ln(value) x 100, at the best estimate", fontsize=9)
+    top, bottom = sd.max() * 1.3, min(sd.min() * 0.7, 4.0)
+    axes.set_ylim(bottom, top)
+    if bottom < 5.0 < top:
+        axes.axhline(5.0, color=GREY, linewidth=0.9, zorder=1)
+        place: dict[str, Any] = {"ha": "right", "va": "bottom", "transform": axes.get_yaxis_transform()}
+        axes.text(0.995, 5.0, "5 %", color=GREY, fontsize=8, **place)
+    steps = (1.0, 2.0, 5.0) if top > 10 * bottom else (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0)
+    axes.yaxis.set_major_locator(LogLocator(subs=steps, numticks=12))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:.4g}"))
+    axes.set_xlim(-0.15, len(plan.steps) + 0.15)
+    labels = ["now"] + [
+        f"{i}: {cut(experiment_in_words(experiment), 34)}\n{cut(degrees(experiment.posture), 34)}"
+        for i, experiment in enumerate(plan.batch, 1)
+    ]
+    crowded = len(labels) > 3
+    axes.set_xticks(
+        list(experiments),
+        labels,
+        parse_math=False,
+        rotation=30 if crowded else 0,
+        ha="right" if crowded else "center",
+        rotation_mode="anchor",
+    )
+    plain(axes)
+    heading(axes, "What the standard deviations will become", entries, columns=3)

@@ -1,23 +1,263 @@
 """A picture of an arm: from the side and from above to scale, its first modes in place, and what looks odd."""
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon
 from matplotlib.ticker import MaxNLocator
+from scipy.optimize import isotonic_regression
+from scipy.spatial import ConvexHull, QhullError
 
-from ident.assess.arm_view import ArmView
+from ident.assess.show import ArmView, Hinge, Run, Solid
 from ident.identify.modal_analysis import ModalAnalysis
-from ident.present.figures.arm_drawing import KEY, View, draw_arm, span_of, views
-from ident.present.figures.arm_labels import Mark, label_columns, label_rows
-from ident.present.figures.predict import NAME_STYLES, SWING
-from ident.present.figures.style import GREY, ORANGE, Style, plain
+from ident.present.figures.modes import NAME_STYLES, SWING
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, plain
 from ident.present.text.show import sums
 from ident.present.text.words import cut, degrees
+
+# -------- Arm drawing
+# One view of an arm to scale: bodies with mass centres, joints, points, drives and belts, frames.
+
+COLORS = {"shaft": "#8A96A0", "link": "#A8D0E8", "payload": "#F4C08A"}
+HEAVIEST = 11.0
+"""Diameter of the heaviest body's mass centre [pt]; the others' areas are in proportion."""
+BASE = "#5B3A8E"
+"""Colour of the base frame."""
+TOWARDS = 0.95
+"""Cosine from which a direction counts as pointing at the reader."""
+KEY: dict[str, Style] = {
+    "bushing with pin": {"marker": "o", "color": BLUE, "markersize": 6, "markerfacecolor": "white"},
+    "bushing alone": {"marker": "s", "color": BLUE, "markersize": 6, "markerfacecolor": "white"},
+    "mass centre, area as mass": {"marker": "o", "color": "black", "markersize": 6},
+    "point": {"marker": "^", "color": GREEN, "markersize": 7},
+    "link": {"marker": "s", "color": COLORS["link"], "markersize": 9},
+    "shaft": {"marker": "s", "color": COLORS["shaft"], "markersize": 9},
+    "payload": {"marker": "s", "color": COLORS["payload"], "markersize": 9},
+    "drive": {"marker": "D", "color": PINK, "markersize": 8, "markerfacecolor": "none"},
+    "belt": {"color": PINK, "linestyle": "-", "linewidth": 1.4},
+    "dashed: box of the same inertia": {"color": GREY, "linestyle": "--", "linewidth": 0.8},
+}
+"""What the signs mean."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A direction in which one looks at an arm, and what of it is seen.
+
+    Attributes:
+        name: `from the side`, `from above`.
+        across: place of the base frame's axis that points right.
+        up: place of the one that points up, or down if `falling`.
+        falling: whether that one points down.
+    """
+
+    name: str
+    across: int
+    up: int
+    falling: bool = False
+
+    def of(self, places: np.ndarray) -> np.ndarray:
+        """Return places (3, ...) as seen (2, ...) [m]."""
+        return np.stack([places[self.across], -places[self.up] if self.falling else places[self.up]])
+
+    @property
+    def normal(self) -> int:
+        """Place of the axis that points at the reader, or away."""
+        return 3 - self.across - self.up
+
+
+def views(view: ArmView) -> tuple[View, View]:
+    """Return the side view, along the longer horizontal axis, and the view from above."""
+    low, high = span_of(view)
+    wide = (high - low)[:2]
+    if wide[1] > 1.05 * wide[0]:
+        return View("from the front", 1, 2), View("from above", 1, 0, falling=True)
+    return View("from the side", 0, 2), View("from above", 0, 1)
+
+
+def span_of(view: ArmView) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest corner (3,) [m] of all that is drawn."""
+    places = [*(s.corners for s in view.solids), *(h.centre[:, None] for h in view.hinges), np.zeros((3, 1))]
+    every = np.concatenate([*places, *(p[:, None] for p in view.points.values())], 1)
+    return every.min(1), every.max(1)
+
+
+def draw_arm(axes: Axes, view: ArmView, seen: View, size: float) -> None:
+    """Draw an arm as seen; `size` [m] is that of the whole picture."""
+    heaviest = max((solid.mass for solid in view.solids), default=0.0) or 1.0
+    for solid in sorted(view.solids, key=lambda each: each.kind != "payload"):
+        _draw_solid(axes, solid, seen)
+    axes.plot(*seen.of(view.line()), color="#5F6B75", linewidth=1.4, zorder=3)
+    for belt in view.belts:
+        _draw_belt(axes, belt, seen)
+    for hinge in view.hinges:
+        _draw_hinge(axes, hinge, seen, size)
+    for solid in view.solids:
+        diameter = max(HEAVIEST * np.sqrt(solid.mass / heaviest), 2.0)
+        axes.plot(*seen.of(solid.centre), marker="o", color="black", markersize=diameter, alpha=0.75, zorder=5)
+    _marks(axes, view.drives.values(), seen, {**KEY["drive"], "markersize": 11, "zorder": 6})
+    _marks(axes, view.points.values(), seen, {**KEY["point"], "zorder": 7})
+    _draw_frame(axes, np.zeros(3), np.eye(3), seen, 0.07 * size, named=True)
+
+
+def _marks(axes: Axes, places: Iterable[np.ndarray], seen: View, style: Style) -> None:
+    for place in places:
+        axes.plot(*seen.of(place), linestyle="", **style)
+
+
+def _draw_solid(axes: Axes, solid: Solid, seen: View) -> None:
+    """Draw the outline of a body's box, dashed where only its inertia is known."""
+    corners = seen.of(solid.corners).T
+    try:
+        outline = corners[ConvexHull(corners).vertices]
+    except QhullError:  # a plate on its edge
+        outline = corners[[np.argmin(corners.sum(1)), np.argmax(corners.sum(1))]]
+    line = "-" if solid.shaped else "--"
+    patch = Polygon(outline, facecolor=COLORS[solid.kind], edgecolor=GREY, linewidth=0.8, linestyle=line)
+    patch.set(alpha=0.55 if solid.kind != "payload" else 0.4, zorder=2 if solid.kind == "shaft" else 1)
+    axes.add_patch(patch)
+
+
+def _draw_hinge(axes: Axes, hinge: Hinge, seen: View, size: float) -> None:
+    style = KEY["bushing with pin" if hinge.driven else "bushing alone"]
+    centre = seen.of(hinge.centre)
+    if hinge.driven and abs(hinge.axis[seen.normal]) < TOWARDS:
+        ends = np.stack([hinge.centre - 0.035 * size * hinge.axis, hinge.centre + 0.035 * size * hinge.axis], 1)
+        axes.plot(*seen.of(ends), color=BLUE, linewidth=2.2, zorder=4, solid_capstyle="butt")
+    axes.plot(*centre, linestyle="", zorder=6, **style)
+    if hinge.driven and abs(hinge.axis[seen.normal]) >= TOWARDS:
+        axes.plot(*centre, marker=".", color=BLUE, markersize=3, zorder=6)
+    _draw_frame(axes, hinge.centre, hinge.frame, seen, 0.03 * size, named=False)
+
+
+def _draw_belt(axes: Axes, belt: Run, seen: View) -> None:
+    """Draw both spans about the pulleys where one sees them as circles, else the plane of the belt as a line."""
+    ends = seen.of(belt.ends)
+    along = ends[:, 1] - ends[:, 0]
+    length = float(np.linalg.norm(along))
+    if not length:
+        return
+    flat = np.ptp(belt.ends[seen.normal]) > 1e-6 or seen.name != "from above"
+    across = np.zeros(2) if flat else np.array([-along[1], along[0]]) / length
+    for sign in (-1, 1):
+        axes.plot(*(ends + sign * across[:, None] * belt.radii), color=PINK, linewidth=1.2, zorder=4)
+    for centre, radius in zip(ends.T, belt.radii, strict=True) if not flat else ():
+        axes.add_patch(Circle(tuple(centre), float(radius), fill=False, edgecolor=PINK, linewidth=1.2, zorder=4))
+
+
+def _draw_frame(axes: Axes, origin: np.ndarray, frame: np.ndarray, seen: View, size: float, *, named: bool) -> None:
+    """Draw the axes of a frame that are not seen end on."""
+    for place, letter in enumerate("xyz"):
+        start, end = (tuple(seen.of(each).tolist()) for each in (origin, origin + size * frame[:, place]))
+        if abs(frame[seen.normal, place]) > TOWARDS:
+            continue
+        colour = BASE if named else "#9C8FA8"
+        arrow = {"arrowstyle": "-|>" if named else "-", "color": colour, "linewidth": 1.4 if named else 1.0}
+        axes.annotate("", end, start, arrowprops={**arrow, "shrinkA": 0, "shrinkB": 0}, zorder=6)
+        if named:
+            way = np.subtract(end, start)
+            off = tuple((6 * way / max(float(np.linalg.norm(way)), 1e-12)).tolist())
+            axes.annotate(
+                letter, end, off, textcoords="offset points", color=BASE, fontsize=8, ha="center", va="center"
+            )
+
+
+# -------- Arm labels
+# Labels beside a drawing, with lines to what they name, none on another.
+
+PITCH, SLANTED = 0.19, 0.3
+"""Least distance of labels from each other [inch]: of lines in a column, and of slanted ones in a row."""
+LEADER: Style = {"color": "#9A9A9A", "linewidth": 0.6}
+
+
+@dataclass(frozen=True)
+class Mark:
+    """What a label names.
+
+    Attributes:
+        words: the label.
+        place: (2,) [m] as seen.
+        odd: whether it is one of what looks odd.
+    """
+
+    words: str
+    place: np.ndarray
+    odd: bool
+
+    @property
+    def color(self) -> str:
+        """Colour of the label."""
+        return ORANGE if self.odd else "black"
+
+
+def spread(places: Sequence[float], pitch: float, low: float, high: float) -> np.ndarray:
+    """Return places in the same order, no nearer to each other than a pitch, within bounds, as near as can be.
+
+    Places less their rank times the pitch must not fall: the nearest such are their isotonic regression, clipped
+    (Barlow, Bartholomew, Bremner, Brunk, "Statistical inference under order restrictions", 1972).
+
+    Raises:
+        ValueError: there is no room for so many.
+    """
+    last = high - pitch * (len(places) - 1)
+    if not places:
+        return np.zeros(0)
+    if last < low - 1e-9 * pitch:
+        raise ValueError(f"no room for {len(places)} labels")
+    order, steps = np.argsort(places, kind="stable"), pitch * np.arange(len(places))
+    found = np.empty(len(places))
+    found[order] = np.clip(isotonic_regression(np.asarray(places)[order] - steps).x, low, max(last, low)) + steps
+    return found
+
+
+def fitting(marks: Sequence[Mark], room: float, pitch: float) -> list[Mark]:
+    """Return as many marks as there is room for, those that are odd before the others."""
+    count = int(room / pitch + 1e-9) + 1
+    kept = sorted(range(len(marks)), key=lambda i: (not marks[i].odd, i))[:count]
+    return [marks[i] for i in sorted(kept)]
+
+
+def label_rows(
+    axes: Axes, marks: Sequence[Mark], level: float, scale: float, within: tuple[float, float], *, up: bool
+) -> None:
+    """Write slanted labels above or below a drawing.
+
+    Args:
+        axes: where.
+        marks: what is named, as far as there is room.
+        level: height [m] of the labels' ends.
+        scale: inches a metre.
+        within: from where to where [m] they may stand.
+        up: whether they stand above.
+    """
+    sign, pitch = 1 if up else -1, SLANTED / scale
+    marks = fitting(marks, within[1] - within[0], pitch)
+    style: dict[str, Any] = {"rotation": 32 * sign, "rotation_mode": "anchor", "ha": "left", "va": "center"}
+    for mark, x in zip(marks, spread([float(mark.place[0]) for mark in marks], pitch, *within), strict=True):
+        axes.plot([mark.place[0], x], [mark.place[1], level], zorder=3, **LEADER)
+        at = level + sign * 0.04 / scale
+        axes.text(x, at, cut(mark.words, 28), fontsize=8, color=mark.color, parse_math=False, **style)
+
+
+def label_columns(
+    axes: Axes, marks: Sequence[Mark], level: float, scale: float, within: tuple[float, float], *, left: bool
+) -> None:
+    """Write labels in a column left or right of a drawing; see `label_rows`."""
+    sign, align, pitch = (-1, "right", PITCH / scale) if left else (1, "left", PITCH / scale)
+    marks = fitting(marks, within[1] - within[0], pitch)
+    for mark, y in zip(marks, spread([float(mark.place[1]) for mark in marks], pitch, *within), strict=True):
+        axes.plot([mark.place[0], level], [mark.place[1], y], zorder=3, **LEADER)
+        at = level + sign * 0.05 / scale
+        axes.text(at, y, cut(mark.words, 26), fontsize=8, ha=align, va="center", color=mark.color, parse_math=False)
+
+
+# -------- Show
 
 WIDTH = 11.0
 """Width of the figure [inch]."""

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from ident.assess.sweep import SweepStudy
+from ident.assess.design import SweepStudy
 from ident.present.figures.style import (
     BLUE,
     GREEN,
@@ -25,12 +25,10 @@ from ident.present.figures.style import (
     power_of,
     titled,
 )
-from ident.present.text.sweep_words import axis_in_words
-from ident.present.text.units import MM, in_shown_unit
-from ident.present.text.words import cut
-from ident.vibrate.redesign.sweep import Axis, Sweep
-from ident.vibrate.redesign.trend import curve, has_present
-from ident.vibrate.response.study import DIRECTIONS
+from ident.present.text.sweep import axis_in_words
+from ident.present.text.words import MM, cut, in_shown_unit
+from ident.vibrate.study import DIRECTIONS
+from ident.vibrate.sweep import Axis, Sweep, curve, has_present
 
 WIDTH, PANEL = 8.0, 2.5
 """Width of a figure and height of a panel [inch]."""

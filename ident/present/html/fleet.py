@@ -8,18 +8,16 @@ from urllib.parse import quote
 
 import numpy as np
 
-from ident.assess.arm_view import ArmView
+from ident.assess.show import ArmView
 from ident.identify.fleet import FEWEST, Fleet, Robot
 from ident.inference.population import FALSE_ALARM, Population
-from ident.present.figures.fleet import stiffness_figure
-from ident.present.files.fleet import fleet_priors
-from ident.present.html.arm_section import arm_section
-from ident.present.html.page import Page, Picture, Section, Table, Verdict
-from ident.present.html.picture import picture
-from ident.present.text.compare import stiffness_words
-from ident.present.text.fleet import known_by, outlying
-from ident.present.text.units import in_shown_unit
-from ident.present.text.words import cut, percent
+from ident.present.figures.sample import stiffness_figure
+from ident.present.files.sample import fleet_priors
+from ident.present.html.diagnose import arm_section
+from ident.present.html.page import Page, Picture, Section, Table, Verdict, picture
+from ident.present.text.check import stiffness_words
+from ident.present.text.sample import known_by, outlying
+from ident.present.text.words import cut, in_shown_unit, percent
 
 Kind = Literal["accept", "warn", "reject"]
 

@@ -6,16 +6,30 @@ autoescape, and a content security policy refuses whatever a text might still as
 
 import base64
 import re
+import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from io import StringIO
+from math import ceil
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
+from jaxtyping import Float
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import escape
+from matplotlib import rc_context
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 
+from ident.assess.show import ArmView
 from ident.files import replace_file
+from ident.identify.modal_analysis import ModalAnalysis
+from ident.present.figures.modes import NAME_STYLES, SWING
+from ident.present.figures.show import View, views
 from ident.text import one_line
 
 TEMPLATE = "page.html.jinja"
@@ -211,3 +225,143 @@ def _look(column: list[str], *, names: bool) -> str:
 def data_uri(svg: str) -> str:
     """Return an SVG document as the address of an image."""
     return "data:image/svg+xml;base64," + base64.b64encode(svg.encode("utf-8", "replace")).decode("ascii")
+
+
+# -------- Moving modes
+# The first modes of an arm as a picture that moves: SVG without a script, still for who wants no motion.
+
+MODES = 4
+"""Modes that are shown."""
+WIDTH, HEIGHT, MODE_WORDS, ROOM = 340.0, 150.0, 44.0, 18.0
+"""Size of a mode's picture, the height of its words, and the room about the arm [px]."""
+PERIOD = 2.0
+"""Duration of a swing [s]: all modes are shown at the same pace, far too slow."""
+READABLE = 567
+"""Width of the whole at which its smallest letters, of 12 px, are 10 px [px]."""
+STYLE = (
+    "text{font:13px system-ui,sans-serif;fill:#1b1f24}.soft{fill:#57606a;font-size:12px}"
+    "polyline{fill:none;stroke-linejoin:round;stroke-linecap:round}.still{display:none}"
+)
+REDUCED = "@media (prefers-reduced-motion:reduce),print{.moving{display:none}.still{display:inline}}"
+"""Rules of a moving picture for who wants no motion; browsers apply them where it is opened by itself."""
+STILL = ".moving{display:none}.still{display:inline}"
+"""Rules of a still picture."""
+
+
+def moving_modes(view: ArmView, *, still: bool = False) -> str:
+    """Return the first modes as an SVG document in which each swings, largest displacements alike.
+
+    Args:
+        view: an arm whose modes are known.
+        still: whether nothing moves, for a page whose reader wants no motion: an image in it does not know of that.
+    """
+    assert view.analysis is not None
+    analysis = view.analysis
+    count = min(MODES, len(analysis.labels))
+    columns = min(2, count)
+    size = columns * WIDTH, -(-count // columns) * (HEIGHT + MODE_WORDS)
+    modes = "".join(
+        f'<g transform="translate({i % columns * WIDTH:g} {i // columns * (HEIGHT + MODE_WORDS):g})">{mode}</g>'
+        for i, mode in enumerate(_modes(analysis, count, views(view)))
+    )
+    rules = STYLE + (STILL if still else REDUCED)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]:g} {size[1]:g}" width="{size[0]:g}" '
+        f'height="{size[1]:g}"><style>{rules}</style><rect width="100%" height="100%" fill="#fff"/>{modes}</svg>\n'
+    )
+
+
+def _modes(analysis: ModalAnalysis, count: int, seen: tuple[View, View]) -> Iterator[str]:
+    rest, moved = analysis.outline
+    length = float(np.linalg.norm(np.diff(rest, axis=1), axis=0).sum())
+    for i in range(count):
+        swing = SWING * length * moved[:, :, i] / np.linalg.norm(moved[:, :, i], axis=0).max()
+        view = max(seen, key=lambda each: float(np.linalg.norm(each.of(swing))))
+        label = analysis.labels[i]
+        words = f"{i + 1}: {analysis.modes.frequency[i]:.2f} Hz, {label}"
+        yield (
+            f'<text x="{ROOM:g}" y="20">{escape(words)}</text>'
+            f'<text class="soft" x="{ROOM:g}" y="37">{escape(view.name)}</text>'
+            + _swinging(view.of(rest), view.of(swing), str(NAME_STYLES[f"{label.direction} {label.kind}"]["color"]))
+        )
+
+
+def _swinging(rest: Float[np.ndarray, "2 K"], swing: Float[np.ndarray, "2 K"], colour: str) -> str:
+    """Draw the arm at rest, and moving between both ends of its swing; still, it is drawn at both ends."""
+    every = np.concatenate([rest, rest + swing, rest - swing], 1)
+    low, high = every.min(1), every.max(1)
+    scale = min((WIDTH - 2 * ROOM) / max(high[0] - low[0], 1e-9), (HEIGHT - 2 * ROOM) / max(high[1] - low[1], 1e-9))
+    middle = (low + high) / 2
+
+    def points(places: Float[np.ndarray, "2 K"]) -> str:
+        x = WIDTH / 2 + scale * (places[0] - middle[0])
+        y = MODE_WORDS + HEIGHT / 2 - scale * (places[1] - middle[1])
+        return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+
+    ends = points(rest + swing), points(rest - swing)
+    pace = f'dur="{PERIOD:g}s" repeatCount="indefinite" calcMode="spline" keyTimes="0;0.5;1"'
+    sine = 'keySplines="0.37 0 0.63 1;0.37 0 0.63 1"'
+    return (
+        f'<polyline points="{points(rest)}" stroke="#c8c8c8" stroke-width="5"/>'
+        f'<polyline class="moving" points="{ends[0]}" stroke="{colour}" stroke-width="2.5">'
+        f'<animate attributeName="points" values="{ends[0]};{ends[1]};{ends[0]}" {pace} {sine}/></polyline>'
+        f'<g class="still"><polyline points="{ends[1]}" stroke="{colour}" stroke-width="1" opacity="0.4"/>'
+        f'<polyline points="{ends[0]}" stroke="{colour}" stroke-width="2.5"/></g>'
+    )
+
+
+# -------- Picture
+# Figures for a page: SVG that looks the same everywhere and comes out the same every time.
+
+LARGEST = 1_500_000
+"""Characters of an SVG above which its data are drawn as pixels."""
+DPI = 200
+"""Pixels an inch of what is drawn as pixels."""
+LETTER = 10
+"""Pixels of the smallest letter that can be read."""
+SETTINGS: dict[Any, Any] = {"svg.hashsalt": "ident", "svg.fonttype": "path", "path.simplify_threshold": 0.25}
+NOTHING = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+ILLEGAL = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that no XML document may hold."""
+PROLOGUE = re.compile(r"^.*?(?=<svg)", re.DOTALL)
+
+
+def picture(figure: Figure, alt: str, caption: str) -> Picture:
+    """Return a figure for a page: letters as outlines, no date; what would be too large becomes pixels.
+
+    Args:
+        figure: what to draw.
+        alt: what can be seen in it, for whoever can't see it.
+        caption: what it shows and how to read it.
+    """
+    svg = _bounded(figure)
+    letters = [text.get_fontsize() for text in figure.findobj(Text) if text.get_text().strip()]
+    width = 72 * figure.get_size_inches()[0]
+    return Picture(svg, alt, caption, ceil(LETTER * width / min(letters)) if letters else 0)
+
+
+def _bounded(figure: Figure) -> str:
+    svg = _svg(figure)
+    if len(svg) > LARGEST:
+        for artist in _data(figure):
+            artist.set_rasterized(True)
+        svg = _svg(figure)
+    return svg
+
+
+def _svg(figure: Figure) -> str:
+    text = StringIO()
+    with warnings.catch_warnings(), rc_context(SETTINGS):
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        figure.savefig(text, format="svg", dpi=DPI, metadata=NOTHING)
+    return PROLOGUE.sub("", ILLEGAL.sub("", text.getvalue()))
+
+
+def _data(figure: Figure) -> list[Artist]:
+    """Return what is drawn from data, and not the frame or the words about it."""
+    return [
+        artist
+        for axes in figure.axes
+        for artists in (axes.lines, axes.collections, axes.patches, axes.images)
+        for artist in artists
+    ]

@@ -1,32 +1,42 @@
 """The printed report of a check before any solving."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 
 from ident.identify.check import CampaignCheck
-from ident.identify.label_checks import LabelDoubt
-from ident.inference.information import WEAK_ABOVE, Information
-from ident.inference.leverage import Leverage
-from ident.inference.optima import Optimum, is_tie
+from ident.identify.compare import Comparison, Validation
+from ident.identify.fit import CampaignFit
+from ident.identify.problem import LabelDoubt
+from ident.inference.change import LEVEL
+from ident.inference.identifiability import Leverage
+from ident.inference.information import WEAK_ABOVE, Information, holm
+from ident.inference.optima import Ending, Optimum, is_tie
 from ident.inference.parameters import Parameter
+from ident.inference.profile import FLAT, Interval, Profile, threshold
+from ident.inference.scrutiny import HeldOut
 from ident.measure import Measurement
-from ident.present.text.agreement import agreement, dependence_on_priors, reconciling
-from ident.present.text.directions import in_words, spread_in_words
-from ident.present.text.ramps import ramps_told
-from ident.present.text.springs import springs_in_words
-from ident.present.text.units import in_read_unit, unit_of
+from ident.present.text.basis import springs_in_words
+from ident.present.text.warnings import agreement, dependence_on_priors, ramps_told, reconciling
 from ident.present.text.words import (
     balance,
     correlated_errors,
     cut,
     describe,
     drive_states,
+    in_read_unit,
+    in_shown_unit,
+    in_words,
     kept,
     odd_numbers,
     paragraphs,
     parameter_in_words,
+    percent,
+    priors_in_words,
+    spread_in_words,
+    unit_of,
 )
 
 CORRELATED = 0.9
@@ -290,3 +300,337 @@ def _agreement(check: CampaignCheck) -> Iterator[str]:
         yield f"  CONTRADICTION. {dependence_on_priors(check.cross_predictions)}"
         yield "  Look at values, labels, units and load cases of these rows first, then at masses and lengths."
         yield "  `ident fit` searches from more starts."
+
+
+# -------- Compare
+# The printed report of a comparison: what has changed, how sure that is, and what to look at.
+
+KINDS = {"k_bend": "bending", "k_tors": "torsion"}
+NUMBERS_LISTED = 5
+"""Numbers that differ between the arm files that are named."""
+
+
+def compare_report(comparisons: Sequence[Comparison], unpaired: Sequence[str] = ()) -> str:
+    """Return the report: of many pairs an overview; of each a verdict, its stiffnesses, and what to look at."""
+    parts = ((_compare_heading(each), _table(each), _advice(each), _remarks(each)) for each in comparisons)
+    overview = [_overview(comparisons, unpaired)] if len(comparisons) > 1 or unpaired else []
+    return paragraphs([*overview, *chain.from_iterable(parts)])
+
+
+def _overview(comparisons: Sequence[Comparison], unpaired: Sequence[str]) -> Iterator[str]:
+    together = holm([each.change.p_value for each in comparisons])
+    yield f"{len(comparisons)} pair{'s' * (len(comparisons) > 1)} of campaigns"
+    for each, p in zip(comparisons, together, strict=True):
+        change = each.change
+        names = [stiffness_words(name) for name, is_so in zip(change.names, change.changed, strict=True) if is_so]
+        verdict = f"CHANGED: {', '.join(names) or 'something'}" if p < LEVEL else "no change seen"
+        yield f"  {cut(each.name, 50):50s} p = {p:<8.2g} {verdict}"
+    yield "  p: chance of so much change anywhere where nothing has changed, by Holm for the number of pairs"
+    if unpaired:
+        more = len(unpaired) - NUMBERS_LISTED
+        named = ", ".join(cut(path, 60) for path in unpaired[:NUMBERS_LISTED]) + (
+            f" and {more} more" if more > 0 else ""
+        )
+        yield f"  in one folder only: {named}"
+
+
+def _compare_heading(comparison: Comparison) -> Iterator[str]:
+    change = comparison.change
+    before, after = (cut(name, 30) for name in comparison.names)
+    arms = [f"{cut(fit.arm.name, 40)}: " for fit in comparison.fits[:1]]
+    yield f"{''.join(arms)}{before}, then {after}"
+    if comparison.independent:
+        yield "  INDEPENDENCE ASSUMED: the measurements are not at hand, so what both have in common, such as a"
+        yield "  prior, counts twice; logarithms of the stiffnesses are taken as normal"
+    else:
+        counts = " and ".join(str(len(fit.campaign)) for fit in comparison.fits)
+        yield f"  {counts} measurements fitted together, {len(change.names)} changes free"
+    test = f"T = {round(change.statistic, 6):.3g} on {change.mean:.1f} degrees of freedom, p = {change.p_value:.2g}"
+    if not change.seen:
+        yield f"  No change is seen: {test}."
+    elif change.changed.any():
+        named = (name for name, changed in zip(change.names, change.changed, strict=True) if changed)
+        yield f"  CHANGED: {', '.join(map(stiffness_words, named))} ({test})."
+    else:
+        yield f"  CHANGED, but the data do not tell which stiffness for itself ({test})."
+    alone = [name for name, p in zip(change.names, change.alone, strict=True) if p > LEVEL]
+    if change.seen and alone:
+        yield f"  One change alone would explain it: {' or '.join(map(stiffness_words, alone))}."
+
+
+def stiffness_words(name: str) -> str:
+    """Say which stiffness a path names: `joint2 in torsion`."""
+    joint, _, field = name.rpartition(".")
+    return f"{cut(joint, 24)} in {KINDS[field]}" if field in KINDS else cut(name, 30)
+
+
+def _table(comparison: Comparison) -> Iterator[str]:
+    change = comparison.change
+    columns = f"{'change':>9s}   {'95 % interval':19s}{'p':>8s}"
+    yield f"{f'Stiffness [{in_shown_unit(change.names[0], 1.0)[1]}]':20s}{'before':>12s}{'after':>12s}{columns}"
+    for i, name in enumerate(change.names):
+        before, after = (f"{in_shown_unit(name, float(part[i]))[0]:.4g}" for part in (change.first, change.second))
+        verdict = "open" if change.open[i] else "<--" if change.changed[i] else ""
+        low, high = map(ratio_words, change.interval[i])
+        row = f"{ratio_words(change.change[i]):>9s}   {f'{low} to {high}':19s}{change.p_values[i]:8.2g}"
+        yield f"  {cut(name, 18):18s}{before:>12s}{after:>12s}{row}   {verdict}".rstrip()
+    yield "  p: chance of so large a change of one where nothing has changed (Holm); <-- changed for itself;"
+    together = "" if comparison.independent else " All values by both campaigns together."
+    yield f"  open: told by the prior of the change, a factor of e.{together}"
+
+
+def ratio_words(log: float) -> str:
+    """Write a change of a logarithm in percent, or as a factor where it is large: `-12 %`, `x 2.5`."""
+    ratio = float(np.exp(log))
+    return f"{100 * (ratio - 1):+.1f} %" if 0.5 < ratio < 2 else f"x {ratio:.3g}"
+
+
+def _advice(comparison: Comparison) -> Iterator[str]:
+    change = comparison.change
+    changed = np.flatnonzero(change.changed)
+    if not len(changed):
+        return
+    yield "What to look at"
+    for i in changed:
+        name = stiffness_words(change.names[i])
+        if change.change[i] < 0:
+            yield f"  {name} has become softer: bolts, bearing, gear or belt of that joint; a crack"
+        else:
+            yield f"  {name} has become stiffer: was something exchanged or tightened there, does something rub?"
+    if len(changed) == len(change.names) > 1 and len(set(np.sign(change.change[changed]))) == 1:
+        yield "  All have changed the same way: look first for another payload, mass or base, or another calibration."
+
+
+def _remarks(comparison: Comparison) -> Iterator[str]:
+    remarks = [
+        f"WARNING: {which}: {doubt.replace('see below', 'see ident fit')}"
+        for which, fit in zip(_told_apart(comparison), (comparison.first, comparison.second), strict=True)
+        if isinstance(fit, CampaignFit)
+        for doubt in fit.doubts
+    ]
+    if comparison.unlike:
+        more = len(comparison.unlike) - NUMBERS_LISTED
+        named = ", ".join(comparison.unlike[:NUMBERS_LISTED]) + (f" and {more} more" if more > 0 else "")
+        remarks.append(f"WARNING: the arm files differ in {named}: a change may come from there")
+    if comparison.priors_differ:
+        remarks.append("the fits have other priors: those of the first count")
+    if remarks:
+        yield "Remarks"
+        yield from (f"  {remark}" for remark in remarks)
+
+
+def _told_apart(comparison: Comparison) -> tuple[str, str]:
+    """Return the campaigns' names; where they have one name, which of the two it is."""
+    before, after = (cut(name, 30) for name in comparison.names)
+    return (before, after) if before != after else (f"{before} (before)", f"{after} (after)")
+
+
+def level_words() -> str:
+    """Say from which chance on a change counts."""
+    return f"{LEVEL:.0%}"
+
+
+# -------- Profile
+# The printed report of profiles: intervals beside those of the linear approximation, and why each side ends.
+
+SIDES = ("below", "above")
+
+
+def profile_report(fit: CampaignFit, profiles: Sequence[Profile]) -> str:
+    """Return the report of profiles: both kinds of interval, the nested ones, and remarks on what is not regular."""
+    sections = [
+        _profile_heading(fit, profiles),
+        _profile_table(fit, profiles),
+        _nested(profiles),
+        _profile_remarks(profiles),
+    ]
+    return paragraphs(sections)
+
+
+def _profile_heading(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
+    level = profiles[0].widest.level
+    count = len(fit.problem.parameters.items)
+    yield f"Profiles of the fit of {fit.arm.name} to {fit.campaign.name}"
+    yield f"  {len(fit.campaign)} measurements, {count} unknowns, least cost {fit.best.cost:.4g}"
+    yield f"  Each parameter is moved and all others are fitted again. {level_in_words(level)}: delta"
+    yield f"  chi-squared is {threshold(level):.3g}, with one degree of freedom. Data and priors count, as in the fit."
+    for prior in priors_in_words(fit.problem.parameters.items):
+        yield f"  prior: {prior}"
+    yield from drive_states(fit.arm, fit.campaign)
+    for doubt in fit.doubts:
+        yield f"  WARNING: {doubt.replace('see below', 'see ident fit')}"
+    if fit.doubts:
+        yield "  So the profiles show the shape of the cost; no interval below is to be quoted."
+
+
+def _profile_table(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
+    level = level_in_words(profiles[0].widest.level)
+    yield (f"{'Parameters':18s} {'fitted':>10s}  {f'{level}, linear':22s} {f'{level}, profile':22s} profile/linear")
+    for profile in profiles:
+        value, _ = in_shown_unit(profile.name, float(profile.values([profile.optimum])[0]))
+        mark = "" if profile.linear else " <--"
+        yield (
+            f"  {profile.name:16s} {value:10.5g}  {interval_text(profile, profile.linear_interval):22s}"
+            f" {interval_text(profile, profile.widest):22s} {_halves(profile)}{mark}"
+        )
+        for other in profile.item.paths[1:]:
+            yield f"    = {other}"
+    units = {in_shown_unit(profile.name, 1.0)[1]: profile.name for profile in profiles}
+    each = ", ".join(f"{in_shown_unit(profile.name, 1.0)[1]} of {profile.name}" for profile in profiles)
+    yield f"  in {next(iter(units)) if len(units) == 1 else each}"
+    yield "  profile/linear: halves of the interval below and above the fitted value; <-- more than 20 % off"
+    if any(0.0 in profile.halves for profile in profiles):
+        yield "  only: closed by the profile only, the linear interval is open"
+
+
+def _halves(profile: Profile) -> str:
+    return " ".join(_half(half, ending) for half, ending in zip(profile.halves, profile.widest.endings, strict=True))
+
+
+def _half(half: float, ending: Ending) -> str:
+    if ending is Ending.OPEN:
+        return "  open"
+    return f"{half:6.2f}" if half else "  only"
+
+
+def _nested(profiles: Sequence[Profile]) -> Iterator[str]:
+    levels = [interval.level for interval in profiles[0].intervals]
+    if len(levels) > 1:
+        yield "At all levels     " + "".join(f"{level_in_words(level):24s}" for level in levels).rstrip()
+        for profile in profiles:
+            cells = "".join(f"{interval_text(profile, interval):24s}" for interval in profile.intervals)
+            yield f"  {profile.name:16s}{cells}".rstrip()
+
+
+def _profile_remarks(profiles: Sequence[Profile]) -> Iterator[str]:
+    lines = [line for profile in profiles for line in remarks(profile)]
+    if lines:
+        yield "Remarks"
+        yield from (f"  {line}" for line in lines)
+
+
+def remarks(profile: Profile) -> Iterator[str]:
+    """Say in words what is not regular about a profile: open sides, bounds, other optima, doubts on the search."""
+    for side in (0, 1):
+        yield from _side(profile, side)
+    if profile.beaten:
+        yield (
+            f"{profile.name}: WARNING, on the way the cost fell {profile.beaten:.3g} below the fit's, which is not the"
+            " best optimum; fit again with more starts (--starts)"
+        )
+    inside = profile.converged_inside
+    if not inside.all():
+        lost = f"{(~inside).sum()} of {len(inside)} points"
+        yield f"{profile.name}: the search did not converge at {lost}; the profile may lie lower there"
+    if profile.rivals:
+        places = ", ".join(f"{value:.4g}" for value in profile.values(profile.rivals))
+        yield f"{profile.name}: another optimum fits about as well outside this interval, at {places}"
+
+
+def _side(profile: Profile, side: int) -> Iterator[str]:
+    ending, theta = profile.widest.endings[side], (profile.widest.low, profile.widest.high)[side]
+    need = threshold(profile.widest.level)
+    if ending is Ending.MODEL:
+        (value,) = profile.values([theta])
+        yield f"{profile.name}: bounded {SIDES[side]} by the model, which has no answer beyond {value:.4g}"
+    elif ending is Ending.OPEN:
+        last = (0, -1)[side]
+        (value,) = profile.values(profile.theta[[last]])
+        delta = profile.delta_chi_squared[last]
+        reason = "flat: nothing tells it" if profile.flat[side] else "too little tells it"
+        reached = "stays zero" if delta < FLAT else f"reaches {delta:.2g} of {need:.3g}"
+        there = f"as far as {value:.3g} delta chi-squared {reached}"
+        yield f"{profile.name}: open {SIDES[side]}, {reason} on this side ({there})"
+
+
+def interval_text(profile: Profile, interval: Interval) -> str:
+    """Write an interval: two numbers, one where a side is open, or `open`."""
+    ends = profile.values([interval.low, interval.high])
+    low, high = (f"{in_shown_unit(profile.name, float(value))[0]:.4g}" for value in ends)
+    below, above = (ending is Ending.OPEN for ending in interval.endings)
+    if below or above:
+        return "open" if below and above else f"below {high}" if below else f"above {low}"
+    return f"{low} to {high}"
+
+
+def level_in_words(level: float) -> str:
+    """Write a level as `95 %`."""
+    return f"{100 * level:.4g} %"
+
+
+# -------- Validate
+# The printed report of a validation: how well each part is predicted by the others, and how far to trust that.
+
+PARTS = {"posture": "postures", "kind": "kinds of measurement", "row": "rows", "fraction": "fifths"}
+"""What is left out at a time, in words."""
+
+
+def validate_report(validation: Validation) -> str:
+    """Return the report: a verdict, each part with its prediction, the scope, and what it does not reach."""
+    return paragraphs([_validate_heading(validation), _parts(validation), _scopes(validation), _limits(validation)])
+
+
+def _validate_heading(validation: Validation) -> Iterator[str]:
+    fit, parts = validation.fit, validation.parts
+    yield f"Validation of {cut(fit.arm.name, 30)} by {cut(fit.campaign.name, 30)}"
+    yield f"  {len(parts)} {PARTS[validation.leave]}, each left out in turn and predicted by a fit to the others"
+    if fit.loops:
+        count = len(fit.loops)
+        yield f"  Loops of ramps: {count}. What is left out is predicted at the width that the other rows of its loop"
+        yield "  tell; where none stays, nothing tells it, and the part is not predicted: try --leave row"
+    z = validation.z
+    if not len(z):
+        needed = "the stiffnesses, or the loops" if fit.loops else "the stiffnesses"
+        yield f"  NOTHING is predicted: what is left out is needed to tell {needed}. Measure more."
+        return
+    yield f"  {validation.covered} of {len(z)} measurements lie in the 95 % interval of their prediction"
+    if validation.missed:
+        named = ", ".join(cut(part.name, 30) for part in validation.missed)
+        yield f"  NOT to be trusted: too far from the prediction: {named}"
+    yield from drive_states(fit.arm, fit.campaign)
+    for doubt in fit.doubts:
+        yield f"  WARNING: {doubt.replace('see below', 'see ident fit')}"
+
+
+def _parts(validation: Validation) -> Iterator[str]:
+    yield f"{'Left out':34s}{'rows':>5s}{'rms off':>10s}{'largest':>10s}{'expected':>10s}{'p':>9s}"
+    missed = {part.name for part in validation.missed}
+    for part in validation.parts:
+        yield _validate_row(part, part.name in missed)
+    yield "  off: measured less predicted, as a share of the measured value; expected: rms by the model's own"
+    yield "  standard deviations, of noise and what the others leave open; p: chance of so far off, together"
+
+
+def _validate_row(part: HeldOut, missed: bool) -> str:
+    row = f"  {cut(part.name, 32):32s}{len(part.places):5d}"
+    if not part.told:
+        return f"{row}   {'no optimum without it' if not part.ended else 'not told by the others'}"
+    size = np.where(part.measured == 0, np.nan, np.abs(part.measured))
+    off, sd = np.abs(part.off) / size, part.sd / size
+    numbers = (np.sqrt(np.nanmean(off**2)), np.nanmax(off), np.sqrt(np.nanmean(sd**2)))
+    cells = "".join(f"{percent(float(number)):>10s}" for number in numbers)
+    return f"{row}{cells}{part.p_value:9.2g}{'   <--' if missed else ''}"
+
+
+def _scopes(validation: Validation) -> Iterator[str]:
+    if not validation.scopes:
+        return
+    yield "What was not measured: 95 % of measurements like these will lie within the larger of two spans"
+    for scope in validation.scopes:
+        kind, parts = scope.kind.replace("_", " "), f"{scope.folds} part{'s' * (scope.folds > 1)}"
+        why = f"seen {percent(scope.seen)} in {parts}, expected {percent(scope.expected)}"
+        yield f"  {kind:24s}within {percent(scope.half):8s} ({why})"
+
+
+def _limits(validation: Validation) -> Iterator[str]:
+    campaign = validation.fit.campaign
+    yield "Within what was measured, and no further"
+    angles = np.degrees(np.array([m.posture for m in campaign]))
+    joints = (cut(joint.name, 16) for joint in validation.fit.arm.driven)
+    ends = zip(joints, angles.min(0), angles.max(0), strict=True)
+    spans = (f"{joint} {low:.4g} to {high:.4g}" for joint, low, high in ends)
+    yield f"  postures [deg]: {', '.join(spans)}"
+    yield f"  loads: {', '.join(dict.fromkeys(cut(str(m.load), 30) for m in campaign))}"
+    frequencies = [m.value for m in campaign if m.kind == "frequency"]
+    if frequencies:
+        yield f"  frequencies: {min(frequencies):.3g} to {max(frequencies):.3g} Hz"

@@ -1,10 +1,14 @@
 """What was identified, as lines of a comment in a robot description."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
-from ident.arm.arm import Arm
-from ident.identify.identified import Identified
-from ident.present.text.units import unit_of
+from ident.arm.arm import Arm, stiffness_paths
+from ident.assess.explore import Exploration
+from ident.assess.repetition import SAME, Difference
+from ident.identify.values import Identified, Values
+from ident.present.text.basis import changes_in_words, values_in_words
+from ident.present.text.words import cut, paragraphs, unit_of
 from ident.text import one_line
 
 SHOWN = ("k_bend", "k_tors", "tau_bend", "tau_tors")
@@ -42,3 +46,83 @@ def _numbers(arm: Arm, found: Identified) -> Iterator[str]:
             low, high = found.intervals[path]
             weak = "" if path in found.supported else ", which the data do not support"
             yield f"{text}, 95 % interval {low:.4g} to {high:.4g}{weak}"
+
+
+# -------- Explore
+# What `ident explore` prints: what the page it has written is about.
+
+
+def explore_report(
+    exploration: Exploration,
+    *,
+    fit: Values | None = None,
+    posterior: Values | None = None,
+    changed: Mapping[str, float] | None = None,
+) -> str:
+    """Say which sliders the page has, and what its numbers begin with.
+
+    Args:
+        exploration: what the page knows of the arm.
+        fit: fitted values that the arm has taken over.
+        posterior: draws that the marks are from.
+        changed: numbers that were set, by path [SI].
+    """
+    arm, carried = exploration.arm, exploration.carried
+    on_stroke = "place on the stroke" + " and speed" * bool(arm.drives)
+    place = on_stroke if exploration.stroke else f"{len(arm.driven)} joint angles"
+    mass = f"mass of {cut(carried.name, 30)}" if carried.kind == "payload" else f"mass at {cut(carried.name, 30)}"
+    head = [
+        f"{cut(arm.name, 60)}, to be explored in a browser",
+        f"  sliders: {len(stiffness_paths(arm))} stiffnesses, {mass} up to {carried.largest:g} kg, {place}",
+        f"  always on it: {exploration.fixed}" if exploration.fixed else "",
+        f"  marks of 5 to 95 % at {len(exploration.bands)} stiffnesses" if exploration.bands else "",
+        *values_in_words(fit, posterior),
+        *changes_in_words(changed or {}),
+    ]
+    return paragraphs([filter(None, head)])
+
+
+def slider_rows(exploration: Exploration) -> list[dict[str, Any]]:
+    """Return a row for each number that has a slider."""
+    arm, carried = exploration.arm, exploration.carried
+    rows = [{"name": p, "value": float(arm.get(p)), "unit": unit_of(p)} for p in stiffness_paths(arm)]
+    return [*rows, {"name": f"{carried.kind} {carried.name}", "value": carried.present, "unit": "kg"}]
+
+
+# -------- Rerun
+# What the repetition of a result has shown.
+
+SHOWN_OF_RERUN = 10
+"""Differences that are listed."""
+
+
+def rerun_report(differences: Sequence[Difference], rows: int, *, sampled: bool) -> str:
+    """Return whether the numbers of a result are those of its file.
+
+    Args:
+        differences: numbers that are not.
+        rows: of its table.
+        sampled: whether they may differ by a Monte Carlo error.
+    """
+    return paragraphs([_verdict(differences, rows, sampled)])
+
+
+def _verdict(differences: Sequence[Difference], rows: int, sampled: bool) -> Iterator[str]:
+    within = "within their Monte Carlo error" if sampled else f"to {SAME:g}"
+    if not differences:
+        yield f"The same as in the file: {rows} row{'s' * (rows != 1)} of numbers agree {within}."
+        return
+    count = len(differences)
+    yield f"NOT the same as in the file: {count} number{'s do' if count > 1 else ' does'} not agree {within}."
+    yield from map(_line, differences[:SHOWN_OF_RERUN])
+    if count > SHOWN_OF_RERUN:
+        yield f"  and {count - SHOWN_OF_RERUN} more"
+
+
+def _line(difference: Difference) -> str:
+    place = f"row {difference.row + 1}, {cut(difference.column, 24)}"
+    return f"  {place:34s} {_cell(difference.before)} in the file, now {_cell(difference.now)}"
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.12g}" if isinstance(value, float) else cut(str(value), 30)

@@ -5,15 +5,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ident.arm.workspace import ANYWHERE
-from ident.identify.experiments import CLOSE, PARTS, RESOLUTION, Experiment
+from ident.arm.arm import ANYWHERE
+from ident.identify.candidates import CLOSE, PARTS, RESOLUTION, Experiment, HammerPlan
 from ident.identify.plan import CampaignPlan
-from ident.identify.sensor_places import HammerPlan
-from ident.inference.optimal_design import A_OPTIMAL, D_OPTIMAL
+from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
 from ident.inference.parameters import Parameter
-from ident.inference.prior_information import OPEN_SD
-from ident.present.text.units import unit_of
-from ident.present.text.words import cut, degrees, drive_states, kept, paragraphs, scatter
+from ident.present.text.words import cut, degrees, drive_states, kept, paragraphs, scatter, unit_of
 
 RANKED = 8
 """Postures that are listed."""

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from ident.assess.prediction import Prediction
+from ident.assess.predict import Prediction
 from ident.identify.modal_analysis import ModalAnalysis
 from ident.identify.values import Values
 from ident.measure import DRIVE_STATES

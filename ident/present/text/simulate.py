@@ -5,12 +5,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ident.assess.simulation import Simulation
-from ident.present.text.basis import assumed_in_words, basis_in_words, load_in_words, motion_in_words
-from ident.present.text.springs import passages_in_words
-from ident.present.text.units import MM
-from ident.present.text.words import cut, degrees, paragraphs
-from ident.vibrate.response.study import DIRECTIONS
+from ident.assess.simulate import Simulation
+from ident.present.text.basis import assumed_in_words, basis_in_words, load_in_words, motion_in_words, passages_in_words
+from ident.present.text.words import MM, cut, degrees, paragraphs
+from ident.vibrate.study import DIRECTIONS
 
 METHODS = {
     "fast": "fast, equations linearised about the quasi-static deflection",

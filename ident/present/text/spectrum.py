@@ -4,8 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ident.assess.marked_modes import Band, MarkedModes
-from ident.assess.spectra import Spectra
+from ident.assess.spectrum import Band, MarkedModes, Spectra
 from ident.present.text.words import cut, degrees, paragraphs
 
 UNITS = {"displacement": (1e3, "mm"), "acceleration": (1.0, "m/s^2")}

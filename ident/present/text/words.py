@@ -8,15 +8,98 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
-from ident.arm.fields import field_of
-from ident.arm.oddities import oddities
-from ident.inference.information import Direction, Information
+from ident.arm.fields import SPEED, STIFFNESS, field_of
+from ident.arm.plausibility import oddities
+from ident.identify.conditions import is_of_loop, kind_of
+from ident.identify.predict import PREFIX
+from ident.inference.fit import Fit
+from ident.inference.information import Direction, Information, TradeOff
 from ident.inference.parameters import Parameter
 from ident.measure import DRIVE_STATES, Campaign, Measurement
-from ident.measure.kinds import DIFFERENCES
-from ident.measure.load import format_direction
-from ident.present.text.units import in_read_unit, in_shown_unit, unit_of, value_in_words
+from ident.measure.load import DIFFERENCES, format_direction
+from ident.measure.load import KINDS as MEASURED
+from ident.modal.frf import Place
 from ident.text import one_line
+from ident.units import QUANTITIES, stiffness_unit
+
+# -------- Units
+# How numbers are shown: in the units that people read. What a number of the arm is: `ident.arm.fields`.
+
+KINDS = {
+    "frequency": (1.0, "Hz"),
+    "deflection": (1e3, "mm"),
+    "deflection_difference": (1e3, "mm"),
+    "rotation": (1e3, "mrad"),
+    "rotation_difference": (1e3, "mrad"),
+    "twist": (1e3, "mrad"),
+    "twist_difference": (1e3, "mrad"),
+    "shape": (1.0, ""),
+}
+SETUP, TURN = PREFIX, ".turn."
+"""What the numbers of a setup's frame are told by: its place, and how it is turned."""
+MM = 1e3
+"""mm in a metre."""
+
+
+def in_read_unit(kind: str, value: float) -> tuple[float, str]:
+    """Return a measured or predicted SI value in the unit that its kind is read in, and the unit."""
+    factor, unit = KINDS.get(kind, (100.0, "%"))
+    return value * factor, unit
+
+
+def unit_of(path: str) -> str:
+    """Return the SI unit of a parameter; `-` for factors, and for parameters of a model that is no arm."""
+    field = field_of(path)
+    if path.startswith(SETUP):
+        return "rad" if TURN in path else "m"
+    if is_of_loop(path):
+        return QUANTITIES[MEASURED[kind_of(path)]].si
+    return field.unit if field else "%" if path == SPEED else "-"
+
+
+def is_stiffness(path: str) -> bool:
+    """Tell whether a path names a bushing stiffness."""
+    field = field_of(path)
+    return field is not None and field.name in STIFFNESS
+
+
+def is_length(path: str) -> bool:
+    """Tell whether a path names a length, which people read in mm."""
+    field = field_of(path)
+    own = (path.startswith(SETUP) or is_of_loop(path)) and unit_of(path) == "m"
+    return own or (field is not None and field.read_unit == "mm")
+
+
+def read_unit(path: str) -> tuple[float, str]:
+    """Return the size in SI units of the unit that people read a parameter in, and the unit.
+
+    Of a stiffness it is the one that was chosen, see `ident.units.stiffness_in`.
+    """
+    field = field_of(path)
+    if is_stiffness(path):
+        return stiffness_unit()
+    if path.startswith(SETUP):
+        return (1e-3, "mrad") if TURN in path else (1e-3, "mm")
+    if is_of_loop(path):
+        return (1e-3, "m" + unit_of(path))
+    return (field.read_size, field.read_unit) if field else (1.0, unit_of(path))
+
+
+def in_shown_unit(path: str, value: float) -> tuple[float, str]:
+    """Return a value and its unit: of a stiffness in the one that was chosen, else in SI, as it is given."""
+    if not is_stiffness(path):
+        return value, unit_of(path)
+    size, unit = stiffness_unit()
+    return value / size, unit
+
+
+def value_in_words(path: str, value: float) -> str:
+    """Write a value with its unit, as `3.598e+05 N m/rad`."""
+    number, name = in_shown_unit(path, value)
+    return f"{number:.4g} {name}".removesuffix(" -")
+
+
+# -------- Words
 
 WIDTH = 100
 """Columns of a terminal that every report fits."""
@@ -270,3 +353,87 @@ def balance(weights: Sequence[float], items: Sequence[Parameter], least: float =
     if sides[1]:
         return " against ".join(sides)
     return f"{sides[0]} together" if len(order) > 1 else sides[0]
+
+
+# -------- Directions
+# Combinations of parameters in words: how well each is known, and what may change unnoticed.
+
+
+def what_is_fixed(fit: Fit) -> Iterator[str]:
+    """Say which combinations the data fix, best known first, and how well; no width where the fit is in doubt."""
+    known, items = fit.information, fit.problem.parameters.items
+    withheld = "; the fit is in doubt, so none has a width" if fit.doubts else ""
+    yield f"What the data fix: {known.fixed} of {len(known.directions)} directions{withheld}"
+    for direction in fit.combinations:
+        name = product(direction, items, known.sd)
+        if fit.doubts or np.isnan(direction.sd):
+            yield f"  {name}"
+            continue
+        weak = "weakly known, to" if direction.weak or direction.open else "known to"
+        yield f"  {weak} {spread_in_words(direction.sd)}: {name}"
+
+
+def what_is_open(known: Information, items: tuple[Parameter, ...]) -> Iterator[str]:
+    """Say what else may change unnoticed, for each direction that the data leave open."""
+    trades = known.trade_offs()
+    if trades:
+        filler = "filled by the prior alone" if np.isfinite(known.sd).all() else "left where the search stopped"
+        yield f"  The data leave open {len(trades)} of {len(known.directions)} directions, {filler}:"
+    for trade in trades:
+        yield f"    {in_words(trade, items)}: the data would not notice"
+
+
+def spread_in_words(sd: float) -> str:
+    """Say how well a theta is known: in percent, or as a factor."""
+    return scatter(sd).replace("factor", "a factor of")
+
+
+def product(direction: Direction, items: tuple[Parameter, ...], spread: Float[np.ndarray, "P"]) -> str:
+    """Write a direction as a product of powers of parameters; one of either sign enters as its exponential.
+
+    Args:
+        direction: the combination.
+        items: the parameters.
+        spread: (P,) standard deviation of each theta: a factor is shown where its exponent times that matters.
+    """
+    factors = [item.name if item.positive else f"exp({item.name} / {float(item.scale):g} m)" for item in items]
+    parts = [(factors[i], _exponent(direction.weights[i])) for i in main_factors(direction, spread)]
+    if len(parts) == 1:
+        return parts[0][0]
+    return f" {kept('* ')}".join(f"{name}^{exponent}" for name, exponent in parts)
+
+
+def _exponent(weight: float) -> str:
+    return f"{weight:.2f}" if abs(weight) > 0.095 else f"{weight:.1g}"
+
+
+def in_words(trade: TradeOff, items: tuple[Parameter, ...]) -> str:
+    """Say what else changes unnoticed when one parameter rises by 10 %, or by a tenth of its scale."""
+    step = math.log(1.1)
+    moved = [
+        _change(item, change * step)
+        for item, change in zip(items, trade.change, strict=True)
+        if item.name != trade.name and abs(change) > 0.05
+    ]
+    lead = next(_change(item, step) for item in items if item.name == trade.name)
+    along = f" together with {' and '.join(moved)}" if moved else ""
+    return f"{lead}{along}"
+
+
+def _change(item: Parameter, theta: float) -> str:
+    if item.positive:
+        return f"{item.name} by {percent(math.expm1(theta), '+')}"
+    return f"{item.name} by {1e3 * theta * float(item.scale):+.2g} mm"
+
+
+# -------- Places
+# Where and along what was measured, in words.
+
+
+def place_in_words(place: Place) -> str:
+    """Write a place as `tip -z`, or with the components of its direction."""
+    axes = np.array(place.direction)
+    along = np.flatnonzero(abs(axes) > 1 - 1e-9)
+    if len(along):
+        return f"{cut(place.point, 12)} {'-' if axes[along[0]] < 0 else ''}{'xyz'[along[0]]}"
+    return f"{cut(place.point, 12)} ({' '.join(f'{each + 0.0:.2g}' for each in axes)})"

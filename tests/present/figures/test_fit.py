@@ -11,12 +11,12 @@ from matplotlib.image import imread
 
 from ident.arm.arm import Arm
 from ident.errors import InputError
-from ident.identify.assumptions import Assumption, Assumptions
-from ident.inference.cross_prediction import CrossPrediction
-from ident.inference.exchange import Exchange
-from ident.inference.score import ScoreTest
+from ident.identify.fit import Assumption, Assumptions
+from ident.inference.fit import CrossPrediction
+from ident.inference.information import ScoreTest
+from ident.inference.scrutiny import Exchange
 from ident.present.figures.fit import fit_figure
-from ident.present.files.png import save
+from ident.present.files.document import save
 
 pytestmark = pytest.mark.slow
 

@@ -3,10 +3,10 @@ import pytest
 from arms import lcd_arm
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from ident.present.figures.motion import motion_animation, path_figure
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.outline import outline
-from ident.vibrate.response.simulate import simulate
+from ident.present.figures.modes import motion_animation, path_figure
+from ident.vibrate.motion import stroke
+from ident.vibrate.response import outline
+from ident.vibrate.simulate import simulate
 
 pytestmark = pytest.mark.slow
 

@@ -4,10 +4,10 @@ from arms import lcd_arm
 from figures import HOSTILE, assert_tidy
 
 from ident.arm.arm import Arm
-from ident.assess.prediction import Prediction, predict_draws
+from ident.assess.predict import Prediction, predict_draws
 from ident.identify.modal_analysis import modal_analysis
-from ident.present.figures.predict import frequency_figure, mode_figure
-from ident.present.files.png import save
+from ident.present.figures.modes import frequency_figure, mode_figure
+from ident.present.files.document import save
 
 pytestmark = pytest.mark.slow
 

@@ -7,13 +7,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation
 
 from ident.present.figures.resonance import resonance_figure
-from ident.present.files.resonance import resonance_rows
-from ident.present.text.resonance import resonance_report, verdict
-from ident.present.text.resonance_words import grouped, same_lines, sources_words
-from ident.vibrate.modal.branches import branches
-from ident.vibrate.modal.excitation import Source, excitation
-from ident.vibrate.modal.resonance import resonance_crossings
-from ident.vibrate.motion.stroke import stroke
+from ident.present.files.vibration import resonance_rows
+from ident.present.text.resonance import grouped, resonance_report, same_lines, sources_words, verdict
+from ident.vibrate.branches import branches
+from ident.vibrate.motion import stroke
+from ident.vibrate.resonance import Source, excitation, resonance_crossings
 
 MOTION = stroke(first_guess_arm().stroke, percent=10)
 TIMES = np.linspace(0, float(MOTION.breaks[-1]), 401)

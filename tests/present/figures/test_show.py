@@ -10,10 +10,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from ident.arm.arm import Arm
 from ident.arm.parts import Point
-from ident.assess.arm_view import arm_view
+from ident.assess.show import arm_view
 from ident.description.file import ArmFile, parse_arm, read_arm
-from ident.present.figures.arm_labels import Mark, fitting, spread
-from ident.present.figures.show import show_figure
+from ident.present.figures.show import Mark, fitting, show_figure, spread
 from ident.present.text.show import show_report
 
 jax.config.update("jax_enable_x64", True)

@@ -5,10 +5,10 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation, Text
 
-from ident.present.figures.spectrum import spectrogram_figure, spectrum_figure
-from ident.present.files.png import save
-from ident.vibrate.signal.spectrogram import spectrogram
-from ident.vibrate.signal.spectrum import amplitude_spectrum
+from ident.present.figures.vibration import spectrogram_figure, spectrum_figure
+from ident.present.files.document import save
+from ident.vibrate.orders import spectrogram
+from ident.vibrate.spectra import amplitude_spectrum
 
 TIME = np.arange(2000) / 200
 BOTH = np.stack([1e-3 * np.sin(2 * np.pi * 5 * TIME), 3e-3 * np.sin(2 * np.pi * 9 * TIME)], axis=1)

@@ -11,12 +11,9 @@ from equinox import filter_jit
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import at_posture
-from ident.arm.equilibrium import static_equilibrium
-from ident.arm.mechanics import flat, point_positions, unflatten
+from ident.arm.mechanics import flat, point_positions, static_equilibrium, unflatten
 from ident.arm.modes import linearize
-from ident.arm.multibody import multibody
-from ident.arm.multibody_dynamics import residual
-from ident.arm.multibody_kinematics import Command
+from ident.arm.multibody import Command, multibody, residual
 from ident.arm.parts import Body, Joint, Point
 from ident.arm.rotations import matvec, transpose
 from ident.studies.explore import ExploreOptions, explore

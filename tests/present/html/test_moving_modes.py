@@ -9,11 +9,10 @@ import pytest
 from arms import DATA
 from pages import sample_page
 
-from ident.assess.arm_view import arm_view
+from ident.assess.show import arm_view
 from ident.description.file import read_arm
-from ident.present.html.arm_section import arm_section
-from ident.present.html.moving_modes import moving_modes
-from ident.present.html.page import write_page
+from ident.present.html.diagnose import arm_section
+from ident.present.html.page import moving_modes, write_page
 
 SVG = "{http://www.w3.org/2000/svg}"
 

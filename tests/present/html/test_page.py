@@ -10,15 +10,16 @@ from pages import HOSTILE, drawing, hostile_page, sample_page, table, titled
 
 from ident.errors import InputError
 from ident.present.html.page import (
+    LARGEST,
     Page,
     Picture,
     Table,
     Verdict,
     columns,
+    picture,
     render,
     write_page,
 )
-from ident.present.html.picture import LARGEST, picture
 from ident.text import one_line
 
 VOID = {"meta", "img"}

@@ -6,8 +6,7 @@ from dataclasses import replace
 import pytest
 from pages import HOSTILE, drawing, hostile_page, sample_page
 
-from ident.present.html.page import Section, write_page
-from ident.present.html.picture import picture
+from ident.present.html.page import Section, picture, write_page
 from ident.text import one_line
 
 PHONE, DESK = (360, 740), (1280, 800)

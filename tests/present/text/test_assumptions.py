@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 
-from ident.identify.assumptions import KINDS, Assumption, Assumptions
-from ident.identify.fit import fit_campaign
+from ident.identify.fit import KINDS, Assumption, Assumptions, fit_campaign
+from ident.inference.information import ScoreTest
 from ident.inference.parameters import Parameter, Parameters
-from ident.inference.score import ScoreTest
 from ident.measure import read_campaign
-from ident.present.text.assumptions import asked_for_lines, assumption_lines
 from ident.present.text.fit import fit_report
+from ident.present.text.warnings import asked_for_lines, assumption_lines
 
 pytestmark = pytest.mark.slow
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from arms import lcd_arm
 
-from ident.arm.labels import Label
+from ident.arm.modes import Label
 from ident.identify.check import check_campaign
-from ident.identify.label_checks import LabelDoubt
+from ident.identify.problem import LabelDoubt
+from ident.inference.identifiability import OtherSolutions
 from ident.inference.optima import Optimum
-from ident.inference.other_solutions import OtherSolutions
 from ident.inference.parameters import Parameter
 from ident.measure import Campaign, read_campaign
 from ident.present.text.check import check_report

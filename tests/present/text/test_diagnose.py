@@ -7,18 +7,15 @@ import pytest
 from arms import DATA, lcd_arm
 from runs import short, swing
 
-from ident.assess.diagnosis import Diagnosis, Identification
-from ident.assess.over_phases import OverPhases
-from ident.assess.remedies import Remedy, Verification
-from ident.assess.task import Task
-from ident.assess.vibration import VibrationAssessment
+from ident.assess.diagnose import Diagnosis, Identification
+from ident.assess.remedies import Remedy, Task, Verification, VibrationAssessment
+from ident.assess.scenario import OverPhases
 from ident.description.file import read_arm
-from ident.identify.sample import CampaignSample
-from ident.present.text.diagnose import StageReport, stage_report, verdict_words
-from ident.present.text.remedy_words import change_words
+from ident.identify.compare import CampaignSample
+from ident.present.text.diagnose import StageReport, change_words, stage_report, verdict_words
 from ident.studies.diagnose import DiagnoseOptions
 from ident.studies.motion import basis_of
-from ident.vibrate.redesign.binomial import binomial_estimate
+from ident.vibrate.evaluator import binomial_estimate
 
 pytestmark = pytest.mark.slow
 

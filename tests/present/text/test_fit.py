@@ -13,8 +13,8 @@ from ident.identify.unknowns import Unknowns
 from ident.inference.information import Direction, information
 from ident.inference.parameters import Parameter
 from ident.measure import read_campaign
-from ident.present.text.directions import product, what_is_open
 from ident.present.text.fit import fit_report
+from ident.present.text.words import product, what_is_open
 
 pytestmark = pytest.mark.slow
 

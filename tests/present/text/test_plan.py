@@ -10,16 +10,15 @@ import pytest
 from arms import DATA, lcd_arm, loose_arm
 from reports import too_wide
 
-from ident.arm.arm import Arm
-from ident.arm.workspace import Workspace
+from ident.arm.arm import Arm, Workspace
 from ident.errors import InputError
+from ident.identify.candidates import main_joints
 from ident.identify.fit import fit_campaign
 from ident.identify.plan import PlanSettings, plan_campaign
-from ident.identify.posture_grid import main_joints
 from ident.measure import read_campaign
-from ident.present.figures.plan import plan_figure
-from ident.present.files.plan import write_form
-from ident.present.files.png import save
+from ident.present.figures.sample import plan_figure
+from ident.present.files.document import save
+from ident.present.files.fit import write_form
 from ident.present.text.plan import plan_report
 from ident.present.text.words import degrees
 

@@ -4,7 +4,7 @@ from arms import lcd_arm, random_arm, two_equal_arm
 from reports import too_wide
 
 from ident.arm.arm import Arm
-from ident.assess.prediction import Prediction
+from ident.assess.predict import Prediction
 from ident.errors import InputError, ModelError
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load

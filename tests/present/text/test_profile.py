@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from figures import assert_tidy, boxes, made_up
 
+from ident.inference.optima import Ending
 from ident.inference.parameters import Parameter
 from ident.inference.profile import Interval, Profile, half_width
-from ident.inference.profile_path import Ending
-from ident.present.figures.profile import profile_figure
-from ident.present.files.profile import profile_rows
-from ident.present.text.profile import interval_text, profile_report, remarks
+from ident.present.figures.fit import profile_figure
+from ident.present.files.check import profile_rows
+from ident.present.text.check import interval_text, profile_report, remarks
 
 OPEN, CROSSED, MODEL = Ending.OPEN, Ending.CROSSED, Ending.MODEL
 LEVELS = (0.5, 0.683, 0.95)

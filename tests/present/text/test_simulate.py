@@ -8,18 +8,18 @@ import pytest
 from arms import DATA
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from ident.assess.basis import Basis
-from ident.assess.simulation import Simulation
+from ident.assess.scenario import Basis
+from ident.assess.simulate import Simulation
 from ident.description.file import read_arm
-from ident.identify.loads import loads_of
+from ident.identify.binding import loads_of
 from ident.identify.values import Values
 from ident.measure import Load
-from ident.present.figures.simulate import drives_figure, simulate_figure
-from ident.present.files.simulate import simulate_rows
+from ident.present.figures.vibration import drives_figure, simulate_figure
+from ident.present.files.series import simulate_rows
 from ident.present.text.simulate import simulate_report
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.response.simulate import simulate
-from ident.vibrate.response.study import Draws, SimulatedMotion, draw, measures, simulate_motion
+from ident.vibrate.motion import stroke
+from ident.vibrate.simulate import simulate
+from ident.vibrate.study import Draws, SimulatedMotion, draw, measures, simulate_motion
 
 pytestmark = pytest.mark.slow
 

@@ -7,16 +7,15 @@ import pytest
 from arms import DATA
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from ident.assess.basis import Basis
-from ident.assess.sweep import SweepStudy
+from ident.assess.design import SweepStudy
+from ident.assess.scenario import Basis
 from ident.description.file import read_arm
 from ident.present.figures.sweep import sweep_figure
-from ident.present.files.sweep import write_csv
+from ident.present.files.vibration import write_csv
 from ident.present.text.sweep import sweep_report
 from ident.units import stiffness_in
-from ident.vibrate.motion.stroke import stroke
-from ident.vibrate.redesign.sweep import Sweep, axis
-from ident.vibrate.redesign.trend import below, curve
+from ident.vibrate.motion import stroke
+from ident.vibrate.sweep import Sweep, axis, below, curve
 
 FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 MOTION = stroke(FILE.arm.stroke, percent=10.0, dwell=2.0)

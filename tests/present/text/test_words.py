@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from arms import lcd_arm
 
-from ident.arm.drive import Servo
+from ident.arm.parts import Servo
 from ident.measure import Campaign, Measurement
 from ident.present.text.words import (
     WIDTH,

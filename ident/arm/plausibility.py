@@ -1,0 +1,529 @@
+"""Plausibility checks of an arm's numbers: masses, inertias, lengths, and belts that could not run."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.arm.fields import STIFFNESS
+from ident.arm.parts import Belt, Body, Drive, Joint
+
+# -------- Belt condition
+# Whether belts can run: pulleys at both ends of a belt must pass the same length of it all along the stroke.
+#
+# Seen from the link along which a belt runs, the driver's pulley turns by theta1 - q1 = (N1 - 1) q1, since its shaft
+# turns by -q1, and the driven one, whose shaft is fixed to the link, by theta2 = N2 q2. With q = alpha direction the
+# belt
+# stays as it is where
+#
+#     r1 (N1 - 1) direction1 = r2 N2 direction2
+#
+# Otherwise one span grows by the difference of both sides times alpha, and the other is slack as soon as that exceeds
+# pretension / stiffness.
+
+
+@dataclass(frozen=True)
+class BeltMismatch:
+    """A belt that cannot run along the stroke.
+
+    Attributes:
+        belt: name of the belt.
+        stretch: () [m] by how much one span would grow over the stroke, and the other shrink.
+        allowed: () [m] at which the other span is slack: pretension / stiffness.
+        drive: name of the driven joint's drive.
+        ratio: () [-] with which that drive would keep the belt as it is.
+        radius: () [m] with which the driven pulley would; not positive where no radius does.
+    """
+
+    belt: str
+    stretch: float
+    allowed: float
+    drive: str
+    ratio: float
+    radius: float
+
+    def __str__(self) -> str:
+        radius = f", or {self.belt}.driven_radius = {1e3 * self.radius:.6g} mm" if self.radius > 0 else ""
+        return (
+            f"{self.belt} would stretch by {1e3 * self.stretch:.4g} mm over the stroke, {1e3 * self.allowed:.4g} mm "
+            f"slackens it; it runs with {self.drive}.ratio = {self.ratio:.6g}{radius}"
+        )
+
+
+def belt_mismatches(arm: "Arm") -> tuple[BeltMismatch, ...]:
+    """Return the belts that would be slack somewhere along the stroke; none without a stroke.
+
+    Args:
+        arm: one arm, whose numbers are known.
+    """
+    if arm.stroke is None:
+        return ()
+    shares = {
+        joint.name: float(share) for joint, share in zip(arm.driven, np.asarray(arm.stroke.direction), strict=True)
+    }
+    drives = {drive.joint: drive for drive in arm.drives}
+    way = abs(float(arm.stroke.folded) - float(arm.stroke.unfolded))
+    pairs = ((belt, drives[belt.driver], drives[belt.driven]) for belt in arm.belts)
+    every = [_mismatch(belt, (one, other), shares, way) for belt, one, other in pairs]
+    return tuple(mismatch for mismatch in every if mismatch.stretch > mismatch.allowed)
+
+
+def pin_shares(arm: "Arm", joint: str) -> dict[str, Any]:
+    """Return by how much the pins of the joints that belts tie to a joint turn with its own, by name; its own by 1.
+
+    By the condition above; differentiable in the arm's numbers.
+    """
+    drives, shares = {drive.joint: drive for drive in arm.drives}, dict[str, Any]({joint: 1.0})
+    order = [each.name for each in arm.joints]
+    outwards = sorted(arm.belts, key=lambda belt: order.index(belt.driver))
+
+    def passed_on(belt: Belt) -> Any:
+        """Return direction2 / direction1."""
+        one, other = drives[belt.driver].ratio, drives[belt.driven].ratio
+        return belt.driver_radius * (one - 1) / (belt.driven_radius * other)
+
+    for belt in outwards:
+        if belt.driver in shares:
+            shares[belt.driven] = shares[belt.driver] * passed_on(belt)
+    for belt in reversed(outwards):
+        if belt.driven in shares and belt.driver not in shares:
+            shares[belt.driver] = shares[belt.driven] / passed_on(belt)
+    return shares
+
+
+def _mismatch(belt: Belt, drives: tuple[Drive, Drive], shares: dict[str, float], way: float) -> BeltMismatch:
+    one, other = drives
+    passed = float(belt.driver_radius) * (float(one.ratio) - 1) * shares[belt.driver]
+    taken = float(belt.driven_radius) * float(other.ratio) * shares[belt.driven]
+    stiffness = float(belt.stiffness)
+    allowed = float(belt.pretension) / stiffness if stiffness else float("inf")
+    ratio, radius = (_quotient(passed, float(x) * shares[belt.driven]) for x in (belt.driven_radius, other.ratio))
+    return BeltMismatch(belt.name, abs(passed - taken) * way, allowed, other.name, ratio, radius)
+
+
+def _quotient(passed: float, share: float) -> float:
+    return passed / share if share else float("nan")
+
+
+# -------- Oddity geometry
+# Sizes of an arm in its zero posture, in which all frames are parallel: links, reach, and what a bushing carries.
+
+
+@dataclass(frozen=True)
+class Link:
+    """The bodies of a joint, and where the link ends.
+
+    Attributes:
+        bodies: on the link, or on the shaft; payloads among those of the link.
+        end: (3,) [m] the next bushing, or the farthest point, from the joint's own; zero for a shaft.
+    """
+
+    bodies: tuple[Body, ...]
+    end: Float[np.ndarray, "3"]
+
+
+@dataclass(frozen=True)
+class Carried:
+    """What turns on a bushing, in the zero posture and without payloads.
+
+    Attributes:
+        mass: [kg]
+        distance: [m] of its mass centre from the bushing.
+        inertia: [kg m^2] its largest principal moment about the bushing.
+    """
+
+    mass: float
+    distance: float
+    inertia: float
+
+
+def link_end(arm: Arm, place: int) -> Float[np.ndarray, "3"]:
+    """Return where the link of a joint ends (3,) [m]: at the next bushing, or at its farthest point or mass centre."""
+    if place + 1 < len(arm.joints):
+        return np.asarray(arm.joints[place + 1].offset, float)
+    joint = arm.joints[place]
+    places = [np.asarray(point.position, float) for point in arm.points if point.joint == joint.name]
+    places = places or [np.asarray(body.com, float) for body in joint.link] or [np.zeros(3)]
+    return max(places, key=lambda each: float(np.linalg.norm(each)))
+
+
+def links(arm: Arm) -> tuple[Link, ...]:
+    """Return shaft and link of every joint, from the base outwards."""
+    return tuple(
+        link
+        for place, joint in enumerate(arm.joints)
+        for link in (Link(joint.shaft, np.zeros(3)), Link(_with_payloads(arm, joint), link_end(arm, place)))
+    )
+
+
+def _with_payloads(arm: Arm, joint: Joint) -> tuple[Body, ...]:
+    return (*joint.link, *(payload.body for payload in arm.payloads if payload.joint == joint.name))
+
+
+def reach_of(arm: Arm) -> float:
+    """Return the length of the stretched arm [m]: from bushing to bushing, and to the end of the last link."""
+    return float(sum(np.linalg.norm(link_end(arm, place)) for place in range(len(arm.joints))))
+
+
+def carried(arm: Arm) -> tuple[Carried, ...]:
+    """Return what each bushing carries."""
+    mass, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
+    found = []
+    for joint in reversed(arm.joints):
+        for body in (*joint.shaft, *joint.link):
+            m, r, inertia = float(body.mass), np.asarray(body.com, float), np.asarray(body.inertia, float)
+            mass, first = mass + m, first + m * r
+            second = second + m * np.outer(r, r) + np.trace(inertia) / 2 * np.eye(3) - inertia
+        moments = np.linalg.eigvalsh(np.trace(second) * np.eye(3) - second)
+        found.append(Carried(mass, float(np.linalg.norm(first)) / mass if mass else 0.0, float(moments[-1])))
+        d = np.asarray(joint.offset, float)
+        second = second + np.outer(first, d) + np.outer(d, first) + mass * np.outer(d, d)
+        first = first + mass * d
+    return tuple(reversed(found))
+
+
+def to_segment(place: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"]) -> float:
+    """Return the distance [m] of a place from the segment between the origin and an end."""
+    square = float(end @ end)
+    share = np.clip(float(place @ end) / square, 0.0, 1.0) if square else 0.0
+    return float(np.linalg.norm(place - share * end))
+
+
+def to_box(end: Float[np.ndarray, "3"], box: Float[np.ndarray, "2 3"]) -> float:
+    """Return the distance [m] of a box from the segment between the origin and an end, to a hundredth of its length."""
+    places = np.linspace(0.0, 1.0, 101)[:, None] * end
+    return float(np.linalg.norm(places - np.clip(places, box[0], box[1]), axis=1).min())
+
+
+# -------- Oddities
+# What looks odd about an arm: numbers that an arm can have, so that no reader refuses them, but hardly has.
+#
+# A mass centre beyond its link, an inertia of no body of that size, a stiffness that its load bends by degrees, a
+# length
+# in the wrong unit. Each check is a rule of thumb, wide enough that a sound arm passes; each finding names the number
+# and
+# what would be expected. Geometry is that of the zero posture, in which all frames are parallel.
+
+LONGEST, SHORTEST = 20.0, 0.05
+"""Reach [m] beyond which metres and millimetres were probably mixed up."""
+DENSEST, LIGHTEST = 23e3, 10.0
+"""Densities [kg/m^3]: osmium has 22,600; 10 is less than any frame that carries."""
+MOST_GIVING = 0.02
+"""Angle [rad] by which the weight beyond it may bend a bushing when it is held out level: a degree."""
+PROPORTION = 20.0
+"""Factor between stiffnesses of one arm that is odd, if what they carry does not explain it."""
+LOWEST, HIGHEST = 0.5, 200.0
+"""First natural frequencies [Hz] of arms."""
+MOST_SAG = 0.02
+"""Static deflection of the end point as a share of the reach."""
+MOST_DAMPED = 0.3
+"""Damping ratio of one of the first modes."""
+LONG = 0.2
+"""Share of the reach from which a link is a long one: the links before and after the elbow, no turret and no wrist."""
+ALIKE, LEAST_ALIKE = 0.6, 3
+"""Share and number of bodies of one inertia that are odd, if their links are not alike."""
+UNLIKE = 3.0
+"""Factor between lengths, or masses, of links that are not alike."""
+FLATTEST, LARGEST_BOX = 0.1, 3.0
+"""Edge of the box of a link's mass and inertia, over the link's length: 0.12 to 2.5 on the long links of 15 arms."""
+FARTHEST_TURN, LEAST_TURN = 25.0, 0.12
+"""Range of a pin [rad]: four turns; seven degrees."""
+
+
+@dataclass(frozen=True)
+class Oddity:
+    """A number that looks wrong.
+
+    Attributes:
+        path: the number, or the vector or part that has it: `link2.com`.
+        got: what is odd about it.
+        expected: what would be expected, and what may have happened.
+    """
+
+    path: str
+    got: str
+    expected: str
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.got}; expected {self.expected}"
+
+
+def oddities(arm: Arm, extents: Mapping[str, Float[np.ndarray, "2 3"]] | None = None) -> tuple[Oddity, ...]:
+    """Return what looks odd about the numbers of an arm, one finding for each number.
+
+    Args:
+        arm: one arm, whose numbers are known.
+        extents: lowest and highest corner of bodies whose shape is known, (2, 3) [m] in their joint's axes, by name.
+    """
+    reach, extents = reach_of(arm), extents or {}
+    every = links(arm)
+    found = list(_lengths(arm, reach)) or [*_bodies(every, reach, extents), *_placeholders(every, reach, extents)]
+    found += [] if found else [*_giving(arm), *_proportion(arm)]  # of wrong lengths and masses, all stiffnesses are odd
+    first: dict[str, Oddity] = {}
+    for each in (*found, *_limits(arm), *_drives(arm)):
+        first.setdefault(each.path, each)
+    return tuple(first.values())
+
+
+def behaviour_oddities(
+    arm: Arm,
+    frequency: Float[np.ndarray, "m"],
+    damping_ratio: Float[np.ndarray, "m"],
+    energy: Float[np.ndarray, "2 N"],
+    sag: float,
+) -> tuple[Oddity, ...]:
+    """Return what looks odd about how an arm behaves at a posture.
+
+    Args:
+        arm: the arm.
+        frequency: (m,) [Hz] natural frequencies, ascending.
+        damping_ratio: (m,) [-] of the same modes.
+        energy: (2, N) [-] strain energy of the first mode in bending and torsion of each joint.
+        sag: [m] static deflection of the end point.
+    """
+    return tuple(_behaviour(arm, frequency, damping_ratio, energy, sag))
+
+
+def _lengths(arm: Arm, reach: float) -> Iterator[Oddity]:
+    """Yield lengths in the wrong unit: too long for an arm, or a thousandth of what the rest of it suggests."""
+    vectors = {f"{joint.name}.offset": joint.offset for joint in arm.joints}
+    vectors |= {f"{point.name}.position": point.position for point in arm.points}
+    sizes = {path: float(np.linalg.norm(vector)) for path, vector in vectors.items()}
+    far = {path: size for path, size in sizes.items() if size > LONGEST}
+    unit = 'unit = "mm" where the numbers are millimetres'
+    if reach < SHORTEST:
+        yield Oddity("reach", f"the whole arm is {1e3 * reach:.3g} mm long", 'some metres; unit = "m"?')
+    elif len(far) > 2:
+        yield Oddity("reach", f"the arm is {reach:.4g} m long", f"at most {LONGEST:g} m; {unit}")
+    else:
+        yield from (Oddity(path, f"{size:.4g} m", f"at most {LONGEST:g} m; {unit}") for path, size in far.items())
+    for path, size in sizes.items():
+        if 3e-5 < size < 5e-3 and 0.05 * reach < 1e3 * size < 2 * reach:
+            yield Oddity(path, f"{1e3 * size:.3g} mm in an arm of {reach:.3g} m", f'{1e3 * size:.3g} m; unit = "m"?')
+
+
+def _bodies(every: Sequence[Link], reach: float, extents: Mapping[str, np.ndarray]) -> Iterator[Oddity]:
+    """Yield bodies that are not where their link is, or too heavy for their size."""
+    masses = {body.name: float(body.mass) for link in every for body in link.bodies}
+    total = sum(masses.values())
+    for link in every:
+        for body in link.bodies:
+            mass, com = float(body.mass), np.asarray(body.com)
+            extent = extents.get(body.name)
+            yield from _place(f"{body.name}.com", com, link, reach, extent)
+            if extent is not None:
+                yield from _density(f"{body.name}.mass", mass, extent)
+            else:
+                yield from _gyration(f"{body.name}.inertia", mass, np.asarray(body.inertia), link, com, reach)
+            if len(masses) > 2 and mass > 50 * (total - mass):
+                expected = 'less; unit = "g"?'
+                yield Oddity(
+                    f"{body.name}.mass", f"{mass:.4g} kg, all other bodies have {total - mass:.3g} kg", expected
+                )
+
+
+def _place(path: str, com: np.ndarray, link: Link, reach: float, extent: np.ndarray | None) -> Iterator[Oddity]:
+    """Yield a mass centre beyond the ends of its link, or far off it."""
+    length = float(np.linalg.norm(link.end))
+    along = float(com @ link.end) / length if length else 0.0
+    beyond = max(-along, along - length) if length else 0.0
+    aside = to_segment(com, link.end) if extent is None else to_box(link.end, extent)
+    allowed = 0.25 * reach + 0.5 * length if extent is None else 0.05 * reach + 0.1 * length
+    where = ", ".join(f"{x:.4g}" for x in com + 0.0)
+    size = float(np.linalg.norm(com))
+    if length > SHORTEST and size < 2e-3 and 0.2 * length < 1e3 * size < 1.2 * length:
+        yield Oddity(path, f"{1e3 * size:.3g} mm on a link of {length:.3g} m", f'{1e3 * size:.3g} m; unit = "m"?')
+    elif beyond > 0.25 * length + 0.05 * reach:
+        got = f"({where}) m, {beyond:.3g} m beyond the ends of its link, which is {length:.3g} m long"
+        yield Oddity(path, got, f"a mass centre between the link's ends{_thousandth(com, length or reach)}")
+    elif aside > allowed:
+        what = "its mass centre" if extent is None else "its shape"
+        got = f"({where}) m: {what} is {aside:.3g} m away from its link"
+        yield Oddity(path, got, f"less than {allowed:.2g} m{_thousandth(com, length or reach)}")
+
+
+def _thousandth(vector: np.ndarray, length: float) -> str:
+    return '; unit = "mm"?' if float(np.linalg.norm(vector)) > 50 * length else ""
+
+
+def _density(path: str, mass: float, extent: np.ndarray) -> Iterator[Oddity]:
+    """Yield a mass that no material has in a box of that size."""
+    size = extent[1] - extent[0]
+    volume = float(np.prod(size))
+    if not (volume > 0 and mass > 0) or LIGHTEST < mass / volume < DENSEST:
+        return
+    edges = " x ".join(f"{edge:.3g}" for edge in size)
+    heavy = mass / volume >= DENSEST
+    expected = f"{'at most' if heavy else 'above'} {DENSEST if heavy else LIGHTEST:,.0f} kg/m^3; check kg, g, m and mm"
+    yield Oddity(path, f"{mass:.4g} kg in {edges} m, {mass / volume:.3g} kg/m^3", expected)
+
+
+def _gyration(
+    path: str, mass: float, inertia: np.ndarray, link: Link, com: np.ndarray, reach: float
+) -> Iterator[Oddity]:
+    """Yield an inertia whose radius of gyration is larger than the body can be, or a speck."""
+    largest = float(np.linalg.eigvalsh(inertia)[-1])
+    if not (mass > 0 and largest > 0):
+        return
+    size = max(float(np.linalg.norm(link.end)), float(np.linalg.norm(com)), 0.1 * reach)
+    radius = (largest / mass) ** 0.5
+    if radius > size or radius < 0.003 * size:
+        got = f"{largest:.3g} kg m^2 of {mass:.3g} kg, a radius of gyration of {radius:.3g} m"
+        expected = f"about {0.3 * size:.2g} m on a link of {size:.2g} m, some {mass * (0.3 * size) ** 2:.1g} kg m^2"
+        yield Oddity(path, got, f'{expected}; unit = "kg*mm^2", or about the mass centre?')
+
+
+def _placeholders(every: Sequence[Link], reach: float, extents: Mapping[str, np.ndarray]) -> Iterator[Oddity]:
+    """Yield what is odd about all bodies together, as in a description whose masses nobody has filled in."""
+    if same := _alike([(link, body) for link in every for body in link.bodies if body.name not in extents], reach):
+        yield same
+    long = [link for link in every if link.bodies and float(np.linalg.norm(link.end)) > LONG * reach]
+    if len(long) < 2:
+        return
+    lengths = np.array([np.linalg.norm(link.end) for link in long])
+    shown = ", ".join(body.name for link in long for body in link.bodies)
+    whole = [_together(link.bodies) for link in long]
+    if all(
+        mass > 0 and np.linalg.norm(com) < 0.005 * each for (mass, com, _), each in zip(whole, lengths, strict=True)
+    ):
+        got = f"the mass centres of all long links ({shown}) are at their joints"
+        yield Oddity("bodies.com", got, f"near the middle of links of {lengths.min():.2g} to {lengths.max():.2g} m")
+    if same or any(body.name in extents for link in long for body in link.bodies):
+        return
+    edges = np.array([_longest_edge(mass, inertia) for mass, _, inertia in whole])
+    if (edges > 0).all() and ((edges < FLATTEST * lengths).all() or (edges > LARGEST_BOX * lengths).all()):
+        got = f"boxes of the inertias of all long links ({shown}) are {edges.min():.2g} to {edges.max():.2g} m long"
+        yield Oddity("bodies.inertia", got, f"{lengths.min():.2g} to {lengths.max():.2g} m, as the links are")
+
+
+def _alike(bodies: Sequence[tuple[Link, Body]], reach: float) -> Oddity | None:
+    """Return that most bodies have one inertia, though their links or masses are not alike."""
+    tensors = [np.asarray(body.inertia) for _, body in bodies]
+    groups = ([np.allclose(other, one, rtol=1e-6, atol=0) for other in tensors] for one in tensors if one.any())
+    most = max(groups, key=sum, default=[])
+    if sum(most) < max(LEAST_ALIKE, ALIKE * len(bodies)):
+        return None
+    group = [pair for pair, is_same in zip(bodies, most, strict=True) if is_same]
+    length = np.array([np.linalg.norm(link.end) for link, _ in group])
+    mass = np.array([float(body.mass) for _, body in group])
+    if length.max() < UNLIKE * max(length.min(), 0.02 * reach) and mass.max() < UNLIKE * mass.min():
+        return None
+    moments = ", ".join(f"{x:.3g}" for x in np.linalg.eigvalsh(np.asarray(group[0][1].inertia)))
+    masses = f"{mass.min():.3g}" + f" to {mass.max():.3g}" * bool(mass.max() > mass.min())
+    got = f"{len(group)} bodies of {masses} kg have one inertia, {moments} kg m^2, on links up to {length.max():.2g} m"
+    n = int(length.argmax())
+    expected = f"the inertia of each: a box of {mass[n]:.3g} kg and {length[n]:.2g} m has"
+    return Oddity("bodies.inertia", got, f"{expected} {mass[n] * length[n] ** 2 / 12:.2g} kg m^2 across; placeholders?")
+
+
+def _together(bodies: Sequence[Body]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return mass, mass centre and inertia about it of bodies together."""
+    mass = sum(float(body.mass) for body in bodies)
+    com = np.asarray(sum(float(body.mass) * np.asarray(body.com) for body in bodies)) / (mass or 1.0)
+    inertia = np.zeros((3, 3))
+    for body in bodies:
+        way = np.asarray(body.com) - com
+        inertia += np.asarray(body.inertia) + float(body.mass) * (way @ way * np.eye(3) - np.outer(way, way))
+    return mass, com, inertia
+
+
+def _longest_edge(mass: float, inertia: np.ndarray) -> float:
+    """Return the longest edge [m] of the solid box of a mass and inertia."""
+    moments = np.linalg.eigvalsh(inertia)
+    return float(np.sqrt(max(6 * (moments[2] + moments[1] - moments[0]) / mass, 0.0))) if mass > 0 else 0.0
+
+
+def _giving(arm: Arm) -> Iterator[Oddity]:
+    """Yield stiffnesses that the weight beyond them bends by degrees, held out level."""
+    g = float(np.linalg.norm(arm.gravity))
+    level = True  # whether every axis up to here is along gravity, so that torsion never carries weight
+    for joint, beyond in zip(arm.joints, carried(arm), strict=True):
+        moment = g * beyond.mass * beyond.distance
+        level = level and bool(g) and abs(float(np.asarray(joint.axis) @ np.asarray(arm.gravity))) > 0.999 * g
+        for field in STIFFNESS[: 1 if level else 2]:
+            k = float(getattr(joint, field))
+            if moment > MOST_GIVING * k:
+                angle = moment / k
+                much = f"{np.degrees(angle):.2g} deg" if angle < 0.5 else "over"
+                got = f"{k:.3g} N m/rad carries {beyond.mass:.3g} kg at {beyond.distance:.2g} m: bent {much} by weight"
+                yield Oddity(f"{joint.name}.{field}", got, f"above {moment / MOST_GIVING:.1g} N m/rad")
+
+
+def _proportion(arm: Arm) -> Iterator[Oddity]:
+    """Yield stiffnesses far from all others, which the inertia that they carry does not explain."""
+    beyond = dict(zip((joint.name for joint in arm.joints), carried(arm), strict=True))
+    k = {f"{joint.name}.{field}": float(getattr(joint, field)) for joint in arm.joints for field in STIFFNESS}
+    while len(k) > 1:
+        odd = {path: ratio for path, value in k.items() if (ratio := _odd_ratio(path, value, k, beyond)) != 1}
+        if not odd:
+            return
+        path = max(odd, key=lambda each: abs(np.log(odd[each])))
+        others = float(np.median([value for each, value in k.items() if each != path]))
+        much = f"{odd[path]:.2g} times" if odd[path] > 1 else f"1/{1 / odd[path]:.2g} of"
+        got = f"{k.pop(path):.3g} N m/rad, {much} the median of all others"
+        yield Oddity(path, got, f"something near {others:.1g} N m/rad; 1 N m/deg is 57 N m/rad, 1 N mm/deg is 0.057")
+
+
+def _odd_ratio(path: str, value: float, k: Mapping[str, float], beyond: Mapping[str, Carried]) -> float:
+    """Return the ratio of a stiffness to the median of the others where it is odd, also for its load; else 1."""
+    others = [each for each in k if each != path]
+    inertia = {each: beyond[each.partition(".")[0]].inertia for each in k}
+    plain = value / float(np.median([k[each] for each in others]))
+    loaded = value / inertia[path] / float(np.median([k[each] / inertia[each] for each in others]))
+    high, low = min(plain, loaded) > PROPORTION, max(plain, loaded) < 1 / PROPORTION
+    return plain if high or low else 1.0
+
+
+def _limits(arm: Arm) -> Iterator[Oddity]:
+    """Yield ranges of angles that look like degrees given as radians, or the other way."""
+    ranges = {f"{joint.name}.limits": joint.limits for joint in arm.driven}
+    if arm.stroke:
+        ranges["stroke.folded"] = (float(arm.stroke.unfolded), float(arm.stroke.folded))
+    for path, (low, high) in ranges.items():
+        width = abs(high - low)
+        shown = f"{np.degrees(low):.4g} to {np.degrees(high):.4g} deg"
+        if FARTHEST_TURN < width < np.inf:
+            yield Oddity(path, shown, f'some turns at most; unit = "deg", {low:.4g} to {high:.4g}?')
+        elif 0 < width < LEAST_TURN:
+            yield Oddity(path, shown, f'a wider range; unit = "rad", {np.degrees(np.degrees(width)):.3g} deg wide?')
+
+
+def _drives(arm: Arm) -> Iterator[Oddity]:
+    """Yield drives and belts of an unlikely size, and belts that cannot run."""
+    for drive in arm.drives:
+        ratio, eccentricity = abs(float(drive.ratio)), float(drive.eccentricity)
+        if not 5 <= ratio <= 1000:
+            yield Oddity(f"{drive.name}.ratio", f"{float(drive.ratio):g}", "30 to 320 for a harmonic drive")
+        if eccentricity > 0.1:
+            yield Oddity(f"{drive.name}.eccentricity", f"{eccentricity:g} m", 'some millimetres; unit = "mm"?')
+        if float(drive.error) > 0.01:
+            expected = 'some arc minutes; unit = "arcsec"?'
+            yield Oddity(f"{drive.name}.error", f"{np.degrees(float(drive.error)):.3g} deg", expected)
+    for belt in arm.belts:
+        for end in ("driver_radius", "driven_radius"):
+            if not 1e-3 < (radius := float(getattr(belt, end))) < 0.5:
+                yield Oddity(f"{belt.name}.{end}", f"{radius:g} m", 'some centimetres; unit = "mm"?')
+    for each in belt_mismatches(arm):
+        other = f" or driven_radius = {1e3 * each.radius:.6g} mm" if each.radius > 0 else ""
+        got = f"one span would grow by {1e3 * each.stretch:.4g} mm over the stroke, {1e3 * each.allowed:.3g} slacken it"
+        yield Oddity(each.belt, got, f"{each.drive}.ratio = {each.ratio:.6g}{other}")
+
+
+def _behaviour(
+    arm: Arm, frequency: np.ndarray, damping_ratio: np.ndarray, energy: np.ndarray, sag: float
+) -> Iterator[Oddity]:
+    field, joint = np.unravel_index(int(np.argmax(energy)), energy.shape)
+    path = f"{arm.joints[joint].name}.{STIFFNESS[field]}"
+    first, reach = float(frequency[0]), reach_of(arm)
+    if not LOWEST <= first <= HIGHEST:
+        got = f"the first natural frequency is {first:.3g} Hz, {100 * energy[field, joint]:.0f} % of its energy is here"
+        yield Oddity(path, got, f"{LOWEST:g} to {HIGHEST:g} Hz; check stiffnesses, masses and their units")
+    if sag > MOST_SAG * reach:
+        got = f"the end point sags by {1e3 * sag:.3g} mm, {100 * sag / reach:.2g} % of the reach of {reach:.3g} m"
+        yield Oddity(path, got, f"less than {100 * MOST_SAG:g} %")
+    if damping_ratio.max() > MOST_DAMPED:
+        got = f"mode {int(damping_ratio.argmax()) + 1} has a damping ratio of {100 * damping_ratio.max():.3g} %"
+        yield Oddity(f"{arm.joints[joint].name}.tau_bend", got, f"below {100 * MOST_DAMPED:g} %; tau is in seconds")

@@ -1,0 +1,179 @@
+"""A diagnosis as a value: what each stage has come to, and the verdict."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.assess.remedies import Remedy, Task, Verification, VibrationAssessment
+from ident.identify.compare import CampaignSample, Validation, parts_of
+from ident.identify.fit import CampaignFit
+from ident.inference.draws import quantiles
+from ident.inference.scrutiny import HeldOut, held_out
+from ident.vibrate.branches import Branches, branches
+from ident.vibrate.resonance import Excitation, ResonanceCrossing, excitation, resonance_crossings, with_amplitudes
+from ident.vibrate.sweep import Sensitivities
+
+Verdict = Literal["accept", "warn", "reject"]
+LEAVE = "posture"
+"""What is left out at a time, to see how well the others predict it."""
+TIMES, NEAR = 500, np.radians(2.0)
+"""Times at which a motion is compared with the measured postures, and what a joint may turn beyond them [rad]."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What the measurements tell of the arm, and what is asked of the arm that they tell of.
+
+    Attributes:
+        sampled: the posterior.
+        task: what is asked, of the arm with the medians of draws of the posterior.
+    """
+
+    sampled: CampaignSample
+    task: Task
+
+    @cached_property
+    def quantiles(self) -> Float[np.ndarray, "3 P"]:
+        """Quantiles of 2.5, 50 and 97.5 % of each unknown of the fit over all draws [SI]."""
+        count = len(self.sampled.fitted.problem.parameters.items)
+        return quantiles(self.sampled.sample)[[0, 2, 4], :count]
+
+    @property
+    def short(self) -> bool:
+        """Whether the chains are shorter than they should be."""
+        sample = self.sampled.sample
+        return not all(each.enough(sample.settings.target_ess) for each in sample.diagnosis)
+
+
+@dataclass(frozen=True)
+class ResonanceAssessment:
+    """Natural frequencies along the motion and what excites the arm.
+
+    Attributes:
+        branches: with the draws as sets; None where nothing turns.
+        excitation: by the pulleys; None where nothing turns.
+        crossings: where one is near the other, what causes most vibration first.
+    """
+
+    branches: Branches | None = None
+    excitation: Excitation | None = None
+    crossings: tuple[ResonanceCrossing, ...] = ()
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """A diagnosis as far as it has come.
+
+    Attributes:
+        stages: value of each finished stage, in order: stiffness, trust, resonance, vibration, sensitivities; and,
+            where the vibration is not accepted, remedies and verification.
+    """
+
+    stages: Mapping[str, Any] = field(default_factory=dict)
+
+    def then(self, stage: str, value: Any) -> "Diagnosis":
+        """Return the diagnosis with one stage more."""
+        return Diagnosis({**self.stages, stage: value})
+
+    def needs(self, stage: str) -> bool:
+        """Return whether a stage is to be carried out: remedies are sought where the vibration is not accepted."""
+        return stage not in ("remedies", "verification") or not self.vibration.accepted
+
+    @property
+    def identification(self) -> Identification:
+        """How stiff the joints are."""
+        value: Identification = self.stages["stiffness"]
+        return value
+
+    @property
+    def task(self) -> Task:
+        """What is asked."""
+        return self.identification.task
+
+    @property
+    def validation(self) -> Validation:
+        """How well each posture is predicted by the others; no part where all measurements are of one."""
+        value: tuple[HeldOut, ...] = self.stages["trust"]
+        return Validation(self.identification.sampled.fitted, LEAVE, value)
+
+    @property
+    def beyond(self) -> Mapping[str, float]:
+        """By how much the motion turns joints further than the postures that were measured [rad], by name."""
+        measured = np.array([m.posture for m in self.identification.sampled.fitted.campaign])
+        motion = self.task.basis.motion
+        turned = np.asarray(motion(np.linspace(motion.breaks[0], motion.breaks[-1], TIMES))[0])
+        far = np.maximum(measured.min(0) - turned.min(1), turned.max(1) - measured.max(0))
+        names = (joint.name for joint in self.task.basis.arm.driven)
+        return {name: float(by) for name, by in zip(names, far, strict=True) if by > NEAR}
+
+    @property
+    def resonance(self) -> ResonanceAssessment:
+        """Whether the drive meets a natural frequency."""
+        value: ResonanceAssessment = self.stages["resonance"]
+        return value
+
+    @property
+    def vibration(self) -> VibrationAssessment:
+        """How far the arm vibrates."""
+        value: VibrationAssessment = self.stages["vibration"]
+        return value
+
+    @property
+    def sensitivities(self) -> Sensitivities:
+        """Which numbers of the arm matter most."""
+        value: Sensitivities = self.stages["sensitivities"]
+        return value
+
+    @property
+    def remedies(self) -> tuple[Remedy, ...]:
+        """What can be done, the best first; nothing where nothing need be done."""
+        return tuple(self.stages.get("remedies", ()))
+
+    @property
+    def verifications(self) -> tuple[Verification, ...]:
+        """Those of the first remedies, in their order."""
+        return tuple(self.stages.get("verification", ()))
+
+    @property
+    def advised(self) -> Remedy | None:
+        """The remedy that is advised; None where none is needed."""
+        return self.remedies[chosen(self.verifications)] if self.verifications else None
+
+    @property
+    def verified(self) -> Verification | None:
+        """The verification of the remedy that is advised."""
+        return self.verifications[chosen(self.verifications)] if self.verifications else None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Accept the arm as it is, warn where a remedy is needed and holds, reject where none does."""
+        if self.advised is None or self.verified is None:
+            return "accept"
+        return "warn" if self.advised.meets_limit and self.verified.holds else "reject"
+
+
+def assess_trust(fitted: CampaignFit) -> tuple[HeldOut, ...]:
+    """Leave out each posture in turn, and predict its measurements by a fit to the others."""
+    parts = parts_of(fitted.campaign, LEAVE)
+    return held_out(fitted, parts) if len(parts) > 1 else ()
+
+
+def assess_resonance(task: Task) -> ResonanceAssessment:
+    """Follow the natural frequencies along the motion, and compare them with what the pulleys excite."""
+    if not task.basis.arm.drives:
+        return ResonanceAssessment()
+    followed = branches(task.basis.arm.replace(dict(task.band_draws)), task.basis.motion, loads=task.basis.loads)
+    excited = excitation(task.basis.arm, task.basis.motion)
+    near = resonance_crossings(followed, excited)
+    return ResonanceAssessment(
+        followed, excited, with_amplitudes(near, task.basis.arm, task.basis.motion, task.basis.loads)
+    )
+
+
+def chosen(verifications: Sequence[Verification]) -> int:
+    """Return the place of the remedy to be advised: the one that holds, or else the first."""
+    return len(verifications) - 1 if verifications[-1].holds else 0

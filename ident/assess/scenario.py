@@ -1,0 +1,251 @@
+"""What a simulation rests on: the arm with the values found, its motion, and the unknown phases of unbalance."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads
+from ident.arm.multibody import refuse_losses
+from ident.description.file import ArmFile
+from ident.identify.binding import loads_of
+from ident.identify.values import Values
+from ident.measure import OWN_WEIGHT, Load, Log
+from ident.vibrate.motion import Motion
+from ident.vibrate.simulate import Superposition
+
+# -------- Phases
+# Phases of the turning masses that nobody knows, and kinematic errors: which they are, and draws of them.
+
+GUESSED = ("assumed", "calibrated", "derived", "designed", "")
+"""Origins of a phase with which it is not known: it was not seen on this arm."""
+KINDS = (("eccentricity", "phase"), ("error", "error_phase"))
+"""What excites: amplitude and phase of the imbalance and of the kinematic error."""
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """What nobody knows of the excitation.
+
+    Attributes:
+        phases: paths of the phases of imbalance and kinematic error that are not known.
+        errors: lowest and highest amplitude [rad] of the kinematic errors that are not known, by path; each between is
+            as likely as any other. The arm itself has the highest.
+    """
+
+    phases: tuple[str, ...] = ()
+    errors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def highest(self) -> dict[str, float]:
+        """The highest kinematic errors, by path [rad]."""
+        return {path: high for path, (_, high) in self.errors.items()}
+
+    def draws(self, count: int, seed: int = 0) -> dict[str, Float[np.ndarray, "K"]]:
+        """Return draws of them, by path [rad]."""
+        rng = np.random.default_rng(seed)
+        angles = rng.uniform(0.0, 2 * np.pi, (count, len(self.phases)))
+        sizes = {path: rng.uniform(low, high, count) for path, (low, high) in self.errors.items()}
+        return dict(zip(self.phases, angles.T, strict=True)) | sizes
+
+
+def unknowns(
+    arm: Arm,
+    origins: Mapping[str, str],
+    given: Collection[str],
+    *,
+    errors: tuple[float, float] | None = None,
+    phases: bool = True,
+) -> tuple[Arm, Unknowns]:
+    """Return an arm with the largest kinematic errors that may be, and what nobody knows of its excitation.
+
+    Args:
+        arm: the arm.
+        origins: of its numbers, by path.
+        given: numbers that the user has set.
+        errors: lowest and highest kinematic error [arc seconds, peak to peak], twice the amplitude; None for the arm's.
+        phases: whether phases are unknown.
+    """
+    bounds: dict[str, tuple[float, float]] = {}
+    if errors is not None:
+        low, high = np.deg2rad(np.array(errors) / 2 / 3600).tolist()
+        bounds = unknown_errors(arm, origins, given, low, high)
+        arm = arm.replace({path: end for path, (_, end) in bounds.items()})
+    return arm, Unknowns(unknown_phases(arm, origins, given) if phases else (), bounds)
+
+
+def unknown_phases(arm: Arm, origins: Mapping[str, str], given: Collection[str]) -> tuple[str, ...]:
+    """Return the paths of the phases that are not known, of what excites the arm.
+
+    Args:
+        arm: the arm.
+        origins: of its numbers, by path.
+        given: numbers that the user has set.
+    """
+    sizes = {f"{drive.name}.{phase}": getattr(drive, size) for size, phase in KINDS for drive in arm.drives}
+    exciting = [path for path, size in sizes.items() if np.any(np.asarray(size) != 0)]
+    return tuple(path for path in exciting if _guessed(path, origins, given))
+
+
+def unknown_errors(
+    arm: Arm, origins: Mapping[str, str], given: Collection[str], low: float, high: float
+) -> dict[str, tuple[float, float]]:
+    """Return the kinematic errors that are not known, with their bounds [rad], by path; see `unknown_phases`."""
+    paths = [f"{drive.name}.error" for drive in arm.drives]
+    return {path: (low, high) for path in paths if _guessed(path, origins, given)}
+
+
+def _guessed(path: str, origins: Mapping[str, str], given: Collection[str]) -> bool:
+    return path not in given and origins.get(path, "") in GUESSED
+
+
+# -------- Basis
+# What a simulation rests on: the arm with the values that it has taken over, its motion and its load.
+
+
+@dataclass(frozen=True)
+class Basis:
+    """An arm that carries out a motion, and where its numbers come from.
+
+    Attributes:
+        arm_file: the arm as its file has it.
+        arm: the arm as it is simulated: with fitted values, or medians of the draws, and what was set.
+        motion: commanded joint angles.
+        percent: [%] of full speed, or of a path's own.
+        load: the load case.
+        log: the joint path, if one is replayed.
+        fit: values of a fit that the arm has taken over.
+        posterior: draws of a posterior.
+        changed: numbers that were set, by path [SI].
+        name: what files are called: arm, motion, percent.
+        unknown: what nobody knows of the excitation, which is drawn with the posterior.
+
+    Raises:
+        InputError: the arm has loss factors, of which motion in time knows nothing.
+    """
+
+    arm_file: ArmFile
+    arm: Arm
+    motion: Motion
+    percent: float
+    load: Load = OWN_WEIGHT
+    log: Log | None = None
+    fit: Values | None = None
+    posterior: Values | None = None
+    changed: Mapping[str, float] = field(default_factory=dict)
+    name: str = ""
+    unknown: Unknowns = field(default_factory=Unknowns)
+
+    def __post_init__(self) -> None:
+        refuse_losses(self.arm)
+
+    @cached_property
+    def loads(self) -> Loads:
+        """The load case as the mechanics take it."""
+        return loads_of(self.arm, self.load)
+
+    @cached_property
+    def draws(self) -> Mapping[str, Float[np.ndarray, "D"]]:
+        """Draws [SI] of the numbers that were not set and the unknown excitation, by path; none without a posterior."""
+        return self.drawn(self.posterior)
+
+    def drawn(self, posterior: Values | None, seed: int = 0) -> Mapping[str, Float[np.ndarray, "D"]]:
+        """Return draws of a posterior for the numbers that were not set, and as many of the unknown excitation."""
+        values = posterior.without(self.changed) if posterior else {}
+        count = len(next(iter(values.values()))) if values else 0
+        return values | self.unknown.draws(count, seed) if values else {}
+
+    @property
+    def sources(self) -> dict[str, Any]:
+        """What came from files, each with `path` and `sha256`, by name; None for what was not given."""
+        return {"arm": self.arm_file, "fit": self.fit, "posterior": self.posterior, "path": self.log}
+
+    @property
+    def point(self) -> str:
+        """Name of the end point."""
+        return self.arm.points[-1].name
+
+
+# -------- Over phases
+# What phases that nobody knows do to the vibration: its worst case, its quantiles, what makes it.
+
+DRAWS = 1000
+"""Draws of phases, which take no simulation."""
+
+
+@dataclass(frozen=True)
+class OverPhases:
+    """The vibration over all phases that are not known.
+
+    Attributes:
+        peaks: (3, K) [m] peak with each of K draws of these phases.
+        envelope: (3, T) [m] the largest magnitude over all of them at each time.
+        division: (3, 3) [m] what motion and all that is known, imbalance and kinematic error (first axis) make of the
+            largest peak in each direction.
+    """
+
+    peaks: Float[np.ndarray, "3 K"]
+    envelope: Float[np.ndarray, "3 T"]
+    division: Float[np.ndarray, "3 3"]
+
+    @property
+    def worst(self) -> Float[np.ndarray, "3"]:
+        """The largest peak over all phases in each direction [m]."""
+        return self.envelope.max(1)
+
+    @property
+    def band(self) -> Float[np.ndarray, "2 3"]:
+        """5 and 95 % quantiles of the peak over the phases [m]."""
+        return np.quantile(self.peaks, (0.05, 0.95), axis=1)
+
+    def exceeds(self, limit: float) -> tuple[Float[np.ndarray, "3"], float]:
+        """Return the share of phases whose peak exceeds a limit [m]: in each direction, and in any."""
+        beyond = self.peaks > limit
+        return beyond.mean(1), float(beyond.any(0).mean())
+
+
+def over_phases(whole: Superposition, unknown: Unknowns, count: int = DRAWS) -> OverPhases:
+    """Return the vibration over what is not known of the excitation, each phase as likely as any other."""
+    return OverPhases(whole.peaks(*_drawn(whole, unknown, count)), whole.envelope, whole.division)
+
+
+def at_share(arm: Arm, whole: Superposition, unknown: Unknowns, share: float) -> dict[str, float]:
+    """Return numbers of an excitation, by path, whose largest peak a share of all that may be does not exceed.
+
+    Args:
+        arm: has the highest kinematic errors.
+        whole: its vibration.
+        unknown: what may be.
+        share: of all that may be.
+    """
+    phases, factors = _drawn(whole, unknown, DRAWS)
+    peaks = whole.peaks(phases, factors).max(0)
+    chosen = int(np.argsort(peaks)[min(int(np.ceil(share * DRAWS)), DRAWS - 1)])
+    sizes = {
+        _size(path): float(arm.get(_size(path))) * factors[k, chosen]
+        for k, path in enumerate(whole.unknown)
+        if _size(path) in unknown.errors
+    }
+    return sizes | dict(zip(whole.unknown, phases[:, chosen].tolist(), strict=True))
+
+
+def _drawn(
+    whole: Superposition, unknown: Unknowns, count: int
+) -> tuple[Float[np.ndarray, "U K"], Float[np.ndarray, "U K"]]:
+    """Return draws of the phases of a sum, and of the factors of what they excite."""
+    drawn, even = unknown.draws(count), np.ones(count)
+    highest = unknown.highest
+    factors = [
+        drawn[_size(path)] / highest[_size(path)] if highest.get(_size(path)) else even for path in whole.unknown
+    ]
+    return np.stack([drawn[path] for path in whole.unknown]), np.stack(factors)
+
+
+def _size(phase: str) -> str:
+    """Return the path of what a phase belongs to."""
+    drive, _, name = phase.rpartition(".")
+    return f"{drive}.{next(size for size, of in KINDS if of == name)}"

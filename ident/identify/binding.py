@@ -1,0 +1,151 @@
+"""Checks that every joint, point, payload and label of a campaign exists in the arm, and its load cases as numbers."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads, body_axes
+from ident.arm.modes import parse_label
+from ident.arm.parts import Body
+from ident.errors import InputError, Problem
+from ident.measure import Campaign, Load, Measurement
+from ident.measure.load import named_points
+from ident.text import did_you_mean
+
+# -------- Misfits
+# What a campaign speaks of that its arm has not.
+
+
+def misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
+    """Yield what a measurement speaks of that the arm has not."""
+    if len(m.posture) != len(arm.driven):
+        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
+        yield Problem(m.where, f"{len(m.posture)} joint angles", expected, "add or remove q columns", "posture")
+    points = [point.name for point in arm.points]
+    for column, name in (("point", m.point), ("reference_point", m.reference_point)):
+        if name is not None and name not in points:
+            yield _unknown(m.where, column, name, points)
+    joints = [joint.name for joint in arm.driven]
+    if m.joint is not None and m.joint not in joints:
+        yield _unknown(m.where, "joint", m.joint, joints)
+    for column, load in (("load", m.load), ("reference_load", m.reference_load)):
+        yield from unknown_names(arm, load, m.where, column)
+    if m.drives == "off":
+        remedy = "leave the row out, or measure it with brake or servo on"
+        yield Problem(m.where, "motors that turn freely", "motors that are held, as in the model", remedy, "drives")
+    if m.kind == "damping_ratio" and not m.mode:
+        remedy = "name it: damping ratios do not rise with the modes"
+        yield Problem(m.where, "a damping ratio without mode", "the label of its mode", remedy, "mode")
+    if m.mode and not points:
+        remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
+        yield Problem(m.where, f"'{m.mode}'", "no label, as the arm has no point", remedy, "mode")
+    if m.mode:
+        label = parse_label(m.mode)
+        if label is None or label.ordinal > _count(arm, m.drives):
+            remedy = "name it so, or leave the field empty to match modes in ascending order"
+            expected = "a label such as 'vertical bending 1' or 'torsion 2'"
+            yield Problem(m.where, f"'{m.mode}'", expected, remedy, "mode")
+
+
+def too_many(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
+    """Refuse more frequencies of a state than the arm has modes: each without a label is of another mode."""
+    states: dict[tuple[tuple[float, ...], Load, str], list[Measurement]] = {}
+    for m in campaign.of_kind("frequency"):
+        states.setdefault((m.posture, m.load, m.drives), []).append(m)
+    for (*_, drives), own in states.items():
+        modes = _count(arm, drives)
+        blank = [m for m in own if not m.mode]
+        labels = {label for m in own if (label := parse_label(m.mode or "")) and label.direction and label.kind}
+        left = max(modes - len(labels), 0)
+        if len(blank) > left:
+            got = f"{len(blank)} frequencies without a label at this posture and load"
+            expected = f"at most {left}, each of another mode: the arm has {modes}, of which labels take {len(labels)}"
+            remedy = "name the modes of repeated ones, or leave out what is no natural frequency"
+            yield Problem(blank[left].where, got, expected, remedy, "mode")
+
+
+def _count(arm: Arm, drives: str) -> int:
+    """Return the number of modes: with a servo on, the motors have theirs."""
+    return 3 * len(arm.joints) + (len(arm.servos) if drives == "servo" else 0)
+
+
+def unknown_names(arm: Arm, load: Load, where: str, column: str) -> Iterator[Problem]:
+    """Yield what a load case hangs on points, or takes for payloads, that the arm has not."""
+    points, payloads = [point.name for point in arm.points], [payload.body.name for payload in arm.payloads]
+    for name in named_points(load):
+        if name not in points:
+            yield _unknown(where, column, name, points)
+    bodies = [part.name for part in arm.parts() if isinstance(part, Body)]
+    for *_, name in load.own:
+        if name not in bodies:
+            yield _unknown(where, column, name, bodies)
+    for name in load.payloads:
+        if name not in payloads:
+            yield _unknown(where, column, name, payloads)
+
+
+def _unknown(where: str, column: str, name: str, known: list[str]) -> Problem:
+    expected = f"one of {', '.join(known)}" if known else "none, as the arm has none"
+    remedy = did_you_mean(name, known, "correct the name, or add it to the arm file")
+    return Problem(where, f"'{name}'", expected, remedy, column)
+
+
+# -------- Loads
+# Load cases as the arm's equations need them: what hangs on which point, and which forces act in the base frame.
+
+
+def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
+    """Return load cases as the arm's equations need them, batch (S).
+
+    Raises:
+        InputError: a payload or point that the arm has not.
+    """
+    problems = [problem for load in loads for problem in unknown_names(arm, load, "", "load")]
+    for load in loads if not problems else ():
+        for _, _, point, body in load.own:
+            remedy = "give it in the base frame: as the arm moves, the body turns"
+            problems += [Problem("", f"a load at {point} along the axes of {body}", "a posture", remedy, "load")]
+    if problems:
+        raise InputError(problems)
+    return load_columns(arm, loads)
+
+
+def in_base_axes(arm: Arm, posture: Sequence[float], load: Load) -> Load:
+    """Return a load with all its forces and moments in the base frame, at a posture [rad]."""
+    if not load.own:
+        return load
+    turned: dict[str, list[tuple[Any, str]]] = {"force": [*load.forces], "moment": [*load.moments]}
+    for kind, vector, point, body in load.own:
+        turned[kind].append((tuple((body_axes(arm, np.asarray(posture), body) @ vector).tolist()), point))
+    return Load(load.payloads, load.masses, tuple(turned["force"]), tuple(turned["moment"]))
+
+
+def loads_of(arm: Arm, load: Load) -> Loads:
+    """Return a load case as the arm's equations need it, without batch.
+
+    Raises:
+        InputError: a payload or point that the arm has not.
+    """
+    return jax.tree.map(lambda x: x[..., 0], bind_loads(arm, [load]))
+
+
+def load_columns(arm: Arm, cases: Sequence[Load]) -> Loads:
+    """Return load cases of names that the arm has, batch (S)."""
+    points, payloads = [p.name for p in arm.points], [p.body.name for p in arm.payloads]
+    share = np.zeros((len(payloads), len(cases)))
+    mass = np.zeros((len(points), len(cases)))
+    force, moment = np.zeros((2, 3, len(points), len(cases)))
+    for state, case in enumerate(cases):
+        for name in case.payloads:
+            share[payloads.index(name), state] = 1
+        for kilograms, name in case.masses:
+            mass[points.index(name), state] += kilograms
+        for vector, name in case.forces:
+            force[:, points.index(name), state] += vector
+        for vector, name in case.moments:
+            moment[:, points.index(name), state] += vector
+    parts = jax.device_put((share, mass, force, moment if moment.any() else None))
+    return Loads(*parts)

@@ -1,0 +1,771 @@
+"""Experiments that could be made: postures, sensors and loads, what an arm would show, and what that would tell."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations, product
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads, at_posture
+from ident.arm.mechanics import deflection, forward_kinematics, point_positions, static_equilibrium
+from ident.arm.modes import AMBIGUOUS, Label, labels_of_shares, modes_about, torsion_share, vertical_share
+from ident.arm.parts import Point
+from ident.errors import InputError, ModelError, Problem
+from ident.identify.binding import bind_loads
+from ident.identify.modal_analysis import modal_analysis
+from ident.identify.unknowns import LOAD, scaled_bodies, scaled_inertia, scaled_loads
+from ident.inference.design import Experiments, fisher
+from ident.inference.parameters import Parameters
+from ident.inference.problem import Discrepant
+from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
+from ident.measure.covariance_and_frames import COMMON
+from ident.programs import jit
+from ident.text import did_you_mean
+
+# -------- Candidate predictions
+# What an arm would show at many postures and loads, for several sets of its numbers: values, Jacobians, shares.
+
+CHUNK = 256
+"""Columns (a posture, a load and a theta) that are computed together."""
+SAME = 1e-7
+"""Relative difference below which two postures show the same."""
+ROUNDING = 1e-6
+"""Share of the largest number below which a derivative may be rounding error."""
+
+
+@dataclass(frozen=True)
+class CandidatePredictions:
+    """What would be seen in G postures under L loads at T points of the parameters.
+
+    Attributes:
+        postures: (G, joints) [rad]
+        frequency: (m, G, L, T) [Hz] the lowest modes, ascending.
+        deflection: (G, L, T) [m] of the end point, downwards.
+        jacobian: (m+1, P, G, L, T) of the frequencies, then of the deflection, by theta.
+        torsion: (m, G, L, T) [-] share of torsion in each mode's strain energy.
+        vertical: (m, G, L, T) [-] share of vertical motion at the end point.
+        gap: (m, G, L, T) [-] distance of each frequency from its nearest neighbour, as a share of itself.
+    """
+
+    postures: Float[np.ndarray, "G joints"]
+    frequency: Float[np.ndarray, "m G L T"]
+    deflection: Float[np.ndarray, "G L T"]
+    jacobian: Float[np.ndarray, "r P G L T"]
+    torsion: Float[np.ndarray, "m G L T"]
+    vertical: Float[np.ndarray, "m G L T"]
+    gap: Float[np.ndarray, "m G L T"]
+
+    @property
+    def stable(self) -> Bool[np.ndarray, "G T"]:
+        """Where the arm has a stable equilibrium under every load."""
+        return np.isfinite(self.jacobian).all((0, 1, 3)) & np.isfinite(self.frequency).all((0, 2))
+
+    @property
+    def named(self) -> Bool[np.ndarray, "m G L T"]:
+        """Which modes' labels are clear, so that accelerometers would tell which mode it is."""
+        return (np.abs(self.torsion - 0.5) >= AMBIGUOUS) & (np.abs(self.vertical - 0.5) >= AMBIGUOUS)
+
+    def labels(self, posture: int, load: int) -> list[Label]:
+        """Name the modes of a posture under a load at the first point."""
+        return labels_of_shares(self.torsion[:, posture, load, 0], self.vertical[:, posture, load, 0])
+
+    def at(self, *, postures: np.ndarray | None = None, points: np.ndarray | None = None) -> "CandidatePredictions":
+        """Return some of the postures, or what holds at some of the points."""
+        g = slice(None) if postures is None else postures
+        t = slice(None) if points is None else points
+        names = ("frequency", "deflection", "jacobian", "torsion", "vertical", "gap")
+        cut = {name: getattr(self, name)[..., g, :, :][..., t] for name in names}
+        return replace(self, postures=self.postures[g], **cut)
+
+
+def candidate_predictions(
+    arm: Arm,
+    parameters: Parameters,
+    points: Float[np.ndarray, "T P"],
+    postures: Float[np.ndarray, "G joints"],
+    loads: tuple[Load, ...],
+    modes: int,
+) -> CandidatePredictions:
+    """Compute what an arm would show.
+
+    Raises:
+        InputError: a payload or point that the arm has not.
+    """
+    shape = len(postures), len(loads), len(points)
+    load_columns = _load_columns(arm, loads)
+    count = min(modes, 3 * len(arm.joints))
+    g, s, t = (index.ravel() for index in np.indices(shape))
+    columns = np.concatenate([points.T[:, t], postures.T[:, g], load_columns[:, s]])
+    missing = -columns.shape[1] % CHUNK
+    columns = np.concatenate([columns, np.repeat(columns[:, -1:], missing, 1)], 1)
+    values, jacobians = [], []
+    for chunk in np.split(columns, columns.shape[1] // CHUNK, 1):
+        seen = _observe(arm, parameters, count, jnp.asarray(chunk))
+        values.append(np.asarray(seen[0]))
+        jacobians.append(np.asarray(seen[1]))
+    size = g.size
+    value = np.concatenate(values, -1)[:, :size].reshape(-1, *shape)
+    jacobian = np.concatenate(jacobians, -1)[..., :size]
+    m = (value.shape[0] - 1) // 3
+    frequency, down, torsion, vertical = np.split(value, [m, m + 1, 2 * m + 1])
+    rows = [*range(count), m]
+    return CandidatePredictions(
+        postures,
+        frequency[:count],
+        down[0],
+        jacobian[rows].reshape(len(rows), -1, *shape),
+        torsion[:count],
+        vertical[:count],
+        _gaps(frequency)[:count],
+    )
+
+
+def distinct_predictions(
+    arm: Arm,
+    parameters: Parameters,
+    points: Float[np.ndarray, "T P"],
+    postures: Float[np.ndarray, "G joints"],
+    measured: Float[np.ndarray, "M joints"],
+    loads: tuple[Load, ...],
+    modes: int,
+) -> tuple[CandidatePredictions, Int[np.ndarray, "G"], Bool[np.ndarray, "V"]]:
+    """Compute what an arm would show in one of each group of equivalent postures, where it stands.
+
+    Args:
+        arm: the arm.
+        parameters: the unknowns.
+        points: where they may lie; the first is the best estimate.
+        postures: to choose from, those that were measured among them.
+        measured: postures that stand for those equivalent to them.
+        loads: the load cases.
+        modes: number of frequencies.
+
+    Returns:
+        The predictions; for each posture its place among them, -1 for none; which of them were measured.
+
+    Raises:
+        InputError: a payload or point that the arm has not.
+        ModelError: the arm stands in no posture.
+    """
+    first = candidate_predictions(arm, parameters, points[:2], postures, loads, modes)
+    if not first.stable[:, 0].any():
+        raise ModelError(
+            f"{arm.name} has no stable equilibrium in any of {len(postures)} postures: its bushings are too soft for"
+            " what they carry; check stiffnesses, masses and their units"
+        )
+    stable = np.flatnonzero(first.stable[:, 0])
+    fine = first.at(postures=stable, points=np.asarray(first.stable[stable].all(0)))
+    before = (postures[stable, None] == measured[None]).all(-1).any(1)
+    # where none was measured those of little turning stand for others, to the left rather than the right
+    left = postures[stable].sum(1) + 0.01 * postures[stable, 0]
+    turning = np.abs(postures[stable]).sum(1) - 1e-6 * left
+    leader = equivalent_postures(fine, np.where(before, -1.0 / (1.0 + turning), turning))
+    leaders = np.unique(leader)
+    place = np.full(len(postures), -1)
+    place[stable] = np.searchsorted(leaders, leader)
+    predictions = candidate_predictions(arm, parameters, points, postures[stable[leaders]], loads, modes)
+    return predictions, place, np.isin(np.arange(len(leaders)), place[stable[before]])
+
+
+def equivalent_postures(predictions: CandidatePredictions, favoured: np.ndarray) -> np.ndarray:
+    """Return for each posture the first one that shows just the same, such as one turned about a vertical axis.
+
+    Args:
+        predictions: what each shows, at points enough to tell postures apart.
+        favoured: (G,) postures of least value stand for those equivalent to them.
+    """
+    shown = np.concatenate([predictions.frequency, predictions.deflection[None], *predictions.jacobian.swapaxes(0, 1)])
+    shown = np.moveaxis(shown, 1, 0).reshape(len(predictions.postures), -1)
+    scale = np.abs(shown).max(0)
+    scale = np.maximum(scale, ROUNDING * scale.max())
+    mark = (shown / scale) @ np.random.default_rng(0).standard_normal(shown.shape[1])
+    order = np.argsort(mark)
+    group = np.empty(len(mark), int)
+    group[order] = np.cumsum(np.diff(mark[order], prepend=mark[order[:1]]) > SAME * np.abs(mark).max())
+    first = np.array(sorted(range(len(mark)), key=lambda i: favoured[i]))
+    leader: dict[int, int] = {}
+    for i in first:
+        leader.setdefault(int(group[i]), int(i))
+    return np.array([leader[int(k)] for k in group])
+
+
+def _load_columns(arm: Arm, loads: tuple[Load, ...]) -> np.ndarray:
+    """Return the load cases as columns, as `_loads_of` takes them apart."""
+    bound = bind_loads(arm, loads)
+    return np.concatenate([np.asarray(part).reshape(-1, len(loads)) for part in jax.tree.leaves(bound)])
+
+
+def _loads_of(arm: Arm, columns: Array) -> Loads:
+    payloads, points = len(arm.payloads), len(arm.points)
+    share, mass, force, moment = jnp.split(columns, [payloads, payloads + points, payloads + 4 * points])
+    moments = moment.reshape(3, points, -1) if len(moment) else None
+    return Loads(share, mass, force.reshape(3, points, -1), moments)
+
+
+@jit
+def _observe(
+    arm: Arm, parameters: Parameters, count: int, columns: Float[Array, "n B"]
+) -> tuple[Float[Array, "R B"], Float[Array, "R P B"]]:
+    """Return frequencies (one more than `count`), deflection and shares of the modes, and the Jacobian by theta."""
+    unknown, driven = len(parameters.items), len(arm.driven)
+    theta, posture, load_columns = jnp.split(columns, [unknown, unknown + driven])
+    m = min(count + 1, 3 * len(arm.joints))
+    kinds = ("frequency",) * m + ("deflection",) + ("share",) * (2 * m)
+
+    scaled = scaled_bodies(arm, [item.name for item in parameters.items if item.nuisance])
+
+    def shown(numbers: Mapping[str, Any]) -> Array:
+        own = {path: x for path, x in numbers.items() if path != LOAD}
+        loads = scaled_loads(_loads_of(arm, load_columns), numbers.get(LOAD, 1.0))
+        chain = at_posture(scaled_inertia(arm, numbers, scaled).replace(own), posture, loads)
+        at = static_equilibrium(chain)
+        modes = modes_about(chain, at, m)
+        down = -deflection(chain, at.phi)[2, -1:]
+        return jnp.concatenate([modes.frequency, down, torsion_share(modes), vertical_share(modes)])
+
+    def predict(theta: Array) -> Array:
+        return Discrepant(shown, kinds)(parameters.by_path(parameters.values(theta)))
+
+    def along(direction: Array) -> tuple[Array, Array]:
+        return jax.jvp(predict, (theta,), (jnp.broadcast_to(direction[:, None], theta.shape),))
+
+    return eqx.filter_vmap(along, out_axes=(None, 1))(jnp.eye(unknown))
+
+
+def _gaps(frequency: np.ndarray) -> np.ndarray:
+    apart = np.diff(frequency, axis=0)
+    far = np.full_like(frequency[:1], np.inf)
+    return np.minimum(np.concatenate([far, apart]), np.concatenate([apart, far])) / frequency
+
+
+# -------- Experiments
+# What can be measured on an arm, how well, and at what cost: hammer, accelerometers, dial gauge, payload.
+
+SIGMA = {"frequency": 0.005, "deflection": 0.02}
+"""Standard deviations as shares of the value, where a campaign does not say; assumed."""
+RESOLUTION = 1e-5
+"""Standard deviation [m] that a dial gauge has however small the deflection; assumed."""
+COSTS = {"posture": 10.0, "hammer": 10.0, "labels": 10.0, "dial": 10.0, "load": 20.0}
+"""Minutes for each part of an experiment; assumed."""
+PARTS = {
+    "posture": "a new posture",
+    "hammer": "a hammer test",
+    "labels": "a second accelerometer",
+    "dial": "a dial gauge",
+    "load": "a load",
+}
+MOST_COMMON = 0.99
+"""Common share of a variance at most: what is left is noise, which every reading has."""
+CLOSE = 0.05
+"""Frequencies nearer to each other than this share may come in another order on the arm than in the model."""
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """What is at hand to measure with.
+
+    Attributes:
+        modes: frequencies that a hammer test gives, from the lowest.
+        loads: the load cases.
+        sigma: by kind, the standard deviation as a share of the value.
+        costs: of the parts of an experiment, in one unit, see `COSTS`.
+        common: share of the variance that all frequencies of a posture have in common, and all deflections: a repeat
+            there makes it no smaller.
+    """
+
+    modes: int = 4
+    loads: tuple[Load, ...] = (OWN_WEIGHT,)
+    sigma: Mapping[str, float] = field(default_factory=lambda: SIGMA)
+    costs: Mapping[str, float] = field(default_factory=lambda: COSTS)
+    common: float = COMMON
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sigma", _complete("sigma", self.sigma, SIGMA, above=0.0))
+        object.__setattr__(self, "costs", _complete("cost", self.costs, COSTS))
+        object.__setattr__(self, "loads", tuple(dict.fromkeys(self.loads)))
+        if not 0 <= self.common <= MOST_COMMON:
+            expected = f"a share from 0 to {MOST_COMMON:g}"
+            raise InputError(Problem("common_share", f"{self.common:g}", expected, "0.5 for half of the variance"))
+        if self.modes < 1:
+            raise InputError(Problem("modes", f"{self.modes}", "at least one", "ask for more"))
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The arm goes to a posture, under a load, and is measured.
+
+    Attributes:
+        place: posture in the `CandidatePredictions`.
+        case: load case there.
+        posture: (joints,) [rad]
+        load: the load.
+        hammer: whether the frequencies are measured.
+        labelled: whether a second accelerometer tells which mode is which.
+        dial: whether the deflection of the end point is read.
+    """
+
+    place: int
+    case: int
+    posture: tuple[float, ...]
+    load: Load
+    hammer: bool
+    labelled: bool
+    dial: bool
+
+    def cost(self, costs: Mapping[str, float]) -> float:
+        """Return what it costs."""
+        parts = {"hammer": self.hammer, "labels": self.labelled, "dial": self.dial, "load": bool(self.load)}
+        return costs["posture"] + sum(costs[part] for part, included in parts.items() if included)
+
+
+WAYS = ((True, False, False), (True, True, False), (False, False, True), (True, False, True), (True, True, True))
+"""What may be done in an experiment: hammer, labels, dial."""
+
+
+def relative_sigma(campaign: Campaign, given: Mapping[str, float] | None = None) -> dict[str, float]:
+    """Return the relative standard deviation by kind: as given, or as in the campaign (the median), or as assumed."""
+    measured = {}
+    for kind in SIGMA:
+        shares = [m.sigma / abs(m.value) for m in campaign.of_kind(kind) if m.value]
+        if shares:
+            measured[kind] = float(np.median(shares))
+    return SIGMA | measured | dict(given or {})
+
+
+def common_share(campaign: Campaign, given: float | None = None) -> float:
+    """Return the common share of the frequencies' variance: as given, as in the campaign (the median), or assumed."""
+    if given is not None:
+        return given
+    rows = campaign.measurements
+    shares = [
+        matrix[i][j]
+        for places, matrix in campaign.correlated
+        for i, a in enumerate(places)
+        for j, b in enumerate(places[:i])
+        if rows[a].kind == rows[b].kind == "frequency"
+    ]
+    return float(np.clip(np.median(shares), 0.0, MOST_COMMON)) if shares else COMMON
+
+
+def candidate_experiments(
+    predictions: CandidatePredictions, instruments: Instruments
+) -> tuple[tuple[Experiment, ...], Experiments]:
+    """Return all experiments, and what each would tell; those at one posture have errors in common."""
+    rows, counted = whole_information(predictions, instruments), counted_modes(predictions)
+    by_way = []
+    for hammer, labelled, dial in WAYS:
+        modes = (rows[:-1] * counted[int(labelled)][..., None, None]).sum(0)
+        by_way.append(modes * hammer + rows[-1] * dial)
+    places = list(product(range(len(predictions.postures)), range(len(instruments.loads))))
+    experiments = tuple(
+        Experiment(g, s, tuple(map(float, predictions.postures[g])), instruments.loads[s], *way)
+        for way in WAYS
+        for g, s in places
+    )
+    whole = np.concatenate([part.reshape(len(places), *part.shape[2:]) for part in by_way])
+    cost = np.array([experiment.cost(instruments.costs) for experiment in experiments])
+    group = np.array([experiment.place for experiment in experiments], int)
+    return experiments, Experiments.with_common_errors(whole, predictions.jacobian.shape[1], group, cost)
+
+
+def whole_information(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T Q Q"]:
+    """Return the information of each frequency, and last of the deflection, on the parameters and on common errors.
+
+    A value is off by sqrt(c) sigma u + sqrt(1 - c) sigma e with the common share c; u is one number for all frequencies
+    of a posture, and another one for its deflections: the last two of the Q coordinates.
+    """
+    scaled = np.moveaxis(predictions.jacobian, 1, -1) / sigmas(predictions, instruments)[..., None]
+    both = np.zeros((*scaled.shape[:-1], 2))
+    both[:-1, ..., 0] = both[-1, ..., 1] = np.sqrt(instruments.common)
+    return fisher(np.concatenate([scaled, both], -1)[..., None, :]) / (1 - instruments.common)
+
+
+def row_information(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T P P"]:
+    """Return the Fisher information of each frequency, and last of the deflection, as the only value."""
+    scaled = np.moveaxis(predictions.jacobian, 1, -1) / sigmas(predictions, instruments)[..., None]
+    return fisher(scaled[..., None, :])
+
+
+def sigmas(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T"]:
+    """Return the standard deviations [SI] that are to be expected."""
+    read = np.hypot(instruments.sigma["deflection"] * predictions.deflection, RESOLUTION)
+    return np.concatenate([instruments.sigma["frequency"] * predictions.frequency, read[None]])
+
+
+def counted_modes(predictions: CandidatePredictions) -> tuple[Bool[np.ndarray, "m G L T"], Bool[np.ndarray, "m G L T"]]:
+    """Return which frequencies count without and with a second accelerometer.
+
+    Without one, those that no neighbour is so close to that their order is in doubt. With one, those too whose label
+    is clear.
+    """
+    apart = predictions.gap >= CLOSE
+    return apart, apart | predictions.named
+
+
+def modes_of(predictions: CandidatePredictions, experiment: Experiment) -> list[tuple[Label, bool]]:
+    """Return the modes of an experiment with their labels, and whether each counts."""
+    counted = counted_modes(predictions)[int(experiment.labelled)][:, experiment.place, experiment.case, 0]
+    return list(zip(predictions.labels(experiment.place, experiment.case), map(bool, counted), strict=True))
+
+
+def expected_rows(
+    predictions: CandidatePredictions, instruments: Instruments, experiment: Experiment, point: str
+) -> tuple[Measurement, ...]:
+    """Return an experiment's measurements with the values that are expected at the first point.
+
+    All frequencies are there, so that those without label can be matched in ascending order.
+
+    Args:
+        predictions: what the arm would show.
+        instruments: gives the standard deviations.
+        experiment: the experiment.
+        point: name of the arm's end point.
+    """
+    sigma = sigmas(predictions, instruments)[:, experiment.place, experiment.case, 0]
+    clear = predictions.named[:, experiment.place, experiment.case, 0]
+    rows = []
+    for i, label in enumerate(predictions.labels(experiment.place, experiment.case) if experiment.hammer else ()):
+        value = float(predictions.frequency[i, experiment.place, experiment.case, 0])
+        mode = str(label) if experiment.labelled and clear[i] else None
+        rows.append(_row(experiment, "frequency", value, sigma[i], mode=mode))
+    if experiment.dial:
+        value = float(predictions.deflection[experiment.place, experiment.case, 0])
+        rows.append(_row(experiment, "deflection", value, sigma[-1], point=point))
+    return tuple(rows)
+
+
+def _row(
+    experiment: Experiment, kind: str, value: float, sigma: float, mode: str | None = None, point: str | None = None
+) -> Measurement:
+    return Measurement(
+        kind=kind,
+        posture=experiment.posture,
+        load=experiment.load,
+        value=value,
+        sigma=float(sigma),
+        mode=mode,
+        point=point,
+    )
+
+
+def _complete(what: str, given: Mapping[str, float], known: Mapping[str, float], above: float = -1e-300) -> dict:
+    for name, value in given.items():
+        if name not in known:
+            remedy = did_you_mean(name, known, "name one of them")
+            raise InputError(Problem(what, f"'{name}'", f"one of {', '.join(known)}", remedy))
+        if not above < value < np.inf:
+            expected = "a finite number above 0" if above == 0 else "a finite number >= 0"
+            raise InputError(Problem(what, f"{name}={value:g}", expected, "correct it"))
+    return {**known, **given}
+
+
+def any_campaign(arm: Arm, loads: Iterable[Load]) -> Campaign:
+    """Return a campaign of what can be planned, to pose a problem with before anything is measured."""
+    still = (0.0,) * len(arm.driven)
+    deflection = Measurement(kind="deflection", posture=still, value=1.0, sigma=1.0, point=arm.points[-1].name)
+    frequency = Measurement(kind="frequency", posture=still, value=1.0, sigma=1.0)
+    return Campaign(measurements=(deflection, *(replace(frequency, load=load) for load in loads)))
+
+
+# -------- Posture grid
+# The postures that an arm's limits and workspace admit: a grid over the driven joints, thinned out where too large.
+
+STEP = math.radians(30.0)
+SLACK = 1e-9
+"""Rounding [rad] that is forgiven at a limit."""
+MOST = 2048
+"""Postures at most; a power of two, as Sobol's sequence likes."""
+
+
+def ranges(arm: Arm) -> list[tuple[float, float]]:
+    """Return for each driven joint the angles [rad] worth looking at: its limits, or one full turn."""
+    return [(max(low, -math.pi), min(high, math.pi)) for low, high in (joint.limits for joint in arm.driven)]
+
+
+def posture_grid(arm: Arm, step: float = STEP, *, seed: int = 0) -> tuple[Float[np.ndarray, "G joints"], bool]:
+    """Return postures [rad] that may be held, and whether they are a sample of a grid that would be too large.
+
+    The angles of a joint, or the factor of a line of postures, are the multiples of `step` within the limits. Where
+    that makes more than `MOST` postures, as many are drawn from Sobol's sequence and rounded to whole degrees; a first
+    joint about the vertical, which makes no difference to weights, is held near zero in these.
+
+    Raises:
+        InputError: the step is none, a joint's limits are beyond a full turn altogether, or no posture may be held.
+    """
+    postures, sampled = all_postures(arm, step, seed)
+    admitted = postures[may_be_held(arm, postures)]
+    if not len(admitted):
+        expected, remedy = "one posture at least", "check limits and [workspace], or take a smaller step (`step`)"
+        raise InputError(Problem(arm.name, "no posture that may be held", expected, remedy, "workspace"))
+    return admitted, sampled
+
+
+def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G joints"], bool]:
+    """Return the postures [rad] of `posture_grid` before the workspace thins them out; nothing is compiled for it.
+
+    Raises:
+        InputError: the step is none, or a joint's limits are beyond a full turn altogether.
+    """
+    if not 0 < step <= 2 * math.pi:
+        got = f"a step of {math.degrees(step):g} deg"
+        raise InputError(Problem("", got, "a step above 0 and up to 360 deg", "give another step"))
+    spans = ranges(arm)
+    for joint, (low, high) in zip(arm.driven, spans, strict=True):
+        if low > high:
+            got = f"limits of {joint.name} that leave -180 to 180 deg out"
+            raise InputError(Problem(arm.name, got, "limits about zero", "shift the zero of the joint", "limits"))
+    listed, line = arm.workspace.postures, arm.workspace.line
+    if listed:
+        return np.array(listed), False
+    if line is not None:
+        return np.outer(_on_line(spans, line, step), line) + 0.0, False
+    if math.prod(max((high - low) / step - 1, 1.0) for low, high in spans) <= MOST:
+        axes = [_multiples(low, high, step) for low, high in spans]
+        if math.prod(map(len, axes)) <= MOST:
+            return np.array(list(product(*axes))), False
+    from scipy.stats import qmc  # long to import, and seldom needed
+
+    low, high = np.array(spans).T
+    u = qmc.Sobol(len(spans), rng=np.random.default_rng(seed)).random(MOST)
+    postures = np.clip(np.deg2rad(np.round(np.rad2deg(low + u * (high - low)))), low, high)
+    if _turns_about_vertical(arm):
+        postures[:, 0] = np.clip(0.0, low[0], high[0])
+    return postures, True
+
+
+def _turns_about_vertical(arm: Arm) -> bool:
+    """Tell whether the first joint of all turns the whole arm about the vertical."""
+    first, gravity = arm.joints[0], np.asarray(arm.gravity)
+    return first.driven and not np.cross(np.asarray(first.axis), gravity).any()
+
+
+def _on_line(spans: Sequence[tuple[float, float]], line: Sequence[float], step: float) -> list[float]:
+    """Return the multiples of a step by which a line's shares stay within the limits."""
+    pairs = [sorted((low / share, high / share)) for (low, high), share in zip(spans, line, strict=True) if share]
+    low, high = max(low for low, _ in pairs), min(high for _, high in pairs)
+    if high - low > MOST * step:
+        got = f"a step of {math.degrees(step):g} deg, {(high - low) / step:.3g} postures on the line"
+        raise InputError(Problem("", got, f"{MOST} postures at most", "give a larger step", "step"))
+    return _multiples(low, high, step)
+
+
+def may_be_held(arm: Arm, postures: Float[np.ndarray, "G joints"]) -> Bool[np.ndarray, "G"]:
+    """Tell in which postures an arm is within its limits and keeps above its lowest height, were it rigid."""
+    low, high = np.array([joint.limits for joint in arm.driven]).T
+    within = np.logical_and(low - SLACK <= postures, postures <= high + SLACK).all(1)
+    if not math.isfinite(arm.workspace.lowest):
+        return np.asarray(within)
+    return np.logical_and(within, np.asarray(_least_height(arm, jnp.asarray(postures.T))) >= arm.workspace.lowest)
+
+
+@jit
+def _least_height(arm: Arm, posture: Float[Array, "driven G"]) -> Float[Array, "G"]:
+    """Return the height of the lowest bushing or named point of the rigid arm [m]."""
+    chain = at_posture(arm, posture)
+    phi = jnp.zeros((3, len(arm.joints), posture.shape[1]))
+    return jnp.concatenate([forward_kinematics(chain, phi).centre[2], point_positions(chain, phi)[2]]).min(0)
+
+
+def main_joints(postures: Float[np.ndarray, "G joints"], gain: Float[np.ndarray, "G"]) -> list[int]:
+    """Return the one or two joints on whose angle the gain depends most, in their order along the arm.
+
+    By the variance of the gain that is left when all other angles are held, averaged; of a sample that is no grid,
+    by the variance of the means at each angle.
+    """
+    effects = []
+    for joint in range(postures.shape[1]):
+        others = np.delete(postures, joint, 1).round(9)
+        groups = np.unique(others, axis=0, return_inverse=True)[1].ravel()
+        if len(np.unique(groups)) > 0.9 * len(postures) and postures.shape[1] > 1:
+            groups = np.zeros(len(postures), int)
+            tenths = np.digitize(postures[:, joint], np.quantile(postures[:, joint], np.linspace(0, 1, 9)[1:-1]))
+            effects.append(float(np.nanvar([np.nanmean(gain[tenths == k]) for k in np.unique(tenths)])))
+            continue
+        count = np.bincount(groups)
+        level = np.bincount(groups, gain) / count
+        effects.append(float(np.nanmean((gain - level[groups]) ** 2)))
+    return sorted(np.argsort(effects)[::-1][:2].tolist())
+
+
+def _multiples(low: float, high: float, step: float) -> list[float]:
+    """Return the multiples of a step between two limits, the middle if there is none; a full turn only once."""
+    first, last = math.ceil((low - SLACK) / step), math.floor((high + SLACK) / step)
+    angles = [i * step for i in range(first, last + 1)] or [(low + high) / 2]
+    return angles[1:] if len(angles) > 1 and angles[-1] - angles[0] > 2 * math.pi - SLACK else angles
+
+
+# -------- Sensor places
+# Where to put accelerometers and where to hit, so that the modes of a hammer test are excited and told apart.
+
+ALIKE = 0.9
+"""Auto-MAC from which on two modes move alike where it is measured."""
+SEEN = 0.05
+"""Motion at the places below which a mode is not seen there, as a share of its largest one anywhere."""
+HIT = 0.1
+"""The same below which a hit does not excite it."""
+FEWEST, PLACES_MOST = 5, 20
+"""Hits at a place: from five on their scatter says what the covariance is; more than twenty are not made."""
+APART = 6.0
+"""Standard deviations of a shape by which two modes are to differ: three for each."""
+TRIED = 20000
+"""Sets of places that are all tried."""
+AXES = (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)), ("z", (0.0, 0.0, 1.0)))
+
+
+@dataclass(frozen=True)
+class HammerPlan:
+    """A hammer test at a posture: places, and how well they tell the modes apart.
+
+    Attributes:
+        posture: (joints,) [rad]
+        load: the load case.
+        labels: (m,) the modes.
+        frequency: (m,) [Hz]
+        sensors: places of accelerometers' channels, `tip z`; the pin of a joint goes by the joint's name.
+        hits: places to hit, likewise.
+        count: hits at each.
+        auto_mac: (m, m) [-] of the modes at the sensors.
+        coincide: pairs of modes within their resonances' widths of each other, which need two places to hit.
+    """
+
+    posture: tuple[float, ...]
+    load: Load
+    labels: tuple[Label, ...]
+    frequency: Float[np.ndarray, "m"]
+    sensors: tuple[str, ...]
+    hits: tuple[str, ...]
+    count: int
+    auto_mac: Float[np.ndarray, "m m"]
+    coincide: tuple[tuple[int, int], ...]
+
+    @property
+    def most_alike(self) -> tuple[int, int]:
+        """The two modes that are hardest to tell apart."""
+        upper = np.triu(self.auto_mac, 1)
+        i, j = np.unravel_index(int(np.argmax(upper)), upper.shape)
+        return int(i), int(j)
+
+    @property
+    def alike(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of modes that these places do not tell apart."""
+        return tuple((int(i), int(j)) for i, j in np.argwhere(np.triu(self.auto_mac, 1) > ALIKE))
+
+
+def hammer_plans(
+    arm: Arm, batch: Sequence[Experiment], modes: int, sensors: int, noise: float
+) -> tuple[HammerPlan, ...]:
+    """Return where to measure and to hit in the hammer tests of a batch.
+
+    Args:
+        arm: the arm; its points and its joints' pins are the places.
+        batch: the experiments; each posture and load of a hammer test counts once.
+        modes: of each test, from the lowest.
+        sensors: channels of accelerometers at hand, each at a place along x, y or z of the base.
+        noise: [-] standard deviation of one hit's shape, as a share of its length.
+
+    Raises:
+        InputError: fewer than two channels.
+    """
+    if sensors < 2:
+        remedy = "one channel tells no modes apart"
+        raise InputError(Problem("", f"{sensors}", "two channels or more", remedy, "sensors"))
+    placed = with_pins(arm)
+    states = dict.fromkeys((each.posture, each.load) for each in batch if each.hammer)
+    return tuple(hammer_plan(placed, *state, modes=modes, sensors=sensors, noise=noise) for state in states)
+
+
+def with_pins(arm: Arm) -> Arm:
+    """Return the arm with the pin of each joint as a point beside its own, the end point last."""
+    own = {point.name for point in arm.points}
+    pins = [Point(j.name, j.name, (0.0, 0.0, 0.0)) for j in arm.joints if j.name not in own]
+    return eqx.tree_at(lambda a: a.points, arm, (*pins, *arm.points))
+
+
+def hammer_plan(
+    arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT, *, modes: int, sensors: int, noise: float
+) -> HammerPlan:
+    """Choose places by the least auto-MAC of all sets; of too many: the best pair, then what lowers it most.
+
+    References:
+        Carne, Dohrmann, "A modal test design strategy for model correlation", IMAC 13, 1995 (least auto-MAC).
+    """
+    known = modal_analysis(arm, posture, load, modes)
+    motion = np.asarray(known.modes.motion)
+    names = [f"{point.name} {axis}" for point in arm.points for axis, _ in AXES]
+    moved = np.moveaxis(motion, 0, 1).reshape(len(names), -1)
+    chosen = _sensors(moved, min(sensors, len(names)))
+    mac = auto_mac(moved, chosen)
+    frequency = np.asarray(known.modes.frequency)
+    close = coinciding(frequency, np.asarray(known.damping_ratio))
+    return HammerPlan(
+        posture,
+        load,
+        known.labels,
+        frequency,
+        tuple(names[i] for i in chosen),
+        tuple(names[i] for i in _hits(moved, two=bool(close))),
+        hits_needed(mac, noise),
+        mac,
+        close,
+    )
+
+
+def auto_mac(moved: Float[np.ndarray, "K m"], places: Sequence[int]) -> Float[np.ndarray, "m m"]:
+    """Return how alike modes move at some places; one for a mode that is hardly seen there."""
+    own = moved[list(places)]
+    length = np.linalg.norm(own, axis=0)
+    seen = length > SEEN * np.abs(moved).max(0)
+    unit = own / np.where(length > 0, length, 1.0)
+    return np.where(seen & seen[:, None], (unit.T @ unit) ** 2, 1.0)
+
+
+def coinciding(frequency: Float[np.ndarray, "m"], damping_ratio: Float[np.ndarray, "m"]) -> tuple[tuple[int, int], ...]:
+    """Return the pairs of modes that are nearer than the half of both half-power bandwidths 2 zeta f."""
+    half = damping_ratio * frequency
+    pairs = combinations(range(len(frequency)), 2)
+    return tuple((i, j) for i, j in pairs if abs(frequency[i] - frequency[j]) < half[i] + half[j])
+
+
+def hits_needed(mac: Float[np.ndarray, "m m"], noise: float) -> int:
+    """Return how many hits make the two modes that are most alike differ by `APART` standard deviations.
+
+    Shapes of unit length are sqrt(1 - MAC) apart, and the mean of n hits scatters by noise / sqrt(n). Modes that
+    no number of hits tells apart are left to other places.
+    """
+    upper = mac[np.triu_indices(len(mac), 1)]
+    apart = 1 - max((value for value in upper.tolist() if value <= ALIKE), default=0.0)
+    return min(max(FEWEST, math.ceil((APART * noise) ** 2 / apart)), PLACES_MOST)
+
+
+def _sensors(moved: Float[np.ndarray, "K m"], count: int) -> list[int]:
+    whole = math.comb(len(moved), count) <= TRIED
+    sets = combinations(range(len(moved)), count if whole else 2)
+    chosen = list(min(sets, key=lambda each: _worst(moved, list(each))))
+    while len(chosen) < count:
+        left = [i for i in range(len(moved)) if i not in chosen]
+        chosen.append(min(left, key=lambda i: _worst(moved, [*chosen, i])))
+    return sorted(chosen)
+
+
+def _worst(moved: Float[np.ndarray, "K m"], places: Sequence[int]) -> tuple[float, float, float]:
+    """Return the largest auto-MAC, the mean one where several are as large, and how little the places move."""
+    upper = auto_mac(moved, places)[np.triu_indices(moved.shape[1], 1)]
+    motion = np.linalg.norm(moved[list(places)] / np.abs(moved).max(0), axis=0)
+    return round(float(upper.max(initial=0.0)), 3), round(float(upper.mean() if len(upper) else 0.0), 3), -motion.min()
+
+
+def _hits(moved: Float[np.ndarray, "K m"], *, two: bool) -> list[int]:
+    """Return the place that excites all modes best; two where one does not do, or two are asked for."""
+    share = np.abs(moved) / np.abs(moved).max(0)
+    one = int(np.argmax(share.min(1)))
+    if share[one].min() >= HIT and not two:
+        return [one]
+    pairs = combinations(range(len(moved)), 2)
+    return list(max(pairs, key=lambda pair: float(share[list(pair)].max(0).min())))

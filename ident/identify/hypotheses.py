@@ -1,0 +1,502 @@
+"""Hypotheses about what is otherwise than the arm file and the campaign say, as numbers that a search can move."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.arm.hinges import end_of
+from ident.arm.mechanics import equilibrium
+from ident.arm.parts import DIRECTIONS, STIFFNESS_OF, Body, CubicSpring, Joint
+from ident.arm.rotations import matvec, transpose
+from ident.identify.conditions import Conditions
+from ident.identify.predict import ArmModel, chains
+from ident.identify.problem import build_problem
+from ident.identify.unknowns import LOAD, Unknowns, scaled_loads
+from ident.inference.information import RANK_TOLERANCE, row_tests
+from ident.inference.parameters import AnyArray, Parameter, Parameters
+from ident.inference.problem import Choice, InverseProblem
+from ident.inference.search import End, looker, minimum
+from ident.measure import Campaign
+from ident.programs import RUNS_ONCE, jit
+
+# -------- Alternatives
+# What might be otherwise than an arm file and a campaign say, as numbers that a search can move.
+
+UNLOADED = 1e-3
+"""Moment [N m] below which a bushing counts as unloaded, so that a curve of its spring shows nothing."""
+FIXED = 1e-6
+"""Length [m] of a link that has none."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of number that may be otherwise.
+
+    Attributes:
+        plausible: its standard deviation before the data: of ln(factor), or of a share.
+        factor: whether it is a factor, exp(amount); else the amount is a share.
+        signed: whether it may be negative; nobody makes what would have to be.
+    """
+
+    plausible: float
+    factor: bool
+    signed: bool = True
+
+
+NUMBER_KINDS = {
+    "mass": Kind(0.1, factor=True),
+    "payload": Kind(0.05, factor=True),
+    "mass centre": Kind(0.02, factor=False),
+    "length": Kind(0.01, factor=True),
+    "loads": Kind(0.02, factor=True),
+    "scale": Kind(0.02, factor=True),
+    "clock": Kind(0.005, factor=True),
+    "spring": Kind(0.1, factor=False, signed=False),
+}
+"""All widths are assumed. `mass centre` is a share of its link's length; `scale` the common factor of all values of a
+kind, as of a gauge, for frequencies `clock`; and `spring` the share that the cube of the angle adds to the torque at
+the largest load of all that were measured: the secant rises by it, the tangent by three times it."""
+SCALES = ("scale", "clock")
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number that may be otherwise.
+
+    Attributes:
+        kind: one of `KINDS`.
+        of: the body, link or kind of measurement; of a spring `joint2.torsion`.
+    """
+
+    kind: str
+    of: str
+
+    @property
+    def name(self) -> str:
+        """What it is called among the parameters of a model."""
+        return f"/{self.kind}/{self.of}"
+
+    @property
+    def parameter(self) -> Parameter:
+        """The number as an unknown, zero where nothing is otherwise."""
+        return Parameter((self.name,), False, 0.0, 0.0, nuisance=True)
+
+
+class AlteredModel(ArmModel):
+    """The model of a campaign in which further numbers may be otherwise; where they are zero, the model that it was.
+
+    Attributes:
+        numbers: which.
+        moments: (N, 2) [N m] largest bending and torsional moment on each bushing among the states.
+    """
+
+    numbers: tuple[Number, ...] = eqx.field(static=True, default=())
+    moments: Float[AnyArray, "N 2"] | None = None
+
+    def at(self, parameters: Mapping[str, Any]) -> tuple[Arm, dict[str, Any], Conditions]:
+        """Return the altered arm, its numbers, and the conditions in the base frame."""
+        amounts = {each: parameters[each.name] for each in self.numbers if each.name in parameters}
+        own = {path: value for path, value in parameters.items() if not path.startswith("/")}
+        arm, own, conditions = super().at(own)
+        by_kind: dict[str, dict[str, Any]] = {}
+        for each, amount in amounts.items():
+            by_kind.setdefault(each.kind, {})[each.of] = amount
+        if "loads" in by_kind:
+            conditions = replace(conditions, loads=scaled_loads(conditions.loads, jnp.exp(by_kind["loads"][LOAD])))
+        arm = _rebuilt(arm, by_kind)
+        springs = by_kind.get("spring", {})
+        return (self._curved(arm, springs, own) if springs else arm), own, conditions
+
+    def _curved(self, arm: Arm, amounts: Mapping[str, Any], own: Mapping[str, Any]) -> Arm:
+        """Give springs a cubic part: at the largest moment M, where the angle is M/k, it is so large a share of k x."""
+        assert self.moments is not None
+        places = {joint.name: place for place, joint in enumerate(arm.joints)}
+        springs = list(arm.springs)
+        for of, amount in amounts.items():
+            joint, direction = of.split(".")
+            stiffness = STIFFNESS_OF[direction]
+            k = own.get(f"{joint}.{stiffness}", getattr(arm.joints[places[joint]], stiffness))
+            moment = self.moments[places[joint], DIRECTIONS.index(direction)]
+            springs.append(CubicSpring(f"/{of}", joint, direction, amount * k**3 / moment**2))
+        return eqx.tree_at(lambda a: a.springs, arm, tuple(springs), is_leaf=lambda x: x is arm.springs)
+
+
+def altered_numbers(
+    model: ArmModel, kinds: tuple[str, ...], taken: Mapping[str, float], moments: Float[np.ndarray, "N 2"]
+) -> Iterator[Number]:
+    """Yield all that might be otherwise and is not an unknown already, payloads that never were on among them.
+
+    So a campaign in which one of them was on after all has the same numbers, and the same program.
+
+    Args:
+        model: of the campaign.
+        kinds: of measurement.
+        taken: the unknowns.
+        moments: (N, 2) [N m] on each bushing, see `largest_moments`.
+    """
+    arm, loads = model.arm, model.conditions.loads
+    for place, joint in enumerate(arm.joints):
+        yield from (Number("mass", body.name) for body in joint.link if f"{body.name}.mass" not in taken and body.mass)
+        if joint.link and np.linalg.norm(end_of(arm, place)) > FIXED:
+            if not any(f"{body.name}.com." in path for body in joint.link for path in taken):
+                yield Number("mass centre", joint.name)
+            if not any(f"{name}.{what}." in path for name, what in _lengths(arm, place) for path in taken):
+                yield Number("length", joint.name)
+    for payload in arm.payloads:
+        if f"{payload.body.name}.mass" not in taken:
+            yield Number("payload", payload.body.name)
+    measured = (loads.mass, loads.force, loads.moment)
+    if LOAD not in taken and any(np.any(part) for part in measured if part is not None):
+        yield Number("loads", LOAD)
+    scaled = [kind for kind in kinds if kind not in ("damping_ratio", "shape")]
+    yield from (Number("clock" if kind == "frequency" else "scale", kind) for kind in scaled)
+    curved = {(spring.joint, spring.direction) for spring in arm.springs}
+    for joint, own in zip(arm.joints, moments, strict=True):
+        for direction, moment in zip(DIRECTIONS, own, strict=True):
+            if joint.driven and (joint.name, direction) not in curved and moment > UNLOADED:
+                yield Number("spring", f"{joint.name}.{direction}")
+
+
+def largest_moments(model: ArmModel, parameters: Mapping[str, float]) -> Float[np.ndarray, "N 2"]:
+    """Return the largest bending and torsional moment [N m] on each bushing among the states of a campaign."""
+    return np.asarray(_moments(model, {name: np.asarray(x) for name, x in parameters.items()}))
+
+
+@partial(jit, options=RUNS_ONCE)
+def _moments(model: ArmModel, parameters: Mapping[str, Any]) -> Float[AnyArray, "N 2"]:
+    arm, own, conditions = model.at(parameters)
+    chain = chains(arm, own, conditions)
+    phi = equilibrium(chain)
+    moment = matvec(chain.stiffness, phi)
+    moment = moment if chain.curved is None else moment + chain.curved.torque(phi)
+    own_axes = matvec(transpose(chain.frame), moment)
+    axis = jnp.stack([joint.axis for joint in arm.joints], 1)[:, :, None]
+    along = (axis * own_axes).sum(0)
+    across = jnp.sqrt(((own_axes - axis * along) ** 2).sum(0))
+    return jnp.stack([across.max(1), jnp.abs(along).max(1)], 1)
+
+
+def _lengths(arm: Arm, place: int) -> list[tuple[str, str]]:
+    """Return what makes the length of a link: the next bushing's offset, or the points at the arm's end."""
+    if place + 1 < len(arm.joints):
+        return [(arm.joints[place + 1].name, "offset")]
+    return [(point.name, "position") for point in arm.points if point.joint == arm.joints[place].name]
+
+
+def _rebuilt(arm: Arm, amounts: Mapping[str, Mapping[str, Any]]) -> Arm:
+    """Return an arm of other masses, mass centres and lengths."""
+    masses = {**amounts.get("mass", {}), **amounts.get("payload", {})}
+    centres, lengths = amounts.get("mass centre", {}), amounts.get("length", {})
+    if not (masses or centres or lengths):
+        return arm
+
+    def body(old: Body, shift: Any) -> Body:
+        factor = jnp.exp(masses.get(old.name, 0.0))
+        return eqx.tree_at(
+            lambda b: (b.mass, b.com, b.inertia), old, (old.mass * factor, old.com + shift, old.inertia * factor)
+        )
+
+    joints: list[Joint] = []
+    for place, joint in enumerate(arm.joints):
+        shift = centres.get(joint.name, 0.0) * end_of(arm, place)
+        joints.append(eqx.tree_at(lambda j: j.link, joint, tuple(body(each, shift) for each in joint.link)))
+    for name, amount in lengths.items():
+        place = next(place for place, joint in enumerate(arm.joints) if joint.name == name)
+        if place + 1 < len(joints):
+            longer = joints[place + 1].offset * jnp.exp(amount)
+            joints[place + 1] = eqx.tree_at(lambda j: j.offset, joints[place + 1], longer)
+    last = arm.joints[-1].name
+    stretch = jnp.exp(lengths.get(last, 0.0))
+    points = tuple(
+        eqx.tree_at(lambda p: p.position, point, point.position * stretch) if point.joint == last else point
+        for point in arm.points
+    )
+    payloads = tuple(eqx.tree_at(lambda p: p.body, each, body(each.body, 0.0)) for each in arm.payloads)
+    return eqx.tree_at(lambda a: (a.joints, a.points, a.payloads), arm, (tuple(joints), points, payloads))
+
+
+def altered(model: ArmModel, numbers: tuple[Number, ...], moments: Float[np.ndarray, "N 2"]) -> AlteredModel:
+    """Return the model of a campaign in which some numbers may be otherwise."""
+    return AlteredModel(
+        model.arm, model.conditions, model.scaled, model.frames, numbers=numbers, moments=jax.device_put(moments)
+    )
+
+
+def calibrated(
+    numbers: Sequence[Number],
+    theta: Float[np.ndarray, "Q"],
+    kinds: Sequence[str],
+    predicted: Float[np.ndarray, "D"],
+    jacobian: Float[np.ndarray, "D Q"],
+) -> tuple[Float[np.ndarray, "D"], Float[np.ndarray, "D Q"]]:
+    """Return predictions and their Jacobian as gauges read them whose calibration is off.
+
+    Args:
+        numbers: the last ones of theta.
+        theta: the unknowns, then all numbers.
+        kinds: of each value.
+        predicted: as the model has them.
+        jacobian: by theta.
+    """
+    for place, number in enumerate(numbers, len(theta) - len(numbers)):
+        if number.kind in SCALES:
+            own = np.array(kinds) == number.of
+            factor = np.where(own, np.exp(theta[place]), 1.0)
+            predicted, jacobian = predicted * factor, jacobian * factor[:, None]
+            jacobian[:, place] = np.where(own, predicted, 0.0)
+    return predicted, jacobian
+
+
+# -------- Inquiry
+# Searches of a campaign's optimum with some numbers of arm and campaign otherwise than they were said to be.
+#
+# One program predicts the campaign and its Jacobian by all unknowns and all such numbers; each search moves a few of
+# these, and is made of looks at that program (`gauss_newton`).
+
+RIDGES = 3.0, 20.0
+"""How many times its plausible width a number may move before that counts, at first and at last."""
+STEP_OFF = 20.0
+"""Sigmas by which a value that is wrong may be off before that counts, likewise."""
+STEPS = 60
+"""Looks of a search, at most: what has not ended by then has found no explanation."""
+LIKELY = 0.01
+"""Chance of a larger cost from which nothing is left to explain."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Numbers that are otherwise together, by the same amount in their own unit: one thing that may be wrong.
+
+    Attributes:
+        numbers: them; of a row that is wrong, none.
+        row: place of a value that is wrong; -1 for none.
+    """
+
+    numbers: tuple[Number, ...] = ()
+    row: int = -1
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The optimum of a campaign with some causes at work.
+
+    Attributes:
+        causes: them.
+        amounts: of each, in its own unit (see `alternatives.KINDS`); of a row, by how many of its sigmas it is off.
+        sd: of these by data and priors.
+        cost: sum of squares of data and priors at the optimum, without what is known of the amounts.
+        said: what speaks against the labels there, minus twice the logarithm of their probability.
+        fits: whether neither cost, nor a value, nor a label speaks against it.
+        theta: where: the unknowns, then all numbers that may be otherwise.
+        covariance: of all these, by data and priors.
+    """
+
+    causes: tuple[Cause, ...]
+    amounts: tuple[float, ...]
+    sd: tuple[float, ...]
+    cost: float
+    said: float
+    fits: bool
+    theta: Float[np.ndarray, "Q"]
+    covariance: Float[np.ndarray, "Q Q"]
+
+
+@dataclass(frozen=True)
+class Inquiry:
+    """A campaign, and all numbers that may be otherwise.
+
+    Attributes:
+        problem: their values after the unknowns, all unknowns with a prior.
+        unknowns: how many there are.
+        numbers: what may be otherwise.
+        start: theta of the unknowns at the fit, then zeros; what is predicted there, and its slope by all.
+    """
+
+    problem: InverseProblem
+    unknowns: int
+    numbers: tuple[Number, ...]
+    start: End
+
+    @cached_property
+    def freedom(self) -> int:
+        """Values and priors less the directions that they see together."""
+        way = self._way(())
+        s = np.linalg.svd(self._weigh(self._look(way, (), self._origin(()), self.start.choice.held), np.zeros(0))[1])[1]
+        seen = int((s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)).sum())
+        proper = int(self.problem.parameters.proper[: self.unknowns].sum())
+        return int(np.isfinite(np.asarray(self.problem.sigma)).sum()) + proper - seen
+
+    def search(self, causes: Sequence[Cause] = (), ridges: Sequence[float] = RIDGES) -> Finding | None:
+        """Return the optimum with these causes at work; None where the model has no answer.
+
+        They are held near zero by their plausible widths, ever less so until nothing is left to explain. The search
+        begins at the fit and, where that leads nowhere, at the priors' centre.
+
+        Args:
+            causes: what may be otherwise.
+            ridges: how many of its widths each may move before that counts as one.
+        """
+        found = []
+        for start in (self._origin(causes), np.append(self._priors[0], np.zeros(len(causes)))):
+            for ridge in ridges if causes else ridges[:1]:
+                end = self._search(causes, start, ridge)
+                if end is not None and end.fits:
+                    return end
+                found += [] if end is None else [end]
+        return min(found, key=lambda end: end.cost, default=None)
+
+    def _search(self, causes: Sequence[Cause], start: np.ndarray, ridge: float) -> Finding | None:
+        way = self._way(causes)
+        widths = ridge * self._widths(way)
+
+        def look(x: np.ndarray, held: Any) -> End:
+            here = self._look(way, causes, x, held)
+            residuals, slope = self._weigh(here, widths)
+            return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
+
+        def weigh(here: End) -> tuple[np.ndarray, np.ndarray]:
+            return self._weigh(here, widths)
+
+        end, _ = minimum(look, weigh, start, self.start.choice.held, True, STEPS)
+        if not np.isfinite(end.cost):
+            return None
+        _, slope = weigh(end)
+        covariance = np.linalg.pinv(slope.T @ slope, rcond=RANK_TOLERANCE**2, hermitian=True)
+        amounts, sd = end.theta[self.unknowns :], np.sqrt(np.diag(covariance)[self.unknowns :])
+        residuals, slope = self._weigh(end, np.inf * widths)
+        cost = float((residuals**2).sum())
+        likely = self.chance(cost, len(causes)) >= LIKELY
+        fits = bool(likely and end.choice.settled and not row_tests(self.problem, residuals, slope).outliers.any())
+        whole = way @ end.theta
+        return Finding(
+            tuple(causes),
+            tuple(map(float, amounts)),
+            tuple(map(float, sd)),
+            cost,
+            float(np.sum(end.choice.cost)),
+            fits,
+            whole,
+            way @ covariance @ way.T,
+        )
+
+    @property
+    def effective(self) -> tuple[Number, ...]:
+        """The numbers on which any value depends: a payload that was never on is none of them."""
+        theta, kinds = self.start.theta, self.problem.kinds
+        _, jacobian = calibrated(self.numbers, theta, kinds, self.start.predicted, self.start.jacobian)
+        return tuple(n for n, column in zip(self.numbers, jacobian.T[self.unknowns :], strict=True) if column.any())
+
+    def gain(self, causes: Sequence[Cause]) -> float:
+        """Return by how much the cost would fall in the first of the searches, were the model linear."""
+        way = self._way(causes)
+        here = self._look(way, causes, self._origin(causes), self.start.choice.held)
+        residuals, slope = self._weigh(here, RIDGES[0] * self._widths(way))
+        step, *_ = np.linalg.lstsq(slope, -residuals, rcond=RANK_TOLERANCE)
+        return float(residuals @ residuals - ((residuals + slope @ step) ** 2).sum())
+
+    def chance(self, cost: float, spent: int) -> float:
+        """Return the chance of a larger cost with so many causes set free, if nothing else is wrong."""
+        from scipy.special import chdtrc
+
+        left = self.freedom - spent
+        return float(chdtrc(left, cost)) if left > 0 else float(cost < 1.0)
+
+    def _origin(self, causes: Sequence[Cause]) -> Float[np.ndarray, "p"]:
+        return np.append(self.start.theta[: self.unknowns], np.zeros(len(causes)))
+
+    def _way(self, causes: Sequence[Cause]) -> Float[np.ndarray, "Q p"]:
+        """Return how unknowns and causes make up all coordinates."""
+        places = {number: self.unknowns + i for i, number in enumerate(self.numbers)}
+        way = np.eye(self.unknowns + len(self.numbers), self.unknowns + len(causes))
+        way[:, self.unknowns :] = 0.0
+        for i, cause in enumerate(causes):
+            for number in cause.numbers:
+                way[places[number], self.unknowns + i] = 1.0
+        return way
+
+    def _look(self, way: np.ndarray, causes: Sequence[Cause], x: np.ndarray, held: Any) -> End:
+        """Return what is predicted with these causes at work, gauges and wrong rows included, and its slope by x."""
+        theta = way @ x
+        here = self.start if np.array_equal(theta, self.start.theta) else self._at(theta, held)
+        predicted, jacobian = calibrated(self.numbers, theta, self.problem.kinds, here.predicted, here.jacobian)
+        along, sigma = jacobian @ way, np.asarray(self.problem.sigma)
+        for i, cause in enumerate(causes, self.unknowns):
+            if cause.row >= 0:
+                along[cause.row, i] = sigma[cause.row]
+                predicted = predicted + along[:, i] * x[i]
+        return here._replace(theta=x, predicted=predicted, jacobian=along)
+
+    def _at(self, theta: np.ndarray, held: Any) -> End:
+        """Return what the model predicts, by itself."""
+        predicted, jacobian, choice = self._looker(theta, held)
+        return End(theta, np.nan, np.full(len(theta), np.nan), predicted, jacobian, choice)
+
+    @cached_property
+    def _looker(self) -> Callable[[np.ndarray, Any], tuple[np.ndarray, np.ndarray, Choice]]:
+        return looker(self.problem)
+
+    @cached_property
+    def _scaled(self) -> Callable[[np.ndarray], Any]:
+        return self.problem.scaled  # looked up once: a method of a module is made anew at each look
+
+    @cached_property
+    def _priors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Centre, standard deviation and flat half-length in theta of the unknowns' priors."""
+        known = Parameters(self.problem.parameters.items[: self.unknowns])
+        centre = np.asarray(known.theta(known.column("centre")))
+        return centre, np.asarray(known.column("prior_sd")), np.asarray(known.column("flat"))
+
+    def _weigh(self, here: End, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return residuals of data, of the unknowns' priors and of the causes, by these widths; and their slope."""
+        centre, sd, flat = self._priors
+        off = here.theta[: self.unknowns] - centre
+        prior = np.sign(off) * np.maximum(np.abs(off) - flat, 0.0) / sd
+        slope = np.where(np.abs(off) >= flat, 1 / sd, 0.0)
+        data = np.asarray(self._scaled(here.predicted - np.asarray(self.problem.measured)))
+        count = len(here.theta) - self.unknowns
+        causes = np.hstack([np.zeros((count, self.unknowns)), np.diag(1 / widths)])
+        priors = np.hstack([np.diag(slope), np.zeros((self.unknowns, count))])
+        rows = np.vstack([np.asarray(self._scaled(here.jacobian)), priors, causes])
+        return np.concatenate([data, prior, here.theta[self.unknowns :] / widths]), rows
+
+    def _widths(self, way: np.ndarray) -> Float[np.ndarray, "causes"]:
+        """Return the plausible width of each cause, that of a wrong value in its sigmas."""
+        own = [NUMBER_KINDS[number.kind].plausible for number in self.numbers]
+        moved = way[self.unknowns :, self.unknowns :].T > 0
+        return np.array([own[int(np.argmax(each))] if each.any() else STEP_OFF for each in moved])
+
+
+def inquire(
+    fitted: Mapping[str, float], arm: Arm, campaign: Campaign, unknowns: Unknowns, held: Any = None
+) -> Inquiry | None:
+    """Make ready to ask what may be otherwise than a fit takes it to be; None where the model has no answer.
+
+    Args:
+        fitted: where to begin, by path [SI]; at the priors' centre where it says nothing.
+        arm: as its file has it.
+        campaign: what is to be fitted.
+        unknowns: what is unknown; where there is no prior, the default one is taken.
+        held: what the fit has taken labels for; they are chosen anew without.
+    """
+    problem = build_problem(arm, campaign, unknowns.with_prior)
+    model = problem.model
+    if not isinstance(model, ArmModel):  # scaled by discrepancies, which are explanations already
+        return None
+    own = problem.parameters
+    values = {path: fitted.get(path, float(x)) for path, x in own.by_path(own.column("centre")).items()}
+    moments = largest_moments(model, values)
+    numbers = tuple(altered_numbers(model, tuple(dict.fromkeys(problem.kinds)), values, moments))
+    parameters = Parameters((*own.items, *(number.parameter for number in numbers)))
+    problem = replace(problem, model=altered(model, numbers, moments), parameters=parameters)
+    theta = np.asarray(own.theta(np.array([float(values[item.name]) for item in own.items])))
+    predicted, jacobian, choice = looker(problem)(start := np.append(theta, np.zeros(len(numbers))), held)
+    here = End(start, np.nan, np.full(len(start), np.nan), predicted, jacobian, choice)
+    return Inquiry(problem, len(own.items), numbers, here) if np.isfinite(predicted).all() else None

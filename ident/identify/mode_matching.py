@@ -1,0 +1,283 @@
+"""Which computed mode each labelled value belongs to: found anew between the steps of a fit, held within each.
+
+Design. The label of a value is data: somebody saw how the arm moved and named it. So it has a likelihood.
+
+1. A computed mode is called `vertical` with probability Phi((v - 1/2) / sd), v its share of vertical motion at the end
+   point, `torsion` likewise by its share of strain energy; never with probability zero, so that every label has a mode
+   at every start. Modes of one frequency have no shapes of their own, but any choice among them fits as well.
+2. The modes of a state are named independently, ascending; `vertical bending 2` is the second that bears the name.
+3. E-step: of all ways to name the modes the most probable one picks a mode for each label, for different labels
+   different ones: a chain whose state is the number of each name so far (Viterbi; Rabiner 1989). What was measured
+   counts too, each value by no more than `FAR` (it may be an outlier): so data decide between names by a near draw and
+   never overrule clear ones. Where the arm's numbers are off, so are shares and frequencies: the sd of both grow with
+   the misfit of the last step, as where a variance is estimated along (annealing: Ueda, Nakano 1998). Without that, 9
+   of 16 starts of a six-axis arm are lost; with it, none (tests/benchmarks/labels.py).
+4. M-step: each value stays with the shape it has, known again by the largest overlap (v' M u)^2 (modal assurance
+   criterion in the mass metric), so that a step is smooth least squares; no shape is differentiated. Where an accepted
+   step leads to where another naming is more probable, the search begins anew there (`least_squares.solve`).
+5. A start that finds no end so goes on with the order of the modes that the best start so far found, and at last holds
+   what it has: it ends in an optimum all the same, and the fit says that its labels contradict it.
+
+References:
+    Dempster, Laird, Rubin, J. R. Stat. Soc. B 39, 1977 (E-step, M-step; with the most probable choice in place of the
+    weights: Celeux, Govaert, Comput. Stat. Data Anal. 14, 1992).
+    Rabiner, Proc. IEEE 77, 1989, section III B. Ueda, Nakano, Neural Networks 11, 1998.
+    Allemang, "The modal assurance criterion: twenty years of use and abuse", Sound and Vibration, 2003.
+"""
+
+import math
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import log_ndtr
+from jaxtyping import Array, Bool, Float, Int
+
+from ident.arm.modes import AMBIGUOUS, Label, Modes, torsion_share, vertical_share
+from ident.inference.parameters import AnyArray
+from ident.inference.problem import Data
+
+NAMING_SD = AMBIGUOUS / 2
+"""Standard deviation with which a person sees a share: where a name is a near draw, two of them from one half."""
+SHARES_MOVE = 3.0
+"""By how much a share is off where the frequencies are off by so many times less, as the stiffnesses then are."""
+FAR = 9.0
+"""Most that one value may say for or against a mode, as a squared number of sigma."""
+AT_FIRST = 0.3
+"""By how much the frequencies of a start may be off, as a fraction: a factor of e in stiffness makes 0.5 at most."""
+NEVER = 1e12
+"""Cost of what cannot be."""
+
+WORDS = (None, "vertical", "lateral"), (None, "torsion", "bending")
+"""What a label may say of direction and of kind."""
+NAMES = tuple((direction, kind) for direction in ("vertical", "lateral") for kind in ("bending", "torsion"))
+
+
+class Named(eqx.Module):
+    """Values of modes with a label: frequencies, damping ratios, shapes; what several rows measured is one of them.
+
+    Attributes:
+        states: (R,) state of each.
+        ordinals: (R,) the number in its label.
+        words: (R, 2) what its label says of direction and kind, as places in `WORDS`.
+        places: (R,) place of its label in the table of labels, ordered by pattern and ordinal.
+        asked: (patterns, S) largest ordinal of each pattern that was seen in each state.
+        at: (labels, S) the frequency that has the label of each place in each state; -1 for none, as at the last.
+        ratios: how many of them, after the frequencies, are damping ratios.
+        patterns: the different pairs of direction and kind, as places in `WORDS`.
+        top: largest ordinal of each.
+        shapes: how many of them, the last ones, are of shapes.
+    """
+
+    states: Int[AnyArray, "R"]
+    ordinals: Int[AnyArray, "R"]
+    words: Int[AnyArray, "R 2"]
+    places: Int[AnyArray, "R"]
+    asked: Int[AnyArray, "patterns S"]
+    at: Int[AnyArray, "labels S"]
+    ratios: int = eqx.field(static=True)
+    patterns: tuple[tuple[int, int], ...] = eqx.field(static=True)
+    top: tuple[int, ...] = eqx.field(static=True)
+    shapes: int = eqx.field(static=True, default=0)
+
+    @property
+    def others(self) -> int:
+        """Number of those that are no frequencies."""
+        return self.ratios + self.shapes
+
+    @property
+    def frequencies(self) -> int:
+        """Number of those that are frequencies."""
+        return len(self.states) - self.others
+
+
+def name_modes(labels: Sequence[Label], states: np.ndarray, count: int, ratios: int, shapes: int = 0) -> Named:
+    """Collect the values that have labels.
+
+    Args:
+        labels: of frequencies, of damping ratios, then of shapes.
+        states: (R,) state of each.
+        count: number of states.
+        ratios: number of damping ratios.
+        shapes: number of rows of shapes.
+    """
+    ordinals = np.array([label.ordinal for label in labels], int)
+    says = [(WORDS[0].index(label.direction), WORDS[1].index(label.kind)) for label in labels]
+    patterns = tuple(sorted(set(says)))
+    own = np.array([patterns.index(pair) for pair in says], int)
+    asked = np.zeros((len(patterns), count), int)
+    np.maximum.at(asked, (own, states), ordinals)
+    top = tuple(asked.max(1).tolist())
+    places = np.concatenate([[0], np.cumsum(top, dtype=int)])[own] + ordinals - 1
+    words = np.array(says, int).reshape(-1, 2)
+    at, first = np.full((sum(top) + 1, count), -1), len(states) - ratios - shapes
+    at[places[:first], states[:first]] = np.arange(first)
+    return Named(states, ordinals, words, places, asked, at, ratios, patterns, top, shapes)
+
+
+def name_costs(modes: Modes, off: Float[AnyArray, "*#batch"] | float = 0.0) -> dict[str, Float[Array, "m S *batch"]]:
+    """Return -2 ln(probability) of each word for each mode, as far as the arm's numbers may be off."""
+    sd = jnp.hypot(NAMING_SD, SHARES_MOVE * off)
+    lean = {"vertical": (vertical_share(modes) - 0.5) / sd, "torsion": (torsion_share(modes) - 0.5) / sd}
+    cost = {word: -2 * log_ndtr(x) for word, x in lean.items()}
+    opposite = {"lateral": "vertical", "bending": "torsion"}
+    return cost | {word: -2 * log_ndtr(-lean[other]) for word, other in opposite.items()}
+
+
+def label_costs(values: Named, modes: Modes) -> Float[Array, "m R *batch"]:
+    """Return -2 ln(probability) that each mode bears the words of each value's label."""
+    cost = name_costs(modes)
+    said = [jnp.stack([cost[word] if word else jnp.zeros_like(modes.frequency) for word in axis]) for axis in WORDS]
+    direction, kind = (said[axis][values.words[:, axis], :, values.states] for axis in (0, 1))
+    return jnp.moveaxis(direction + kind, 0, 1)
+
+
+def _fitting(values: Named, modes: Modes) -> Bool[Array, "m R *batch"]:
+    """Tell which modes have the direction and kind of each value's label."""
+    fits = []
+    for axis, share in enumerate((vertical_share(modes), torsion_share(modes))):
+        which = jnp.stack([jnp.ones_like(share, bool), share > 0.5, ~(share > 0.5)])
+        fits.append(which[values.words[:, axis], :, values.states])
+    return jnp.moveaxis(fits[0] & fits[1], 0, 1)
+
+
+def said_costs(values: Named, modes: Modes, chosen: Float[Array, "m R *batch"]) -> Float[Array, "R *batch"]:
+    """Return what speaks against each label where it is put: -2 ln(probability of its words), and `FAR` for a number.
+
+    The number is wrong where not just so many modes up to there move as the label says rather than otherwise.
+    """
+    cost, rank = label_costs(values, modes), modes.frequency.ndim - 2
+    count = (jnp.cumsum(_fitting(values, modes), 0) * chosen).sum(0)
+    ordinal = jnp.reshape(values.ordinals, (-1,) + (1,) * rank)
+    return (cost * chosen).sum(0) + FAR * (count != ordinal)
+
+
+def most_probable(
+    values: Named,
+    modes: Modes,
+    data: Data | None,
+    off: Float[AnyArray, "*batch"] | float,
+    *,
+    hertz: Float[Array, "m R *batch"] | None = None,
+) -> Float[Array, "m R *batch"]:
+    """Return one for the mode that each labelled value belongs to by the most probable naming, zero for the others.
+
+    Args:
+        values: the labelled values.
+        modes: all modes of all states.
+        data: what was measured, the labelled values first; None for the labels alone.
+        off: by how much the frequencies are off, as a fraction, see `how_far_off`; zero where none is fitted.
+        hertz: frequency of each mode as each value is defined; None for undamped ones.
+    """
+    modes, data, off, hertz = jax.lax.stop_gradient((modes, data, off, hertz))
+    if data is not None:
+        off = jnp.where(_fitted(values, data, modes.frequency.ndim - 2).any(0), off, 0.0)
+    cost = name_costs(modes, off)
+    names = jnp.stack([cost[direction] + cost[kind] for direction, kind in NAMES], 1)
+    misfits = _misfits(values, modes.frequency[:, values.states] if hertz is None else hertz, data, off)
+    against = jnp.concatenate([misfits, jnp.zeros_like(misfits[:, :1])], 1)[:, values.at]
+    return _best_naming(values, names, against)[:, values.places, values.states]
+
+
+def how_far_off(
+    values: Named, hertz: Float[Array, "m R *batch"], data: Data, chosen: Float[Array, "m R *batch"]
+) -> Float[Array, "*batch"]:
+    """Return the root mean square of ln(computed / measured) over the labelled frequencies that are fitted."""
+    hertz = (hertz * chosen).sum(0)
+    measured, _ = _aligned(values, data, hertz.ndim - 1)
+    counts = _fitted(values, data, hertz.ndim - 1)
+    squared = jnp.where(counts, jnp.log(jnp.where(counts, hertz / measured, 1.0)) ** 2, 0.0)
+    return jax.lax.stop_gradient(jnp.sqrt(squared.sum(0) / jnp.maximum(counts.sum(0), 1)))
+
+
+def _misfits(
+    values: Named, near: Float[Array, "m R *batch"], data: Data | None, off: AnyArray | float
+) -> Float[Array, "m R *batch"]:
+    """Return the squared misfit of each labelled frequency with each mode, in sigma; zero for a damping ratio."""
+    if data is None:
+        return jnp.zeros_like(near)
+    measured, sigma = _aligned(values, data, near.ndim - 2)
+    squared = ((near - measured) / jnp.hypot(sigma, off * measured)) ** 2
+    return jnp.where(_are_frequencies(values, near.ndim - 2), jnp.minimum(squared, FAR), 0.0)
+
+
+def _fitted(values: Named, data: Data, rank: int) -> Bool[Array, "R *batch"]:
+    """Return which labelled values are frequencies that count in the fit."""
+    _, sigma = _aligned(values, data, rank)
+    return jnp.logical_and(_are_frequencies(values, rank), jnp.isfinite(sigma))
+
+
+def _are_frequencies(values: Named, rank: int) -> Bool[np.ndarray, "R *ones"]:
+    return np.reshape(np.arange(len(values.states)) < values.frequencies, (-1,) + (1,) * rank)
+
+
+def _aligned(values: Named, data: Data, rank: int) -> tuple[Array, Array]:
+    own = (x[: len(values.states)] for x in data)
+    measured, sigma = (jnp.reshape(x, x.shape + (1,) * (1 + rank - x.ndim)) for x in own)
+    return measured, sigma
+
+
+def overlap(shapes: Float[Array, "n m R"], M: Float[Array, "n n R"], reference: Float[AnyArray, "n R"]) -> Array:
+    """Return the squared overlap (m, R) of each value's reference shape with each mode: (v' M u)^2."""
+    return (shapes * (M * reference[None]).sum(1)[:, None]).sum(0) ** 2
+
+
+def _best_naming(values: Named, names: Float[Array, "m 4 *batch"], against: Float[Array, "m T *batch"]) -> Array:
+    """Return one where a mode has the label of a place by the naming of least cost, zero for the others (m, T, *batch).
+
+    The least cost of naming all modes from one on depends on the number of each name before it, and so is found from
+    the last mode to the first one (Viterbi); the way back gives the names.
+    """
+    follow, given = _steps(values)
+    shape, rank = names.shape[2:], names.ndim - 2
+    to_go = jnp.where(_complete(values).reshape((-1, shape[0]) + (1,) * (rank - 1)), 0.0, NEVER)
+
+    def name_one(to_go: Array, mode: tuple[Array, Array]) -> tuple[Array, Array]:
+        cost = mode[0][None] + mode[1][given].sum(2) + to_go[follow]
+        return cost.min(1), jnp.argmin(cost, 1)
+
+    _, name = jax.lax.scan(name_one, jnp.broadcast_to(to_go, (len(follow), *shape)), (names, against), reverse=True)
+
+    def walk(before: Array, name: Array) -> tuple[Array, Array]:
+        own = jnp.take_along_axis(name, before[None], 0)[0]
+        return jnp.asarray(follow)[before, own], jnp.asarray(given)[before, own]
+
+    _, places = jax.lax.scan(walk, jnp.zeros(shape, int), name)
+    numbers = np.arange(against.shape[1]).reshape((-1,) + (1,) * rank)
+    return (jnp.moveaxis(places, -1, 1)[:, :, None] == numbers).any(1).astype(float)
+
+
+def _steps(values: Named) -> tuple[np.ndarray, np.ndarray]:
+    """Return, for each number of names before a mode and each name of it, these numbers after it (C, 4).
+
+    And the places of the labels that it then has (C, 4, n), one that is none's where there are fewer. Beyond the
+    largest ordinal that is asked for, numbers are all the same.
+    """
+    sizes = [top + 1 for top in values.top]
+    first = np.concatenate([[0], np.cumsum(values.top)])
+    nothing = int(first[-1])
+    said = [(WORDS[0][direction], WORDS[1][kind]) for direction, kind in values.patterns]
+    borne = [[axis for axis, pattern in enumerate(said) if _bears(name, pattern)] for name in NAMES]
+    follow = np.zeros((math.prod(sizes), len(NAMES)), int)
+    given = np.full((*follow.shape, max(map(len, borne))), nothing)
+    for before, count in enumerate(np.ndindex(*sizes)):
+        for i, axes in enumerate(borne):
+            after = np.array(count)
+            for slot, axis in enumerate(axes):
+                if count[axis] < values.top[axis]:
+                    given[before, i, slot] = first[axis] + count[axis]
+                    after[axis] += 1
+            follow[before, i] = np.ravel_multi_index(tuple(after), sizes)
+    return follow, given
+
+
+def _bears(name: tuple[str, str], pattern: tuple[str | None, str | None]) -> bool:
+    return all(word in (None, own) for word, own in zip(pattern, name, strict=True))
+
+
+def _complete(values: Named) -> Bool[Array, "C S"]:
+    """Return at which numbers of names a state has all the labels that were seen in it."""
+    counts = np.indices([top + 1 for top in values.top]).reshape(len(values.top), -1)
+    return jnp.all(counts[:, :, None] >= values.asked[:, None], 0)

@@ -1,0 +1,530 @@
+"""From an arm, a campaign and a choice of unknowns to an inverse problem, and checks of the data before any search."""
+
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.arm.mechanics import static_equilibrium
+from ident.arm.modes import (
+    AMBIGUOUS,
+    Label,
+    is_ambiguous,
+    labels_of_shares,
+    modes_about,
+    parse_label,
+    torsion_share,
+    vertical_share,
+)
+from ident.errors import InputError, ModelError, Problem
+from ident.identify.conditions import (
+    BY_MODE,
+    MOST_DAMPED,
+    Conditions,
+    Unnamed,
+    bind,
+    loop_parameters,
+    loop_places,
+    shared_error,
+)
+from ident.identify.modal_analysis import modal_analysis
+from ident.identify.mode_matching import FAR, NAMING_SD, Named
+from ident.identify.predict import ArmModel, chains, frames_of, mode_choice, predict, setup_parameters, vectors_of
+from ident.identify.unknowns import (
+    Unknowns,
+    check_measurable,
+    scaled_bodies,
+    stiffness_parameters,
+    uncertain_parameters,
+)
+from ident.inference.information import SUSPICIOUS, farthest
+from ident.inference.parameters import Parameters
+from ident.inference.problem import Correlation, InverseProblem, correlation, with_discrepancy
+from ident.inference.search import evaluate
+from ident.measure import Campaign, Measurement
+from ident.measure.load import AXES, KINDS, POSITIONS, SHAPES
+from ident.programs import RUNS_ONCE, jit
+from ident.text import one_line, quoted
+from ident.units import QUANTITIES, si_factor
+
+# -------- Build problem
+# An arm, a campaign and a choice of unknowns, posed as an inverse problem.
+
+_predicted = jit(predict)
+
+
+def arm_problem(
+    arm: Arm, campaign: Campaign, parameters: Parameters, uncertain: Mapping[str, str] | None = None
+) -> InverseProblem:
+    """Pose the inverse problem of an arm and a campaign.
+
+    Raises:
+        InputError: the campaign speaks of points, payloads or modes that the arm has not.
+    """
+    conditions, widths = bind(arm, campaign), uncertain or {}
+    check_measurable(widths, conditions.loads)
+    frames = frames_of(campaign, _expected(arm, campaign))
+    setups = setup_parameters(campaign, frames) if frames else ()
+    value, sigma, step = np.array([(m.value, m.sigma, m.resolution) for m in campaign], float).T
+    return InverseProblem(
+        ArmModel(arm, conditions, scaled_bodies(arm, widths), frames),
+        jax.device_put(value),
+        jax.device_put(shared_error(np.asarray(conditions.order), sigma, step)),
+        Parameters((*parameters.items, *uncertain_parameters(arm, widths), *setups, *loop_parameters(campaign))),
+        tuple(m.kind for m in campaign),
+        _correlation(campaign),
+        vectors_of(campaign),
+    )
+
+
+def _expected(arm: Arm, campaign: Campaign) -> list[np.ndarray]:
+    """Return what the arm file expects of each row with a setup, as a vector in the base frame; of others nothing."""
+    rows = [m for m in campaign if m.setup]
+    if not rows:
+        return [np.zeros(3) for _ in campaign]
+    blank: dict[str, Any] = {
+        "setup": "",
+        "ramp": "",
+        "group": "",
+        "member": 0,
+        "repeat": "",
+        "value": 0.0,
+        "sigma": 1.0,
+        "resolution": 0.0,
+    }
+    along = tuple(replace(m, direction=axis, **blank) for m in rows for axis in (AXES["x"], AXES["y"], AXES["z"]))
+    vectors = iter(np.asarray(_predicted(arm, {}, bind(arm, Campaign(measurements=along)))).reshape(-1, 3))
+    return [next(vectors) if m.setup else np.zeros(3) for m in campaign]
+
+
+def _correlation(campaign: Campaign) -> Correlation | None:
+    """Return how the errors of the rows are correlated.
+
+    Raises:
+        InputError: as no errors can be.
+    """
+    groups = [(places, np.array(matrix)) for places, matrix in campaign.correlated]
+    try:
+        return jax.device_put(correlation(groups, np.ones(len(campaign), bool)))
+    except InputError as error:
+        path = campaign.covariance.path if campaign.covariance else ""
+        raise InputError(replace(problem, where=one_line(path)) for problem in error.problems) from None
+
+
+def build_problem(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> InverseProblem:
+    """Make the joint stiffnesses, and what else is asked for, unknown; damping where damping ratios were measured.
+
+    Args:
+        arm: its numbers are starting values and centres of the priors.
+        campaign: the measurements.
+        unknowns: what is unknown, and its priors.
+
+    Raises:
+        InputError: campaign and arm, or the named parameters, do not fit together.
+    """
+    unknowns = unknowns or Unknowns()
+    damping = any(m.kind == "damping_ratio" for m in campaign)
+    parameters = stiffness_parameters(arm, unknowns, damping=damping)
+    return with_discrepancy(arm_problem(arm, campaign, parameters, unknowns.uncertain), unknowns.discrepancy)
+
+
+# -------- Label checks
+# Which measured modes may be taken for others: names by a near draw, neighbours that nearly cross.
+
+NEAR = 0.05
+"""Relative distance of two frequencies below which their order may change in the fit."""
+NEAR_DRAW = -2 * math.log1p(-math.erfc(AMBIGUOUS / NAMING_SD / math.sqrt(2)) / 2)
+"""What speaks against a label whose mode is named by a share that is `AMBIGUOUS` from one half."""
+POINTS = 16
+"""Points about the starting values at which labels are looked at."""
+NEARBY, FREE = 0.4, 1.0
+"""Their standard deviation in theta, where the prior is not narrower: where values are judged; where labels are."""
+ALIKE = 3.0
+"""Standard deviations within which two values of different modes may be of one mode that was measured twice."""
+
+
+@dataclass(frozen=True)
+class LabelDoubt:
+    """A measurement whose mode is not sure.
+
+    Attributes:
+        row: its place in the campaign.
+        mode: the mode that it is matched to at the starting values.
+        near_draw: whether that mode's name is a near draw, so that a small change may rename it.
+        crossing: for values without a label, the neighbouring modes that nearly have the same frequency.
+        alike: place of another value without a label that is nearly the same, but matched to another mode; or None.
+    """
+
+    row: int
+    mode: Label
+    near_draw: bool
+    crossing: tuple[Label, ...]
+    alike: int | None
+
+
+def label_doubts(arm: Arm, campaign: Campaign) -> tuple[LabelDoubt, ...]:
+    """Find measured modes that may be mistaken for others, with the arm as it is.
+
+    A label whose mode is named by a near draw may pick another mode after a small step of the fit. Values without
+    label are matched by order, which changes where frequencies cross; and one mode measured twice is taken for two.
+
+    Raises:
+        InputError: campaign and arm do not fit together.
+    """
+    conditions, _, places = bind(arm, campaign).padded()
+    values: tuple[Named | Unnamed, ...] = (conditions.named, conditions.unnamed)
+    if not any(len(each.states) for each in values) or not arm.points:
+        return ()
+    states = jax.device_get(_modes_of_states(arm, conditions))
+    doubts: dict[int, LabelDoubt] = {}
+    rows: dict[int, list[int]] = {}
+    for row, place in enumerate(places.tolist()):
+        rows.setdefault(place, []).append(row)
+    before = 0
+    for each, choice in zip(values, states.choice, strict=True):
+        own = [rows.get(before + i, []) for i in range(len(each.states))]
+        for i, doubt in _doubts(campaign, each, own, states, choice):
+            doubts |= {row: replace(doubt, row=row) for row in own[i]}
+        before += len(each.states)
+    return tuple(doubts[row] for row in sorted(doubts))
+
+
+def changing_labels(problem: InverseProblem, *, points: int = POINTS, seed: int = 0) -> dict[int, float]:
+    """Return at what share of points within the prior each row's label is a near draw, or has no mode; if at any.
+
+    Args:
+        problem: of an arm and a campaign.
+        points: number of points that are tried.
+        seed: of the points.
+    """
+    costs, _ = labels_about(problem, points, FREE, seed)
+    often = (costs > NEAR_DRAW).mean(0) if len(costs) else np.zeros(len(problem.kinds))
+    return {int(row): float(often[row]) for row in np.flatnonzero(often)}
+
+
+def labels_about(
+    problem: InverseProblem, points: int = POINTS, spread: float = NEARBY, seed: int = 0
+) -> tuple[Float[np.ndarray, "points D"], Float[np.ndarray, "points D"]]:
+    """Return what speaks against each label and what is predicted, by labels alone, at the starting values and about.
+
+    Args:
+        problem: of an arm and a campaign.
+        points: number of points, besides the starting values.
+        spread: their standard deviation in theta, where the prior is not narrower.
+        seed: of the points.
+    """
+    parameters = problem.parameters
+    start = np.asarray(parameters.theta(parameters.column("start")))
+    noise = np.random.default_rng(seed).standard_normal((points, len(start))) * np.minimum(parameters.normal_sd, spread)
+    ends = [evaluate(problem, theta) for theta in (start, *(start + noise))]
+    stable = [end for end in ends if np.isfinite(end.predicted).all()] or ends[:1]
+    return np.array([end.choice.cost for end in stable]), np.array([end.predicted for end in stable])
+
+
+class _States(NamedTuple):
+    """Modes of all states, ascending; whether each is named by a near draw; the choice of each kind of value."""
+
+    frequency: Any
+    torsion: Any
+    vertical: Any
+    near_draw: Any
+    choice: Any
+
+
+@partial(jit, options=RUNS_ONCE)
+def _modes_of_states(arm: Arm, conditions: Conditions) -> _States:
+    chain = chains(arm, {}, conditions)
+    modes = modes_about(chain, static_equilibrium(chain))
+    shares = torsion_share(modes), vertical_share(modes)
+    return _States(modes.frequency, *shares, is_ambiguous(modes), mode_choice(conditions, modes))
+
+
+def _doubts(
+    campaign: Campaign,
+    values: Named | Unnamed,
+    rows: Sequence[Sequence[int]],
+    states: _States,
+    choice: Float[np.ndarray, "m n"],
+) -> Iterator[tuple[int, LabelDoubt]]:
+    """Yield the place of each value that is in doubt, and the doubt as that of its first row."""
+    named, matched = isinstance(values, Named), np.argmax(choice, 0)
+    for i in (i for i, own in enumerate(rows) if own):
+        state, mode = values.states[i], matched[i]
+        hertz = states.frequency[:, state]
+        if not (choice[:, i].any() and np.isfinite(hertz).all()):
+            continue
+        beside = [j for j in (mode - 1, mode + 1) if 0 <= j < len(hertz) and _near(hertz[j], hertz[mode])]
+        near = [] if named else beside
+        other = None if named else _row_alike(campaign, values, rows, i)
+        drawn = named and bool(states.near_draw[mode, state])
+        if near or drawn or other is not None:
+            names = labels_of_shares(states.torsion[:, state], states.vertical[:, state])
+            yield i, LabelDoubt(rows[i][0], names[mode], drawn, tuple(names[j] for j in near), other)
+
+
+def _near(a: float, b: float) -> bool:
+    return bool(abs(a - b) < NEAR * min(a, b))
+
+
+def _row_alike(campaign: Campaign, values: Named | Unnamed, rows: Sequence[Sequence[int]], i: int) -> int | None:
+    """Return the row of the first value without label in the same state that is nearly the same."""
+    own = campaign.measurements[rows[i][0]]
+    for j in np.flatnonzero(values.states == values.states[i]).tolist():
+        other = campaign.measurements[rows[j][0]] if rows[j] and j != i else None
+        if other and abs(own.value - other.value) < ALIKE * np.hypot(own.sigma, other.sigma):
+            return rows[j][0]
+    return None
+
+
+# -------- Data checks
+# Data checks: values that no such arm would give, and kinds of data that contradict each other.
+
+PLAUSIBLE = {
+    "frequency": 3.0,
+    "damping_ratio": 100.0,
+    "deflection": 5.0,
+    "deflection_difference": 5.0,
+    "rotation": 5.0,
+    "rotation_difference": 5.0,
+    "twist": 5.0,
+    "twist_difference": 5.0,
+}
+"""Factor by which a value may differ from what the arm file predicts before it is refused."""
+
+AWAY = 0.1
+"""Distance [m] by which a position may differ from the arm file's before it is refused."""
+
+ALL = "all"
+"""What trusts the values of all rows."""
+
+SLACK = math.radians(0.5)
+"""By how much a held angle may lie beyond a joint's limit [rad]: how well it is read."""
+
+
+def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm, trusted: Collection[str] = ()) -> None:
+    """Refuse what the arm as its file has it makes implausible: values far off, labels of no mode, postures off limits.
+
+    Repeated measurements that contradict each other are refused as well. A value counts as far off where it is so by
+    more than three of its standard deviations.
+
+    Args:
+        problem: of the campaign and the arm.
+        campaign: the measurements.
+        arm: as its file has it.
+        trusted: rows that are right whatever they look like: their numbers in the file, or `all`.
+
+    Raises:
+        InputError: lists the values, each with its row; or a trusted row that is not there, or whose label no mode of
+            the arm can bear.
+    """
+    names = row_names(campaign)
+    if unknown := [row for row in trusted if row not in {*names, ALL}]:
+        expected, remedy = f"rows of the campaign ({names[0]} to {names[-1]}), or {ALL}", "correct the number"
+        raise InputError(Problem("trust_values", quoted(unknown[0]), expected, remedy))
+    predicted, missing = _by_labels(problem, campaign, names)
+    friction = _by_friction(campaign, predicted)
+    doubts: list[Problem] = []
+    hopeless: list[Problem] = []
+    for i, (name, m) in enumerate(zip(names, campaign, strict=True)):
+        if m.mode and math.isnan(predicted[i]):
+            hopeless += _no_such_mode(m, arm, "or leave it empty: trusted or not, there is nothing to fit it to")
+        elif m.of and predicted[i] == 0:
+            hopeless += [_too_damped(m)]
+        elif name not in trusted:
+            doubts += _beyond_limits(m, arm, name)
+            remedy = f"leave it empty, or {_right(name)}"
+            doubts += _no_such_mode(m, arm, remedy) if i in missing else []
+            doubts += _far_off(m, float(predicted[i]), name) if i not in missing | friction else []
+    doubts += _contradictions(campaign, names, trusted)
+    if hopeless or (doubts and ALL not in trusted):
+        raise InputError([*hopeless, *(doubts if ALL not in trusted else ())])
+
+
+def plausible_beside(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> bool:
+    """Tell whether `check_values` would find nothing in a campaign that differs in its values from one that it passed.
+
+    Args:
+        campaign: the measurements.
+        predicted: (D,) [SI] what the arm file predicts by the labels.
+    """
+    names = row_names(campaign)
+    each, friction = zip(campaign, predicted.tolist(), names, strict=True), _by_friction(campaign, predicted)
+    plausible = not any(problem for i, row in enumerate(each) if i not in friction for problem in _far_off(*row))
+    return plausible and not any(contradictory_repeats(campaign))
+
+
+def _by_friction(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> set[int]:
+    """Return rows of ramps that read so little, beside the largest of their loop, that it may all be friction."""
+    loops, sizes = np.abs(loop_places(campaign)).astype(int), np.nan_to_num(np.abs(predicted))
+    largest = np.zeros(loops.max(initial=0) + 1)
+    np.maximum.at(largest, loops, sizes)
+    return set(np.flatnonzero((loops > 0) & (sizes < largest[loops] / 2)).tolist())
+
+
+def _by_labels(
+    problem: InverseProblem, campaign: Campaign, names: Sequence[str]
+) -> tuple[Float[np.ndarray, "D"], set[int]]:
+    """Return what the arm file predicts by the labels alone, and the rows whose label it never has.
+
+    Where a label's mode is none at the file's values, or far off, it may be another one for an arm nearby: then what is
+    predicted there counts, if it is plausible.
+    """
+
+    def is_far_off(i: int, expected: float) -> bool:
+        return any(_far_off(campaign.measurements[i], float(expected), names[i]))
+
+    costs, about = labels_about(problem, 0)
+    predicted = about[0].copy()
+    odd = [i for i, m in enumerate(campaign) if m.mode and (costs[0, i] >= FAR or is_far_off(i, predicted[i]))]
+    if not odd:
+        return predicted, set()
+    costs, about = labels_about(problem)
+    for i in odd:
+        fine = [x for x, cost in zip(about[:, i], costs[:, i], strict=True) if cost < FAR]
+        predicted[i] = next((x for x in fine if not is_far_off(i, x)), predicted[i])
+    return predicted, {i for i in odd if (costs[:, i] >= FAR).all()}
+
+
+def row_names(campaign: Campaign) -> list[str]:
+    """Return what rows are called: their numbers in the file, or those of their order where they come from none."""
+    return [m.where.rpartition(":")[2] or str(i) for i, m in enumerate(campaign, 1)]
+
+
+def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
+    """Refuse a value that differs from the prediction by more than a factor, even if its sigma is considered."""
+    if m.kind in POSITIONS:
+        yield from _far_away(m, expected, row)
+    if m.kind in (*POSITIONS, *SHAPES):  # a shape is of either sign, and small where a mode hardly moves a point
+        return
+    limit = PLAUSIBLE[m.kind]
+    low, high = sorted((expected / limit, expected * limit))
+    if not expected or not (m.value + SUSPICIOUS * m.spread < low or m.value - SUSPICIOUS * m.spread > high):
+        return
+    ratio = m.value / expected
+    radians = m.kind == "frequency" and 0.8 < ratio / (2 * math.pi) < 1.25
+    hint = "it looks like rad/s written as Hz: " if radians else ""
+    got = f"{_written(m, m.value)}, {ratio:.3g} times what the arm file predicts"
+    yield Problem(
+        m.where, got, f"about {_written(m, expected)}", f"{hint}check value and unit, or {_right(row)}", "value"
+    )
+
+
+def _far_away(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
+    """Refuse a position that no error of measurement or geometry explains."""
+    if abs(m.value - expected) > AWAY + SUSPICIOUS * m.spread:
+        got, about = f"{_written(m, m.value)}", f"about {_written(m, expected)}, where the arm file has it"
+        yield Problem(m.where, got, about, f"check value, unit, posture and setup, or {_right(row)}", "value")
+
+
+def _written(m: Measurement, value: float) -> str:
+    """Write a number in the unit that a measurement was written in; in SI where that is none of its kind."""
+    si = QUANTITIES[KINDS[m.kind]].si
+    try:
+        return f"{value / si_factor(m.unit, KINDS[m.kind]):.4g} {m.unit}".removesuffix(" 1")
+    except InputError:  # made in code, where the unit is a remark
+        return f"{value:.4g} {si}".removesuffix(" 1")
+
+
+def _right(row: str) -> str:
+    """Return the remedy of who knows better."""
+    return f"say that it is right (`trust_values` {row})"
+
+
+def contradictory_repeats(campaign: Campaign) -> Iterator[tuple[int, int]]:
+    """Yield, for each thing that was measured twice or more, the two rows that contradict each other most, if any do.
+
+    The more pairs there are, the farther apart two values may be by chance (Bonferroni): the chance that any pair of a
+    campaign that is right is named stays below that of one pair at 3 sd. Frequencies without a mode label are never
+    repeats, since those of one posture and load belong to different modes.
+    """
+    same = repeated(campaign)
+    limit = farthest(sum(math.comb(len(rows), 2) for rows in same))
+    for rows in same:
+        own = [campaign.measurements[row] for row in rows]
+        apart = _farthest_apart(np.array([m.value for m in own]), np.array([m.spread for m in own]), limit)
+        if apart:
+            yield rows[apart[0]], rows[apart[1]]
+
+
+def repeated(campaign: Campaign) -> list[list[int]]:
+    """Return the rows of each thing that was measured; frequencies without a label are in none."""
+    same: dict[Measurement, list[int]] = {}
+    for row, m in enumerate(campaign):
+        if m.kind not in BY_MODE or m.mode:
+            angles = tuple(round(angle, 5) for angle in m.posture)
+            blank: dict[str, Any] = {"value": 0.5, "sigma": 1.0, "resolution": 0.0, "repeat": "", "note": ""}
+            same.setdefault(replace(m, posture=angles, **blank), []).append(row)
+    return [*same.values()]
+
+
+def _farthest_apart(
+    value: Float[np.ndarray, "n"], sigma: Float[np.ndarray, "n"], limit: float
+) -> tuple[int, int] | None:
+    """Return the first of the pairs that are farthest apart, if by more than a limit [sd].
+
+    As hypot(a, b) is (a + b) / sqrt(2) at least, a value is in such a pair only where it is above the lowest of
+    value + limit sigma / sqrt(2) by as much, or below the highest: of many values that agree few.
+    """
+    way = limit * sigma / math.sqrt(2)
+    high, low = value - way, value + way
+    near = np.flatnonzero((high > low.min()) | (low < high.max()))
+    worst, found = limit, None
+    for place, i in enumerate(near[:-1]):
+        others = near[place + 1 :]
+        apart = np.abs(value[others] - value[i]) / np.hypot(sigma[others], sigma[i])
+        if apart.max() > worst:
+            worst, found = float(apart.max()), (int(i), int(others[np.argmax(apart)]))
+    return found
+
+
+def _apart(a: Measurement, b: Measurement) -> float:
+    return abs(a.value - b.value) / math.hypot(a.spread, b.spread)
+
+
+def _contradictions(campaign: Campaign, names: Sequence[str], trusted: Collection[str]) -> Iterator[Problem]:
+    kept = [i for i, name in enumerate(names) if name not in trusted]
+    measurements = tuple(campaign.measurements[i] for i in kept)
+    for i, j in contradictory_repeats(replace(campaign, measurements=measurements)):
+        first, second = measurements[i], measurements[j]
+        a, b = names[kept[i]], names[kept[j]]
+        same = f"has the label '{first.mode}', too" if first.mode else "measured the same"
+        got = f"{_written(second, second.value)}, {_apart(first, second):.2g} sd from row {a}, which {same}"
+        label = "correct one of the labels, " if first.mode else "correct point, posture or load of one, "
+        remedy = f"{label}drop the wrong one, widen their sigmas, or say that both are right (`trust_values` {b})"
+        yield Problem(
+            second.where, got, f"about {_written(second, first.value)}", remedy, "" if first.mode else "value"
+        )
+
+
+def _no_such_mode(m: Measurement, arm: Arm, remedy: str) -> Iterator[Problem]:
+    """Name the modes that the arm has there; nothing if it has none because it collapses, or has the one."""
+    label = parse_label(m.mode or "")
+    with suppress(ModelError):
+        names = modal_analysis(arm, m.posture, m.load, 3 * len(arm.joints)).labels
+        if label and sum(label.admits(name) for name in names) >= label.ordinal:
+            return  # a wrong label beside it has taken its mode
+        expected = f"a mode of the arm at that posture: {', '.join(map(str, names))}"
+        yield Problem(m.where, f"'{m.mode}'", expected, f"correct the label, {remedy}", "mode")
+
+
+def _too_damped(m: Measurement) -> Problem:
+    got = f"a {m.of} frequency of a mode that has none: it is damped too much in the arm file"
+    limit = f"a damping ratio up to {MOST_DAMPED:g}" if m.of != "damped" else "a damping ratio below 1"
+    return Problem(m.where, got, limit, "give `pole`, or correct the damping of the arm file", "of")
+
+
+def _beyond_limits(m: Measurement, arm: Arm, row: str) -> Iterator[Problem]:
+    for joint, angle in zip(arm.driven, m.posture, strict=True):
+        low, high = joint.limits
+        if not low - SLACK <= angle <= high + SLACK:
+            got = f"{joint.name} at {math.degrees(angle):.4g} deg"
+            expected = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg, its limits in the arm file"
+            remedy = f"check the angle and its unit, or {_right(row)}"
+            yield Problem(m.where, got, expected, remedy, "posture")

@@ -1,0 +1,355 @@
+"""Optimal design: what is known before a plan, and how much each experiment would add.
+
+What to measure next: the experiments that tell most for their cost, for any model whose predictions have a Jacobian.
+
+The gains are those of the linear-Gaussian model. With C and C' the covariance of theta before and after,
+
+    d     ln det(C) / 2 - ln det(C') / 2 [nat]: the expected information gain, or mutual information
+    a     (tr C - tr C') / P: the mean variance that goes
+    NAME  ln sd - ln sd' of that parameter
+
+each averaged over the points of `PriorInformation`. C is that of the sought parameters, whatever the nuisances are.
+
+References:
+    Lindley, "On a measure of the information provided by an experiment", Ann. Math. Stat. 27(4), 1956.
+    Chaloner, Verdinelli, "Bayesian experimental design: a review", Statistical Science 10(3), 1995, sections 2 and 4.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, islice
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from ident.errors import InputError, Problem
+from ident.inference.fit import Fit
+from ident.inference.parameters import Parameters
+from ident.inference.problem import InverseProblem
+from ident.inference.search import evaluate
+from ident.text import did_you_mean, quoted
+
+# -------- Prior information
+# What is known of the parameters before a plan is made: points where they may lie, and the information there.
+
+OPEN_SD = 3.0
+"""Standard deviation in theta of a parameter without a prior, for planning only: a factor of 20 for a stiffness."""
+DRAWS = 8
+
+
+@dataclass(frozen=True)
+class PriorInformation:
+    """What is known now, by prior and data.
+
+    A gain is a mean over the points, so that a plan does not hang on one guess of what is unknown. The first point is
+    the best estimate; the standard deviations of a plan are quoted there.
+
+    Attributes:
+        names: (P,) parameters.
+        points: (T, P) theta.
+        information: (T, P, P) inverse covariance of theta by prior and data, linearized at each point.
+        nuisance: those parameters that are not sought, but not exactly known.
+    """
+
+    names: tuple[str, ...]
+    points: Float[np.ndarray, "T P"]
+    information: Float[np.ndarray, "T P P"]
+    nuisance: tuple[str, ...] = ()
+
+    @property
+    def sought(self) -> tuple[str, ...]:
+        """The other parameters."""
+        return tuple(name for name in self.names if name not in self.nuisance)
+
+    @property
+    def sd(self) -> Float[np.ndarray, "T sought"]:
+        """Standard deviation of each sought theta at each point."""
+        return sds(self.of_sought(self.information))
+
+    def of_sought(self, information: Float[np.ndarray, "*batch P P"]) -> Float[np.ndarray, "*batch sought sought"]:
+        """Return the inverse covariance of the sought parameters alone, whatever the nuisances are."""
+        return marginal(information, [self.names.index(name) for name in self.sought])
+
+    def at(self, chosen: np.ndarray) -> "PriorInformation":
+        """Return what is known at some of the points."""
+        return replace(self, points=self.points[chosen], information=self.information[chosen])
+
+    def without(self, names: Sequence[str]) -> "PriorInformation":
+        """Return what is known of the parameters other than these, whatever these are."""
+        kept = [i for i, name in enumerate(self.names) if name not in names]
+        return PriorInformation(
+            tuple(self.names[i] for i in kept),
+            self.points[:, kept],
+            marginal(self.information, kept),
+            tuple(name for name in self.nuisance if name not in names),
+        )
+
+
+def sds(information: Float[np.ndarray, "*batch P P"]) -> Float[np.ndarray, "*batch P"]:
+    """Return the standard deviations that go with inverse covariances."""
+    return np.sqrt(np.diagonal(np.linalg.inv(information), axis1=-2, axis2=-1))
+
+
+def marginal(information: Float[np.ndarray, "*batch P P"], kept: Sequence[int]) -> Float[np.ndarray, "*batch K K"]:
+    """Return the inverse covariance of some parameters, those of the others being integrated out."""
+    others = [i for i in range(information.shape[-1]) if i not in kept]
+    own, between = information[..., kept, :][..., kept], information[..., others, :][..., kept]
+    if not others:
+        return own
+    return own - between.swapaxes(-1, -2) @ np.linalg.solve(information[..., others, :][..., others], between)
+
+
+def prior_information(parameters: Parameters, *, draws: int = DRAWS, seed: int = 0) -> PriorInformation:
+    """Return what the priors say before anything is measured; see `_normal_prior`."""
+    centre, sd = _normal_prior(parameters)
+    information = np.diag(1 / sd**2)
+    points = _spread(centre, np.diag(sd**2), draws, seed)
+    return _known(parameters, points, np.repeat(information[None], len(points), 0))
+
+
+def prior_and_data_information(fit: Fit, *, draws: int = DRAWS, seed: int = 0) -> PriorInformation:
+    """Return what a fit says: points about its optimum, the data's Fisher information at each, and the priors'."""
+    parameters = fit.problem.parameters
+    _, sd = _normal_prior(parameters)
+    best, prior = fit.best.theta, np.diag(1 / sd**2)
+    scaled = fit.problem.scaled(np.asarray(fit.jacobian))
+    points = _spread(best, np.linalg.inv(scaled.T @ scaled + prior), draws, seed)
+    return _known(parameters, points, fisher(scaled_jacobians(fit.problem, points)) + prior)
+
+
+def _known(parameters: Parameters, points: np.ndarray, information: np.ndarray) -> PriorInformation:
+    nuisance = tuple(item.name for item in parameters.items if item.nuisance)
+    return PriorInformation(parameters.names, points, information, nuisance)
+
+
+def scaled_jacobians(problem: InverseProblem, points: Iterable[np.ndarray]) -> Float[np.ndarray, "T D P"]:
+    """Return d(predicted / sigma)/d(theta) at each point; zero rows where the model has no answer.
+
+    It needs nothing of a problem but what `fit` needs, so any model can be planned for, not only an arm.
+    """
+    rows = [problem.scaled(np.asarray(evaluate(problem, jnp.asarray(theta)).jacobian)) for theta in points]
+    return np.nan_to_num(np.stack(rows))
+
+
+def fisher(scaled: Float[np.ndarray, "*batch D P"]) -> Float[np.ndarray, "*batch P P"]:
+    """Return the Fisher information J'J of rows that are scaled by their sigma."""
+    return np.einsum("...dp,...dq->...pq", scaled, scaled)
+
+
+def _normal_prior(parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
+    """Return means and standard deviations of the normal priors that stand for the parameters' own in a plan.
+
+    A flat prior is replaced by a normal one of about its width, none by one of `OPEN_SD`; a nuisance without a prior is
+    known by the data alone.
+    """
+    centre = np.asarray(parameters.theta(parameters.column("centre")))
+    return centre, np.where(parameters.proper | parameters.nuisance, parameters.normal_sd, OPEN_SD)
+
+
+def _spread(mean: np.ndarray, covariance: np.ndarray, draws: int, seed: int) -> np.ndarray:
+    """Return the mean, then quasi-random draws about it, which cover a normal law more evenly than random ones."""
+    if not draws:
+        return mean[None]
+    from scipy.stats import qmc  # long to import, and seldom needed
+
+    sampler = qmc.MultivariateNormalQMC(np.zeros(len(mean)), rng=np.random.default_rng(seed))
+    # whole powers of two keep a Sobol sequence balanced
+    z = sampler.random(2 ** int(np.ceil(np.log2(draws))))[:draws]
+    return np.vstack([mean, mean + z @ np.linalg.cholesky(covariance).T])
+
+
+# -------- Optimal design
+#
+
+D_OPTIMAL, A_OPTIMAL = "d", "a"
+MOST = 2_000_000
+"""Sets that an exhaustive search looks at, at most."""
+TOGETHER = 20_000
+"""Matrices of one array in it."""
+
+Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Experiments:
+    """What could be measured: each experiment is a set of values that are taken together, and paid together.
+
+    Attributes:
+        information: (C, T, P, P) what each alone would add at each point of `PriorInformation`.
+        cost: (C,) in any one unit.
+        group: (C,) experiments of one number have errors in common; None where all are independent.
+        whole: (C, T, P+S, P+S) information of each on the parameters and on the S errors that those of its group have
+            in common, each in its standard deviation, without what is known of these; None likewise.
+    """
+
+    information: Float[np.ndarray, "C T P P"]
+    cost: Float[np.ndarray, "C"]
+    group: Int[np.ndarray, "C"] | None = None
+    whole: Float[np.ndarray, "C T Q Q"] | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.cost).all() and (self.cost > 0).all()):
+            got = f"an experiment that costs {self.cost.min():g}"
+            raise InputError(Problem("", got, "a cost > 0", "raise its costs"))
+
+    def __len__(self) -> int:
+        return len(self.cost)
+
+    @classmethod
+    def with_common_errors(
+        cls, whole: Float[np.ndarray, "C T Q Q"], count: int, group: Int[np.ndarray, "C"], cost: Float[np.ndarray, "C"]
+    ) -> "Experiments":
+        """Return experiments with so many parameters, and errors that those of a group have in common."""
+        return cls(without_common(whole, count), cost, group, whole)
+
+    def after(self, chosen: Sequence[int]) -> Float[np.ndarray, "C T P P"]:
+        """Return what each would add after those chosen: less where it shares an error with some of them."""
+        if self.group is None or self.whole is None:
+            return self.information
+        added, count = self.information, self.information.shape[-1]
+        for group in {int(self.group[i]) for i in chosen}:
+            before = self.whole[[i for i in chosen if self.group[i] == group]].sum(0)
+            own = self.group == group
+            added = np.where(own[:, None, None, None], 0.0, added)
+            added[own] = without_common(before + self.whole[own], count) - without_common(before, count)
+        return added
+
+    def together(self, chosen: Sequence[int]) -> Float[np.ndarray, "T P P"]:
+        """Return what those chosen add together."""
+        added = np.zeros(self.information.shape[1:])
+        for place, i in enumerate(chosen):
+            added = added + self.after(chosen[:place])[i]
+        return added
+
+
+def without_common(whole: Float[np.ndarray, "*batch Q Q"], count: int) -> Float[np.ndarray, "*batch P P"]:
+    """Return the information on the first parameters, whatever the common errors after them are: normal, of sd 1."""
+    known = np.diag(np.where(np.arange(whole.shape[-1]) < count, 0.0, 1.0))
+    return marginal(whole + known, range(count))
+
+
+def bundle(scaled: Float[np.ndarray, "T D P"], rows: Sequence[Sequence[int]], cost: Sequence[float]) -> Experiments:
+    """Return the experiments that take these rows of a scaled Jacobian (`scaled_jacobians`) together."""
+    return Experiments(np.stack([fisher(scaled[:, list(own)]) for own in rows]), np.asarray(cost, float))
+
+
+@dataclass(frozen=True)
+class Step:
+    """One experiment of a batch, after those before it.
+
+    Attributes:
+        experiment: its place among the candidates.
+        cost: what it costs.
+        nats: () [nat] mean information gain, whatever the criterion.
+        gain: () what the criterion says.
+        sd: (T, sought) standard deviation of each sought theta after it, at each point.
+    """
+
+    experiment: int
+    cost: float
+    nats: float
+    gain: float
+    sd: Float[np.ndarray, "T sought"]
+
+
+def criterion(name: str, names: Sequence[str]) -> Gain:
+    """Return the gain of a criterion: `d`, `a`, or a parameter's name, as at the head of this module.
+
+    Raises:
+        InputError: it is none of them.
+    """
+    if name.lower() in (D_OPTIMAL, A_OPTIMAL):
+        return {D_OPTIMAL: information_gain, A_OPTIMAL: variance_gain}[name.lower()]
+    if name not in names:
+        remedy = did_you_mean(name, names, "name one of the unknowns")
+        raise InputError(Problem("criterion", quoted(name), "d, a, or a parameter's name", remedy))
+    place = list(names).index(name)
+    return lambda before, after: np.log(sds(before)[..., place] / sds(after)[..., place])
+
+
+def information_gain(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Return ln det(after) / 2 - ln det(before) / 2 of inverse covariances."""
+    return (np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1]) / 2
+
+
+def variance_gain(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Return by how much the mean variance shrinks between two inverse covariances."""
+    return (sds(before) ** 2 - sds(after) ** 2).mean(-1)
+
+
+def gains(known: PriorInformation, experiments: Experiments, gain: Gain) -> Float[np.ndarray, "C"]:
+    """Return what each experiment alone would gain, averaged over the points."""
+    return _gains(known, known.information, experiments.information, gain)
+
+
+def greedy(
+    known: PriorInformation, experiments: Experiments, count: int, gain: Gain = information_gain, *, target: float = 0.0
+) -> tuple[Step, ...]:
+    """Choose experiments one by one, each the one with most gain per cost after those before it; none is barred twice.
+
+    Errors that experiments have in common are no smaller in a repeat, so that the next one goes elsewhere.
+
+    At equal costs the information gain of the batch is at least 1 - 1/e (63 %) of what the best one of its size has,
+    as ln det is submodular; in practice it is within a few percent.
+
+    Args:
+        known: what is known now.
+        experiments: what could be measured.
+        count: experiments at most.
+        gain: what they are chosen for, see `criterion`.
+        target: stop as soon as every standard deviation at the first point is below; 0 to take all.
+
+    References:
+        Nemhauser, Wolsey, Fisher, "An analysis of approximations for maximizing submodular set functions",
+        Mathematical Programming 14, 1978.
+    """
+    steps: list[Step] = []
+    information = known.information
+    while len(steps) < count and not (sds(known.of_sought(information[0])) < target).all():
+        added = experiments.after([step.experiment for step in steps])
+        per_cost = _gains(known, information, added, gain) / experiments.cost
+        best = int(np.argmax(per_cost))
+        after = information + added[best]
+        sought = known.of_sought(after)
+        nats = float(information_gain(known.of_sought(information), sought).mean())
+        cost = float(experiments.cost[best])
+        steps.append(Step(best, cost, nats, float(per_cost[best]) * cost, sds(sought)))
+        information = after
+    return tuple(steps)
+
+
+def fewest(known: PriorInformation, experiments: Experiments, target: float, most: int = 4) -> tuple[int, ...] | None:
+    """Search all sets of 1, 2, ... different experiments for the smallest that brings all sds below a target.
+
+    The sds are those at the first point. Of the sets of that size it is the one whose largest sd is smallest; None if
+    `most` do not suffice. Common errors are not looked at.
+
+    Raises:
+        InputError: there are too many sets.
+    """
+    for size in range(1, most + 1):
+        worst, chosen = np.inf, None
+        for sets in _chunks(len(experiments), size):
+            after = known.information[0] + experiments.information[sets, 0].sum(1)
+            largest = sds(known.of_sought(after)).max(-1)
+            if largest.min() < worst:
+                worst, chosen = float(largest.min()), sets[int(np.argmin(largest))]
+        if chosen is not None and worst < target:
+            return tuple(map(int, chosen))
+    return None
+
+
+def _gains(known: PriorInformation, information: np.ndarray, added: np.ndarray, gain: Gain) -> np.ndarray:
+    after = known.of_sought(information + added)
+    return gain(known.of_sought(information), after).mean(-1)
+
+
+def _chunks(count: int, size: int) -> Iterator[np.ndarray]:
+    number = int(np.prod([(count - i) / (i + 1) for i in range(size)]))
+    if number > MOST:
+        remedy = "search among fewer experiments, or choose greedily"
+        raise InputError(Problem("", f"{number} sets of {size} experiments", f"{MOST} at most", remedy))
+    sets = combinations(range(count), size)
+    while chunk := list(islice(sets, TOGETHER)):
+        yield np.array(chunk)

@@ -1,0 +1,310 @@
+"""Scrutiny of a fit: parts of the data predicted from the others, robust weights, and swapped values."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Float, Int
+
+from ident.errors import ConvergenceError
+from ident.inference.fit import Fit
+from ident.inference.information import IMPROBABLE, RANK_TOLERANCE, information, row_tests
+from ident.inference.problem import InverseProblem
+from ident.inference.search import End, ended, look, solve
+
+# -------- Exchange
+# Which two values, put into each other's row, would make a fit of data that do not fit.
+
+TRIED = 4
+"""Exchanges that are fitted anew: so many of those suspected, and the best ones along a straight line."""
+
+BLOCK = 1000
+"""Exchanges whose matrices are in memory at once: of twenty parameters some 20 MB."""
+
+Pair = tuple[int, int]
+"""Places of two values."""
+Moves = Mapping[int, int]
+"""Where the value comes from that a place gets."""
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Two values that may have been taken for each other.
+
+    Attributes:
+        rows: their places.
+        chi_squared: of the data, fitted anew with the two values exchanged.
+        score: that, what the priors add, and what speaks against the labels, as of an `Optimum`.
+    """
+
+    rows: Pair
+    chi_squared: float
+    score: float = math.nan
+
+
+def swap(pair: Pair) -> Moves:
+    """Return the moves of two values that take each other's place."""
+    return {pair[0]: pair[1], pair[1]: pair[0]}
+
+
+def exchanges(
+    fit: Fit, pairs: Sequence[Pair], suspected: Sequence[Pair] = (), moves: Callable[[Pair], Moves] = swap
+) -> tuple[Exchange, ...]:
+    """Return the exchanges after which nothing speaks against the fit any more, of the least chi-squared first.
+
+    Values change places together with their sigmas, and with what their errors have in common with others. All pairs
+    are compared by the least squares of the model along a straight line from the optimum; the best ones are fitted
+    again from there, and from the parameters' starting values. It is a hint where to look: two values that were not
+    exchanged may look so, where both are wrong.
+
+    Args:
+        fit: of data that do not fit.
+        pairs: which values might be exchanged.
+        suspected: those that are fitted anew wherever they come along the line, the first `TRIED` of them.
+        moves: of all values that change places where two are exchanged.
+    """
+    blocks = [pairs[i : i + BLOCK] for i in range(0, len(pairs), BLOCK)]
+    costs = np.concatenate([np.zeros(0), *(_costs(fit, [moves(pair) for pair in block]) for block in blocks)])
+    nearest = [pairs[i] for i in np.argsort(costs, kind="stable")[:TRIED]]
+    known = fit.problem.parameters
+    starts = fit.best.theta, np.asarray(known.theta(known.column("start")))  # the data have led the first one astray
+    found = []
+    for pair in dict.fromkeys([*suspected[:TRIED], *nearest]):
+        problem = _moved(fit.problem, moves(pair))
+        for start in starts:
+            end = solve(problem, start)
+            independent = problem.scaled(end.predicted - np.asarray(problem.measured))
+            chi_squared = float(independent @ independent)
+            if _fits(fit, problem, end, chi_squared):
+                found.append(Exchange(pair, chi_squared, float(end.cost + np.sum(end.choice.cost))))
+                break
+    return tuple(sorted(found, key=lambda each: each.chi_squared))
+
+
+def _fits(fit: Fit, problem: InverseProblem, end: End, chi_squared: float) -> bool:
+    """Tell whether neither chi-squared, nor a value, nor what was said of values speaks against an end."""
+    if not (np.isfinite(end.cost) and end.choice.settled):
+        return False
+    from scipy.special import chdtrc
+
+    if not chdtrc(fit.degrees_of_freedom, chi_squared) >= IMPROBABLE:
+        return False
+    residuals, slope = problem.weigh(end.predicted, np.asarray(end.jacobian), end.theta)
+    return not row_tests(problem, np.asarray(residuals), np.asarray(slope)).outliers.any()
+
+
+def _costs(fit: Fit, moves: Sequence[Moves]) -> Float[np.ndarray, "N"]:
+    """Return the least cost of each exchange where predictions change along a straight line.
+
+    With r the residuals and S their slope, it is r'r - (S'r)' (S'S)^+ S'r. An exchange changes a few rows of both: a
+    value that comes to another row keeps its error, and is compared with that row's prediction. With X = [S, r] in
+    sigmas, R the correlation of the errors and D what changes, the squares are (X + D)' R^-1 (X + D).
+    """
+    problem = fit.problem
+    residuals, slope = problem.weigh(fit.predicted, np.asarray(fit.jacobian), fit.best.theta)
+    measured, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
+    rows = np.concatenate([slope, residuals[:, None]], 1)
+    here, there = _aligned(moves)
+    moved = (fit.predicted[here] - measured[there]) / sigma[there]
+    new = np.concatenate([fit.jacobian[here] / sigma[there][:, :, None], moved[:, :, None]], 2)
+    squares = rows.T @ rows
+    if problem.correlation is None:
+        old = np.concatenate([slope[here], residuals[here][:, :, None]], 2)
+        squares = squares + np.einsum("nip,niq->npq", new, new) - np.einsum("nip,niq->npq", old, old)
+    else:
+        R, off = problem.correlation, fit.predicted - measured
+        whole = np.concatenate([fit.jacobian, off[:, None]], 1) / sigma[:, None]
+        change = new - whole[there]
+        cross = np.einsum("nip,niq->npq", change, R.pull_back(np.asarray(R.whiten(whole)))[there])
+        own = np.einsum("nip,nij,njq->npq", change, R.inverse_among(there), change, optimize=True)
+        squares = squares + cross + cross.swapaxes(1, 2) + own
+    A, b, c = squares[:, :-1, :-1], squares[:, :-1, -1], squares[:, -1, -1]
+    inverse = np.linalg.pinv(A, rcond=RANK_TOLERANCE, hermitian=True)
+    return np.asarray(c - np.einsum("np,npq,nq->n", b, inverse, b))
+
+
+def _aligned(moves: Sequence[Moves]) -> tuple[Int[np.ndarray, "N K"], Int[np.ndarray, "N K"]]:
+    """Return the places of each exchange and where their values come from; the first place, unmoved, fills up."""
+    most = max(map(len, moves))
+    both = np.array([[*each.items(), *[(0, 0)] * (most - len(each))] for each in moves])
+    return both[:, :, 0], both[:, :, 1]
+
+
+def _moved(problem: InverseProblem, moves: Moves) -> InverseProblem:
+    source = np.arange(len(problem.kinds))
+    source[list(moves)] = list(moves.values())
+    values = [jax.device_put(np.asarray(x)[source]) for x in (problem.measured, problem.sigma)]
+    moved = eqx.tree_at(lambda p: (p.measured, p.sigma), problem, tuple(values))
+    if problem.correlation is None:
+        return moved
+    return eqx.tree_at(lambda p: p.correlation, moved, jax.device_put(problem.correlation.moved(source)))
+
+
+# -------- Held out
+# What a fit predicts of data that it has not seen: groups of values, left out in turn, by the others.
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A group of values, predicted by a fit to all others.
+
+    Attributes:
+        name: of the group.
+        places: (n,) of its values among all.
+        measured: (n,) [SI]
+        predicted: (n,) [SI]
+        covariance: (n, n) [SI^2] of measured less predicted: noise of the group, and what the others leave open; NaN
+            where they leave the prediction open.
+        ended: whether the fit to the others has ended in an optimum.
+    """
+
+    name: str
+    places: Int[np.ndarray, "n"]
+    measured: Float[np.ndarray, "n"]
+    predicted: Float[np.ndarray, "n"]
+    covariance: Float[np.ndarray, "n n"]
+    ended: bool
+
+    @property
+    def off(self) -> Float[np.ndarray, "n"]:
+        """Measured less predicted [SI]."""
+        return self.measured - self.predicted
+
+    @property
+    def sd(self) -> Float[np.ndarray, "n"]:
+        """Standard deviation [SI] of what is measured about what is predicted."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def told(self) -> bool:
+        """Whether the others tell what to expect."""
+        return self.ended and bool(np.isfinite(self.covariance).all())
+
+    @property
+    def p_value(self) -> float:
+        """Chance of values so far from the prediction, all of the group together; NaN where nothing is predicted."""
+        from scipy.special import chdtrc
+
+        if not self.told:
+            return np.nan
+        return float(chdtrc(len(self.off), self.off @ np.linalg.solve(self.covariance, self.off)))
+
+
+def held_out(
+    fit: Fit, groups: Mapping[str, Sequence[int]], progress: Callable[[Iterable[int]], Iterable[int]] = iter
+) -> tuple[HeldOut, ...]:
+    """Leave out each group of values, fit the others again, and predict the group.
+
+    What a value belongs to, such as which mode a label means, is taken from the fit to all: it is not what is tested.
+
+    Args:
+        fit: a fit to all.
+        groups: places of the values by the group's name.
+        progress: wraps the numbers of the groups, to show a bar.
+    """
+    named = list(groups.items())
+    return tuple(_held_out(fit, named[k][0], np.asarray(named[k][1], int)) for k in progress(range(len(named))))
+
+
+def _held_out(fit: Fit, name: str, places: Int[np.ndarray, "n"]) -> HeldOut:
+    sigma = np.asarray(fit.problem.sigma).copy()
+    noise = sigma[places]
+    sigma[_with_groups(fit.problem, places)] = np.inf
+    problem = fit.problem.with_sigma(sigma)
+    starts = [fit.best.theta, *(rival.theta for rival in fit.rivals)]
+    ends = [ended(problem, solve(problem, theta, fit.end)) for theta in starts]
+    end, how = min(ends, key=lambda each: (not np.isfinite(each[0].cost), not each[1].converged, each[0].score))
+    held = fit.choice.held
+    there = look(problem, end.theta, held.likened() if held is not None else None)
+    kept, slope = np.isfinite(sigma), np.asarray(there.jacobian)
+    unknown = problem.parameters
+    known = information(problem.scaled(slope)[kept], unknown.normal_sd, unknown.names)
+    with np.errstate(invalid="ignore"):
+        open_part = slope[places] @ known.covariance @ slope[places].T
+    measured = np.asarray(problem.measured)[places]
+    covariance = open_part + np.outer(noise, noise) * fit.problem.correlations(places)
+    return HeldOut(name, places, measured, np.asarray(there.predicted)[places], covariance, how.converged)
+
+
+def _with_groups(problem: InverseProblem, places: Int[np.ndarray, "n"]) -> Int[np.ndarray, "m"]:
+    """Return places and all others whose errors are correlated with theirs, which would tell of them."""
+    if problem.correlation is None:
+        return places
+    groups = problem.correlation.groups
+    return np.union1d(places, np.flatnonzero(np.isin(groups, groups[places]) & (groups >= 0)))
+
+
+# -------- Robust
+# Robust weights: values too far off for their sigma count less, by iteratively reweighted least squares.
+
+HUBER = 1.345
+"""Sigmas from which on a value counts less: 95 % efficient where errors are normal."""
+FREEDOM = 4.0
+"""Degrees of freedom of Student's t (Lange, Little, Taylor, JASA 84, 1989)."""
+SUSPICIOUS = 0.5
+"""Weight below which a value is named."""
+STEPS, SETTLED = 60, 1e-3
+"""Solutions at most, and the change of any weight below which they are the last."""
+
+
+def robust_weights(fit: Fit, units: Int[np.ndarray, "D"], loss: str) -> Float[np.ndarray, "D"]:
+    """Return the weight of each value where weights and optimum agree, from the optimum of a fit.
+
+    With r the size of the scaled residuals of a unit, the root of their mean square, each of its values counts as if
+    its variance were sigma^2 / w: for `huber` w = min(1, k / r), which limits what a value may pull; for `t`
+    w = (n + 1) / (n + r^2), by which it pulls less and less, as errors of Student's t do. As its optimum may not be the
+    only one, that is begun with the weights of `huber`.
+
+    Args:
+        fit: the start, whose problem has the sigmas as they were said.
+        units: number of the unit of each value: one for the components of a vector.
+        loss: `huber` or `t`.
+
+    Raises:
+        ConvergenceError: weights and optimum do not agree after many steps.
+
+    References:
+        Holland, Welsch, "Robust regression using iteratively reweighted least-squares", Commun. Stat. A6(9), 1977.
+    """
+    theta, predicted, weights = _settled(fit.problem, fit.best.theta, fit.predicted, units, _huber)
+    return weights if loss == "huber" else _settled(fit.problem, theta, predicted, units, _student)[2]
+
+
+def _settled(
+    problem: InverseProblem,
+    theta: Float[np.ndarray, "P"],
+    predicted: Float[np.ndarray, "D"],
+    units: Int[np.ndarray, "D"],
+    weigh: Callable[[Float[np.ndarray, "D"]], Float[np.ndarray, "D"]],
+) -> tuple[Float[np.ndarray, "P"], Float[np.ndarray, "D"], Float[np.ndarray, "D"]]:
+    weights = np.zeros(len(units))
+    for _ in range(STEPS):
+        before, weights = weights, weigh(_sizes(problem, predicted, units))
+        if np.abs(weights - before).max() < SETTLED:
+            return theta, predicted, weights
+        end = solve(weighted(problem, weights), theta)
+        theta, predicted = np.asarray(end.theta), np.asarray(end.predicted)
+    raise ConvergenceError("the robust weights have not settled; take the other loss, or leave out what is wrong")
+
+
+def weighted(problem: InverseProblem, weights: Float[np.ndarray, "D"]) -> InverseProblem:
+    """Return the problem in which each value counts by its weight."""
+    return problem.with_sigma(np.asarray(problem.sigma) / np.sqrt(weights))
+
+
+def _sizes(problem: InverseProblem, predicted: np.ndarray, units: np.ndarray) -> Float[np.ndarray, "D"]:
+    """Return the root of the mean square of the scaled residuals of each value's unit."""
+    squared = problem.scaled(predicted - np.asarray(problem.measured)) ** 2
+    total, count = np.bincount(units, squared), np.bincount(units)
+    return np.sqrt(total[units] / count[units])
+
+
+def _huber(r: np.ndarray) -> np.ndarray:
+    return HUBER / np.maximum(r, HUBER)
+
+
+def _student(r: np.ndarray) -> np.ndarray:
+    return (FREEDOM + 1) / (FREEDOM + r**2)

@@ -1,0 +1,560 @@
+"""Searches for the minimum of a least-squares problem: the model in batches, two solvers, convergence, many starts."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ident.inference.information import RANK_TOLERANCE
+from ident.inference.parameters import AnyArray
+from ident.inference.problem import Choice, InParts, InverseProblem
+from ident.programs import jit
+
+# -------- Batches
+# One function over many parameter sets: as fast for a million of them as for a hundred.
+
+CHUNK = 64
+"""Sets computed together: as many as leave all arrays of the model in the processor's cache."""
+
+
+def in_batches(
+    f: Callable[[Float[Array, "P batch"]], Float[Array, "D batch"]], *, chunk: int = CHUNK, threads: int = 1
+) -> Callable[[Float[Array, "P batch"]], Float[Array, "D batch"]]:
+    """Return f for a trailing batch of any size, compiled, and run chunk by chunk.
+
+    Keep what is returned: every call of `in_batches` compiles anew, as does another size of batch.
+
+    Args:
+        f: works on a trailing batch; `InverseProblem.predict` does. Differentiate f, not what is returned.
+        chunk: entries computed together.
+        threads: parts of the batch that are computed at the same time; f must not call LAPACK then.
+    """
+
+    def in_chunks(x: Array) -> Array:
+        size = x.shape[-1]
+        missing = -size % chunk
+        padded = jnp.concatenate([x, jnp.repeat(x[..., -1:], missing, -1)], -1)
+        chunks = jnp.moveaxis(padded.reshape((*x.shape[:-1], -1, chunk)), -2, 0)
+        y = jnp.moveaxis(jax.lax.map(f, chunks), 0, -2)
+        return y.reshape((*y.shape[:-2], -1))[..., :size]
+
+    run = jit(in_chunks)
+
+    def run_in_threads(x: Array) -> Array:
+        parts = jnp.array_split(x, threads, -1)
+        with ThreadPoolExecutor(threads) as pool:
+            return jnp.concatenate([jax.block_until_ready(y) for y in pool.map(run, parts)], -1)
+
+    return run if threads == 1 else run_in_threads
+
+
+# -------- Gauss newton
+# The solver of a search among data so many that each look at the model counts: one for each step.
+#
+# Gauss-Newton with Marquardt's damping where a step leads upwards (Marquardt, J. SIAM 11, 1963), in NumPy.
+
+MAX_STEPS = 200
+SHORT = 1e-3
+"""Length of the next step [sd] that is taken along a straight line without another look, and ends the search."""
+LEVEL = 1e-10
+"""Rise of the cost, relative to one plus the cost, that is rounding."""
+DAMPING, FACTOR, LEAST, MOST = 1e-3, 10.0, 1e-9, 1e12
+"""Damping after the first step that leads upwards, its factor from one to the next, where it is none, and where nothing
+is left to gain."""
+GAINS = 0.25, 0.75
+"""Shares of the foreseen fall of the cost below which a step was too long, and above which a longer one may do."""
+
+Look = Callable[[Float[np.ndarray, "P"], Any], "End"]
+Weigh = Callable[["End"], tuple[Float[np.ndarray, "R"], Float[np.ndarray, "R P"]]]
+
+
+def minimum(
+    look: Look, weigh: Weigh, start: Float[np.ndarray, "P"], held: Any, to_the_end: bool, steps: int = MAX_STEPS
+) -> "tuple[End, bool]":
+    """Minimise a sum of squares from a start; return where, and whether it has ended before it ran out of steps.
+
+    Args:
+        look: predicts at theta, by what the model holds.
+        weigh: gives residuals and their slope there.
+        start: theta.
+        held: what the model holds at the first point.
+        to_the_end: whether it goes on where the model would choose anew.
+        steps: at most.
+    """
+    here, damping = look(start, held), 0.0
+    for _ in range(steps):
+        residuals, slope = weigh(here)
+        if not (np.isfinite(here.cost) and np.isfinite(slope).all() and (to_the_end or here.choice.settled)):
+            return here, True
+        if damping > MOST:
+            return here, True
+        if _length(residuals, slope) < SHORT:
+            return _along_the_line(here, _step(residuals, slope, 0.0), weigh), True
+        step = _step(residuals, slope, damping)
+        there = look(here.theta + step, here.choice.held)
+        foreseen = here.cost - ((residuals + slope @ step) ** 2).sum()
+        gain = (here.cost - there.cost) / max(foreseen, 1e-300)
+        damping = _next_damping(damping, gain)
+        if there.cost <= here.cost + LEVEL * (1 + here.cost):
+            here = there
+    return here, False
+
+
+def _next_damping(damping: float, gain: float) -> float:
+    """Return the damping after a step that has gained so much of what was foreseen; NaN where there is no answer."""
+    if not gain > GAINS[0]:
+        return FACTOR * damping or DAMPING
+    if gain > GAINS[1]:
+        return damping / FACTOR if damping > LEAST else 0.0
+    return damping
+
+
+def _along_the_line(here: "End", step: Float[np.ndarray, "P"], weigh: Weigh) -> "End":
+    """Return where a short step leads: what bends on the way is less than the square of its length."""
+    there = here._replace(theta=here.theta + step, predicted=here.predicted + here.jacobian @ step)
+    residuals, slope = weigh(there)
+    return there._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
+
+
+def _length(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> float:
+    """Return the length of the next whole step in standard deviations, as in `convergence.convergence`."""
+    U, s, _ = np.linalg.svd(slope, full_matrices=False)
+    return float(np.linalg.norm((U.T @ residuals)[s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)]))
+
+
+def _step(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"], damping: float) -> np.ndarray:
+    """Return the step to the least cost along a straight line, with each coordinate damped by its own slope."""
+    widths = np.sqrt(damping) * np.linalg.norm(slope, axis=0)
+    damped = np.vstack([slope, np.diag(widths)])
+    step, *_ = np.linalg.lstsq(damped, -np.append(residuals, np.zeros(len(widths))), rcond=RANK_TOLERANCE)
+    return np.asarray(step)
+
+
+# -------- Least squares
+# One search: Levenberg-Marquardt from one start, and the model with its Jacobian at a point.
+
+WHOLE, NOTHING = np.array(1.0), np.array(0.0)
+TO_THE_END, UNTIL_ANEW = np.array(True), np.array(False)
+STEEP = 1e-2
+"""Gradient of the cost by theta above which a search has not ended in an optimum."""
+WORTH = 1e-7
+"""Fall of the cost by a whole search that is worth another one."""
+TURNS = 6
+"""Searches in a row at most, each with another choice of what the values belong to, or more steps."""
+
+
+class End(NamedTuple):
+    """Where one start ended: theta, sum of squares and its gradient, predictions and Jacobian, the model's choice."""
+
+    theta: Any
+    cost: Any
+    gradient: Any
+    predicted: Any
+    jacobian: Any
+    choice: Choice
+
+    @property
+    def score(self) -> float:
+        """Minus twice the logarithm of the probability of data, prior and what was said of each value."""
+        return float(self.cost + self.choice.cost.sum())
+
+
+def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None) -> End:
+    """Return predictions and their Jacobian at theta, or else at the parameters' starting values.
+
+    No measured value is used: what values belong to is chosen by what was said of them alone. It is a search in which
+    nothing counts, so that what was compiled for the fit serves here as well.
+    """
+    blank = eqx.tree_at(lambda p: p.sigma, without_priors(problem), np.full_like(problem.sigma, np.inf))
+    start = problem.parameters.theta(problem.parameters.column("start")) if theta is None else theta
+    return _searched(blank, start, None, TO_THE_END, NOTHING)[0]
+
+
+def look(problem: InverseProblem, theta: Float[AnyArray, "P"], held: Any) -> End:
+    """Return what a search would find at theta, with what the model holds, without a step."""
+    here = _searched(problem, theta, held, TO_THE_END, NOTHING)[0]
+    residuals, slope = (np.asarray(part) for part in problem.weigh(here.predicted, here.jacobian, np.asarray(theta)))
+    return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
+
+
+def looker(problem: InverseProblem) -> Callable[[Float[np.ndarray, "P"], Any], tuple[np.ndarray, np.ndarray, Choice]]:
+    """Return what looks at a problem at theta, with what the model holds: predictions, their Jacobian, the choice."""
+    large = problem.in_parts()
+    if large is not None:
+        unheld = (problem if len(large.problems) > 1 else large.problems[0]).unheld()
+        return lambda theta, held: _in_parts(large, theta, unheld if held is None else held)
+    padded, places, _ = problem.padded()
+    unheld = padded.unheld()
+
+    def look(theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
+        found = jax.device_get(_with_jacobian(padded, theta, unheld if held is None else held))
+        predicted, jacobian, choice = found
+        return predicted[places], jacobian[places], choice._replace(cost=choice.cost[places])
+
+    return look
+
+
+def without_priors(problem: InverseProblem, *, but_nuisances: bool = False) -> InverseProblem:
+    """Return the problem in which priors count nothing; those of nuisances too, unless they are to."""
+    free = tuple(
+        item
+        if item.nuisance and but_nuisances
+        else eqx.tree_at(lambda q: q.prior_sd, item, np.full_like(item.prior_sd, np.inf))
+        for item in problem.parameters.items
+    )
+    return eqx.tree_at(lambda p: p.parameters.items, problem, free)
+
+
+def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None, choice: Any = None) -> End:
+    """Run Levenberg-Marquardt from one start; the cost is NaN where the model has no answer.
+
+    Where the model chooses what its values belong to, a search holds the choice and ends where another one has become
+    more probable; there the next one begins. Where that finds no end, one with the choice of an example is made.
+
+    Args:
+        problem: model, data and unknowns.
+        start: theta.
+        example: the best end so far, if any.
+        choice: what the model may hold from a point nearby; where it stays the most probable one, that is all. So it is
+            where the example's own choice is not the most probable: nothing else belongs to that optimum.
+    """
+    if choice is not None:
+        near = _held(problem, start, choice.likened())
+        if (near.choice.settled and np.isfinite(near.cost)) or (example and not example.choice.settled):
+            return near
+    own = choosing(problem, start)
+    if own.choice.settled or not np.isfinite(own.cost):
+        return own
+    ends = [_held(problem, own.theta, own.choice.held)]
+    if example is not None:
+        ends += _like(problem, start, example)
+    return min(ends, key=lambda end: (not np.isfinite(end.cost), not end.choice.settled, _is_steep(end), end.cost))
+
+
+def stay(problem: InverseProblem, end: End) -> End:
+    """Search from where another search has ended, and hold what it has chosen, whether or not that stays probable."""
+    held = end.choice.held
+    return _held(problem, end.theta, None if held is None else held.likened())
+
+
+def _like(problem: InverseProblem, start: Float[AnyArray, "P"], example: End) -> list[End]:
+    """Search with the order that an example holds; where that is not the most probable choice, go on from there."""
+    first = _held(problem, start, example.choice.held.ordered())
+    if np.isfinite(first.cost) and _is_steep(first):  # held apart where two want to change places
+        first = _held(problem, first.theta, first.choice.held.likened())
+    if first.choice.settled or not np.isfinite(first.cost):
+        return [first]
+    then = choosing(problem, first.theta)
+    return [first, then if then.choice.settled else _held(problem, then.theta, then.choice.held)]
+
+
+def _is_steep(end: End) -> bool:
+    return not np.abs(end.gradient).max() < STEEP
+
+
+def choosing(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None) -> End:
+    """Search, beginning anew wherever another choice is more probable, until one stays so or `TURNS` are over.
+
+    Then it has not ended: its choice is not settled. An example is of no use to it.
+    """
+    held = None
+    for _ in range(TURNS):
+        end, finished = _searched(problem, start, held, UNTIL_ANEW)
+        if end.choice.settled or not np.isfinite(end.cost):
+            return end if finished else _held(problem, end.theta, end.choice.held)
+        start, held = end.theta, end.choice.held.anew()
+    return end
+
+
+def _held(problem: InverseProblem, start: Float[AnyArray, "P"], held: Any) -> End:
+    """Search with what is held; afresh after running out of steps, as long as that gains something."""
+    before = np.inf
+    for _ in range(TURNS):
+        end, finished = _searched(problem, start, held, TO_THE_END)
+        if finished or not before - end.cost > WORTH:
+            break
+        start, held, before = end.theta, end.choice.held, end.cost
+    return end
+
+
+def _searched(
+    problem: InverseProblem, start: Float[AnyArray, "P"], held: Any, to_the_end: np.ndarray, weight: np.ndarray = WHOLE
+) -> tuple[End, bool]:
+    """Search from and to host arrays, with values that do not count: one program is loaded for starts and data alike.
+
+    Nothing that is held lets the model choose.
+    """
+    large = problem.in_parts()
+    if large is not None:
+        return _searched_in_parts(problem, large, np.asarray(start), held, to_the_end, weight)
+    padded, places, scatter = problem.padded()
+    held = padded.unheld() if held is None else held
+    end, finished = jax.device_get(search(padded, np.asarray(start), held, to_the_end, weight))
+    choice = end.choice._replace(cost=end.choice.cost[places])
+    own = end._replace(predicted=end.predicted[places], jacobian=end.jacobian[places], choice=choice)
+    return own._replace(cost=own.cost + weight**2 * scatter) if scatter else own, bool(finished)
+
+
+def _searched_in_parts(
+    problem: InverseProblem,
+    large: InParts,
+    start: Float[np.ndarray, "P"],
+    held: Any,
+    to_the_end: np.ndarray,
+    weight: np.ndarray,
+) -> tuple[End, bool]:
+    """Search among data so many that the model predicts them part by part."""
+    weighed: list[tuple[Any, tuple[np.ndarray, np.ndarray]]] = []
+    by_problem = problem.weigh  # looked up once: equinox makes a module of a method each time
+
+    def weigh(end: End) -> tuple[np.ndarray, np.ndarray]:
+        if not (weighed and weighed[0][0] is end.predicted):  # where a search looks it weighs a second time, to step
+            residuals, slope = by_problem(end.predicted, end.jacobian, end.theta)
+            weighed[:] = [(end.predicted, (weight * np.asarray(residuals), weight * np.asarray(slope)))]
+        return weighed[0][1]
+
+    def look_there(theta: Float[np.ndarray, "P"], held: Any) -> End:
+        predicted, jacobian, choice = _in_parts(large, theta, held)
+        here = End(theta, np.nan, np.full_like(theta, np.nan), predicted, jacobian, choice)
+        residuals, slope = weigh(here)
+        return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
+
+    if held is None:
+        held = (problem if len(large.problems) > 1 else large.problems[0]).unheld()
+    return minimum(look_there, weigh, start, held, bool(to_the_end))
+
+
+def _in_parts(large: InParts, theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
+    """Return predictions, their Jacobian and what they belong to, computed part by part."""
+    places, own = large.parts.places, large.parts.split(held)
+    each = zip(large.problems, own, strict=True)
+    found = [jax.device_get(_with_jacobian(part, theta, held)) for part, held in each]
+    predicted, jacobian = (np.concatenate([each[i] for each in found])[places] for i in (0, 1))
+    choices = [choice for _, _, choice in found]
+    cost = np.concatenate([choice.cost for choice in choices])[places]
+    settled = all(choice.settled for choice in choices)
+    return predicted, jacobian, Choice(large.parts.joined([choice.held for choice in choices]), settled, cost)
+
+
+@jit
+def search(
+    problem: InverseProblem,
+    start: Float[AnyArray, "P"],
+    held: Any,
+    to_the_end: Bool[AnyArray, ""],
+    weight: Float[AnyArray, ""],
+    steps: int | None = None,
+) -> tuple[End, Array]:
+    """Run Levenberg-Marquardt from one start, with what the model holds; to the end, or to where it would choose anew.
+
+    Returns also whether it has ended before it ran out of steps (see `minimum`). Residuals count with their weight.
+
+    The solver linearizes the residuals at every step. They are handed over with their Jacobian made already, as an
+    affine function of the step, so that the model is compiled once and the last Jacobian comes back with the answer.
+    """
+    from ident.inference.levenberg_marquardt import damped_minimum
+
+    def affine(theta: Array, args: tuple[InverseProblem, Any, Array]) -> Any:
+        problem, held, weight = args
+        here = jax.lax.stop_gradient(theta)
+        predicted, J, choice = _with_jacobian(problem, here, held)
+        residuals, slope = (weight * part for part in problem.weigh(predicted, J, here))
+        end = End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J, choice)
+        return residuals + slope @ (theta - here), end
+
+    return damped_minimum(affine, start, (problem, held, weight), {"to_the_end": to_the_end}, steps)
+
+
+@jit
+def _with_jacobian(problem: InverseProblem, theta: AnyArray, held: Any) -> tuple[Array, Array, Choice]:
+    """Return predictions and their Jacobian; jitted, so that the solver's several looks at it trace it once."""
+
+    def along(direction: Array) -> tuple[Array, Array, Choice]:
+        return jax.jvp(lambda theta: problem.holding(theta, held), (theta,), (direction,), has_aux=True)
+
+    return jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(theta.shape[0]))
+
+
+# -------- Convergence
+# Whether a search has ended in an optimum: how far the next step would lead, in standard deviations.
+
+OPTIMUM_STEP = 1e-3
+"""Length of the Gauss-Newton step [sd] below which a point is an optimum."""
+SEVERAL = 3.0
+"""Way in theta, e-folds of a stiffness, over which, and over as much again, an open direction's cost does not rise."""
+RISE = 1e-2
+"""Rise of the cost over that way that would not be noticed."""
+
+
+class Convergence(NamedTuple):
+    """How a search ended.
+
+    Attributes:
+        step: [sd] length of the next Gauss-Newton step in all directions but the open ones.
+        open: (N, P) directions in theta along which the cost stays flat or still falls over several e-folds.
+    """
+
+    step: float
+    open: Float[np.ndarray, "N P"]
+
+    @property
+    def converged(self) -> bool:
+        """Whether this is an optimum in all directions but the open ones."""
+        return self.step < OPTIMUM_STEP
+
+
+def convergence(problem: InverseProblem, end: End) -> Convergence:
+    """Measure the next step from where a search ended.
+
+    With residuals r and their slope J = U S V', the Gauss-Newton step is -V S^-1 U'r. In standard deviations of the
+    linear approximation, V S^-1, its components are those of U'r: a gradient, measured by what is known.
+    Directions of which J sees nothing are open, and so are those known to less than several e-folds along which the
+    model itself shows that the cost does not rise.
+    """
+    residuals, slope = weighed(problem, end)
+    if not (np.isfinite(residuals).all() and np.isfinite(slope).all()):
+        return Convergence(np.inf, np.empty((0, len(end.theta))))
+    components, s, Vt = _next_step(residuals, slope)
+    open_ones = s <= RANK_TOLERANCE * max(s[0], 1e-300)
+    far = ~open_ones & (s < 1 / SEVERAL) & (np.abs(components) >= OPTIMUM_STEP)
+    for i in np.flatnonzero(far):
+        step = -np.sign(components[i]) * SEVERAL * Vt[i]
+        there, beyond = (_cost(problem, np.asarray(end.theta) + times * step) for times in (1, 2))
+        open_ones[i] = there < float(end.cost) + RISE and beyond < there + RISE
+    return Convergence(float(np.linalg.norm(components[~open_ones])), Vt[open_ones])
+
+
+def step_length(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> float:
+    """Return the length of the next step [sd] in all directions that are seen; infinite where there is no slope."""
+    if not np.isfinite(slope).all():
+        return np.inf
+    components, s, _ = _next_step(residuals, slope)
+    return float(np.linalg.norm(components[s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)]))
+
+
+def _next_step(
+    residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]
+) -> tuple[Float[np.ndarray, "P"], Float[np.ndarray, "P"], Float[np.ndarray, "P P"]]:
+    """Return the next step's components [sd] along the slope's right singular vectors, singular values, and those."""
+    padded = np.vstack([slope, np.zeros((slope.shape[1], slope.shape[1]))])
+    U, s, Vt = np.linalg.svd(padded, full_matrices=False)
+    return U[: len(residuals)].T @ residuals, s, Vt
+
+
+def _cost(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> float:
+    residuals, _ = weighed(problem, evaluate(problem, theta))
+    return float(residuals @ residuals) if np.isfinite(residuals).all() else np.inf
+
+
+def weighed(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.ndarray]:
+    """Return residuals and their slope, without a program for them."""
+    residuals, slope = problem.weigh(*(np.asarray(part) for part in (end.predicted, end.jacobian, end.theta)))
+    return np.asarray(residuals), np.asarray(slope)
+
+
+# -------- Descent
+# The last way to an optimum that Levenberg-Marquardt nears but slowly, or from a place where it gets stuck.
+
+WALL = 1e3
+"""Times the cost at the start that counts where the model has no answer."""
+ITERATIONS = 200
+"""Iterations at most."""
+AGAIN = 4
+"""Times at most that a search which got stuck begins anew."""
+
+
+def ended(problem: InverseProblem, end: End) -> tuple[End, Convergence]:
+    """Return where a search ended, and how; one that got stuck goes on until it ends, or is as it was.
+
+    Gauss-Newton leaves the residuals' own bend out. Where they are large, as in a poor optimum or where two modes
+    cross, its steps then take the rest of the way by a constant factor only; BFGS learns the bend from the gradients.
+    Where it gets no further either, as where what the values belong to changes with every step downhill, the search
+    begins anew half the way towards the parameters' own start.
+    """
+    stuck = here = end, convergence(problem, end)
+    first = problem.parameters.theta(problem.parameters.column("start"))
+    for _ in range(AGAIN):
+        here = _finished(problem, *here)
+        if here[1].converged or not np.isfinite(here[0].cost):
+            break
+        nearer = solve(problem, (here[0].theta + first) / 2)
+        here = nearer, convergence(problem, nearer)
+    return here if here[1].converged else stuck
+
+
+def _finished(problem: InverseProblem, end: End, how: Convergence) -> tuple[End, Convergence]:
+    """Go on by quasi-Newton steps from an end that is none; the same end where that does not end either."""
+    if how.converged or not np.isfinite(how.step):
+        return end, how
+    lower = _descended(problem, end)
+    then = convergence(problem, lower)
+    return (lower, then) if then.converged and lower.cost <= end.cost else (end, how)
+
+
+def _descended(problem: InverseProblem, end: End) -> End:
+    """Minimise half the cost from there, in coordinates of one standard deviation each, with the choice held."""
+    from scipy.optimize import minimize  # long to import, and most fits need none
+
+    _, s, Vt = np.linalg.svd(weighed(problem, end)[1], full_matrices=False)
+    ways = Vt.T / np.maximum(s, 1 / SEVERAL)
+
+    def half_cost(x: Float[np.ndarray, "P"]) -> tuple[float, Float[np.ndarray, "P"]]:
+        there = look(problem, end.theta + ways @ x, end.choice.held)
+        if not np.isfinite(there.cost):
+            return WALL * float(end.cost), np.zeros_like(x)
+        return float(there.cost) / 2, ways.T @ there.gradient / 2
+
+    options = {"gtol": OPTIMUM_STEP / 10, "norm": 2, "maxiter": ITERATIONS}
+    found = minimize(half_cost, np.zeros(len(s)), jac=True, method="BFGS", options=options)
+    return look(problem, end.theta + ways @ found.x, end.choice.held)
+
+
+# -------- Searcher
+# Searches from many starts: where data are many, first among a part of them, then among all from where that ended.
+
+SAME = 1e-3
+"""Difference of theta within which two searches among a part have ended in the same optimum."""
+
+
+class Searcher:
+    """Searches as `least_squares.solve` does, in less time where data are many.
+
+    A search among many data costs as much as it takes steps. Most of these are needed to come near to an optimum, which
+    a part that is like the whole serves as well (`problem.Parts`); there are a few left among all. Starts that end in
+    one optimum of the part end in one of the whole, which is searched once. Where the part has no answer, the search is
+    among all from the beginning.
+
+    Args:
+        problem: model, data and unknowns.
+        search: how to search from one start, with the best end so far, if any.
+    """
+
+    def __init__(self, problem: InverseProblem, search: Callable[[InverseProblem, Any, End | None], End] = solve):
+        large = problem.in_parts()
+        self.problem, self.search = problem, search
+        self.part = large.problems[0] if large else None
+        self.ends: list[tuple[End, End]] = []
+
+    def __call__(self, start: Float[Any, "P"], example: End | None = None, *, near: bool = False) -> End:
+        """Return where a search from a start ends.
+
+        Args:
+            start: theta.
+            example: the best end so far, if any.
+            near: whether the start is near an optimum already: then the search among all begins there.
+        """
+        if self.part is None:
+            return self.search(self.problem, start, example)
+        best = min((coarse for coarse, _ in self.ends), key=lambda end: end.score, default=None)
+        coarse = self.search(self.part, start, best)
+        for known, fine in self.ends:
+            if np.abs(known.theta - coarse.theta).max() < SAME:
+                return fine
+        fine = self.search(self.problem, start if near or not np.isfinite(coarse.cost) else coarse.theta, example)
+        self.ends.append((coarse, fine))
+        return fine

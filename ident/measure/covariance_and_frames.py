@@ -1,0 +1,432 @@
+"""Files beside a campaign: the correlation of its errors, and the measurement frames of its setups."""
+
+import hashlib
+import math
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ident.errors import InputError, Problem
+from ident.measure.load import Vector
+from ident.measure.table import Findings, misfit, parse_number, read_records, read_table, sniff_delimiter, table_text
+from ident.text import NAME, did_you_mean, nearest, one_line, quoted
+from ident.units import si_factor
+
+# -------- Covariance
+# Correlated errors of a campaign's rows: `CAMPAIGN.covariance.csv` into a correlation for each group, and back.
+#
+# Each row of that file says how the errors of two rows of a group are correlated: `group,i,j,correlation`, i and j
+# their
+# places in the group from 1, in the campaign's order. The standard deviations stand in the campaign. Pairs that are not
+# named are not correlated.
+
+COLUMNS = ("group", "i", "j", "correlation")
+SUFFIX = ".covariance.csv"
+CLOSEST = 1e-8
+"""Distance from 1 that a correlation of two rows keeps: nearer, their difference is known 10,000 times better than each
+of them, which no instrument does, and a fit to it finds no end."""
+LARGEST = 2000
+"""Rows of a group at most: its correlation has their square."""
+
+
+REPRODUCIBILITY = {"frequency": 0.002, "damping_ratio": 0.05}
+"""Standard deviation, as a share of the value, between tests of one posture that were set up from the start; assumed:
+sensors are mounted again, the posture is reached again, temperature and amplitude differ."""
+COMMON = 0.5
+"""Share of that variance which all values of a kind in one test have in common; assumed."""
+ASSUMED_FREEDOM = 4
+"""Degrees of freedom that the assumption counts where repeated tests show how far they differ."""
+
+
+Correlated = tuple[tuple[int, ...], tuple[tuple[float, ...], ...]]
+"""Places of rows, (n,), and the correlation of their errors, (n, n)."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Rows of a campaign with correlated errors.
+
+    Attributes:
+        name: as the rows name it.
+        correlation: (n, n) [-] of the errors of its rows, in their order.
+    """
+
+    name: str
+    correlation: tuple[tuple[float, ...], ...]
+
+    def __len__(self) -> int:
+        return len(self.correlation)
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """The groups of a campaign; two are equal when they say the same.
+
+    Attributes:
+        groups: in the order of the campaign.
+        path: the file they were read from; empty for groups made in code.
+        sha256: hash of its bytes.
+    """
+
+    groups: tuple[Group, ...]
+    path: str = field(default="", compare=False)
+    sha256: str = field(default="", compare=False)
+
+    def __getitem__(self, name: str) -> Group:
+        return next(group for group in self.groups if group.name == name)
+
+    def has(self, name: str, member: int) -> bool:
+        """Tell whether a group has that many rows."""
+        return any(group.name == name and 1 <= member <= len(group) for group in self.groups)
+
+
+@dataclass(frozen=True)
+class Reproducibility:
+    """How far the values of a test differ from those of another one that was set up from the start.
+
+    Attributes:
+        share: by kind, the standard deviation as a share of the value.
+        common: share of its variance that all values of a kind in one test have in common.
+        freedom: by kind, the degrees of freedom of repeated tests that it was estimated from; none where it was said or
+            assumed.
+        said: kinds whose share was given by the user.
+    """
+
+    share: Mapping[str, float] = field(default_factory=lambda: REPRODUCIBILITY)
+    common: float = COMMON
+    freedom: Mapping[str, int] = field(default_factory=dict)
+    said: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for kind, share in self.share.items():
+            if kind not in REPRODUCIBILITY:
+                expected = f"one of {', '.join(REPRODUCIBILITY)}"
+                remedy = did_you_mean(kind, REPRODUCIBILITY, "name one of them")
+                raise InputError(Problem("reproducibility", quoted(kind), expected, remedy))
+            if not 0 <= share < 1:
+                expected, remedy = "a share from 0, below 1", "as frequency=0.002 for 0.2 %"
+                raise InputError(Problem("reproducibility", f"{kind}={share:g}", expected, remedy))
+        if not 0 <= self.common <= 1:
+            remedy = "0.5 for half of the variance"
+            raise InputError(Problem("common", f"{self.common:g}", "a share from 0 to 1", remedy))
+
+    @classmethod
+    def of(cls, said: Mapping[str, float], common: float = COMMON) -> "Reproducibility":
+        """Return what a user has said, and what is assumed of the other kinds."""
+        return cls({**REPRODUCIBILITY, **said}, common, said=tuple(said))
+
+    def after(self, kind: str, squares: float, freedom: int) -> "Reproducibility":
+        """Return what repeated tests show of a kind, with the assumption as `ASSUMED_FREEDOM` degrees of freedom.
+
+        Args:
+            kind: of the values.
+            squares: sum of squares of relative differences from their means, less what repeatability explains.
+            freedom: its degrees of freedom; the share stays as it is without any, or where it was said.
+        """
+        if not freedom or kind in self.said:
+            return self
+        variance = (ASSUMED_FREEDOM * self.share[kind] ** 2 + max(squares, 0.0)) / (ASSUMED_FREEDOM + freedom)
+        share, counts = {**self.share, kind: variance**0.5}, {**self.freedom, kind: freedom}
+        return Reproducibility(share, self.common, counts, self.said)
+
+    def covariance(self, values: Sequence[tuple[str, float]]) -> list[list[float]]:
+        """Return the covariance of the values of one test.
+
+        With s the share and v the values of a kind, s^2 (c v v' + (1 - c) diag(v)^2), c being the common share.
+
+        Args:
+            values: kind and number of each.
+        """
+        rows = [(kind, self.share.get(kind, 0.0) * value) for kind, value in values]
+        alike = [[self.common if kind == other else 0.0 for other, _ in rows] for kind, _ in rows]
+        return [
+            [sd * other * (1.0 if i == j else alike[i][j]) for j, (_, other) in enumerate(rows)]
+            for i, (_, sd) in enumerate(rows)
+        ]
+
+
+def correlated(rows: Sequence[tuple[str, int]], covariance: Covariance | None) -> tuple[Correlated, ...]:
+    """Return the places of the rows of each group that has several, and the correlation of their errors.
+
+    Args:
+        rows: the group of each row, empty for none, and its place there from 1; in any order, and some may be missing.
+        covariance: of the whole groups.
+    """
+    groups: dict[str, list[int]] = {}
+    for place, (name, _) in enumerate(rows):
+        if name:
+            groups.setdefault(name, []).append(place)
+    found = []
+    for name, places in groups.items():
+        whole, members = covariance[name].correlation if covariance else (), [rows[i][1] - 1 for i in places]
+        if len(places) > 1:
+            found.append((tuple(places), tuple(tuple(whole[i][j] for j in members) for i in members)))
+    return tuple(found)
+
+
+def covariance_path(path: str | Path) -> Path:
+    """Return where the correlations of a campaign's file lie: beside it."""
+    return Path(path).with_suffix(SUFFIX)
+
+
+def read_covariance(path: Path, sizes: Mapping[str, int]) -> Covariance:
+    """Read the correlations of a campaign's groups.
+
+    Args:
+        path: the file.
+        sizes: number of rows of each group, in the campaign's order.
+
+    Raises:
+        InputError: the file can't be read, or something in it is wrong; every problem is listed.
+    """
+    return parse_covariance(read_table(path), path, sizes)
+
+
+def parse_covariance(data: bytes, path: Path, sizes: Mapping[str, int]) -> Covariance:
+    """Read correlations from the bytes of a file; `path` names it in messages."""
+    file, findings = one_line(str(path)), Findings()
+    text = table_text(data, file)
+    delimiter = sniff_delimiter(text, COLUMNS.__contains__)
+    records = list(read_records(text, delimiter, file, findings))
+    if not records or records[0][1] != list(COLUMNS):
+        where = records[0][0] if records else file
+        findings.append(Problem(where, "another header", ",".join(COLUMNS), "write these columns"))
+        raise InputError(findings)
+    made = {name: [[float(i == j) for j in range(n)] for i in range(n)] for name, n in sizes.items() if n <= LARGEST}
+    findings += [_too_large(file, name, n) for name, n in sizes.items() if n > LARGEST]
+    said: set[tuple[str, int, int]] = set()
+    for where, cells in records[1:]:
+        if len(cells) != len(COLUMNS):
+            findings.append(misfit(where, len(cells), len(COLUMNS), delimiter))
+        elif pair := _pair(where, cells, sizes, findings):
+            name, i, j, value = pair
+            if (name, *sorted((i, j))) in said:
+                findings.append(Problem(where, "the pair again", "each pair once", "delete one of them"))
+            said.add((name, min(i, j), max(i, j)))
+            if name in made:
+                made[name][i][j] = made[name][j][i] = value
+    if findings:
+        raise InputError(findings)
+    groups = tuple(Group(name, tuple(map(tuple, rows))) for name, rows in made.items())
+    return Covariance(groups, str(path), hashlib.sha256(data).hexdigest())
+
+
+def _too_large(file: str, name: str, rows: int) -> Problem:
+    return Problem(file, f"a group {quoted(name)} of {rows} rows", f"at most {LARGEST}", "split it")
+
+
+def _pair(
+    where: str, cells: Sequence[str], sizes: Mapping[str, int], findings: Findings
+) -> tuple[str, int, int, float] | None:
+    """Return group, places from 0 and correlation of a row; None where something is wrong with it."""
+    name = " ".join(cells[0].split())
+    if name not in sizes:
+        findings.append(Problem(where, quoted(name), "a group that rows of the campaign name", "correct it", "group"))
+        return None
+    before = len(findings)
+    i, j = (
+        findings.attempt(where, column, _place, cell, sizes[name])
+        for column, cell in zip("ij", cells[1:3], strict=True)
+    )
+    value = findings.attempt(where, "correlation", _correlation, cells[3])
+    if len(findings) == before and i == j and value != 1:
+        findings.append(Problem(where, f"{value:g} of a row with itself", "1", "leave it out", "correlation"))
+    if len(findings) == before and i != j and value is not None and 1 - abs(value) < CLOSEST:
+        got, remedy = f"{value!r} between two rows", "leave one of the two rows out: they are one reading"
+        findings.append(Problem(where, got, f"at most 1 - {CLOSEST:g}", remedy, "correlation"))
+    return None if len(findings) > before or i is None or j is None or value is None else (name, i, j, value)
+
+
+def _place(text: str, rows: int) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 10 and 1 <= int(text) <= rows):
+        expected = f"the place of a row in its group, 1 to {rows}"
+        raise InputError(Problem("", quoted(text), expected, "count the group's rows in the campaign"))
+    return int(text) - 1
+
+
+def _correlation(text: str) -> float:
+    value = parse_number(text, ".")
+    if not -1 <= value <= 1:
+        raise InputError(Problem("", quoted(text), "a number from -1 to 1", "give a correlation, not a covariance"))
+    return value
+
+
+def covariance_text(groups: Sequence[Group], campaign: str) -> str:
+    """Return correlations as CSV text; pairs that are not correlated are left out."""
+    head = f"# {campaign}: rows i and j of each group, counted from 1; sigma stands there\n{','.join(COLUMNS)}\n"
+    return head + "".join(f"{name},{i},{j},{value!r}\n" for name, i, j, value in _pairs(groups))
+
+
+def _pairs(groups: Sequence[Group]) -> Iterator[tuple[str, int, int, float]]:
+    for group in groups:
+        for i, row in enumerate(group.correlation):
+            for j in range(i + 1, len(row)):
+                if row[j]:
+                    yield group.name, i + 1, j + 1, row[j]
+
+
+# -------- Setups
+# Frames in which something was measured, such as a laser tracker's: `CAMPAIGN.setups.csv`.
+#
+# Each row says where the frame of a setup is: its origin in the base frame, and the rotation vector that turns the base
+# frame into it, each with a standard deviation for every component: `0` where it is known, `free` where it is not known
+# at all. A setup that rows of the campaign name, and that this file does not, is free.
+
+SETUP_COLUMNS = ("setup", "x", "y", "z", "unit", "sigma", "rx", "ry", "rz", "turn_unit", "turn_sigma")
+SETUP_SUFFIX = ".setups.csv"
+FREE = "free"
+
+
+@dataclass(frozen=True)
+class Setup:
+    """The frame of a setup.
+
+    Attributes:
+        name: as rows of the campaign name it.
+        origin: (3,) [m] where it is in the base frame; None where that is to be found.
+        turn: (3,) [rad] rotation vector that turns the base's axes into its own; None likewise.
+        sigma: () [m] standard deviation of each component of the origin, 0 if known, infinite if free.
+        turn_sigma: () [rad] the same of a further small turn about each of the base's axes.
+    """
+
+    name: str
+    origin: Vector | None = None
+    turn: Vector | None = None
+    sigma: float = math.inf
+    turn_sigma: float = math.inf
+
+
+@dataclass(frozen=True)
+class Setups:
+    """The setups of a campaign; two are equal when they say the same.
+
+    Attributes:
+        each: the setups.
+        path: the file that they are from; empty for those made in code.
+        sha256: hash of its bytes.
+    """
+
+    each: tuple[Setup, ...]
+    path: str = field(default="", compare=False)
+    sha256: str = field(default="", compare=False)
+
+    def __getitem__(self, name: str) -> Setup:
+        """Return the setup of a name: free where nothing is said of it."""
+        return next((setup for setup in self.each if setup.name == name), Setup(name))
+
+
+NO_SETUPS = Setups(())
+"""Of a campaign of which nothing is said: all are free."""
+
+
+def setups_path(campaign: str | Path) -> Path:
+    """Return the file beside a campaign in which its setups stand."""
+    return Path(campaign).with_suffix(SETUP_SUFFIX)
+
+
+def parse_setups(data: bytes, path: str | Path, names: Collection[str]) -> Setups:
+    """Read setups from the bytes of a CSV file; `path` names it in messages.
+
+    Args:
+        data: the bytes.
+        path: of the file.
+        names: setups that rows of the campaign name.
+
+    Raises:
+        InputError: something in it is wrong; every problem is listed.
+    """
+    file, findings = one_line(str(path)), Findings()
+    text = table_text(data, file)
+    delimiter = sniff_delimiter(text, lambda name: name in SETUP_COLUMNS)
+    records = list(read_records(text, delimiter, file, findings))
+    header = tuple(cell.lower() for cell in records[0][1]) if records else ()
+    if sorted(header) != sorted(SETUP_COLUMNS):
+        remedy = "see data/README.md; leave a cell empty where its number is to be found"
+        raise InputError([*findings, Problem(file, "other columns", ", ".join(SETUP_COLUMNS), remedy)])
+    found: dict[str, Setup] = {}
+    for where, cells in records[1:]:
+        if len(cells) != len(header):
+            findings.append(misfit(where, len(cells), len(header), delimiter))
+            continue
+        row = dict(zip(header, cells, strict=True))
+        setup = findings.attempt(where, "", _setup, row, names)
+        if setup and setup.name in found:
+            findings.append(Problem(where, f"{quoted(setup.name)} again", "each setup once", "delete one", "setup"))
+        elif setup:
+            found[setup.name] = setup
+    if findings:
+        raise InputError(findings)
+    return Setups(tuple(found.values()), str(path), hashlib.sha256(data).hexdigest())
+
+
+def _setup(row: dict[str, str], names: Collection[str]) -> Setup:
+    name = row["setup"]
+    if name not in names:
+        near = nearest(name, list(names))
+        remedy = f"write {near}" if near else "correct the name, or delete the row"
+        raise InputError(Problem("", quoted(name), "a setup that rows of the campaign name", remedy, "setup"))
+    origin, sigma = _placed(row, ("x", "y", "z"), "unit", "sigma", "length")
+    turn, turn_sigma = _placed(row, ("rx", "ry", "rz"), "turn_unit", "turn_sigma", "angle")
+    return Setup(name, origin, turn, sigma, turn_sigma)
+
+
+def _placed(
+    row: dict[str, str], names: tuple[str, str, str], unit: str, sigma: str, quantity: str
+) -> tuple[Vector | None, float]:
+    """Return three numbers [SI] with their standard deviation; none where they are to be found."""
+    given = [name for name in names if row[name]]
+    if not given and row[sigma].lower() in ("", FREE):
+        return None, math.inf
+    if len(given) < 3:
+        missing = next(name for name in names if not row[name])
+        raise InputError(Problem("", "nothing", f"a number, as {sigma} is not {FREE}", "give all three", missing))
+    factor = _in(unit, si_factor, row[unit], quantity)
+    x, y, z = (factor * _in(name, parse_number, row[name], ".") for name in names)
+    return (x, y, z), _sd(row[sigma], sigma, factor)
+
+
+def _in(column: str, read: Callable[..., float], *args: Any) -> float:
+    """Read a cell, and name its column in what is wrong with it."""
+    findings = Findings()
+    value = findings.attempt("", column, read, *args)
+    if value is None:
+        raise InputError(findings)
+    return value
+
+
+def _sd(text: str, column: str, factor: float) -> float:
+    if text.lower() == FREE:
+        return math.inf
+    number = _in(column, parse_number, text, ".")
+    if number < 0:
+        raise InputError(Problem("", quoted(text), f"a number, 0 for known, or {FREE}", "correct it", column))
+    return factor * number
+
+
+def check_name(name: str) -> None:
+    """Refuse a name of a setup that no parameter could bear.
+
+    Raises:
+        InputError: it has other than letters, digits, `_` and `-`.
+    """
+    if name and not re.fullmatch(NAME, name):
+        remedy = "use letters, digits, _ and -"
+        raise InputError(Problem("", quoted(name), "a name such as tracker or tracker-2", remedy, "setup"))
+
+
+def setups_text(setups: Collection[Setup], campaign: str) -> str:
+    """Return setups as CSV text."""
+    rows = [",".join(SETUP_COLUMNS), *(_row(setup) for setup in setups)]
+    return "\n".join([f"# {campaign}: frames of its setups, in the base frame", *rows, ""])
+
+
+def _row(setup: Setup) -> str:
+    place = [*(["", "", ""] if setup.origin is None else map(repr, setup.origin)), "m", _written(setup.sigma)]
+    turn = [*(["", "", ""] if setup.turn is None else map(repr, setup.turn)), "rad", _written(setup.turn_sigma)]
+    return ",".join([setup.name, *place, *turn])
+
+
+def _written(sigma: float) -> str:
+    return FREE if math.isinf(sigma) else repr(sigma)

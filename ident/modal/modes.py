@@ -1,0 +1,565 @@
+"""Modes of a test by maximum likelihood, with their joint covariance: selection, estimate, jackknife."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Bool, Complex, Float
+from scipy.stats import chi2, t
+from threadpoolctl import threadpool_limits
+
+from ident.errors import InputError, Problem
+from ident.modal.frf import Frf, Place
+from ident.modal.parameters import ModalParameters, Rejected
+from ident.modal.poles import (
+    MOST_DAMPED,
+    WEIGHED,
+    Diagram,
+    ModalModel,
+    Noise,
+    Poles,
+    channels_of,
+    diagram_of,
+    model_of,
+    noise_of,
+)
+
+# -------- Likelihood
+# All modes at once by maximum likelihood, with their joint covariance.
+
+STEPS = 60
+"""Steps of a search at most."""
+SMALL = 1e-4
+"""Last change of chi-squared at which a search ends; one is a standard deviation."""
+
+CHORDS = 4
+"""Steps to an estimate nearby."""
+SETTLED = 0.01
+"""Last change of chi-squared after which such steps have come to an end."""
+FALLBACK = 8
+"""Steps of a search where they do not."""
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """Maximum-likelihood estimate of all modes of a test.
+
+    Attributes:
+        model: the modes with the residuals.
+        covariance: (n, n) of the model's vector: the inverse of the full information matrix; zero for numbers that are
+            not estimated (the imaginary parts of real modes).
+        chi_squared: [-] of the whitened residuals.
+        freedom: number of residuals less that of parameters.
+        converged: whether the search ended by its own criterion.
+
+    References:
+        Guillaume, Verboven, Vanlanduit, ISMA 1998. El-Kafafy, De Troyer, Peeters, Guillaume, MSSP 40, 2013 (from
+        poly-reference least squares to the modal model).
+    """
+
+    model: ModalModel
+    covariance: Float[np.ndarray, "n n"]
+    chi_squared: float
+    freedom: int
+    converged: bool
+
+
+def maximise(
+    frf: Frf, noise: Noise, start: ModalModel, *, real: bool = False, steps: int = STEPS, below: float = math.inf
+) -> Likelihood:
+    """Search the modes that make the averaged functions most probable, by Levenberg and Marquardt's method.
+
+    Args:
+        frf: of the test.
+        noise: of the functions.
+        start: modes to begin with.
+        real: whether shapes are real.
+        steps: at most.
+        below: chi-squared that has to be reached within these steps: where the larger of the last two gains, in all
+            steps that are left, would not do it, the search is given up.
+    """
+    s, mean = 2j * np.pi * frf.frequency + frf.decay, channels_of(frf.mean)
+    free = free_numbers(start, real)
+    model = start.replace(np.where(free, start.vector(), 0.0)) if real else start
+    cost, damping, converged, before = _cost(mean, noise, model, s), 1e-3, False, math.inf
+    for left in reversed(range(steps)):
+        gradient, information = _normal_equations(mean, noise, model, s, free)
+        scale = np.sqrt(np.diag(information))
+        scaled = information / (scale[:, None] * scale)
+        while damping < 1e8:
+            step = scipy.linalg.solve(scaled + damping * np.eye(len(scale)), gradient / scale, assume_a="pos") / scale
+            new = model.replace(_moved(model.vector(), free, step))
+            new_cost = _cost(mean, noise, new, s) if _is_sound(new) else np.inf
+            if new_cost < cost:
+                break
+            damping *= 10
+        else:
+            break
+        model, gained, cost = new, cost - new_cost, new_cost
+        damping = max(damping / 30, 1e-12)
+        if gained < SMALL:
+            converged = True
+            break
+        if cost - left * max(gained, before) > below:
+            break
+        before = gained
+    return Likelihood(model, _covariance(information, free), cost, 2 * mean.size - int(free.sum()), converged)
+
+
+def nearby(frf: Frf, noise: Noise, fit: Likelihood, others: Sequence[Frf], *, real: bool) -> Float[np.ndarray, "h n"]:
+    """Return the vectors of estimates from functions that differ little from those of a fit.
+
+    By steps with the slopes and the information of the fit; by a search where these lead away, as where a mode beyond
+    the band is hardly known.
+    """
+    s, free, vector = 2j * np.pi * frf.frequency + frf.decay, free_numbers(fit.model, real), fit.model.vector()
+    gain = fit.covariance[:, free] @ noise.whiten(channels_of(fit.model.slopes(s)[free]))
+    vectors = []
+    for other in others:
+        own, mean = vector, channels_of(other.mean)
+        costs = []
+        for _ in range(CHORDS):
+            residual = noise.whiten(mean - channels_of(fit.model.replace(own).accelerance(s)))
+            costs.append(float(residual @ residual))
+            own = own + gain @ residual
+        settled = _is_sound(fit.model.replace(own)) and abs(costs[-1] - costs[-2]) < SETTLED and costs[-1] < costs[0]
+        vectors.append(own if settled else maximise(other, noise, fit.model, real=real, steps=FALLBACK).model.vector())
+    return np.array(vectors)
+
+
+def free_numbers(model: ModalModel, real: bool) -> Bool[np.ndarray, "n"]:
+    """Return which numbers of the model's vector are estimated."""
+    outputs, others = len(model.shape), len(model.participation) - 1
+    own = np.ones(model.size, bool)
+    if real:
+        own[2 + outputs : 2 + 2 * outputs] = False
+        own[2 + 2 * outputs + others :] = False
+    return np.concatenate([np.tile(own, len(model.pole)), np.ones(model.residual.size, bool)])
+
+
+def _moved(vector: np.ndarray, free: np.ndarray, step: np.ndarray) -> np.ndarray:
+    moved = vector.copy()
+    moved[free] += step
+    return moved
+
+
+def _is_sound(model: ModalModel) -> bool:
+    return bool((model.pole.imag > 0).all() and np.isfinite(model.vector()).all())
+
+
+def _cost(mean: Complex[np.ndarray, "K F"], noise: Noise, model: ModalModel, s: np.ndarray) -> float:
+    return float((noise.whiten(mean - channels_of(model.accelerance(s))) ** 2).sum())
+
+
+def _normal_equations(
+    mean: Complex[np.ndarray, "K F"], noise: Noise, model: ModalModel, s: np.ndarray, free: Bool[np.ndarray, "n"]
+) -> tuple[Float[np.ndarray, "f"], Float[np.ndarray, "f f"]]:
+    residual = noise.whiten(mean - channels_of(model.accelerance(s)))
+    slopes = model.slopes(s)
+    slopes = noise.whiten(channels_of(slopes if free.all() else slopes[free]))
+    return slopes @ residual, slopes @ slopes.T
+
+
+def _covariance(information: Float[np.ndarray, "f f"], free: Bool[np.ndarray, "n"]) -> Float[np.ndarray, "n n"]:
+    scale = np.sqrt(np.diag(information))
+    inverse = np.linalg.pinv(information / (scale[:, None] * scale), hermitian=True) / (scale[:, None] * scale)
+    full = np.zeros((len(free), len(free)))
+    full[np.ix_(free, free)] = inverse
+    return full
+
+
+# -------- Jackknife
+# What the hits themselves say of the covariance: leave-one-hit-out, beside maximum likelihood.
+
+BAND = 0.99
+"""Probability of the band that a ratio lies in, where the covariance is right."""
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """Variance by leave-one-hit-out over that by maximum likelihood, for poles, pooled.
+
+    Attributes:
+        value: [-] pooled over poles (and postures).
+        freedom: degrees of freedom: numbers of the poles times one less than hits.
+    """
+
+    value: float
+    freedom: int
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Where the ratio lies with 99 % probability, if the covariance is right."""
+        low, high = chi2.interval(BAND, self.freedom)
+        return float(low) / self.freedom, float(high) / self.freedom
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it lies outside this band."""
+        low, high = self.band
+        return not low <= self.value <= high
+
+    @property
+    def scale(self) -> float:
+        """[-] what the covariance is multiplied with: the ratio, and Student's t over the normal at 95 %, squared."""
+        return self.value * (float(t.isf(0.025, self.freedom)) / 1.959964) ** 2
+
+
+def jackknife(frf: Frf, noise: Noise, fit: Likelihood, *, real: bool = False) -> Ratio:
+    """Repeat the estimate without each hit in turn and compare the scatter of the poles with the covariance.
+
+    Var = (H - 1) / H sum_h (x_h - mean)^2, as a squared distance in the covariance of all poles, so that close modes,
+    whose errors go together, count for what they are.
+
+    References:
+        Efron, Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 11.
+    """
+    count, size = len(frf.hits), fit.model.size
+    poles = np.ravel([[r * size, r * size + 1] for r in fit.model.inside(frf.frequency)])
+    others = [replace(frf, hits=np.delete(frf.hits, h, 0)) for h in range(count)]
+    without = nearby(frf, noise, fit, others, real=real)[:, poles]
+    apart = without - without.mean(0)
+    precision = np.linalg.inv(fit.covariance[np.ix_(poles, poles)])
+    value = (count - 1) / count * (apart @ precision * apart).sum() / len(poles)
+    return Ratio(float(value), len(poles) * (count - 1))
+
+
+def pooled(ratios: Sequence[Ratio]) -> Ratio:
+    """Return one ratio of several tests."""
+    freedom = sum(ratio.freedom for ratio in ratios)
+    return Ratio(float(sum(ratio.value * ratio.freedom for ratio in ratios) / freedom), freedom)
+
+
+# -------- Selection
+# How many modes a test shows: those that the data ask for and no more, with why others were left out.
+
+FIRST_STEPS = 8
+"""Steps of the search that compares one number of modes with another."""
+ABOUT = 5
+"""Lines about a pole that tell how the references move."""
+SHARPEST = 0.005
+"""Relative standard deviation of a frequency that is good enough, however sharp its resonance."""
+BEYOND = 0.15
+"""How far outside the band a mode is sought first, as a share of its end."""
+MOST_ADDED = 8
+"""Modes that are added to those of the diagram at most."""
+
+
+def starting_model(frf: Frf, noise: Noise, diagram: Diagram) -> ModalModel:
+    """Return the chosen poles of a diagram with their shapes."""
+    residues = diagram.shape[:, diagram.chosen].T.reshape(-1, len(frf.responses), len(frf.references))
+    participation = np.linalg.svd(residues)[2][:, 0].T if len(residues) else np.zeros((len(frf.references), 0))
+    return model_of(frf, noise, Poles(0, diagram.pole[diagram.chosen], participation.astype(complex)))
+
+
+def select(
+    frf: Frf, noise: Noise, start: ModalModel, candidates: np.ndarray | None, *, real: bool = False
+) -> tuple[Likelihood, tuple[Rejected, ...]]:
+    """Add modes to a start while the data ask for more, and leave out those that they don't.
+
+    A mode stays where it lowers chi-squared by more than its numbers cost (Schwarz's criterion), is damped, and has a
+    frequency that is known to within its resonance. What is added is a pole that was found in few orders, a mode split
+    in two, or one just outside the band, where its tail is more than residuals can be.
+
+    Args:
+        frf: of the test.
+        noise: of the functions.
+        start: modes of the stabilisation diagram.
+        candidates: poles [rad/s] that were found, but not in enough orders; None where a person chose the modes, so
+            that only such outside the band are added.
+        real: whether shapes are real.
+
+    References:
+        Schwarz, "Estimating the dimension of a model", Ann. Stat. 6, 1978.
+    """
+    fit, rejected = _begun(frf, noise, start, real)
+    for _ in range(MOST_ADDED):
+        more = _with_one_more(frf, noise, fit, _beyond(frf), real)
+        if more is None and candidates is not None:
+            more = _with_one_more(frf, noise, fit, _where_it_lacks(frf, noise, fit, candidates), real)
+        larger, lost = (fit, []) if more is None else _pruned(frf, noise, more, real)
+        if _schwarz(frf, larger) >= _schwarz(frf, fit):
+            break
+        fit, rejected = larger, [*rejected, *lost]
+    return fit, tuple(rejected)
+
+
+def _begun(frf: Frf, noise: Noise, start: ModalModel, real: bool) -> tuple[Likelihood, list[Rejected]]:
+    """Return the fit of a start without what is no mode; where that loses one, with a mode outside the band if better.
+
+    Where such a mode's tail is more than residuals can be, the search makes it of a mode that the start has within the
+    band, which is lost then: the mode outside has to be there from the beginning.
+    """
+    found = _pruned(frf, noise, maximise(frf, noise, start, real=real), real)
+    if not found[1]:
+        return found
+    starts = [_start_with(frf, noise, start, pole) for pole in _beyond(frf)]
+    others = [_pruned(frf, noise, maximise(frf, noise, each, real=real), real) for each in starts]
+    return min([found, *others], key=lambda each: _schwarz(frf, each[0]))
+
+
+def _with_one_more(
+    frf: Frf, noise: Noise, fit: Likelihood, poles: Iterable[np.ndarray], real: bool
+) -> Likelihood | None:
+    """Return the fit with the one of some poles that lowers chi-squared most; None where none lowers it enough."""
+    starts = [_start_with(frf, noise, fit.model, pole) for pole in poles]
+    below = fit.chi_squared - _price(frf, fit.model)
+    fits = [maximise(frf, noise, start, real=real, steps=FIRST_STEPS, below=below) for start in starts]
+    best = min(fits, key=lambda each: each.chi_squared, default=fit)
+    if best.chi_squared > below:
+        return None
+    return maximise(frf, noise, best.model, real=real)
+
+
+def _schwarz(frf: Frf, fit: Likelihood) -> float:
+    return fit.chi_squared + len(fit.model.pole) * _price(frf, fit.model)
+
+
+def _price(frf: Frf, model: ModalModel) -> float:
+    """Return by how much a mode has to lower chi-squared."""
+    return model.size * math.log(2 * frf.mean.size)
+
+
+def _pruned(frf: Frf, noise: Noise, fit: Likelihood, real: bool) -> tuple[Likelihood, list[Rejected]]:
+    """Leave out modes that are none, one at a time, the most doubtful first."""
+    rejected: list[Rejected] = []
+    while True:
+        for r, why in _doubtful(frf, fit):
+            without = maximise(frf, noise, fit.model.without(r), real=real)
+            gain, price = without.chi_squared - fit.chi_squared, _price(frf, fit.model)
+            if why or gain < price:
+                why = why or f"chi-squared falls by {gain:.0f} only, where {price:.0f} is asked for"
+                pole = fit.model.pole[r]
+                rejected.append(Rejected(float(abs(pole) / (2 * np.pi)), float(-pole.real / abs(pole)), why))
+                fit = without
+                break
+        else:
+            return fit, rejected
+
+
+def _doubtful(frf: Frf, fit: Likelihood) -> list[tuple[int, str]]:
+    """Return modes that may be none, the weakest first, with why where it is certain."""
+    model, inside = fit.model, fit.model.inside(frf.frequency)
+    ratio = -model.pole.real / np.abs(model.pole)
+    rows = np.arange(len(model.pole)) * model.size + 1
+    sd = np.sqrt(np.diag(fit.covariance))[rows] / np.abs(model.pole)
+    why = {r: "its frequency is not known to within its resonance" for r in inside if sd[r] > max(ratio[r], SHARPEST)}
+    why |= {r: f"damping ratio not between 0 and {MOST_DAMPED:g}" for r in inside if not 0 < ratio[r] < MOST_DAMPED}
+    strength = [_strength(fit, r) for r in range(len(model.pole))]
+    weak = [r for r in np.argsort(strength) if r in why or strength[r] < _price(frf, model)]
+    return [(int(r), why.get(r, "")) for r in sorted(weak, key=lambda r: r not in why)]
+
+
+def _strength(fit: Likelihood, r: int) -> float:
+    """Return by about how much chi-squared falls by a mode: its shape as chi-squared (Wald)."""
+    outputs = len(fit.model.shape)
+    at = r * fit.model.size + np.arange(2, 2 + 2 * outputs)
+    vector = fit.model.vector()[at]
+    return float(vector @ np.linalg.pinv(fit.covariance[np.ix_(at, at)], hermitian=True) @ vector)
+
+
+def _beyond(frf: Frf) -> list[np.ndarray]:
+    """Return a pole below the band and one above."""
+    ends = 2 * np.pi * frf.frequency[[0, -1]] * np.array([1 - BEYOND, 1 + BEYOND])
+    return [np.array([end * (1j - 0.02)]) for end in ends]
+
+
+def _where_it_lacks(frf: Frf, noise: Noise, fit: Likelihood, candidates: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield poles that may be missing: candidates, and modes in two, where the surroundings don't fit."""
+    left = channels_of(frf.mean - fit.model.accelerance(2j * np.pi * frf.frequency + frf.decay))
+    by_line = (np.abs(noise.by_line(left)) ** 2).mean(0)
+    omega = 2 * np.pi * frf.frequency
+    lacking, level = [], float(np.median(by_line))
+    for pole in [*fit.model.pole, *candidates]:
+        near = np.abs(omega - pole.imag) < max(3 * abs(pole.real), 4 * (omega[1] - omega[0]))
+        expected = math.sqrt(2 / max(1, 2 * near.sum() * len(left)))
+        lacking.append((by_line[near].mean() / level - 1) / expected if near.any() else 0.0)
+    order = np.argsort(lacking)[::-1]
+    for i in [i for i in order if lacking[i] > 3][:3]:
+        if i < len(fit.model.pole):
+            pole = fit.model.pole[i]
+            yield np.array([pole - 0.7j * pole.real, pole + 0.7j * pole.real])
+        else:
+            yield candidates[i - len(fit.model.pole)][None]
+
+
+def _start_with(frf: Frf, noise: Noise, model: ModalModel, poles: np.ndarray) -> ModalModel:
+    """Return a start with one pole more: a new one, or two in place of the one that lies between them."""
+    pole, participation = model.pole, model.participation
+    if len(poles) == 2:
+        split = np.argmin(np.abs(pole - poles.mean()))
+        beside = participation[:, [split, split]]
+        pole, participation = np.delete(pole, split), np.delete(participation, split, 1)
+    else:
+        beside = _participation(frf, noise, model, poles[0])
+    return model_of(frf, noise, Poles(0, np.append(pole, poles), np.concatenate([participation, beside], 1)))
+
+
+def _participation(frf: Frf, noise: Noise, model: ModalModel, pole: complex) -> np.ndarray:
+    """Return how the references move by the residuals about a pole."""
+    left = frf.mean - model.accelerance(2j * np.pi * frf.frequency + frf.decay)
+    apart = np.abs(2 * np.pi * frf.frequency - pole.imag)
+    near = apart <= max(2 * abs(pole.real), np.sort(apart)[ABOUT])
+    rows = np.moveaxis(left[..., near], 1, 2).reshape(-1, left.shape[1])
+    return np.linalg.svd(rows, full_matrices=False)[2][0][:, None]
+
+
+# -------- Estimate
+# From frequency response functions to modes with their joint covariance: the one entry.
+
+FEWEST_LINES = 20
+"""Fewest lines of a band."""
+
+
+@dataclass(frozen=True)
+class Modes(ModalParameters):
+    """Modes of a hammer test, whose shapes are scaled.
+
+    The covariance is scaled by the ratio, and for the weights' own uncertainty. A shape is the product with the motion
+    of the reference of the mode [1/kg].
+
+    Attributes:
+        participation: (I, m) [-] complex motion of each reference, one at the reference of the mode.
+        ratio: of the scatter between hits to the covariance by maximum likelihood, which has scaled it.
+        misfit: [-] chi-squared over degrees of freedom: one where the model explains all but the scatter of the hits.
+        converged: whether the search for the most probable modes ended by its own criterion.
+        model: modes with residuals of those outside the band, among which are modes where they are near.
+        frf: the functions within the band.
+    """
+
+    participation: Complex[np.ndarray, "I m"]
+    ratio: Ratio
+    misfit: float
+    converged: bool
+    model: ModalModel
+    frf: Frf
+
+    @property
+    def responses(self) -> tuple[Place, ...]:
+        """(O,) where and along what was measured."""
+        return self.frf.responses
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the scatter of the hits contradicts the covariance by maximum likelihood."""
+        return self.ratio.doubtful
+
+    @property
+    def fitted(self) -> Complex[np.ndarray, "O I F"]:
+        """Frequency responses of the modes [1/kg], at the lines within the band."""
+        return self.model.accelerance(2j * np.pi * self.frf.frequency + self.frf.decay)
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """[Hz] between which modes were sought."""
+        return float(self.frf.frequency[0]), float(self.frf.frequency[-1])
+
+
+@threadpool_limits.wrap(limits=1)  # matrices are small: threads of BLAS would mostly wait for each other
+def modes_of(
+    frf: Frf,
+    *,
+    band: tuple[float, float] | None = None,
+    real: bool = False,
+    near: Sequence[float] | None = None,
+) -> Modes:
+    """Identify the modes of a test with their joint covariance.
+
+    Poles by poly-reference least squares over orders, those that last by themselves; then all modes at once by maximum
+    likelihood, weighted by the scatter of the hits; leave-one-hit-out scales the covariance.
+
+    Args:
+        frf: frequency response functions with their single hits.
+        band: (2,) [Hz] lines that count; all above 0 Hz when not given.
+        real: whether shapes are real, as with proportional damping.
+        near: (m,) [Hz] overrules the choice of modes: for each the pole of the diagram that lies nearest.
+
+    Raises:
+        InputError: the band has too few lines, there are too few hits, or no mode is found.
+    """
+    frf = within(frf, band)
+    noise = noise_of(frf)
+    diagram = diagram_of(frf, noise)
+    if near is not None:
+        diagram = chosen_near(diagram, near)
+    start = starting_model(frf, noise, diagram)
+    candidates = None if near is not None else diagram.pole[diagram.passing]
+    fit, rejected = select(frf, noise, start, candidates, real=real)
+    if not len(fit.model.inside(frf.frequency)):
+        raise InputError(
+            Problem("", "functions without a mode", "a resonance", "look at the functions and the band", "frf")
+        )
+    return _modes(fit, frf, diagram, rejected, jackknife(frf, noise, fit, real=real))
+
+
+def within(frf: Frf, band: tuple[float, float] | None) -> Frf:
+    """Return the functions at the lines of a band."""
+    low, high = band or (0.0, math.inf)
+    inside = (frf.frequency >= low) & (frf.frequency <= high) & (frf.frequency > 0)
+    if inside.sum() < FEWEST_LINES:
+        remedy = "widen the band, or record for longer"
+        raise InputError(Problem("", f"{inside.sum()} lines in the band", f"{FEWEST_LINES} or more", remedy, "band"))
+    if not np.isfinite(frf.hits[..., inside]).all():
+        remedy = "look for a dead channel or a line without force"
+        raise InputError(Problem("", "values that are not finite", "finite functions", remedy, "hits"))
+    return replace(frf, frequency=frf.frequency[inside], hits=frf.hits[..., inside])
+
+
+def chosen_near(diagram: Diagram, near: Sequence[float]) -> Diagram:
+    """Return the diagram with the poles nearest to these frequencies chosen, of the highest orders."""
+    if not len(diagram.pole):
+        raise InputError(Problem("", "no stable pole", "poles near those frequencies", "look at the functions", "near"))
+    latest = diagram.order / diagram.order.max() * 1e-3
+    chosen = [int(np.argmin(np.abs(diagram.frequency - f) / f - latest)) for f in sorted(near)]
+    if len(set(chosen)) < len(chosen):
+        remedy = "name modes of which the diagram has poles"
+        raise InputError(Problem("", "two frequencies with one pole", "a pole for each", remedy, "near"))
+    return replace(diagram, chosen=np.array(chosen, int))
+
+
+def together(tests: Sequence[Modes]) -> tuple[Modes, ...]:
+    """Return the modes of several tests with covariances scaled by the ratio of all of them together."""
+    if not tests:
+        return ()
+    ratio = pooled([modes.ratio for modes in tests])
+    return tuple(
+        replace(modes, covariance=modes.covariance * (ratio.scale / modes.ratio.scale), ratio=ratio) for modes in tests
+    )
+
+
+def _modes(fit: Likelihood, frf: Frf, diagram: Diagram, rejected: tuple[Rejected, ...], ratio: Ratio) -> Modes:
+    model = fit.model
+    order = model.inside(frf.frequency)
+    pole = model.pole[order]
+    slopes = _slopes(model, order)
+    covariance = slopes @ fit.covariance @ slopes.T * (WEIGHED * ratio.scale)
+    return Modes(
+        np.abs(pole) / (2 * np.pi),
+        -pole.real / np.abs(pole),
+        model.shape[:, order],
+        covariance,
+        diagram,
+        rejected,
+        model.participation[:, order],
+        ratio,
+        fit.chi_squared / fit.freedom,
+        fit.converged,
+        model,
+        frf,
+    )
+
+
+def _slopes(model: ModalModel, order: np.ndarray) -> Float[np.ndarray, "n v"]:
+    """Return the derivative of frequencies, damping ratios and shapes by the model's vector."""
+    modes, outputs = len(order), 2 * len(model.shape)
+    out = np.zeros(((2 + outputs) * modes, len(model.vector())))
+    for place, r in enumerate(order):
+        pole, own = model.pole[r], r * model.size
+        size = abs(pole)
+        out[place, own : own + 2] = np.array([pole.real, pole.imag]) / (2 * np.pi * size)
+        out[modes + place, own : own + 2] = np.array([-(pole.imag**2), pole.real * pole.imag]) / size**3
+        rows = 2 * modes + place * outputs
+        out[rows : rows + outputs, own + 2 : own + 2 + outputs] = np.eye(outputs)
+    return out

@@ -1,0 +1,128 @@
+"""Frequencies, damping ratios and shapes of the modes of a test, and how complex the shapes are."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from ident.modal.frf import Place
+from ident.modal.poles import Diagram
+
+# -------- Modal parameters
+# Frequencies, damping ratios and shapes of the modes of a test, however they were measured.
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A pole that was taken for no mode.
+
+    Attributes:
+        frequency: [Hz] undamped.
+        damping: [-] damping ratio.
+        why: in words.
+    """
+
+    frequency: float
+    damping: float
+    why: str
+
+
+@dataclass(frozen=True)
+class ModalParameters(ABC):
+    """Modes of a test, ascending in frequency, with their joint covariance.
+
+    Attributes:
+        frequency: (m,) [Hz] undamped, |pole| / 2 pi.
+        damping: (m,) [-] damping ratio.
+        shape: (O, m) complex motion of each response.
+        covariance: (n, n) of frequencies, damping ratios, real and imaginary parts of the shapes mode by mode;
+            n = 2 m + 2 O m.
+        diagram: poles over orders.
+        rejected: poles that were taken for no mode, with why.
+    """
+
+    frequency: Float[np.ndarray, "m"]
+    damping: Float[np.ndarray, "m"]
+    shape: Complex[np.ndarray, "O m"]
+    covariance: Float[np.ndarray, "n n"]
+    diagram: Diagram
+    rejected: tuple[Rejected, ...]
+
+    @property
+    @abstractmethod
+    def responses(self) -> tuple[Place, ...]:
+        """(O,) where and along what was measured."""
+
+    @property
+    @abstractmethod
+    def band(self) -> tuple[float, float]:
+        """[Hz] between which modes were sought."""
+
+    @property
+    @abstractmethod
+    def doubtful(self) -> bool:
+        """Whether the covariance is not to be relied on."""
+
+    @property
+    def sigma(self) -> Float[np.ndarray, "2 m"]:
+        """(2, m) [Hz, -] standard deviations of frequencies and damping ratios."""
+        return np.sqrt(np.diag(self.covariance))[: 2 * len(self.frequency)].reshape(2, -1)
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "k k"]:
+        """(2 m, 2 m) [-] of frequencies, then damping ratios."""
+        count = 2 * len(self.frequency)
+        sd = self.sigma.ravel()
+        return self.covariance[:count, :count] / (sd[:, None] * sd)
+
+    def of_shape(self, modes: Sequence[int]) -> Float[np.ndarray, "k k"]:
+        """Return the joint covariance of the shapes of some modes: real parts, then imaginary ones, mode by mode."""
+        count, outputs = 2 * len(self.frequency), 2 * len(self.shape)
+        at = np.concatenate([count + mode * outputs + np.arange(outputs) for mode in modes])
+        return self.covariance[np.ix_(at, at)]
+
+
+# -------- Complexity
+# How far the shape of a mode is from one that moves in phase, with what is known of it.
+
+
+@dataclass(frozen=True)
+class PhasePlane:
+    """The shape of a mode in the complex plane, turned to the real axis and scaled to one at its largest.
+
+    Attributes:
+        shape: (O,) [-] complex.
+        covariance: (O, 2, 2) [-] of real and imaginary part of each response's motion, at this turn and scale.
+        collinearity: [-] modal phase collinearity: one where all move in phase, none where phases are spread.
+    """
+
+    shape: Complex[np.ndarray, "O"]
+    covariance: Float[np.ndarray, "O 2 2"]
+    collinearity: float
+
+
+def phase_planes(modes: ModalParameters) -> tuple[PhasePlane, ...]:
+    """Return the shape of each mode in the complex plane.
+
+    References:
+        Pappa, Elliott, Schenk, "A consistent-mode indicator for the eigensystem realization algorithm", AIAA 1992
+        (modal phase collinearity).
+    """
+    return tuple(_plane(modes, mode) for mode in range(len(modes.frequency)))
+
+
+def _plane(modes: ModalParameters, mode: int) -> PhasePlane:
+    shape, covariance = modes.shape[:, mode], modes.of_shape([mode])
+    parts = np.array([shape.real, shape.imag])
+    spread, axes = np.linalg.eigh(parts @ parts.T)
+    along = axes[0, 1] + 1j * axes[1, 1]
+    turned = shape * along.conjugate()
+    largest = turned[np.argmax(np.abs(turned))]
+    factor = along.conjugate() * np.sign(largest.real) / abs(largest)
+    turn = np.array([[factor.real, -factor.imag], [factor.imag, factor.real]])
+    each = np.arange(len(shape))[:, None, None] + len(shape) * np.arange(2)
+    blocks = covariance[np.swapaxes(each, 1, 2), each]
+    collinearity = float(((spread[1] - spread[0]) / (spread[1] + spread[0])) ** 2)
+    return PhasePlane(shape * factor, turn @ blocks @ turn.T, collinearity)

@@ -1,0 +1,253 @@
+"""Time series and frequency responses as netCDF, and their rows."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.assess.modal import IdentifiedModes, Labelled, NamedModes
+from ident.assess.simulate import Simulation
+from ident.files import replace_file
+from ident.measure import Campaign, write_campaign
+from ident.measure.covariance_and_frames import Reproducibility, covariance_path
+from ident.modal.ambient import AmbientTest
+from ident.modal.frf import ModalTest
+from ident.modal.sources import FinishedTest
+from ident.present.files.document import PACKED
+from ident.present.text.modal import reproducibility_in_words
+from ident.present.text.words import MM, place_in_words
+from ident.text import one_line
+from ident.vibrate.study import DIRECTIONS
+
+if TYPE_CHECKING:
+    import xarray
+
+
+# -------- Modal
+# Modes as rows and as a campaign with covariance, frequency responses as netCDF for other tools.
+
+
+def modal_rows(
+    tests: Sequence[ModalTest | AmbientTest],
+    identified: Sequence[IdentifiedModes],
+    finished: Sequence[FinishedTest],
+    named: Sequence[NamedModes],
+    campaign: Campaign | None,
+) -> list[dict[str, Any]]:
+    """Return a row for each mode: posture [deg], load, frequency [Hz], damping ratio [-], sd of both, label."""
+    pairs: list[tuple[ModalTest | AmbientTest | FinishedTest, Labelled]] = [*zip(tests, identified, strict=False)]
+    pairs += zip(finished, named, strict=False)
+    return [
+        {
+            "posture": " ".join(f"{math.degrees(angle) + 0.0:.6g}" for angle in test.posture),
+            "load": str(test.load),
+            "frequency": float(each.modes.frequency[i]),
+            "frequency_sd": float(each.modes.sigma[0, i]),
+            "damping_ratio": float(each.modes.damping[i]),
+            "damping_ratio_sd": float(each.modes.sigma[1, i]),
+            "label": str(label or ""),
+            "probability": float(each.labels.probability[i].max(initial=0.0)),
+        }
+        for test, each in pairs
+        for i, label in enumerate(each.labels.given)
+    ]
+
+
+def write_campaign_file(
+    campaign: Campaign, head: Mapping[str, Any], path: Path, reproducibility: Reproducibility | None = None
+) -> None:
+    """Write the campaign, and beside it how the errors of the rows of a posture are correlated."""
+    comments = [
+        f"{head['format']} {head['created']} ident {head['software']['ident']}",
+        "Modes of a modal test that have a name. of: pole, the undamped frequency is |pole| / 2 pi.",
+        f"The errors of the rows of one group are correlated: see {covariance_path(path).name}.",
+        *([f"sigma: {reproducibility_in_words(reproducibility)}."] if reproducibility else []),
+    ]
+    write_campaign(campaign, path, header_comments=comments)
+
+
+def modal_groups(tests: Sequence[ModalTest | AmbientTest], head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
+    """Return mean accelerance, real and imaginary, and coherence of each test, as `test1`, `test2`, ... of the root.
+
+    Of an ambient test the singular values of the spectral density.
+    """
+    import xarray
+
+    data: dict[str, Any] = {}
+    for number, test in enumerate(tests, 1):
+        each = _densities(number, test) if isinstance(test, AmbientTest) else _responses(number, test)
+        posture = [math.degrees(angle) for angle in test.posture]
+        for name, values, unit, coordinates in each:
+            attributes = {"units": unit, "posture_deg": posture}
+            data[name] = xarray.DataArray(values, coordinates, tuple(coordinates), attrs=attributes)
+    return {"/": xarray.Dataset(data, attrs={"format": head["format"], "head": json.dumps(head)})}
+
+
+_Written = Iterator[tuple[str, Any, str, dict[str, Any]]]
+"""Name, values, unit and coordinates."""
+
+
+def _responses(number: int, test: ModalTest) -> _Written:
+    mean = test.frf.mean
+    coordinates = {
+        f"response{number}": [place_in_words(place) for place in test.frf.responses],
+        f"force{number}": [place_in_words(place) for place in test.frf.references],
+        f"frequency{number}": test.frf.frequency,
+    }
+    yield f"test{number}_real", mean.real, "1/kg", coordinates
+    yield f"test{number}_imaginary", mean.imag, "1/kg", coordinates
+    yield f"test{number}_coherence", test.coherence, "1", coordinates
+
+
+def _densities(number: int, test: AmbientTest) -> _Written:
+    singular = test.density.singular
+    coordinates = {f"value{number}": range(1, len(singular) + 1), f"frequency{number}": test.density.frequency}
+    yield f"test{number}_singular", singular, "1/Hz", coordinates
+
+
+# -------- Simulate
+# The files of a simulated motion: series as CSV and netCDF, with where they come from; its sizes as rows.
+
+LESS = "displacement of the end point less the quasi-static deflection"
+SPANS = ("upper", "lower")
+DIGITS = "%.10g"
+
+
+def write_csv(simulation: Simulation, head: Mapping[str, Any], path: Path) -> None:
+    """Write the series as CSV, which `read_trace` reads: vibration in mm, units in the header."""
+    columns = dict(csv_columns(simulation))
+    notes = [
+        f"{head['format']} {head['created']} ident {head['software']['ident']}",
+        f"arm: {one_line(simulation.basis.arm_file.path)} sha256 {simulation.basis.arm_file.sha256}",
+        f"motion: {one_line(simulation.response.motion.name)}; load: {simulation.basis.load}",
+        f"x, y, z: vibration of {simulation.point}: {LESS}; rotations include that",
+    ]
+    header = ",".join(columns)
+    top = "".join(f"# {note}\n" for note in notes) + header + "\n"
+
+    def write(file: Any) -> None:
+        file.write(top.encode("utf-8"))
+        np.savetxt(file, np.column_stack(list(columns.values())), fmt=DIGITS, delimiter=",")
+
+    replace_file(path, write, make_folders=True)
+
+
+def csv_columns(simulation: Simulation) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield header and values of each column."""
+    yield "time [s]", simulation.time
+    for direction, values in zip(DIRECTIONS, simulation.vibration, strict=True):
+        yield f"{direction} [mm]", MM * values
+    for direction, values in zip(DIRECTIONS, np.asarray(simulation.response.displacement), strict=True):
+        yield f"displacement.{direction} [mm]", MM * values
+    for joint, angle in zip(simulation.arm.driven, np.asarray(simulation.response.posture), strict=True):
+        yield f"{joint.name} [deg]", np.degrees(angle)
+    for n, joint in enumerate(simulation.arm.joints):
+        for axis, values in zip("xyz", simulation.phi[:, n], strict=True):
+            yield f"{joint.name}.rotation.{axis} [deg]", np.degrees(values)
+    for b, belt in enumerate(simulation.arm.belts):
+        for span, values in zip(SPANS, simulation.tension[:, b], strict=True):
+            yield f"{belt.name}.{span} [N]", values
+    for name, (angle, frequency) in simulation.pulleys.items():
+        yield f"{name}.frequency [Hz]", frequency
+        yield f"{name}.angle [rad]", angle
+
+
+def dataset(simulation: Simulation, head: Mapping[str, Any]) -> "xarray.Dataset":
+    """Return all series with their dimensions, units and origin; SI."""
+    import xarray
+
+    variables = dict(_variables(simulation))
+    coordinates: dict[str, Any] = {
+        "time": ("time", simulation.time, {"units": "s"}),
+        "direction": list(DIRECTIONS),
+        "axis": ("axis", list("xyz"), {"long_name": "axis of the joint's shaft"}),
+        "joint": [joint.name for joint in simulation.arm.joints],
+        "driven": [joint.name for joint in simulation.arm.driven],
+    }
+    if simulation.arm.belts:
+        coordinates |= {"span": list(SPANS), "belt": [belt.name for belt in simulation.arm.belts]}
+    if simulation.pulleys:
+        coordinates["drive"] = list(simulation.pulleys)
+    if simulation.draws:
+        coordinates["parameter"] = list(simulation.draws.values)
+    attributes = {name: json.dumps(part) for name, part in head.items()}
+    attributes |= {"motion": simulation.response.motion.name, "method": simulation.response.method}
+    return xarray.Dataset(variables, coordinates, attributes | {"arrival": simulation.response.motion.arrival})
+
+
+def simulate_groups(simulation: Simulation, head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
+    """Return all series as the root of a netCDF file, compressed."""
+    data = dataset(simulation, head)
+    for part in data.data_vars.values():
+        part.encoding = PACKED if part.dtype == float else {}
+    return {"/": data}
+
+
+def simulate_rows(simulation: Simulation) -> list[dict[str, Any]]:
+    """Return the sizes of the vibration as rows, one for each direction [m, s]; NaN for what does not apply."""
+    sizes, place = simulation.sizes, np.argmax(np.abs(simulation.vibration), axis=1)
+    columns = {
+        "peak": sizes.peak,
+        "time_of_peak": simulation.time[place],
+        "rms": sizes.rms,
+        "residual": sizes.residual,
+        "settling_time": sizes.settling,
+        "late_peak": sizes.late,
+    }
+    if simulation.phases:
+        low, high = simulation.phases.band
+        columns |= {"peak_phases_q05": low, "peak_phases_q95": high, "peak_worst_phases": simulation.phases.worst}
+    if simulation.draws:
+        low, high = np.quantile(simulation.draws.sizes.peak, (0.05, 0.95), axis=1)
+        columns |= {"peak_q05": low, "peak_q95": high}
+        if simulation.limit is not None:
+            columns["exceedance"] = simulation.draws.exceeds(simulation.limit)[0]
+    rows = zip(*(np.asarray(column, float).tolist() for column in columns.values()), strict=True)
+    return [{"direction": d} | dict(zip(columns, row, strict=True)) for d, row in zip(DIRECTIONS, rows, strict=True)]
+
+
+def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    response, other = simulation.response, simulation.study.other
+    moved = ("direction", "time")
+    yield (
+        "vibration",
+        _variable(moved, simulation.vibration, "m", LESS),
+    )
+    if other is not None:
+        values = np.full_like(simulation.vibration, np.nan)
+        values[:, : len(other.time)] = np.asarray(other.vibration)[:, : values.shape[1]]
+        yield f"vibration_{other.method}", _variable(moved, values, "m", f"the same by the {other.method} method")
+    if simulation.phases is not None:
+        words = "largest magnitude of the vibration over the phases that are not known"
+        yield "vibration_worst_phases", _variable(moved, simulation.phases.envelope, "m", words)
+    yield "displacement", _variable(moved, response.displacement, "m", "of the end point from the rigid arm's")
+    yield (
+        "quasi_static_deflection",
+        _variable(moved, response.quasi_static, "m", "of the end point, part of the displacement"),
+    )
+    yield "path", _variable(moved, response.path, "m", "where the end point would be with rigid joints")
+    yield "posture", _variable(("driven", "time"), response.posture, "rad", "commanded angles")
+    by_joint = ("axis", "joint", "time")
+    yield (
+        "rotation",
+        _variable(by_joint, simulation.phi, "rad", "rotation vectors of the bushings, quasi-static part included"),
+    )
+    yield "moment", _variable(by_joint, response.moment, "N m", "moments of the bushings, weight included")
+    if simulation.arm.belts:
+        yield "tension", _variable(("span", "belt", "time"), simulation.tension, "N", "tension of the belts' spans")
+    if simulation.pulleys:
+        angles, frequencies = zip(*simulation.pulleys.values(), strict=True)
+        yield "pulley_angle", _variable(("drive", "time"), np.stack(angles), "rad", "angle of the pulleys")
+        yield "pulley_frequency", _variable(("drive", "time"), np.stack(frequencies), "Hz", "turning frequency")
+    if simulation.draws:
+        drawn = np.moveaxis(simulation.draws.vibration, 2, 0)
+        yield "vibration_draws", _variable(("draw", *moved), drawn, "m", "vibration by draws of the posterior")
+        values = np.stack(list(simulation.draws.values.values()), 1)
+        yield "parameter_draws", _variable(("draw", "parameter"), values, "SI", "the draws of the arm's numbers")
+
+
+def _variable(dims: tuple[str, ...], values: Any, units: str, name: str) -> tuple[Any, ...]:
+    return dims, np.asarray(values, float), {"units": units, "long_name": name}

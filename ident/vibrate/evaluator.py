@@ -1,0 +1,570 @@
+"""An arm is changed and simulated over and over, whichever of its numbers change by one compiled program."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+from scipy.stats import binomtest
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads, at_posture
+from ident.arm.fields import COMPONENTS, field_of
+from ident.arm.mechanics import deflection, static_equilibrium
+from ident.arm.modes import lowest_eigenpairs, to_hertz
+from ident.errors import InputError, ModelError, Problem
+from ident.programs import AnyArray, cores, jit, library
+from ident.text import did_you_mean
+from ident.vibrate.exact import Progress
+from ident.vibrate.fast import Fast, FastMethod, Linearised, at_once, numbers_of, step_for, vibration_of, vibrations
+from ident.vibrate.linear import TimeIntervals, some_at_a_time
+from ident.vibrate.motion import Motion
+from ident.vibrate.simulate import (
+    RATE,
+    Amplitude,
+    Superposition,
+    amplitude,
+    fast_method,
+    largest_over_phases,
+    parts_of,
+    refuse_collapse,
+    rms_over_phases,
+    sets_of,
+    superposition,
+)
+
+# -------- Binomial
+# A binomial estimate: a probability counted out of draws.
+
+LEVEL = 0.95
+"""Of the interval of a probability."""
+
+
+@dataclass(frozen=True)
+class BinomialEstimate:
+    """How many draws have an event.
+
+    Attributes:
+        count: of draws that have it.
+        draws: in all.
+    """
+
+    count: int
+    draws: int
+
+    @property
+    def share(self) -> float:
+        """The estimated probability."""
+        return self.count / self.draws
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Its 95 % interval.
+
+        References:
+            Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial",
+            Biometrika 26 (1934) 404-413.
+        """
+        low, high = binomtest(self.count, self.draws).proportion_ci(LEVEL, method="exact")
+        return float(low), float(high)
+
+
+def binomial_estimate(events: np.ndarray) -> BinomialEstimate:
+    """Return the probability of an event that some draws have."""
+    return BinomialEstimate(int(np.sum(events)), int(np.size(events)))
+
+
+# -------- End states
+# The arm at both ends of a motion: what a change does to it besides its vibration.
+
+
+class EndState(NamedTuple):
+    """First natural frequency and static deflection, the worse of both ends; NaN where the arm collapses.
+
+    Attributes:
+        frequency: (*batch) [Hz]
+        deflection: (*batch) [m] how far the end point lies from its place on rigid joints.
+    """
+
+    frequency: Float[AnyArray, "*batch"]
+    deflection: Float[AnyArray, "*batch"]
+
+
+def end_states(arm: Arm, motion: Motion, loads: Loads | None = None) -> EndState:
+    """Return the worse of the arm's states at the start and at the end of a motion. Differentiable once."""
+    return worst_state(arm, ends(motion), loads)
+
+
+def ends(motion: Motion) -> Float[AnyArray, "driven 2"]:
+    """Return the postures [rad] at both ends of a motion."""
+    return motion(motion.breaks[np.array([0, -1])])[0]
+
+
+@jit
+def worst_state(arm: Arm, posture: Float[AnyArray, "driven ends"], loads: Loads | None) -> EndState:
+    """Return the worse of the arm's states at some postures [rad]."""
+    chain = at_posture(arm, posture.reshape((*posture.shape, *(1,) * len(arm.batch))), loads)
+    at = static_equilibrium(chain)
+    frequency = to_hertz(lowest_eigenpairs(chain, at, count=1)[0])[0]
+    moved = deflection(chain, at.phi)[:, -1]
+    return EndState(frequency.min(0), jnp.sqrt((moved**2).sum(0)).max(0))
+
+
+# -------- Variable
+# What may be changed on an arm to reduce its vibration: a number, or several together, within bounds.
+
+ROUNDING = 1e-9
+"""Distance [m] that is no distance."""
+
+Extents = Mapping[str, Float[np.ndarray, "2 3"]]
+"""Corners of the bodies whose shape is known, by name, in the axes of their joint [m]."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A number that may be changed, or several by one factor or one difference.
+
+    Where the arm's own numbers are uncertain, each draw is changed by the same factor or difference: stiffening a
+    joint twofold doubles what it is, whatever it is.
+
+    Attributes:
+        paths: the numbers.
+        low: lower bound of the first of them [SI]
+        high: upper bound of it [SI]
+        weight: cost of changing it, against others.
+    """
+
+    paths: tuple[str, ...]
+    low: float
+    high: float
+    weight: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """The paths with = between."""
+        return "=".join(self.paths)
+
+    @property
+    def shifted(self) -> bool:
+        """Whether it is changed by a difference, not by a factor."""
+        return is_shifted(self.paths[0])
+
+    def present(self, arm: Arm) -> float:
+        """Return the number as it is [SI]."""
+        return float(arm.get(self.paths[0]))
+
+    def change(self, arm: Arm, value: Float[AnyArray, "*batch"] | float) -> AnyArray:
+        """Return ln(value / present) or value - present."""
+        present = arm.get(self.paths[0])
+        xp = library(value, present)
+        value, present = xp.asarray(value), xp.asarray(present)
+        return xp.asarray(value - present if self.shifted else xp.log(value / present))
+
+    def value(self, arm: Arm, change: Float[AnyArray, "*batch"] | float) -> AnyArray:
+        """Return the number after a change, the inverse of `change`."""
+        return changed(self.shifted, arm.get(self.paths[0]), change)
+
+    def span(self, arm: Arm) -> tuple[float, float]:
+        """Return the bounds as changes, the smaller first: of a number below zero the higher bound is the smaller."""
+        low, high = sorted((float(self.change(arm, self.low)), float(self.change(arm, self.high))))
+        return low, high
+
+
+def is_shifted(path: str) -> bool:
+    """Tell whether a number is changed by a difference, not by a factor."""
+    field = field_of(path)
+    return field is not None and not field.logarithmic
+
+
+def refuse_factor(path: str, present: float, values: Iterable[float] = ()) -> Iterable[Problem]:
+    """Yield why values are none that a number can have by a factor: zero is none, and a factor keeps the sign.
+
+    Args:
+        path: the number, or the speed.
+        present: as it is [SI or %]
+        values: what it shall be [SI or %]
+    """
+    field = field_of(path)
+    if not (field.has_factor(present) if field else present > 0):
+        expected = "a number that is not zero" if field and field.sign == "non-zero" else "a number above 0"
+        yield Problem(path, f"{present:g} at present", expected, "it is changed by a factor: set it first (`set`)")
+    elif not all(value * present > 0 for value in values):
+        got, expected = " to ".join(f"{value:g}" for value in values), f"bounds {'above' if present > 0 else 'below'} 0"
+        yield Problem(path, got, expected, "it is changed by a factor: correct them")
+
+
+def changed(shifted: bool, number: AnyArray, change: AnyArray | float) -> AnyArray:
+    """Return a number after a change."""
+    xp = library(number, change)
+    number, change = xp.asarray(number), xp.asarray(change)
+    return xp.asarray(number + change if shifted else number * xp.exp(change))
+
+
+def apply(
+    numbers: Mapping[str, Any], variables: Iterable[Variable], changes: Iterable[Float[AnyArray, "*batch"]]
+) -> dict[str, AnyArray]:
+    """Return the numbers by path after changes; `numbers` has those before, a change broadcasts with them."""
+    pairs = zip(variables, changes, strict=True)
+    return {
+        path: changed(variable.shifted, numbers[path], change) for variable, change in pairs for path in variable.paths
+    }
+
+
+def check_path(arm: Arm, path: str) -> None:
+    """Refuse what is no number of the arm, or none that a motion at hand depends on."""
+    if arm.stroke and path.split(".")[0] == arm.stroke.name:
+        remedy = "sweep 'speed', the percentage; other strokes are other motions"
+        raise InputError(Problem("", path, "a number of the arm itself", remedy))
+    if path not in arm.paths():
+        remedy = did_you_mean(path, (*arm.paths(), "speed"), "see `Arm.paths()`")
+        raise InputError(Problem("", path, f"a number of the arm {arm.name}", remedy))
+
+
+def check(arm: Arm, variable: Variable, extents: Extents | None = None) -> None:
+    """Refuse bounds that can't be.
+
+    Args:
+        arm: the arm as it is.
+        variable: what shall be changed.
+        extents: of its bodies; a mass centre must stay within.
+    """
+    for path in variable.paths:
+        check_path(arm, path)
+    problems = [*_bounds(arm, variable), *outside(arm, variable, extents or {})]
+    if problems:
+        raise InputError(problems)
+
+
+def _bounds(arm: Arm, variable: Variable) -> Iterable[Problem]:
+    name, low, high, present = variable.name, variable.low, variable.high, variable.present(arm)
+    got = f"{low:g} to {high:g}"
+    if len({is_shifted(path) for path in variable.paths}) > 1:
+        remedy = "coordinates are changed by a difference, others by a factor"
+        yield Problem(name, "a coordinate with other numbers", "numbers of one kind", remedy)
+    if not (np.isfinite([low, high]).all() and low < high):
+        yield Problem(name, got, "a lower and a higher bound", "correct them")
+    elif problems := [] if variable.shifted else list(refuse_factor(variable.paths[0], present, (low, high))):
+        yield from (replace(problem, where=name) for problem in problems)
+    elif not low <= present <= high:
+        yield Problem(name, got, f"bounds about the present {present:g}", "correct them, or change it first (`set`)")
+    if not 0 < variable.weight < np.inf:
+        yield Problem(name, f"weight {variable.weight:g}", "a weight above 0", "correct it")
+
+
+def outside(arm: Arm, variable: Variable, extents: Extents) -> Iterable[Problem]:
+    """Yield what bounds take a mass centre out of its body."""
+    for path in variable.paths:
+        body, field, *component = path.split(".")
+        if field == "com" and body in extents:
+            lowest, highest = extents[body][:, COMPONENTS[component[0]][0]]
+            low, high = (float(arm.get(path)) - variable.present(arm) + end for end in (variable.low, variable.high))
+            if low < lowest - ROUNDING or high > highest + ROUNDING:
+                got, expected = f"{low:g} to {high:g} m", f"{lowest:.4g} to {highest:.4g} m, within the body"
+                yield Problem(path, got, expected, "keep the mass centre in its body")
+
+
+# -------- Slopes
+# Exact slopes of an amplitude by numbers of an arm: two programs for all evaluators of an arm, a motion, a measure.
+
+WIDTH = 3
+"""Derivatives that are pushed forward together: with more variables the same program runs several times."""
+
+
+def directions_of(
+    numbers: Mapping[str, Float[np.ndarray, ""]], variables: Sequence[Variable]
+) -> dict[str, Float[np.ndarray, "WIDTH"]]:
+    """Return how the numbers of an arm change with each variable; zero for those that fill up."""
+    ways = {path: np.zeros(WIDTH) for path in numbers}
+    for k, variable in enumerate(variables):
+        for path in variable.paths:
+            ways[path][k] = 1.0 if variable.shifted else numbers[path]
+    return ways
+
+
+@jit
+def linear_along(
+    arm: Arm, values: dict[str, Any], directions: dict[str, Any], solve: FastMethod
+) -> tuple[Linearised, Linearised]:
+    """Return an arm's linearised equations, and how they change along directions, pushed forward together."""
+
+    def some(grid: TimeIntervals) -> tuple[Linearised, Linearised]:
+        def along(direction: dict[str, Any]) -> tuple[Linearised, Linearised]:
+            return jax.jvp(lambda now: solve.linearised(arm.replace(now), grid), (values,), (direction,))
+
+        pair: tuple[Linearised, Linearised] = jax.vmap(along, out_axes=(None, 1))(directions)
+        return pair
+
+    linear, changing = some_at_a_time(some, solve.grid)
+    return linear, jax.tree.map(lambda x: jnp.moveaxis(x, 1, 0), changing)
+
+
+@jit
+def parts_along(
+    arm: Arm,
+    values: dict[str, Any],
+    directions: dict[str, Any],
+    linear: tuple[Linearised, Linearised],
+    solve: FastMethod,
+    measure: Amplitude,
+) -> tuple[Float[Array, "3 more"], Float[Array, "WIDTH 3 more"]]:
+    """Return the largest sample of each window, or the RMS, and their slopes along directions.
+
+    Slopes of samples are computed at the largest alone: they are those of the maxima where it is the only one. There
+    may be more windows than `measure.count`, see `Amplitude.places`.
+    """
+
+    def excited(now: dict[str, Any], linear: Linearised) -> Fast:
+        return solve.excited(arm.replace(now), linear)
+
+    def excited_along(direction: dict[str, Any], changing: Linearised) -> tuple[Fast, Fast]:
+        return jax.jvp(excited, (values, linear[0]), (direction, changing))
+
+    solved, changing = jax.vmap(excited_along, out_axes=(None, 0))(directions, linear[1])
+    places = None
+    if measure.measure != "rms":
+        places = measure.places(solve.sampled(arm.replace(values), linear[0], solved, vibration_of))
+
+    def parts(now: dict[str, Any], linear: Linearised, solved: Fast) -> Array:
+        changed = arm.replace(now)
+        if places is None:
+            return jnp.asarray(measure.root_mean_square(solve.sampled(changed, linear, solved, vibration_of)))
+        whole = vibration_of(solve.at(changed, linear, solved, jnp.asarray(solve.time)[places.ravel()]))
+        return jnp.abs(whole.reshape((3, *places.shape))[np.arange(3), np.arange(3)])
+
+    def along(*tangents: Any) -> tuple[Array, Array]:
+        return jax.jvp(parts, (values, linear[0], solved), tangents)
+
+    pair: tuple[Array, Array] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1], changing)
+    return pair
+
+
+# -------- Evaluator
+
+BATCH = 64
+"""Arms between two steps of progress."""
+Draws = Mapping[str, Float[np.ndarray, "D"]]
+
+
+@dataclass(frozen=True)
+class Evaluator:
+    """The amplitudes of an arm, and of its draws, after changes.
+
+    The arms of a batch are ordered by changes, after each the arm itself first, then its draws. All numbers of the arm
+    enter the programs as arguments, so that all evaluators of an arm, a motion and a measure share them.
+
+    Attributes:
+        arm: as it is.
+        motion: the commanded motion.
+        variables: what is changed.
+        measure: of the vibration, see `amplitude.MEASURES`.
+        draws: of some of the arm's numbers, by path; a change acts on each draw, see `Variable`. Where no drive of the
+            arm has a kinematic error, none of a draw has.
+        loads: the load case.
+        elastic_belts: whether belts stretch.
+        rate: samples a second.
+        step: longest time step [s]; that of the stiffest arm when None.
+        unknown: phases over which the amplitude of the arm itself is the largest (an RMS is in the mean); each draw has
+            its own, and slopes are with those of the arm.
+    """
+
+    arm: Arm
+    motion: Motion
+    variables: tuple[Variable, ...]
+    measure: str = "peak"
+    draws: Draws = field(default_factory=dict)
+    loads: Loads | None = None
+    elastic_belts: bool = False
+    rate: float = RATE
+    step: float | None = None
+    unknown: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Number of arms after each change: itself and its draws."""
+        return 1 + (len(next(iter(self.draws.values()))) if self.draws else 0)
+
+    @property
+    def alone(self) -> "Evaluator":
+        """The same of the arm itself, without draws."""
+        return replace(self, draws={})
+
+    @property
+    def bounds(self) -> Float[np.ndarray, "2 V"]:
+        """The changes of the variables at their lower and at their upper bounds."""
+        return np.array([variable.span(self.arm) for variable in self.variables]).T
+
+    @property
+    def amplitude(self) -> Amplitude:
+        """The measure for the motion as it is sampled."""
+        return amplitude(self.measure, self.motion, self.rate)
+
+    def batch(self, changes: Float[np.ndarray, "G V"]) -> dict[str, Float[np.ndarray, "batch"]]:
+        """Return all numbers of the arms after changes, by path."""
+        present = numbers_of(self.arm)
+        drawn = {path: np.append(present[path], values)[None] for path, values in self.draws.items()}
+        values = present | drawn | apply(present | drawn, self.variables, list(changes.T[..., None]))
+        shape = len(changes), self.size
+        return {path: np.broadcast_to(np.asarray(value), shape).ravel() for path, value in values.items()}
+
+    def changed(self, changes: Float[np.ndarray, "G V"]) -> Arm:
+        """Return the arms after changes, as a batch."""
+        return self.arm.replace({path: jnp.asarray(values) for path, values in self.batch(changes).items()})
+
+    def changed_arm(self, change: Float[np.ndarray, "V"]) -> Arm:
+        """Return the arm itself after a change."""
+        return self.arm.replace({path: jnp.asarray(value) for path, value in self.values(change).items()})
+
+    def superposition(self, change: Float[np.ndarray, "V"]) -> Superposition:
+        """Return the vibration of the arm itself after a change as a sum over its phases that are not known."""
+        return superposition(
+            self.changed_arm(change),
+            self.motion,
+            self.unknown,
+            loads=self.loads,
+            elastic_belts=self.elastic_belts,
+            rate=self.rate,
+            step=self.step or self.step_for(change[None]),
+        )
+
+    def amplitudes(self, changes: Float[np.ndarray, "G V"], progress: Progress = iter) -> Float[np.ndarray, "3 G D"]:
+        """Return the amplitudes [m] after changes: after each that of the arm itself, then those of the draws.
+
+        Raises:
+            ModelError: the arm has no stable equilibrium after some change, which is named.
+        """
+        numbers, solve, count = self.batch(changes), self._solver(changes), len(changes) * self.size
+        jobs, whole = list(self._jobs(count)), np.empty((3, count))
+        try:
+            for k in progress(range(len(jobs))):
+                places, unknown = jobs[k]
+                whole[:, places] = self._measured({path: x[places] for path, x in numbers.items()}, unknown, solve)
+        except ModelError as error:
+            raise ModelError(self._collapse(changes) or str(error)) from None
+        return whole.reshape((3, len(changes), self.size))
+
+    def step_for(self, changes: Float[np.ndarray, "G V"]) -> float:
+        """Return the time step [s] that the stiffest arm after these changes needs, some of them at a time."""
+        numbers, count = self.batch(changes), len(changes) * self.size
+        picked = [np.minimum(np.arange(first, first + BATCH), count - 1) for first in range(0, count, BATCH)]
+        groups = (self.arm.replace({path: values[some] for path, values in numbers.items()}) for some in picked)
+        return min(step_for(arms, self.motion) for arms in groups)
+
+    def slopes(
+        self, change: Float[np.ndarray, "V"], sets: Sequence[Mapping[str, float]] = ({},)
+    ) -> tuple[Float[np.ndarray, "3 W sets"], Float[np.ndarray, "V 3 W sets"]]:
+        """Return the parts of which an amplitude is the largest, and their exact derivatives by the changes.
+
+        Args:
+            change: of each variable.
+            sets: phases of what excites the arm, by path: with each of them instead of its own.
+        """
+        numbers = self.batch(change[None])
+        return self._slopes(change, [{path: values[0, ...] for path, values in numbers.items()}], sets)
+
+    def slopes_of_draws(
+        self, change: Float[np.ndarray, "V"]
+    ) -> tuple[Float[np.ndarray, "3 W D"], Float[np.ndarray, "V 3 W D"]]:
+        """Return the same of each of the draws."""
+        numbers = self.batch(change[None])
+        each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(1, self.size)]
+        return self._slopes(change, each, ({},))
+
+    def _slopes(
+        self, change: np.ndarray, arms: Sequence[Mapping[str, np.ndarray]], sets: Sequence[Mapping[str, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return parts and slopes of each of some arms with each of some sets, one after the other on the last axis."""
+        measure, solve = self.amplitude, self._solver(change[None])
+        groups = [self.variables[first : first + WIDTH] for first in range(0, len(self.variables), WIDTH)]
+        ways = [(dict(values), directions_of(values, variables)) for variables in groups for values in arms]
+        turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
+
+        def one(values: dict[str, Any], along: dict[str, Any], linear: Any, own: dict[str, Any]) -> Any:
+            return jax.device_get(parts_along(self.arm, values | own, along, linear, solve, measure))
+
+        def all_sets(values: dict[str, Any], along: dict[str, Any]) -> list[Any]:
+            linear = linear_along(self.arm, values, along, solve)
+            return [one(values, along, linear, own) for own in turned]
+
+        if len(ways) > 1:
+            done = [pair for pairs in at_once([partial(all_sets, *way) for way in ways]) for pair in pairs]
+        else:
+            linear = linear_along(self.arm, *ways[0], solve)
+            done = at_once([partial(one, *ways[0], linear, own) for own in turned])
+        count = len(arms) * len(sets)
+        parts = np.stack([pair[0] for pair in done[:count]], -1)[:, : measure.count]
+        by_group = [np.stack([pair[1] for pair in done[k : k + count]], -1) for k in range(0, len(done), count)]
+        if not np.isfinite(parts).all():
+            raise ModelError(self._collapse(change[None]) or f"no response to {self.motion.name}: the arm collapses")
+        return parts, np.concatenate(by_group)[: len(self.variables), :, : measure.count]
+
+    def end_states(self, changes: Float[np.ndarray, "G V"]) -> EndState:
+        """Return the end states of the arm itself after changes, by one program for any number of them."""
+        filled = np.pad(changes, ((0, -len(changes) % BATCH), (0, 0)), mode="edge")
+        some = [filled[first : first + BATCH] for first in range(0, len(filled), BATCH)]
+        states = [end_states(self.alone.changed(each), self.motion, self.loads) for each in some]
+        return EndState(*(np.concatenate(part)[: len(changes)] for part in zip(*states, strict=True)))
+
+    def values(self, changes: Float[np.ndarray, "V"]) -> dict[str, float]:
+        """Return the numbers of the arm itself after changes, by path."""
+        each = [np.asarray(change) for change in changes]
+        return {path: float(value) for path, value in apply(self.arm.numbers(), self.variables, each).items()}
+
+    def _solver(self, changes: Float[np.ndarray, "G V"]) -> FastMethod:
+        step = self.step or self.step_for(changes)
+        return fast_method(self.arm, self.motion, self.loads, self.elastic_belts, self.rate, step)
+
+    def _jobs(self, count: int) -> Iterator[tuple[Int[np.ndarray, "some"], tuple[str, ...]]]:
+        """Yield places in a batch, some at a time, and over which phases each is: none of draws, which have theirs."""
+        places = np.arange(count)
+        own = places % self.size == 0 if self.unknown else np.zeros(count, bool)
+        for which, unknown in ((places[own], self.unknown), (places[~own], ())):
+            for first in range(0, len(which), BATCH):
+                yield which[first : first + BATCH], unknown
+
+    def _measured(
+        self, numbers: Mapping[str, np.ndarray], unknown: tuple[str, ...], solve: FastMethod
+    ) -> Float[np.ndarray, "3 some"]:
+        """Return the amplitudes of some arms over the phases that are not known."""
+
+        def measured(vibration: Float[np.ndarray, "3 T sets"]) -> Float[np.ndarray, "3"]:
+            refuse_collapse(self.motion, vibration)
+            over = rms_over_phases if self.measure == "rms" else largest_over_phases
+            return self.amplitude(over(*parts_of(vibration)) if unknown else vibration[..., 0])
+
+        return np.asarray(vibrations(self.arm, numbers, solve, sets_of(unknown), measured))
+
+    def _collapse(self, changes: Float[np.ndarray, "G V"]) -> str:
+        """Name the first change after which the arm has no stable equilibrium; empty if there is none."""
+        if not self.variables:
+            return ""
+        for k in np.flatnonzero(~(np.asarray(self.end_states(changes).frequency) > 0)):
+            values = self.values(changes[k])
+            words = ", ".join(f"{v.name} = {values[v.paths[0]]:.4g}" for v in self.variables)
+            return f"the arm collapses at {words}: no stable equilibrium; narrow the range"
+        return ""
+
+
+# -------- Side by side
+# Jobs that do not depend on each other, on a thread a core.
+
+T = TypeVar("T")
+
+
+def side_by_side(jobs: Sequence[Callable[[], T]], progress: Progress = iter) -> list[T]:
+    """Return what the jobs return, in their order; after an interrupt none begins any more.
+
+    Args:
+        jobs: the longest first.
+        progress: shows how far it is, over the jobs.
+    """
+    pool = ThreadPoolExecutor(cores())
+    try:
+        pending = [pool.submit(job) for job in jobs]
+        return [pending[k].result() for k in progress(range(len(jobs)))]
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)

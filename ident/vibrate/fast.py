@@ -1,0 +1,573 @@
+"""The equations of motion linearised about the quasi-static deflection and integrated interval by interval.
+
+With y = y_r(t) + x, y_r the static equilibrium at the posture of the moment:
+
+    M(t) d2x/dt2 + D(t) dx/dt + K(t) x = f(t),   f = -residual(y_r, dy_r/dt, d2y_r/dt2)
+
+M, D, K are the residual's exact derivatives there, gyroscopic and centrifugal terms included, without the turning
+masses; f has them all, and the kinematic error to first order. What is left out is of second order in x and in the
+excitation. Whatever follows the posture alone is smooth and interpolated within each time interval, the method's
+transition matrices too. The method is Gauss's of order six, which follows slow modes closely and stays stable for fast
+ones.
+
+References:
+    Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods), II.14.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads, at_posture
+from ident.arm.modes import natural_frequencies
+from ident.arm.multibody import (
+    Multibody,
+    Turning,
+    at_rest,
+    balanced,
+    beyond_tangent,
+    bushing_rotations,
+    deviations,
+    end_point,
+    equations,
+    imbalance,
+    may_differ_from_zero,
+    multibody,
+    pins,
+    transmission_error,
+)
+from ident.arm.parts import Spring
+from ident.arm.rotations import matvec
+from ident.errors import InputError, Problem
+from ident.programs import LONG_LOOPS, AnyArray, concrete, cores, is_traced, jit
+from ident.vibrate.linear import (
+    ONCE,
+    STAGES,
+    STEPS,
+    TWICE,
+    Linear,
+    StepWeights,
+    TimeIntervals,
+    Times,
+    advance,
+    between_nodes,
+    evaluate,
+    fastest,
+    initial_equilibrium,
+    interpolate,
+    ladder,
+    linearised,
+    weights,
+    where,
+)
+from ident.vibrate.motion import Motion, command
+from ident.vibrate.response import Response
+
+# -------- Curved
+# Springs that are no straight lines, in motion: where the fast method may take their tangent, and what passes T1.
+
+MISSED = 0.02
+"""Share of a bushing's moment of vibration by which its tangent may miss its curve, for the fast method."""
+
+
+class LeavesTangentError(InputError):
+    """A vibration too large for the fast method, as it leaves the tangent of a curved spring."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A spring whose load passes T1 while the arm moves.
+
+    Attributes:
+        spring: name of the spring.
+        torque1: [N m] T1.
+        low: [N m] least load.
+        high: [N m] largest load.
+    """
+
+    spring: str
+    torque1: float
+    low: float
+    high: float
+
+
+def refuse_curved(arm: Arm, missed: AnyArray | None) -> None:
+    """Refuse a response by the fast method that leaves the tangents of curved springs; under `jit` it may.
+
+    Args:
+        arm: the arm.
+        missed: (2 N, T, *batch) of the solution, None without curved springs, see `beyond_tangent`.
+
+    Raises:
+        LeavesTangentError: some bushing's moment of vibration is off by more than `MISSED` of it at its largest.
+    """
+    if missed is None or isinstance(missed, jax.core.Tracer):
+        return
+    off, whole = np.split(np.nan_to_num(np.asarray(missed)).max(1), 2)
+    share = np.divide(off, whole, out=np.zeros_like(off), where=whole > 0)
+    worst = np.unravel_index(np.argmax(share), share.shape)
+    if share[worst] > MISSED:
+        name = arm.joints[int(worst[0])].name
+        got = f"a vibration by which {name}'s curved spring leaves its tangent by {share[worst]:.2g} of its moment"
+        expected = f"{MISSED:g} at most, where springs are taken as straight about the quasi-static deflection"
+        remedy = "simulate by the exact method (`method` exact), or take its [[spring]] out"
+        raise LeavesTangentError(Problem(arm.name, got, expected, remedy))
+
+
+def passages(arm: Arm, response: Response) -> tuple[Passage, ...]:
+    """Return the springs whose load passes T1 during a response without batch axes."""
+    places = {joint.name: place for place, joint in enumerate(arm.joints)}
+    loads = spring_loads(response) if arm.springs else {}
+    found = []
+    for spring in arm.springs:
+        if isinstance(spring, Spring):
+            load, first = loads[spring.direction][places[spring.joint]], float(spring.torque1)
+            if load.min() < first < load.max():
+                found.append(Passage(spring.name, first, float(load.min()), float(load.max())))
+    return tuple(found)
+
+
+def spring_loads(response: Response) -> dict[str, Float[np.ndarray, "N T"]]:
+    """Return the sizes of the bushings' spring moments [N m] by direction."""
+    moment, axis = np.asarray(response.spring_moment), np.asarray(response.model.axis).reshape(3, -1, 1)
+    torsion = (moment * axis).sum(0)
+    return {"bending": np.linalg.norm(moment - axis * torsion, axis=0), "torsion": np.abs(torsion)}
+
+
+# -------- Fast
+
+ABSTRACT = 0.005
+"""Step for an arm whose first frequency is not known [s]."""
+START, EDGES = weights(np.array([0.0]))[0], weights(np.array([0.0, 1.0]))[1]
+"""Weights of the nodes for value at the start of an interval, and slopes at its edges."""
+
+
+class Fast(NamedTuple):
+    """A solution of the linearised equations, step by step.
+
+    Attributes:
+        x: (P, S, n) deviation from the quasi-static deflection at the start of each step [rad]
+        v: (P, S, n) its rate [1/s]
+        a: (P, S, STAGES, n) its acceleration at the stages of each step [1/s^2]
+        quasi_static: (P, n, m) coordinates at static equilibrium, at the nodes of the intervals.
+    """
+
+    x: Float[Array, "P S n"]
+    v: Float[Array, "P S n"]
+    a: Float[Array, "P S stages n"]
+    quasi_static: Float[Array, "P n m"]
+
+    def at(self, grid: TimeIntervals, time: Times) -> tuple[Float[Array, "n T"], Float[Array, "n T"]]:
+        """Return the coordinates at any times of the intervals, and their rates."""
+        k, s, share, h = grid.steps_of(time)
+        x, v, a = self.x[k, s], self.v[k, s], self.a[k, s]
+        once, twice = (evaluate(integral, share)[:, :, None] for integral in (ONCE, TWICE))
+        h = h[:, None]
+        x, v = x + h * share[:, None] * v + h**2 * (twice * a).sum(1), v + h * (once * a).sum(1)
+        y, rate = between_nodes(grid, self.quasi_static, time)
+        return y + x.T, rate + v.T
+
+
+def step_for(arm: Arm, motion: Motion) -> float:
+    """Return a step [s] at which the method errs less than the linearisation does, on the paper's arm.
+
+    h = min(1 / (10 f_1), 1 / (3 f)), f_1 the first frequency of the stiffest arm at the stiffer end of the motion, and
+    f the fastest excitation: |ratio| times the highest speed of the joint in turns a second, of each drive, twice that
+    with a kinematic error. Accelerations interpolated over a step h = 1/(n f) follow the free way under a force of that
+    frequency within (2 pi/n)^5 / 13400 of it: 0.3 % for n = 3. ABSTRACT for an arm that `jit` traces.
+    """
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
+        return ABSTRACT
+    ends = np.asarray(motion(np.asarray(motion.breaks)[[0, -1]])[0])
+    first = float(np.max(_first_frequency(arm, ends.reshape((*ends.shape, *(1,) * len(arm.batch))))))
+    speed, names = fastest(motion) / (2 * np.pi), [joint.name for joint in arm.driven]
+    orders = [1 + may_differ_from_zero(drive.error) for drive in arm.drives]
+    ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]
+    turning = [speed[names.index(drive.joint)] for drive in arm.drives]
+    highest = max((o * r * s for o, r, s in zip(orders, ratios, turning, strict=True)), default=0.0)
+    return min(0.1 / first if np.isfinite(first) else ABSTRACT, 1 / (3 * max(highest, 1e-9)))
+
+
+@jit
+def _first_frequency(arm: Arm, posture: AnyArray) -> Array:
+    return natural_frequencies(at_posture(arm, posture), 1)
+
+
+def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeights, linear: Linear) -> Fast:
+    """Integrate the linearised equations, with what excites the arm, from rest at the first break of the motion.
+
+    Intervals that start at infinity, and steps beyond those of an interval, are left out: what is filled up to one of
+    few sizes takes no time, and one program serves many motions.
+
+    Args:
+        model: the arm's multibody model under its load, gathered with `rank=1`.
+        motion: the commanded motion.
+        grid: the time intervals; their steps are the method's.
+        at: weights for so many steps.
+        linear: the equations without what excites, see `linearised`.
+    """
+    first, chunks = grid.start[0], jax.tree.map(jnp.asarray, (at.within, at.middles, at.in_steps, at.stages))
+
+    def interval(state: tuple[Array, Array], given: tuple[Array, Array, Linear]) -> tuple[tuple, tuple]:
+        (z, seam), (start, h, here) = state, given
+        first_slope, last_slope = (interpolate(here.quasi_static, EDGES) / (h * at.steps)).T
+        push = advance(h, model.size)[1]
+
+        def begin(z: Array) -> Array:
+            y, K = (interpolate(part, START)[..., 0] for part in (here.quasi_static, here.K))
+            return jnp.concatenate([initial_equilibrium(model, motion, y, K) - y, jnp.zeros(model.size)])
+
+        def go_on(z: Array) -> Array:
+            return z.at[model.size :].add(seam - first_slope)
+
+        def some_steps(z: Array, given: tuple[Array, ...]) -> tuple[Array, tuple]:
+            within, middles, in_steps, stages = given
+            f = _excitation(model, motion, here, stages, start + h * in_steps, h * at.steps)
+            own = _at_middles(middles, here.yields @ f)
+
+            def step(z: Array, given: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+                share, kick, real = given
+                return jnp.where(real, jnp.tensordot(share, here.along, 1) @ z + kick, z), z
+
+            z, states = jax.lax.scan(step, z, (middles.T, (push @ own).T, within < at.steps))
+            return z, (states, (_at_middles(middles, here.gain @ states.T) + own).T)
+
+        parts: tuple[Array, ...]
+        z = jax.lax.cond(start == first, begin, go_on, z)
+        real = where(lambda given: given[0][0] < at.steps, some_steps, *((STEPS, row) for row in rows))
+        z, parts = jax.lax.scan(real, z, chunks)
+        return (z, last_slope), tuple(part.reshape((-1, part.shape[-1])) for part in parts)
+
+    rows = 2 * model.size, STAGES * model.size
+    times = jnp.asarray(grid.start), jnp.asarray(grid.step)
+    rest = jnp.zeros(2 * model.size), jnp.zeros(model.size)
+    real = where(lambda given: jnp.isfinite(given[0]), interval, *((at.within.size, row) for row in rows))
+    states: Array
+    a: Array
+    states, a = jax.lax.scan(real, rest, (*times, linear))[1]
+    x, v = jnp.split(states, 2, -1)
+    return Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), linear.quasi_static)
+
+
+def _at_middles(middles: Float[Array, "m S"], x: Float[Array, "m k S"]) -> Float[Array, "k S"]:
+    """Return of values by each node's matrix what the matrix at the middle of the step gives: their weighted sum."""
+    return (x * middles[:, None]).sum(0)
+
+
+def _excitation(
+    model: Multibody, motion: Motion, linear: Linear, stages: Float[Array, "3 m places"], time: Array, length: Array
+) -> Float[Array, "stages S"]:
+    """Return f at the stages of some steps, one above the other."""
+    moving = jax.tree.map(lambda x: interpolate(x, stages[0]), linear.kinematics)
+    commanded = command(model, motion, time)
+    line = [interpolate(linear.quasi_static, stages[k]) / length**k for k in range(3)]
+    turning = pins(model, commanded, Turning(*(deviations(model, part) for part in line)))
+    turned = equations(model, moving, turning.slope, imbalance(model, moving, turning.pulley))
+    f = interpolate(linear.residual, stages[0]) + turned
+    for by_pin, deviation in zip(linear.by_pin, transmission_error(model, turning), strict=False):
+        f = f + matvec(interpolate(by_pin, stages[0]), deviation)
+    return -jnp.concatenate([f[:, stage::STAGES] for stage in range(STAGES)])
+
+
+# -------- Fast method
+# The fast method for one arm, all else given: one compiled program, whatever the motion's length.
+
+TOGETHER = 2048
+"""Times at which the response is computed together."""
+LEAST = 10 * TOGETHER
+"""Times of the least program: 40 s at 500 a second, as the nominal arm's stroke at 10 % takes; those behind the samples
+cost next to nothing."""
+
+
+class Solution(NamedTuple):
+    """Coordinates and rates (n, T), path, displacement and quasi-static deflection of the end point (3, T).
+
+    Where springs are curved, also the size of each bushing's spring moment by which the tangent misses the curve, and
+    of that moment's change (2 N, T) [N m], see `beyond_tangent`; None otherwise.
+    """
+
+    y: AnyArray
+    yd: AnyArray
+    path: AnyArray
+    displacement: AnyArray
+    quasi_static: AnyArray
+    missed: AnyArray | None = None
+
+
+class Linearised(NamedTuple):
+    """The linearised equations, and the quasi-static deflection of the end point at the nodes.
+
+    The same whatever excites the arm.
+    """
+
+    equations: Linear
+    bent: Float[Array, "P 3 m"]
+
+
+def vibration_of(solution: Solution) -> Float[AnyArray, "3 T"]:
+    """Return the displacement of the end point from its quasi-static deflection [m]."""
+    return solution.displacement - solution.quasi_static
+
+
+class FastMethod(eqx.Module):
+    """The fast method for one arm, all else given."""
+
+    motion: Motion
+    loads: Loads | None
+    time: Times
+    samples: Int[AnyArray, ""]
+    grid: TimeIntervals
+    weights: StepWeights
+    elastic: bool = eqx.field(static=True)
+    transmission_error: bool = eqx.field(static=True)
+
+    @jit
+    def __call__(self, arm: Arm) -> Solution:
+        """Simulate an arm without batch axes; what is behind the samples means nothing."""
+        linear = self.linearised(arm)
+        return self.sampled(arm, linear, self.excited(arm, linear), all_of_it)
+
+    def linearised(self, arm: Arm, within: TimeIntervals | None = None) -> Linearised:
+        """Linearise an arm's equations of motion along the motion, or within some of its time intervals."""
+        model, grid = self._model(arm), self.grid if within is None else within
+        equations = linearised(arm, model, self.motion, grid, self.weights, self.loads)
+        y = jnp.moveaxis(equations.quasi_static, 1, 0).reshape((model.size, -1))
+        bent = _end_point(balanced(model), self.motion, grid.nodes.ravel(), y)[1]
+        return Linearised(equations, jnp.moveaxis(bent.reshape((3, *grid.nodes.shape)), 1, 0))
+
+    def excited(self, arm: Arm, linear: Linearised) -> Fast:
+        """Integrate them with what excites the arm."""
+        return excited(self._model(arm), self.motion, self.grid, self.weights, linear.equations)
+
+    def sampled(self, arm: Arm, linear: Linearised, solved: Fast, keep: "Callable[[Solution], Any]") -> Any:
+        """Return what is kept of the solution at the samples; what is behind them means nothing."""
+        model = self._model(arm)
+        return _by_time(lambda time: keep(self._at(model, linear, solved, time)), jnp.asarray(self.time))
+
+    def at(self, arm: Arm, linear: Linearised, solved: Fast, time: Times) -> Solution:
+        """Return the solution at a few times of the motion."""
+        return self._at(self._model(arm), linear, solved, time)
+
+    def _at(self, model: Multibody, linear: Linearised, solved: Fast, time: Times) -> Solution:
+        y, yd = solved.at(self.grid, time)
+        static = between_nodes(self.grid, linear.bent, time)[0]
+        missed = self._missed(model, linear.equations, time, y)
+        return Solution(y, yd, *_end_point(model, self.motion, time, y), static, missed)
+
+    def _model(self, arm: Arm) -> Multibody:
+        """Gather an arm's equations of motion."""
+        return multibody(
+            arm, self.loads, rank=1, elastic_belts=self.elastic, transmission_error=self.transmission_error
+        )
+
+    def _missed(self, model: Multibody, linear: Linear, time: Times, y: Array) -> Array | None:
+        if model.curved is None:
+            return None
+        rest = between_nodes(self.grid, linear.quasi_static, time)[0]
+        return jnp.concatenate(beyond_tangent(model, bushing_rotations(model, rest), bushing_rotations(model, y)))
+
+
+def all_of_it(solution: Solution) -> Solution:
+    """Return a solution as it is."""
+    return solution
+
+
+def _by_time(f: Callable[..., Any], time: Array, *more: Array) -> Any:
+    """Return what f gives for times and what belongs to them, some together, none that are repeated."""
+    chunks = time.reshape((-1, TOGETHER))
+    real = chunks[:, 0] > jnp.concatenate([jnp.full(1, -jnp.inf), chunks[:-1, -1]])
+    with_times = [jnp.moveaxis(x.reshape((x.shape[0], *chunks.shape)), 1, 0) for x in more]
+    leaves, tree = jax.tree.flatten(jax.eval_shape(f, chunks[0], *(x[0] for x in with_times)))
+
+    def some(none: Any, given: tuple[Array, ...]) -> tuple[Any, tuple[AnyArray, ...]]:
+        return none, tuple(jax.tree.leaves(f(*given[1:])))
+
+    some_real = where(lambda given: given[0], some, *(leaf.shape for leaf in leaves))
+    parts: tuple[Array, ...] = jax.lax.scan(some_real, None, (real, chunks, *with_times))[1]
+    whole = [jnp.moveaxis(part, 0, 1).reshape((part.shape[1], -1)) for part in parts]
+    return jax.tree.unflatten(tree, whole)
+
+
+@jit
+def displacement(model: Multibody, motion: Motion, time: Times, y: AnyArray) -> Float[Array, "3 T"]:
+    """Return how far the end point is from its path."""
+
+    def at(time: Array, y: Array) -> Array:
+        return _end_point(model, motion, time, y)[1]
+
+    moved: Array = _by_time(at, jnp.asarray(time), jnp.asarray(y))
+    return moved
+
+
+def repeated(time: Float[np.ndarray, "T"]) -> Float[np.ndarray, "more"]:
+    """Return times with the last one repeated, in one of few numbers."""
+    return np.pad(time, (0, ladder(len(time), LEAST) - len(time)), mode="edge")
+
+
+def _end_point(
+    model: Multibody, motion: Motion, time: AnyArray, y: Array
+) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"]]:
+    """Return path and displacement of the end point."""
+    turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
+    path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
+    return path, end_point(model, turning.pin.angle, bushing_rotations(model, y)) - path
+
+
+# -------- Each
+# The fast method for each of some arms, and for each of some sets of phases of what excites them, on all cores.
+
+
+def numbers_of(arm: Arm) -> dict[str, AnyArray]:
+    """Return the numbers of an arm by path, but for those of its stroke, which is a motion already."""
+    own = "" if arm.stroke is None else f"{arm.stroke.name}."
+    return {path: x for path, x in arm.numbers().items() if not (own and path.startswith(own))}
+
+
+def vibrations(
+    arm: Arm,
+    numbers: Mapping[str, Float[Array | np.ndarray, "batch"]],
+    solve: FastMethod,
+    sets: Sequence[Mapping[str, float]] = ({},),
+    measure: Callable[[Float[np.ndarray, "3 T sets"]], np.ndarray] | None = None,
+) -> Float[AnyArray, "*shape batch"]:
+    """Return how the end point vibrates [m] with each of some numbers of the arm, by path; NaN where it collapses.
+
+    Args:
+        arm: the arm.
+        numbers: all of it, see `numbers_of`: one program serves whichever differ.
+        solve: the fast method.
+        sets: numbers of what excites the arm, by path: with each of them instead, see `each_of`.
+        measure: of an arm's vibrations with all sets `(3, T, sets)`; when None themselves, arms on a further axis.
+
+    Raises:
+        InputError: vibrations leave the tangents of curved springs, see `refuse_curved`.
+    """
+
+    def gather(of_sets: Any) -> Any:
+        vibration, missed = of_sets if arm.springs else (of_sets, None)
+        refuse_curved(arm, missed)
+        return vibration if measure is None else measure(vibration)
+
+    return each_of(arm, numbers, solve, _with_missed if arm.springs else vibration_of, sets, gather)
+
+
+def _with_missed(solution: Solution) -> tuple[AnyArray, AnyArray | None]:
+    return vibration_of(solution), solution.missed
+
+
+def each_of(
+    arm: Arm,
+    numbers: Mapping[str, Array | np.ndarray],
+    solve: FastMethod,
+    keep: Callable[[Solution], Any],
+    sets: Sequence[Mapping[str, float]] = ({},),
+    gather: Callable[[Any], Any] = lambda of_sets: of_sets,
+) -> Any:
+    """Solve for an arm with each of these numbers (batch,), the last axis, and each of these sets, the one before.
+
+    One after another on each core: one arm fills a core better than several side by side, whose intermediate values do
+    not fit its cache. The linearised equations of an arm serve all sets. What is behind the samples is left out.
+
+    Args:
+        arm: the arm.
+        numbers: all of it, by path.
+        solve: the fast method.
+        keep: gives what is kept of a solution, some of its times at once: arrays of rows and these times.
+        sets: numbers of what excites the arm, by path; nothing else, for else the linearised equations are others.
+        gather: gives what is kept of what an arm's sets have given, whose axis is the last.
+    """
+    samples, count = int(solve.samples), len(next(iter(numbers.values())))
+
+    def cut(x: AnyArray) -> AnyArray:
+        return x[..., :samples]
+
+    turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
+    if is_traced(jax.tree.leaves((arm, numbers, solve))):
+        solved = [jax.tree.map(cut, _traced(arm, dict(numbers), solve, keep, own)) for own in turned]
+        arms = [jax.tree.map(lambda *x, k=k: jnp.stack([one[k] for one in x], -1), *solved) for k in range(count)]
+        return jax.tree.map(lambda *x: jnp.stack(x, -1), *map(gather, arms))
+    each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(count)]
+
+    def one(values: dict[str, Any], linear: Linearised, own: dict[str, Any]) -> Any:
+        values = values | own
+        response = _excited(arm, values, solve, linear)
+        return jax.tree.map(cut, concrete(_sampled(arm, values, solve, linear, response, keep)))
+
+    def gathered(of_sets: Sequence[Any]) -> Any:
+        return gather(jax.tree.map(lambda *x: np.stack(x, -1), *of_sets))
+
+    def all_sets(values: dict[str, Any]) -> Any:
+        linear = linearised_for(arm, values, solve)
+        return gathered([one(values, linear, own) for own in turned])
+
+    if count >= cores():
+        found = at_once([partial(all_sets, values) for values in each])
+    else:
+        linear = [linearised_for(arm, values, solve) for values in each]
+        jobs = [partial(one, *pair, own) for pair in zip(each, linear, strict=True) for own in turned]
+        done = at_once(jobs)
+        found = [gathered(done[first : first + len(sets)]) for first in range(0, len(jobs), len(sets))]
+    return jax.tree.map(lambda *x: np.stack(x, -1), *found)
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    """Return the threads that solve: one a core, however many callers there are at once."""
+    return ThreadPoolExecutor(cores(), "simulate")
+
+
+def at_once(jobs: Sequence[Callable[[], Any]]) -> list[Any]:
+    """Return what the jobs return, as many at once as there are cores; none of them may call this.
+
+    The first to come compiles a program, for which the others wait.
+    """
+    futures = [_pool().submit(lambda job: jax.block_until_ready(job()), job) for job in jobs]
+    try:
+        return [future.result() for future in futures]
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+@jit
+def _traced(
+    arm: Arm,
+    numbers: dict[str, Any],
+    solve: FastMethod,
+    keep: Callable[[Solution], Any],
+    own: dict[str, Any],
+) -> Any:
+    """Return what is kept of each arm, arms first, all by one program: for one that is traced or differentiated."""
+    return jax.lax.map(lambda values: keep(solve(arm.replace(values | own))), numbers)
+
+
+@jit
+def linearised_for(arm: Arm, values: dict[str, Any], solve: FastMethod) -> Linearised:
+    """Return the linearised equations of an arm with these numbers."""
+    return solve.linearised(arm.replace(values))
+
+
+@jit
+def _excited(arm: Arm, values: dict[str, Array], solve: FastMethod, linear: Linearised) -> Fast:
+    return solve.excited(arm.replace(values), linear)
+
+
+@partial(jit, options=LONG_LOOPS)
+def _sampled(
+    arm: Arm,
+    values: dict[str, Array],
+    solve: FastMethod,
+    linear: Linearised,
+    solved: Fast,
+    keep: Callable[[Solution], Any],
+) -> Any:
+    return solve.sampled(arm.replace(values), linear, solved, keep)

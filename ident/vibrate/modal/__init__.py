@@ -1,1 +1,0 @@
-"""Natural frequencies along a motion, and the frequencies that excite them."""

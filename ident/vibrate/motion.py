@@ -1,0 +1,432 @@
+"""The prescribed motion of the pins as a value: joint angles over time, piece by piece a polynomial."""
+
+import math
+from collections.abc import Callable, Iterator
+from functools import reduce
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike, Bool, Float, Int
+from numpy.polynomial import Polynomial
+from ruckig import InputParameter, Result, Ruckig, Trajectory
+
+from ident.arm.arm import Arm, Joint
+from ident.arm.multibody import Command, Multibody
+from ident.errors import InputError, ModelError, Problem
+from ident.programs import AnyArray, library
+from ident.text import did_you_mean, quoted
+
+JOINED = 1e-9
+"""Largest jump of an angle [rad] between two pieces that counts as none."""
+
+FEW = 64
+"""Breaks among which a time is faster compared with all than searched for, within a compiled program."""
+
+FASTEST = 1000.0
+"""Highest speed override [%]."""
+
+State = tuple[Float[AnyArray, "driven *t"], Float[AnyArray, "driven *t"], Float[AnyArray, "driven *t"]]
+"""Angles [rad], their velocities [rad/s] and accelerations [rad/s^2], each `(driven, *t.shape)`."""
+
+
+class Motion(eqx.Module):
+    """Joint angles over time as piecewise polynomials; held still before the first break and from the last one on.
+
+    q(t) = sum over n of c_n (t - breaks[k])^n for breaks[k] <= t < breaks[k + 1]. Angles are continuous; velocity and
+    acceleration may jump at a break, where a call gives the values after the jump.
+
+    Attributes:
+        name: what the motion is called.
+        breaks: (pieces + 1,) [s] times at which some derivative may jump.
+        coefficients: (powers, pieces, driven) [rad/s^n] highest power first, as in `scipy.interpolate.PPoly`.
+        arrival: () [s] when the arm arrives and dwell begins, on the clock of `breaks`; the end, when not given.
+    """
+
+    name: str = eqx.field(static=True)
+    breaks: Float[AnyArray, " breaks"]
+    coefficients: Float[AnyArray, "powers pieces driven"]
+    arrival: float = eqx.field(static=True)
+
+    def __init__(self, name: str, breaks: Any, coefficients: Any, arrival: float | None = None):
+        self.name = name
+        self.breaks, self.coefficients = _kept(breaks), _kept(coefficients)
+        self.arrival = float(self.breaks[-1] if arrival is None else arrival)
+
+    def __check_init__(self) -> None:
+        if isinstance(self.breaks, jax.core.Tracer) or isinstance(self.coefficients, jax.core.Tracer):
+            return
+        problem = next(_faults(np.asarray(self.breaks), np.asarray(self.coefficients), self.arrival), None)
+        if problem:
+            raise InputError(Problem(self.name, *problem))
+
+    @property
+    def duration(self) -> Float[ArrayLike, ""]:
+        """Time [s] from the first break to the last."""
+        return self.breaks[-1] - self.breaks[0]
+
+    def __call__(self, t: ArrayLike) -> State:
+        """Return angles, velocities and accelerations at times t.
+
+        Works under `jit` and `vmap`; differentiable in t (within a piece) and in the coefficients. Where nothing
+        is traced the arrays are NumPy's.
+
+        Args:
+            t: (*t) [s]
+
+        Returns:
+            q, qd, qdd: each (driven, *t) [rad, rad/s, rad/s^2]; at a break the values on the piece after it.
+        """
+        xp, time, breaks, _ = self._arrays(t)
+        first, last = breaks[0], breaks[-1]
+        moves = (time >= first) & (time < last)
+        piece = last_before(breaks, time)
+        at = xp.where(moves, time, xp.where(time < first, first, last))
+        q, qd, qdd = self.on_piece(xp.clip(piece, 0, len(breaks) - 2), at)
+        return q, xp.where(moves, qd, 0.0), xp.where(moves, qdd, 0.0)
+
+    def on_piece(self, k: int | Int[ArrayLike, "*t"], t: ArrayLike) -> State:
+        """Return what a call returns, by the polynomial of piece k: at a break, the values on either side of it.
+
+        Args:
+            k: (*t) or () the piece, from 0.
+            t: (*t) [s]; beyond the piece its polynomial goes on.
+
+        Returns:
+            q, qd, qdd: each (driven, *t) [rad, rad/s, rad/s^2]
+        """
+        xp, time, breaks, coefficients = self._arrays(t, k)
+        piece = xp.broadcast_to(xp.asarray(k), time.shape)
+        return _horner(xp, xp.moveaxis(coefficients[:, piece], -1, 1), xp.asarray(time - breaks[piece]))
+
+    def _arrays(self, t: ArrayLike, *more: Any) -> tuple[Any, Any, Any, Any]:
+        """Return NumPy, or jax where anything is traced, with times, breaks and coefficients as its arrays."""
+        xp = library(t, self.breaks, self.coefficients, *more)
+        return xp, xp.asarray(t, float), xp.asarray(self.breaks), xp.asarray(self.coefficients)
+
+    def dwell(self, seconds: float) -> "Motion":
+        """Return the motion held still at its end for some time; the arrival stays."""
+        _check_seconds(seconds, "dwell")
+        if seconds == 0:
+            return self
+        q, _, _ = self.on_piece(len(self.breaks) - 2, self.breaks[-1])
+        xp, _, _, moving = self._arrays(0.0, q)
+        still = xp.concatenate([xp.zeros_like(moving[:-1, :1]), q[None, None]])
+        coefficients = xp.concatenate([moving, still], axis=1)
+        return Motion(self.name, _append(self.breaks, self.breaks[-1:] + seconds), coefficients, self.arrival)
+
+    def at_speed(self, percent: float) -> "Motion":
+        """Return the same path on another clock: with s = percent / 100, t -> t/s, qd -> s qd, qdd -> s^2 qdd."""
+        s = speed_factor(percent)
+        powers = np.arange(len(self.coefficients))[::-1, None, None]
+        return Motion(self.name, self.breaks / s, self.coefficients * s**powers, self.arrival / s)
+
+
+def last_before(starts: Float[AnyArray, "n"], time: Float[AnyArray, "*t"]) -> Int[AnyArray, "*t"]:
+    """Return the number of the last start that is not after each time; -1 where all are."""
+    if library(starts, time) is np:
+        return np.asarray(np.searchsorted(starts, time, side="right") - 1)
+    method = "compare_all" if len(starts) <= FEW else "scan"
+    return jnp.searchsorted(jnp.asarray(starts), time, side="right", method=method) - 1
+
+
+def speed_factor(percent: float) -> float:
+    """Return the factor of a speed override [%]."""
+    if not 0 < percent <= FASTEST:
+        remedy = "100 is full speed, 10 a tenth of it"
+        raise InputError(Problem("", f"{percent:g} %", f"above 0 and at most {FASTEST:g} %", remedy, "percent"))
+    return percent / 100
+
+
+def _horner(
+    xp: Any, c: Float[AnyArray, "powers driven *t"], x: Float[AnyArray, "*t"]
+) -> tuple[AnyArray, AnyArray, AnyArray]:
+    """Return the polynomial with its first and second derivative."""
+    p, d, half_dd = c[0], xp.zeros_like(c[0]), xp.zeros_like(c[0])
+    for lower in c[1:]:
+        half_dd = half_dd * x + d
+        d = d * x + p
+        p = p * x + lower
+    return p + 0.0 * x, d, 2.0 * half_dd
+
+
+def _kept(values: Any) -> Any:
+    return values if isinstance(values, jax.Array) else np.asarray(values, float)
+
+
+def _faults(
+    breaks: Float[np.ndarray, " breaks"], c: Float[np.ndarray, "powers pieces driven"], arrival: float
+) -> Iterator[tuple[str, str, str]]:
+    """Yield what was got, what was expected and what to do, the most basic fault first."""
+    if len(breaks) < 2 or c.shape[1] != len(breaks) - 1 or 0 in c.shape:
+        shape = f"coefficients {c.shape}"
+        yield f"{len(breaks)} breaks and {shape}", "one break more than pieces", "give (powers, pieces, driven)"
+    if not (np.isfinite(breaks).all() and np.isfinite(c).all()):
+        yield "a break or coefficient that is not finite", "finite numbers", "correct the motion"
+    steps = np.diff(breaks)
+    if (steps <= 0).any():
+        back = int(np.argmax(steps <= 0))
+        yield f"a break at {breaks[back + 1]:g} s after {breaks[back]:g} s", "breaks that increase", "sort the pieces"
+    ends = reduce(lambda p, lower: p * steps[:, None] + lower, c)
+    jumps = np.abs(ends[:-1] - c[-1, 1:])
+    if (jumps > JOINED).any():
+        k, joint = np.unravel_index(np.argmax(jumps), jumps.shape)
+        got = f"a jump of {jumps[k, joint]:.3g} rad of q{joint + 1} at {breaks[k + 1]:g} s"
+        yield got, f"angles that join within {JOINED:g} rad", "correct the pieces"
+    if not breaks[0] <= arrival <= breaks[-1]:
+        yield f"arrival at {arrival:g} s", f"a time from {breaks[0]:g} to {breaks[-1]:g} s", "correct the arrival"
+
+
+def _check_seconds(seconds: float, name: str) -> None:
+    if not 0 <= seconds < math.inf:
+        raise InputError(Problem("", f"{seconds:g} s", "a finite time of at least 0 s", "correct the time", name))
+
+
+def _append(breaks: Any, more: Any) -> Any:
+    library = jnp if isinstance(breaks, jax.Array) or isinstance(more, jax.Array) else np
+    return library.concatenate([breaks, more])
+
+
+# -------- Command
+# The command of the motors at given times: a motion as the equations of motion take it.
+
+
+def command(model: Multibody, motion: Motion, times: Float[AnyArray, "T"]) -> Command:
+    """Return the command of the motors at times [s], with singleton axes for the model's batch."""
+    ones = tuple(range(2, model.offset.ndim - 1))
+    return Command(*(library(part).expand_dims(part, ones) for part in motion(times)))
+
+
+# -------- Limits
+# Whether a motion stays within the joint limits, by the extrema of its polynomials.
+
+
+def beyond_limits(arm: Arm, motion: Motion) -> None:
+    """Refuse a motion beyond the joint limits, between its breaks too: all extrema are looked at, not samples.
+
+    Args:
+        arm: the arm.
+        motion: of as many joints as the arm drives.
+    """
+    driven = motion.coefficients.shape[-1]
+    if driven != len(arm.driven):
+        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
+        raise InputError(Problem(motion.name, f"{driven} joint angles", expected, "give every joint's angle"))
+    problems = [problem for number, joint in enumerate(arm.driven) for problem in _beyond(motion, number, joint)]
+    if problems:
+        raise InputError(problems)
+
+
+def _beyond(motion: Motion, number: int, joint: Joint) -> Iterator[Problem]:
+    c, breaks = np.asarray(motion.coefficients)[..., number], np.asarray(motion.breaks)
+    low, high = joint.limits
+    doubtful = np.flatnonzero(_may_leave(c, np.diff(breaks), low, high)).tolist()
+    times = np.concatenate([breaks, *(breaks[k] + _turning_points(c[:, k], np.diff(breaks)[k]) for k in doubtful)])
+    angles = np.asarray(motion(times)[0])[number]
+    excess = np.maximum(low - angles, angles - high)
+    worst = int(np.argmax(excess))
+    if excess[worst] > JOINED:
+        angle = math.degrees(angles[worst])
+        got = f"a motion beyond the joint limits: {joint.name} at {angle:.6g} deg at {times[worst]:.4g} s"
+        expected = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg, its limits in the arm file"
+        yield Problem(motion.name, got, expected, "shorten the path, or correct the limits")
+
+
+def _may_leave(
+    c: Float[np.ndarray, "powers pieces"], lengths: Float[np.ndarray, " pieces"], low: float, high: float
+) -> Bool[np.ndarray, " pieces"]:
+    """Tell which pieces may leave the limits: a polynomial stays within its Bernstein coefficients.
+
+    b_j = sum over k <= j of C(j, k) / C(n, k) a_k, a_k the factor of the k-th power of the share of the piece. SciPy's
+    are the same, and take longer to import than a simulation to compute.
+    """
+    n = len(c) - 1
+    of_powers = np.array([[math.comb(j, k) / math.comb(n, k) for k in range(n + 1)] for j in range(n + 1)])
+    bounds = of_powers @ (c[::-1] * lengths ** np.arange(n + 1)[:, None])
+    return (bounds.min(axis=0) < low) | (bounds.max(axis=0) > high)
+
+
+def _turning_points(c: Float[np.ndarray, " powers"], length: float) -> Float[np.ndarray, " times"]:
+    """Return the times within a piece, from its start, at which the angle turns back."""
+    roots = np.roots(np.polyder(c))
+    within = (abs(roots.imag) < 1e-6) & (roots.real > 0) & (roots.real < length)
+    return roots.real[within]
+
+
+# -------- Stroke
+# The straight stroke of the arm, extension and retraction, as fast as its limits allow.
+
+CYCLOID_PIECES, CYCLOID_DEGREE = 8, 13
+"""Polynomials that stand for the cycloid; they agree with it to the last digit, and its acceleration to 1e-13."""
+
+
+ROUNDING = 1e-12
+"""Duration of a piece, as a fraction of all, below which it is there by rounding only."""
+
+
+@runtime_checkable
+class StraightPath(Protocol):
+    """The path q = alpha direction on which the hand moves straight, and the limits of alpha at 100 %.
+
+    Attributes:
+        profile: a name in `PROFILES`.
+        direction: (driven,) angles of the joints per alpha.
+        folded: () [rad] alpha of the folded arm.
+        unfolded: () [rad] alpha of the unfolded arm.
+        speed: () [rad/s] limit of alpha's first derivative.
+        acceleration: () [rad/s^2] limit of its second derivative.
+        jerk: () [rad/s^3] limit of its third derivative; infinite for none.
+    """
+
+    @property
+    def profile(self) -> str: ...  # noqa: D102
+    @property
+    def direction(self) -> Any: ...  # noqa: D102
+    @property
+    def folded(self) -> Any: ...  # noqa: D102
+    @property
+    def unfolded(self) -> Any: ...  # noqa: D102
+    @property
+    def speed(self) -> Any: ...  # noqa: D102
+    @property
+    def acceleration(self) -> Any: ...  # noqa: D102
+    @property
+    def jerk(self) -> Any: ...  # noqa: D102
+
+
+def stroke(
+    path: StraightPath,
+    *,
+    percent: float = 100.0,
+    profile: str | None = None,
+    retract: bool = False,
+    dwell: float = 0.0,
+) -> Motion:
+    """Return the motion along the straight path, from rest to rest, the shortest of its profile within the limits.
+
+    `s-curve` has bounded jerk, `trapezoid` ignores the jerk limit, both are time-optimal; `cycloid` is
+    alpha = s - sin(2 pi s) / (2 pi), s = t/T, of the shortest T within all three limits. Not differentiable in path
+    and limits, which are numbers.
+
+    The percentage p slows the clock: speed x p, acceleration x p^2, jerk x p^3, so the same path is passed with the
+    same shape of motion over time, only more slowly. So does the speed override of common robot controllers; that
+    the controller of the arm at hand does so too is our assumption.
+
+    Args:
+        path: the path and its limits at 100 %.
+        percent: () [%] speed override, above 0 and at most 1000.
+        profile: a name in `PROFILES`; that of the path when None.
+        retract: from unfolded to folded instead of the other way.
+        dwell: () [s] dwell time at the end.
+
+    Returns:
+        The motion of all driven joints; it starts at time 0 and arrives before it dwells.
+
+    Raises:
+        InputError: a percentage, profile, dwell, path or limit that can't be.
+        ModelError: the library finds no motion.
+    """
+    limits, profile = _limits(path), path.profile if profile is None else profile
+    if profile not in PROFILES:
+        remedy = did_you_mean(profile, PROFILES, "choose one of them")
+        raise InputError(Problem("", quoted(profile), f"one of {', '.join(PROFILES)}", remedy, "profile"))
+    start, end = (float(path.unfolded), float(path.folded))[:: 1 if retract else -1]
+    durations, s = PROFILES[profile](abs(end - start), limits)
+    alpha = s * (end - start)
+    alpha[-1] += start
+    name = f"{'retraction' if retract else 'extension'}, {profile}, {percent:g} %"
+    breaks = np.concatenate([[0.0], np.cumsum(durations)])
+    motion = Motion(name, breaks, alpha[..., None] * np.asarray(path.direction, float))
+    return motion.at_speed(percent).dwell(dwell)
+
+
+class _Limits(NamedTuple):
+    speed: float
+    acceleration: float
+    jerk: float
+
+
+Pieces = tuple[Float[np.ndarray, " pieces"], Float[np.ndarray, "powers pieces"]]
+"""Durations [s] and coefficients [1/s^n] of the way s from 0 to 1."""
+
+
+def _s_curve(distance: float, limits: _Limits) -> Pieces:
+    """Ask the library in units of the cycloid's duration and of the distance, so that no number is far from one."""
+    unit = cycloid_duration(distance, limits)
+    speed, acceleration, jerk = (limit * unit**n / distance for n, limit in enumerate(limits, start=1))
+    request = InputParameter(1)
+    request.current_position, request.target_position = [0.0], [1.0]
+    request.max_velocity, request.max_acceleration, request.max_jerk = [speed], [acceleration], [jerk]
+    answer = Trajectory(1)
+    result = Ruckig(1).calculate(request, answer)
+    if result != Result.Working:
+        raise ModelError(f"no motion over {distance:g} rad within {limits}: {result.name}; correct the limits")
+    profile = answer.profiles[0][0]
+    s = np.stack([np.divide(profile.j, 6), np.divide(profile.a[:-1], 2), profile.v[:-1], profile.p[:-1]])
+    durations = np.asarray(profile.t)
+    real = durations > ROUNDING * durations.sum()
+    return durations[real] * unit, s[:, real] / unit ** np.arange(3, -1, -1)[:, None]
+
+
+def _trapezoid(distance: float, limits: _Limits) -> Pieces:
+    return _s_curve(distance, limits._replace(jerk=math.inf))
+
+
+def _cycloid(distance: float, limits: _Limits) -> Pieces:
+    duration = cycloid_duration(distance, limits)
+    half = 0.5 / CYCLOID_PIECES
+    middles = half * (2 * np.arange(CYCLOID_PIECES) + 1)
+    s = np.stack([_about(middle, -half)[::-1] for middle in middles], axis=1)
+    powers = np.arange(CYCLOID_DEGREE, -1, -1)[:, None]
+    return np.full(CYCLOID_PIECES, duration / CYCLOID_PIECES), s / duration**powers
+
+
+def _about(middle: float, start: float) -> Float[np.ndarray, " powers"]:
+    """Return the cycloid's Taylor polynomial about `middle`, lowest power first, in the way from `middle + start`."""
+    n = np.arange(CYCLOID_DEGREE + 1)
+    factorials = np.array([math.factorial(k) for k in n], float)
+    sine = (2 * np.pi) ** (n - 1.0) * np.sin(2 * np.pi * middle + n * np.pi / 2) / factorials
+    taylor = Polynomial([middle, 1.0]) - Polynomial(sine)
+    return taylor(Polynomial([start, 1.0])).coef
+
+
+def cycloid_duration(distance: float, limits: tuple[float, float, float]) -> float:
+    """Return the shortest duration [s] of a cycloid within the limits of speed, acceleration and jerk.
+
+    Its peaks are 2 D/T, 2 pi D/T^2 and 4 pi^2 D/T^3.
+
+    Args:
+        distance: () [rad] D.
+        limits: [rad/s, rad/s^2, rad/s^3]; an infinite one limits nothing.
+    """
+    peaks = zip((2.0, 2 * np.pi, 4 * np.pi**2), limits, strict=True)
+    return max((peak * distance / limit) ** (1 / n) for n, (peak, limit) in enumerate(peaks, start=1))
+
+
+PROFILES: dict[str, Callable[[float, _Limits], Pieces]] = {
+    "s-curve": _s_curve,
+    "trapezoid": _trapezoid,
+    "cycloid": _cycloid,
+}
+"""How alpha goes from start to end, by name."""
+
+
+def _limits(path: StraightPath) -> _Limits:
+    """Return the limits of alpha, after a look at the path."""
+    limits = _Limits(float(path.speed), float(path.acceleration), float(path.jerk))
+    expected = ("a finite speed above 0", "a finite acceleration above 0", "a jerk above 0, or inf for none")
+    units = ("rad/s", "rad/s^2", "rad/s^3")
+    problems = [
+        Problem("", f"{limit:g} {unit}", right, "correct the limit", name)
+        for name, limit, unit, right in zip(limits._fields, limits, units, expected, strict=True)
+        if not limit > 0 or (math.isinf(limit) and name != "jerk")
+    ]
+    folded, unfolded = float(path.folded), float(path.unfolded)
+    if not math.isfinite(folded - unfolded) or folded == unfolded:
+        got = f"folded at {math.degrees(folded):g} deg and unfolded at {math.degrees(unfolded):g} deg"
+        problems.append(Problem("", got, "two different angles", "correct the stroke", "folded"))
+    if problems:
+        raise InputError(problems)
+    return limits

@@ -1,1 +1,0 @@
-"""The commanded motion: strokes, logged paths, joint limits."""

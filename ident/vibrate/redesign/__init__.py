@@ -1,1 +1,0 @@
-"""What changing the arm would do to its vibration: sweeps, sensitivities, designs and their verification."""

@@ -1,0 +1,124 @@
+"""A logged joint path as a motion: a quintic spline through the samples, or near them where they are noisy."""
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import BSpline, generate_knots, make_interp_spline
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import spsolve
+
+from ident.errors import InputError, Problem
+from ident.vibrate.motion import Motion
+
+DEGREE = 5
+"""Degree of the spline: its fourth derivative is continuous, so the acceleration that excites the arm is smooth."""
+
+AT_REST = 0.1
+"""Speed at an end, as a fraction of the largest, up to which the data are taken to be at rest there.
+
+Assumed: a smooth start of twenty samples has 5 % of its top speed in the middle of its first two intervals.
+"""
+
+
+STEPS = (1e-9, 1e9)
+"""Steps of time [s] between samples, shortest and longest: beyond these the spline's derivatives are no numbers."""
+
+
+MOST_KNOTS = 600
+"""Knots of a smoothing spline; noise that is not smoothed asks for as many as there are samples, and takes minutes."""
+
+
+def replay(
+    time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], *, smoothing: float = 0.0, name: str = "log"
+) -> Motion:
+    """Return the motion of logged joint angles: a C4 spline of degree five that starts at time 0.
+
+    Without smoothing the spline passes all samples. The acceleration is then a second difference of them: encoder
+    noise of s rad at intervals of h s becomes an acceleration of several s/h^2, which for 1e-5 rad at 1 ms is tens of
+    rad/s^2, more than the arm's own, and it excites all modes. So give the noise as `smoothing`: the spline then
+    has as few pieces as keep the residuals at that size. Where the data are at rest at an end, the velocity
+    is zero there, without smoothing the acceleration too; elsewhere the arm is held before and after, and its speed
+    jumps.
+
+    Args:
+        time: (T,) [s] increasing, at least 4 samples, with smoothing 6.
+        angles: (driven, T) [rad]
+        smoothing: () [rad] root mean square of the residuals, all joints together; 0 to pass all samples.
+        name: what the motion is called.
+
+    Returns:
+        The motion; its arrival is its end.
+    """
+    _check(time, angles, smoothing)
+    t = np.asarray(time, float) - time[0]
+    spline = _smooth(t, angles, smoothing) if smoothing else _through(t, angles)
+    breaks = np.unique(spline.t)
+    powers = range(DEGREE, -1, -1)
+    return Motion(name, breaks, np.stack([spline(breaks[:-1], nu=n) / math.factorial(n) for n in powers]))
+
+
+Ends = tuple[bool, bool]
+"""Whether the data are at rest at the start and at the end."""
+
+
+def _at_rest(velocities: Float[np.ndarray, "driven times"]) -> Ends:
+    speeds = np.linalg.norm(velocities, axis=0)
+    slow = speeds <= AT_REST * speeds.max()
+    return bool(slow[0]), bool(slow[-1])
+
+
+def _through(t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"]) -> BSpline:
+    """Return the interpolating spline; at a moving end its third and fourth derivatives are zero, for want of data."""
+    ends = _at_rest((angles[:, 2:] - angles[:, :-2]) / (t[2:] - t[:-2]))
+    still = np.zeros(len(angles))
+    conditions = [[(order, still) for order in ((1, 2) if rest else (3, 4))] for rest in ends]
+    return make_interp_spline(t, angles.T, k=DEGREE, bc_type=conditions)
+
+
+def _smooth(t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], rms: float) -> BSpline:
+    """Return the least-squares spline with as few knots as the residuals allow, at rest where it nearly is."""
+    *_, knots = generate_knots(t, angles.T, k=DEGREE, s=angles.size * rms**2, nest=MOST_KNOTS)
+    if len(knots) >= MOST_KNOTS:
+        expected, remedy = "at least the noise of the angles", "give a larger one, or 0 to pass all samples"
+        raise InputError(Problem("", f"{rms:g} rad", expected, remedy, "smoothing"))
+    free = _least_squares(t, angles, knots, (False, False))
+    return _least_squares(t, angles, knots, _at_rest(free(t, nu=1).T))
+
+
+def _least_squares(
+    t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], knots: Float[np.ndarray, " knots"], ends: Ends
+) -> BSpline:
+    """Return the spline on these knots that is nearest to the samples, and has no speed at the ends that are at rest.
+
+    A clamped spline has no speed at an end where its two outermost coefficients are equal. The acceleration is left to
+    the data there: a log that starts with the motion may start with a jump of it, which noise hides.
+    """
+    group = np.arange(len(knots) - DEGREE - 1)
+    group[1] -= ends[0]
+    group[-1] -= ends[1]
+    _, group = np.unique(group, return_inverse=True)
+    tie = csr_array((np.ones(len(group)), (np.arange(len(group)), group)))
+    A = BSpline.design_matrix(t, knots, DEGREE) @ tie
+    coefficients = spsolve((A.T @ A).tocsc(), A.T @ angles.T)
+    return BSpline(knots, tie @ coefficients.reshape(-1, len(angles)), DEGREE)
+
+
+def _check(time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], smoothing: float) -> None:
+    fewest = DEGREE + 1 if smoothing else 4
+    if len(time) < fewest:
+        raise InputError(Problem("", f"{len(time)} samples", f"at least {fewest}", "give a longer log", "time"))
+    if not (np.isfinite(time).all() and np.isfinite(angles).all()):
+        raise InputError(Problem("", "a sample that is not finite", "finite numbers", "remove it", "angles"))
+    if (np.diff(time) <= 0).any():
+        row = int(np.argmax(np.diff(time) <= 0))
+        got = f"{time[row + 1]:.9g} s after {time[row]:.9g} s"
+        raise InputError(Problem("", got, "times that increase", "sort the samples", "time"))
+    with np.errstate(over="ignore"):
+        shortest, longest = np.diff(time).min(), np.diff(time).max()
+    if shortest < STEPS[0] or longest > STEPS[1]:
+        got, expected = f"steps from {shortest:.3g} to {longest:.3g} s", f"steps from {STEPS[0]:g} to {STEPS[1]:g} s"
+        raise InputError(Problem("", got, expected, "give the times in s", "time"))
+    if not 0 <= smoothing < math.inf:
+        remedy = "give the noise of the angles, or 0 to pass all samples"
+        raise InputError(Problem("", f"{smoothing:g} rad", "a finite angle of at least 0", remedy, "smoothing"))

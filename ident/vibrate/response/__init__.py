@@ -1,1 +1,0 @@
-"""How the arm vibrates while it carries out a motion: exact and fast, and what follows from it."""

@@ -1,1 +1,0 @@
-"""Traces: spectra, spectrograms, orders, comparison."""

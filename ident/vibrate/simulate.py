@@ -1,0 +1,470 @@
+"""An arm carries out a motion: the one function that runs it and samples what happens."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads
+from ident.arm.multibody import Multibody, has_transmission_error, multibody
+from ident.errors import InputError, ModelError, Problem
+from ident.programs import RUNS_ONCE, AnyArray, jit, library
+from ident.text import did_you_mean, quoted
+from ident.vibrate import exact, fast
+from ident.vibrate.branches import nominal
+from ident.vibrate.exact import Progress
+from ident.vibrate.fast import (
+    FastMethod,
+    Solution,
+    all_of_it,
+    displacement,
+    each_of,
+    numbers_of,
+    refuse_curved,
+    repeated,
+    vibrations,
+)
+from ident.vibrate.linear import TURN, TURN_WITH_ERROR, filled_up, jumps_of, step_weights, time_intervals
+from ident.vibrate.motion import Motion
+from ident.vibrate.response import Response, peak, rms
+
+RATE = 500.0
+"""Samples a second, unless asked otherwise."""
+
+JUMP = 1e-4
+"""Largest jump of a pin's speed [rad/s]: 4 m of arm on a mode of 4 Hz would vibrate by 0.02 mm."""
+MOST_SAMPLES = 1_000_000
+"""Samples of a motion: half an hour at the usual rate."""
+MOST_STEPS = 10_000_000
+"""Time steps of a motion by the fast method."""
+
+
+def simulate(
+    arm: Arm,
+    motion: Motion,
+    *,
+    loads: Loads | None = None,
+    method: str = "fast",
+    elastic_belts: bool = False,
+    rate: float = RATE,
+    step: float | None = None,
+    progress: Progress = iter,
+) -> Response:
+    """Simulate an arm from rest through a motion.
+
+    Differentiable in the arm's numbers where the method is fast.
+
+    Args:
+        arm: the arm; its numbers may be arrays `(*batch)`, as posterior draws (fast method only).
+        motion: the commanded motion, its pauses included.
+        loads: what hangs on the arm, constant all the time.
+        method: `fast`, linearised about the quasi-static deflection of the moving arm, or `exact`.
+        elastic_belts: whether belts stretch; otherwise the pins follow the motors.
+        rate: samples a second.
+        step: longest time step of the fast method [s]; see `fast.step_for` when None.
+        progress: shows progress of the exact method, section by section.
+
+    Raises:
+        InputError: no such method, a rate or step out of range, an arm without a named point, the exact method for
+            a batch, a motion whose speed jumps, or by the fast method curved springs that leave their tangents.
+        ModelError: the arm collapses, or the tolerance cannot be met.
+    """
+    _check_method(method, arm.batch)
+    _check(arm, rate, step)
+    response, missed = _by_fast_method(arm, motion, loads, elastic_belts, rate, step)
+    if method == "exact":
+        return exactly(response, progress)
+    refuse_curved(arm, missed)
+    return response
+
+
+def exactly(response: Response, progress: Progress = iter) -> Response:
+    """Simulate by the exact method what was simulated by the fast one, from where that starts.
+
+    Args:
+        response: by the fast method, without batch axes.
+        progress: shows how far it is, section by section.
+
+    Returns:
+        The response; where the user interrupts, up to then, which it says.
+
+    Raises:
+        InputError: a batch.
+        ModelError: the tolerance cannot be met.
+    """
+    _check_method("exact", response.y.shape[2:])
+    model, motion, time = response.model, response.motion, np.asarray(response.time)
+    start = np.asarray(response.y[:, 0])
+    solved = exact.integrate(model, filled_up(motion), (start, np.zeros_like(start)), time, progress=progress)
+    y, count = np.asarray(solved.y), solved.y.shape[1]
+    times = repeated(time)
+    whole = np.pad(y, ((0, 0), (0, len(times) - count)), mode="edge")
+    moved = np.asarray(displacement(model, filled_up(motion), np.minimum(times, time[count - 1]), whole))
+    path, displaced, static = (part[:, :count] for part in (response.path, moved, response.quasi_static))
+    return Response(model, motion, time[:count], y, solved.yd, path, displaced, static, "exact", solved.interrupted)
+
+
+def _by_fast_method(
+    arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float, step: float | None
+) -> tuple[Response, AnyArray | None]:
+    """Simulate by the fast method, and return by how much springs that are curved leave their tangents."""
+    time, batch = sample_times(motion, rate), arm.batch
+    solution = _whole(arm, fast_method(arm, motion, loads, elastic, rate, step))
+    refuse_collapse(motion, solution.displacement)
+    model = multibody_of(arm, loads, 1 + len(batch), elastic)
+    y, yd, path, displacement, static = solution[:5]
+    path = path.reshape((3, len(time), -1))[..., 0]
+    return Response(model, motion, time, y, yd, path, displacement, static, "fast"), solution.missed
+
+
+def _whole(arm: Arm, solve: FastMethod) -> Solution:
+    """Solve for an arm, and for each of its batch `(*batch)`, whose axes come last."""
+    batch, numbers = arm.batch, numbers_of(arm)
+    flat = {path: library(x).broadcast_to(library(x).asarray(x), batch).reshape(-1) for path, x in numbers.items()}
+    solutions = each_of(nominal(arm) if batch else arm, flat, solve, all_of_it)
+    return jax.tree.map(lambda x: x.reshape((*x.shape[:-2], *batch)), solutions)
+
+
+def fast_method(
+    arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float, step: float | None
+) -> FastMethod:
+    """Set up the fast method for a motion."""
+    _check(arm, rate, step)
+    refuse_jumps(arm, motion)
+    time = sample_times(motion, rate)
+    longest, error = fast.step_for(_concrete(arm), motion) if step is None else step, has_transmission_error(arm)
+    _refuse_short(float(time[-1] - time[0]), longest, step is None)
+    grid = time_intervals(motion, time[-1], longest, turn=TURN_WITH_ERROR if error else TURN)
+    weights, samples = step_weights(int(grid.steps)), np.asarray(len(time))
+    return FastMethod(filled_up(motion), loads, repeated(time), samples, grid.filled_up(), weights, elastic, error)
+
+
+def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
+    """Return uniform times from the first break of a motion to the last [s]."""
+    start, end = float(motion.breaks[0]), float(motion.breaks[-1])
+    _refuse_many(motion, (end - start) * rate, rate)
+    return start + np.arange(int(np.floor((end - start) * rate + 1e-9)) + 1) / rate
+
+
+def _refuse_many(motion: Motion, samples: float, rate: float) -> None:
+    """Refuse a motion with more samples than can be computed, by what makes it so long."""
+    if samples <= MOST_SAMPLES:
+        return
+    dwell = float(motion.breaks[-1]) - motion.arrival
+    moving = samples / rate - dwell
+    if max(dwell, moving) * RATE <= MOST_SAMPLES:
+        column, got, remedy = "rate", f"{rate:g} samples a second", "choose a rate as 500"
+    elif dwell > moving:
+        column, got, remedy = "dwell", f"{dwell:.4g} s", "hold the arm for some seconds"
+    else:
+        column, got, remedy = "speed", f"a motion of {moving:.4g} s", "let it be faster (`speed`)"
+    got += f", {samples:.4g} samples in all"
+    raise InputError(Problem("", got, f"at most {MOST_SAMPLES:,} samples".replace(",", " "), remedy, column))
+
+
+def _refuse_short(seconds: float, step: float, needed: bool) -> None:
+    """Refuse time steps of which a motion would take more than can be computed."""
+    if seconds <= MOST_STEPS * step:
+        return
+    got = f"steps of {step:.3g} s" + (", as its drives and frequencies ask for" if needed else "")
+    got += f", {seconds / step:.3g} in all"
+    remedy = "correct the arm's ratios and stiffnesses" if needed else "leave it out for one that fits"
+    expected = f"at most {MOST_STEPS:,} steps".replace(",", " ")
+    raise InputError(Problem("", got, expected, remedy, "" if needed else "step"))
+
+
+def _concrete(arm: Arm) -> Arm:
+    """Return the arm as it is apart from being differentiated: the grid of time does not depend on it smoothly."""
+    return arm if library(arm) is np else jax.lax.stop_gradient(arm)
+
+
+def _check_method(method: str, batch: tuple[int, ...]) -> None:
+    if method not in ("fast", "exact"):
+        raise InputError(Problem("method", f"'{method}'", "fast or exact", "choose one"))
+    if method == "exact" and batch:
+        raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
+
+
+def _check(arm: Arm, rate: float, step: float | None) -> None:
+    if not 1.0 <= rate <= 1e6:
+        raise InputError(Problem("rate", f"{rate:g} samples a second", "1 to 1e6", "choose a rate as 500"))
+    if step is not None and not 0 < step < np.inf:
+        raise InputError(Problem("step", f"{step:g} s", "a time above 0", "leave it out for one that fits"))
+    if not arm.points:
+        raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
+
+
+def refuse_jumps(arm: Arm, motion: Motion) -> None:
+    """Refuse a motion whose speed jumps, at its start too: no motor does that, and the shock would be missed."""
+    first = np.abs(np.asarray(motion.coefficients)[-2:-1, 0])
+    jumps = np.vstack([first, jumps_of(motion, 1)])
+    piece, joint = np.unravel_index(np.argmax(jumps), jumps.shape)
+    if jumps[piece, joint] > JUMP:
+        name = arm.driven[joint].name if joint < len(arm.driven) else f"joint {joint + 1}"
+        got = f"a jump of {name}'s speed by {np.rad2deg(jumps[piece, joint]):.4g} deg/s at {motion.breaks[piece]:.4g} s"
+        remedy = "let a path begin at rest, and smooth a log (`smoothing`)"
+        raise InputError(Problem(motion.name, got, "a motion from rest without such jumps", remedy))
+
+
+def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
+    """Refuse a displacement that is NaN; under `jit` or `grad` it may be.
+
+    Raises:
+        ModelError: the arm collapses.
+    """
+    if not isinstance(displacement, jax.core.Tracer) and not np.isfinite(np.asarray(displacement)).all():
+        raise ModelError(
+            f"no response to {motion.name}: the arm has no stable equilibrium somewhere along it; "
+            "check stiffnesses, masses and their units"
+        )
+
+
+def multibody_of(arm: Arm, loads: Loads | None, rank: int, elastic: bool) -> Multibody:
+    """Return what `multibody` gathers, by one program."""
+    return _multibody(arm, loads, rank, elastic, has_transmission_error(arm))
+
+
+@partial(jit, options=RUNS_ONCE)
+def _multibody(arm: Arm, loads: Loads | None, rank: int, elastic: bool, error: bool) -> Multibody:
+    return multibody(arm, loads, rank=rank, elastic_belts=elastic, transmission_error=error)
+
+
+# -------- Amplitude
+# How large a vibration is, as one number a direction, and as the largest of many: what sweeps and designs compare.
+
+MEASURES = {
+    "peak": "largest magnitude over the motion",
+    "rms": "root mean square over the motion",
+    "residual": "largest magnitude after arrival",
+}
+WINDOW = 0.1
+"""Length [s] of the windows whose maxima a peak is the largest of; half a period of 4 to 5 Hz."""
+
+
+class Amplitude(eqx.Module):
+    """A measure of vibrations that are sampled at known times.
+
+    Attributes:
+        measure: a name in MEASURES.
+        first: number of the sample from which on it counts.
+        end: number of samples.
+        window: samples of a window.
+    """
+
+    measure: str = eqx.field(static=True)
+    first: Int[AnyArray, ""]
+    end: Int[AnyArray, ""]
+    window: int = eqx.field(static=True)
+
+    def __call__(self, vibration: Float[np.ndarray, "3 T *batch"]) -> Float[np.ndarray, "3 *batch"]:
+        """Return the amplitude in each direction [m]."""
+        late = vibration[:, int(self.first) : int(self.end)]
+        return np.asarray((rms if self.measure == "rms" else peak)(late))
+
+    @property
+    def count(self) -> int:
+        """Number W of windows."""
+        return 1 if self.measure == "rms" else -(-int(self.end - self.first) // self.window)
+
+    def places(self, vibration: Float[AnyArray, "3 T"]) -> Int[AnyArray, "3 more"]:
+        """Return the samples of which a peak is the largest: of each window and direction where it is farthest out.
+
+        There may be more windows than `count`, of which the last ones mean nothing.
+        """
+        late = jnp.roll(vibration, -self.first, 1)
+        counts = jnp.arange(late.shape[1]) < self.end - self.first
+        whole = jnp.pad(jnp.where(counts, jnp.abs(late), 0.0), ((0, 0), (0, -late.shape[1] % self.window)))
+        windows = whole.reshape((3, -1, self.window))
+        within = jnp.arange(windows.shape[1]) * self.window + windows.argmax(2)
+        return jnp.minimum(self.first + within, vibration.shape[1] - 1)
+
+    def root_mean_square(self, vibration: Float[AnyArray, "3 T"]) -> Float[AnyArray, "3 1"]:
+        """Return the RMS of each direction over the whole motion [m]; what is behind its end does not count."""
+        counts = jnp.arange(vibration.shape[1]) < self.end
+        return jnp.sqrt(jnp.where(counts, vibration**2, 0.0).sum(1) / self.end)[:, None]
+
+
+def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
+    """Return a measure for a motion sampled at a rate."""
+    if measure not in MEASURES:
+        remedy = did_you_mean(measure, MEASURES, "choose one of them")
+        raise InputError(Problem("", quoted(measure), f"one of {', '.join(MEASURES)}", remedy, "measure"))
+    time, first = sample_times(motion, rate), 0
+    if measure == "residual":
+        first = int(np.searchsorted(time, motion.arrival - 1e-9))
+        if first > len(time) - 2:
+            got = "a motion that ends at its arrival"
+            raise InputError(Problem("", got, "time after it", "hold the arm (`dwell`)", "measure"))
+    return Amplitude(measure, np.asarray(first), np.asarray(len(time)), max(1, round(WINDOW * rate)))
+
+
+def largest(parts: Any) -> Any:
+    """Return the largest over directions and windows."""
+    return parts.max((0, 1))
+
+
+# -------- Superposition
+# The vibration as a sum over what excites it, so that it is known for all phases of the turning masses at once.
+#
+# The fast method is linear: M d2x/dt2 + D dx/dt + K x = f (see `fast`), M, D and K without what excites. f is a sum of
+#
+# - what the motion itself asks for: -residual(y_r, dy_r/dt, d2y_r/dt2) without excitation;
+# - the forces of each turning mass, linear in m e u(theta + psi) = m e (u(theta) cos psi + u(theta + pi/2) sin psi);
+# - for each drive, `by_pin` times the deviation e sin(2 theta + chi) = e (sin 2 theta cos chi + cos 2 theta sin chi) of
+#   its pin and its two rates, each of which is linear in e.
+#
+# So the vibration is v = v0 + sum over the phases that are not known of c cos psi + s sin psi. U of them are determined
+# by 2 U + 1 simulations: with all at 0, and with each alone at 90 and at 180 degrees. What is left out of the sum is of
+# second order:
+#
+# - of m e^2 all but the moment of inertia about the axis, which is there whatever the phase, and part of v0;
+# - the end point's arc, of x^2 over the length of the arm: 1e-4 of the vibration and less.
+#
+# The fast method itself leaves out, for any phases, what is of second order in the kinematic error:
+#
+# - in the error's slope s = dq_pin/dtheta ratio = 1 + 2 ratio e cos(2 theta + chi), the square of s - 1 in centrifugal
+#   terms, which is e [rad] of the term of the acceleration, 4 ratio^2 e (dq/dt)^2; and M, D, K at the deviated pin;
+# - with elastic belts, (s - 1) times the torque at the pin: by the slope alone it would turn the belt. With rigid ones
+#   the pin's torque is the motor's, and nothing of first order is left out.
+
+TOGETHER = 32
+"""Sets of phases for which the vibration is computed together."""
+
+Phases = Float[np.ndarray, "U *K"]
+"""Phases [rad] of some drives' imbalance or kinematic error."""
+
+
+@dataclass(frozen=True)
+class Superposition:
+    """The vibration of the end point as a sum over what excites it.
+
+    Attributes:
+        time: (T,) [s]
+        unknown: paths of the U phases of imbalance and kinematic error that are not known.
+        sure: (3, T) [m] whatever they are: by the motion itself, and by what excites with known phases.
+        cosine: (U, 3, T) [m] what each adds with its phase at 0,
+        sine: (U, 3, T) [m] and at 90 degrees.
+    """
+
+    time: Float[np.ndarray, "T"]
+    unknown: tuple[str, ...]
+    sure: Float[np.ndarray, "3 T"]
+    cosine: Float[np.ndarray, "U 3 T"]
+    sine: Float[np.ndarray, "U 3 T"]
+
+    @cached_property
+    def envelope(self) -> Float[np.ndarray, "3 T"]:
+        """The largest magnitude over all phases at each time [m]: of each there are phases that reach it."""
+        return np.asarray(largest_over_phases(self.sure, self.cosine, self.sine))
+
+    @property
+    def worst(self) -> Float[np.ndarray, "3"]:
+        """The largest peak over all phases in each direction [m]."""
+        return self.envelope.max(1)
+
+    @property
+    def division(self) -> Float[np.ndarray, "3 3"]:
+        """What is sure, imbalance and kinematic error (first axis) make of the worst in each direction [m]."""
+        of_error, each = np.array([is_of_error(path) for path in self.unknown], bool), np.hypot(self.cosine, self.sine)
+        parts = np.stack([np.abs(self.sure), each[~of_error].sum(0), each[of_error].sum(0)])
+        return np.take_along_axis(parts, self.envelope.argmax(1)[None, :, None], 2)[..., 0]
+
+    def at(self, phases: Phases, factors: Phases | None = None) -> Float[np.ndarray, "3 T *K"]:
+        """Return the vibration with some phases, and with what excites multiplied by factors [m]."""
+        factors = np.ones_like(phases) if factors is None else factors
+        turned = np.tensordot(self.cosine, np.cos(phases) * factors, ((0,), (0,)))
+        turned += np.tensordot(self.sine, np.sin(phases) * factors, ((0,), (0,)))
+        return turned + self.sure.reshape((*self.sure.shape, *(1,) * (phases.ndim - 1)))
+
+    def peaks(
+        self, phases: Float[np.ndarray, "U K"], factors: Float[np.ndarray, "U K"] | None = None
+    ) -> Float[np.ndarray, "3 K"]:
+        """Return the peak in each direction with each of some phases, see `at` [m]."""
+        factors = np.ones_like(phases) if factors is None else factors
+        groups = [slice(k, k + TOGETHER) for k in range(0, phases.shape[1], TOGETHER)]
+        return np.concatenate([np.abs(self.at(phases[:, some], factors[:, some])).max(1) for some in groups], 1)
+
+    def worst_phases(self, first: int = 0, direction: int | None = None) -> dict[str, float]:
+        """Return phases, by path, with which the worst peak is reached [rad].
+
+        Args:
+            first: number of the sample from which on it counts.
+            direction: of the peak; that of the largest when None.
+        """
+        late = self.envelope[:, first:]
+        way = int(late.max(1).argmax()) if direction is None else direction
+        place = first + int(late[way].argmax())
+        sign = 1.0 if self.sure[way, place] >= 0 else -1.0
+        cosine, sine = (sign * part[:, way, place] for part in (self.cosine, self.sine))
+        return dict(zip(self.unknown, np.arctan2(sine, cosine).tolist(), strict=True))
+
+
+def is_of_error(path: str) -> bool:
+    """Tell whether a phase is that of a kinematic error, and not of an imbalance."""
+    return path.endswith(".error_phase")
+
+
+def superposition(
+    arm: Arm,
+    motion: Motion,
+    unknown: Sequence[str],
+    *,
+    loads: Loads | None = None,
+    elastic_belts: bool = False,
+    rate: float = RATE,
+    step: float | None = None,
+) -> Superposition:
+    """Return the vibration over a motion by what excites it, with the fast method.
+
+    Args:
+        arm: the arm, without batch axes.
+        motion: the commanded motion, its pauses included.
+        unknown: paths of the phases of imbalance and kinematic error that are not known.
+        loads: what hangs on the arm.
+        elastic_belts: whether belts stretch.
+        rate: samples a second.
+        step: longest time step [s]; see `fast.step_for` when None.
+
+    Raises:
+        InputError: see `simulate`.
+        ModelError: the arm collapses.
+    """
+    solve = fast_method(arm, motion, loads, elastic_belts, rate, step)
+    numbers = {path: np.asarray(x)[None] for path, x in numbers_of(arm).items()}
+    members = np.asarray(vibrations(arm, numbers, solve, sets_of(unknown)))[..., 0]
+    refuse_collapse(motion, members)
+    return Superposition(np.asarray(solve.time)[: int(solve.samples)], tuple(unknown), *parts_of(members))
+
+
+def sets_of(unknown: Sequence[str]) -> list[dict[str, float]]:
+    """Return the phases [rad] of the simulations that determine a sum: all at 0, then each alone at 90, at 180 degrees.
+
+    Without unknown phases it is the arm as it is.
+    """
+    alone = [dict.fromkeys(unknown, 0.0) | {path: turn} for turn in (np.pi / 2, np.pi) for path in unknown]
+    return [dict.fromkeys(unknown, 0.0), *alone]
+
+
+def parts_of(members: Float[np.ndarray, "*shape members"]) -> tuple[Any, Any, Any]:
+    """Return what is sure `(*shape)`, and each phase's parts of cosine and sine `(U, *shape)`, see `sets_of`."""
+    count = (members.shape[-1] - 1) // 2
+    first, quarter, half = (np.moveaxis(x, -1, 0) for x in np.split(members, (1, 1 + count), -1))
+    cosine = (first - half) / 2
+    return first[0] - cosine.sum(0), cosine, quarter - first + cosine
+
+
+def largest_over_phases(sure: Any, cosine: np.ndarray, sine: np.ndarray) -> Any:
+    """Return the envelope of a `Superposition`."""
+    return np.abs(sure) + np.hypot(cosine, sine).sum(0)
+
+
+def rms_over_phases(sure: Any, cosine: np.ndarray, sine: np.ndarray) -> Any:
+    """Return the root mean square over the phases at each time."""
+    return np.sqrt(sure**2 + (cosine**2 + sine**2).sum(0) / 2)

@@ -1,0 +1,215 @@
+"""Studies of a motion: two methods against each other, draws of a posterior, a measured trace."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads
+from ident.errors import InputError, Problem
+from ident.text import did_you_mean, quoted
+from ident.vibrate.compare import Comparison, Trace, compare
+from ident.vibrate.exact import Progress
+from ident.vibrate.motion import Motion
+from ident.vibrate.response import Response, peak, rms, settling_time
+from ident.vibrate.simulate import RATE, exactly, simulate
+
+DIRECTIONS = ("x", "y", "z")
+METHODS = ("both", "fast", "exact")
+BATCH = 16
+"""Draws that are simulated together: fewer cost little time each, more cost memory."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How large a vibration is in each direction, `(3, *draws)` each.
+
+    Attributes:
+        peak: [m] largest magnitude.
+        rms: [m] over the whole time.
+        residual: [m] largest magnitude after arrival; NaN where the response ends before.
+        settling: [s] after arrival until it stays within the tolerance; infinite where it does not, NaN as above.
+        late: [m] largest magnitude from a time on; NaN where no time was given.
+    """
+
+    peak: Float[np.ndarray, "3 *draws"]
+    rms: Float[np.ndarray, "3 *draws"]
+    residual: Float[np.ndarray, "3 *draws"]
+    settling: Float[np.ndarray, "3 *draws"]
+    late: Float[np.ndarray, "3 *draws"]
+
+
+@dataclass(frozen=True)
+class SimulatedMotion:
+    """A simulated motion.
+
+    Attributes:
+        response: by the exact method where it came to the end, else by the fast one, if it was chosen.
+        other: by the other method, if both were chosen.
+    """
+
+    response: Response
+    other: Response | None = None
+
+    @property
+    def interrupted(self) -> float | None:
+        """Until when [s] the exact method came before the user stopped it; None if it was not stopped."""
+        return self.response.interrupted if self.other is None else self.other.interrupted
+
+    @property
+    def difference(self) -> Float[np.ndarray, "3"]:
+        """Largest difference of the two methods in each direction, as a share of the peak; NaN with one method."""
+        if self.other is None:
+            return np.full(3, np.nan)
+        pair = [np.asarray(response.vibration) for response in (self.response, self.other)]
+        common = min(x.shape[1] for x in pair)
+        ours, theirs = (x[:, :common] for x in pair)
+        largest = np.maximum(np.abs(ours).max(1), np.finfo(float).tiny)
+        return np.abs(ours - theirs).max(1) / largest
+
+
+@dataclass(frozen=True)
+class Draws:
+    """The vibration by draws of a posterior.
+
+    Attributes:
+        values: the draws by path, (draws,) [SI]
+        vibration: (3, T, draws) [m]
+        sizes: of each draw.
+    """
+
+    values: Mapping[str, Float[np.ndarray, "draws"]]
+    vibration: Float[np.ndarray, "3 T draws"]
+    sizes: Sizes
+
+    @property
+    def band(self) -> Float[np.ndarray, "2 3 T"]:
+        """5 and 95 % quantiles of the vibration at each time [m]."""
+        return np.quantile(self.vibration, (0.05, 0.95), axis=2)
+
+    def exceeds(self, limit: float) -> tuple[Float[np.ndarray, "3"], float]:
+        """Return the share of draws whose peak exceeds a limit [m]: in each direction, and in any."""
+        beyond = self.sizes.peak > limit
+        return beyond.mean(1), float(beyond.any(0).mean())
+
+
+def simulate_motion(
+    arm: Arm,
+    motion: Motion,
+    *,
+    loads: Loads | None = None,
+    method: str = "both",
+    elastic_belts: bool = False,
+    rate: float = RATE,
+    progress: Progress = iter,
+) -> SimulatedMotion:
+    """Simulate a motion by the fast method, the exact one, or both.
+
+    A user who interrupts the exact method gets what there is: with both methods the whole of the fast one.
+
+    Raises:
+        InputError: no such method; see also `simulate`.
+        ModelError: the arm collapses; see also `simulate`.
+        KeyboardInterrupt: interrupted before there is anything.
+    """
+    if method not in METHODS:
+        remedy = did_you_mean(method, METHODS, "choose one of them")
+        raise InputError(Problem("", quoted(method), f"one of {', '.join(METHODS)}", remedy, "method"))
+    how: Any = {"loads": loads, "elastic_belts": elastic_belts, "rate": rate}
+    fast = None if method == "exact" else simulate(arm, motion, **how)
+    if method == "fast":
+        assert fast is not None
+        return SimulatedMotion(fast)
+    exact = exactly(fast, progress) if fast else simulate(arm, motion, method="exact", progress=progress, **how)
+    if exact.interrupted is None:
+        return SimulatedMotion(exact, fast)
+    if len(exact.time) < 2 and fast is None:
+        raise KeyboardInterrupt
+    return SimulatedMotion(exact) if fast is None else SimulatedMotion(fast, exact)
+
+
+def draw(
+    arm: Arm,
+    motion: Motion,
+    values: Mapping[str, Float[np.ndarray, "draws"]],
+    *,
+    loads: Loads | None = None,
+    elastic_belts: bool = False,
+    rate: float = RATE,
+    measure: Callable[[Response], Sizes] | None = None,
+    progress: Progress = iter,
+) -> Draws:
+    """Simulate a motion by the fast method for draws of some of the arm's numbers.
+
+    Args:
+        arm: has the other numbers.
+        motion: the commanded motion.
+        values: draws by path.
+        loads: the load case.
+        elastic_belts: whether belts stretch.
+        rate: samples a second.
+        measure: gives the sizes of a response; `measures` with a tolerance of 0.1 mm when None.
+        progress: shows how far it is, over the batches of draws.
+
+    Raises:
+        ModelError: the arm collapses for some draw.
+    """
+    count = len(next(iter(values.values())))
+    vibrations, sizes = [], []
+    for first in progress(range(0, count, BATCH)):
+        # the last batch is filled up by its last draw, so that one program serves all
+        chosen = np.minimum(np.arange(first, first + min(BATCH, count)), count - 1)
+        drawn = arm.replace({path: jnp.asarray(column[chosen]) for path, column in values.items()})
+        response = simulate(drawn, motion, loads=loads, elastic_belts=elastic_belts, rate=rate)
+        vibrations.append(np.asarray(response.vibration))
+        sizes.append(measure(response) if measure else measures(response, 1e-4))
+    vibration = np.concatenate(vibrations, 2)[:, :, :count]
+    whole = Sizes(*(np.concatenate(part, 1)[:, :count] for part in zip(*map(_parts, sizes), strict=True)))
+    return Draws(dict(values), vibration, whole)
+
+
+def measures(response: Response, tolerance: float, at: float | None = None) -> Sizes:
+    """Return the sizes of a response; the tolerance [m] is that of the settling time."""
+    vibration = response.vibration
+    none = np.full((3, *vibration.shape[2:]), np.nan)
+    end, arrival = float(response.time[-1]), response.motion.arrival
+    arrived = end >= arrival - 1e-9
+    return Sizes(
+        np.asarray(peak(vibration)),
+        np.asarray(rms(vibration)),
+        np.asarray(peak(response.after(arrival))) if arrived else none,
+        settling_time(response, tolerance) if arrived else none,
+        none if at is None or at > end + 1e-9 else np.asarray(peak(response.after(at))),
+    )
+
+
+def against(
+    response: Response,
+    time: Float[np.ndarray, "S"],
+    values: Mapping[str, Float[np.ndarray, "S"]],
+    kind: str,
+    band: tuple[float, float],
+) -> dict[str, Comparison]:
+    """Compare a response with a measured trace, direction by direction.
+
+    Args:
+        response: without batch axes.
+        time: (S,) [s] of the trace, on the clock of the motion.
+        values: by direction `x`, `y`, `z` [m or m/s^2]
+        kind: `displacement` or `acceleration`.
+        band: [Hz] of the dominant frequency.
+    """
+    comparisons, at = {}, np.asarray(response.time)
+    for direction, measured in values.items():
+        ours = Trace(at, np.asarray(response.vibration[DIRECTIONS.index(direction)]))
+        theirs = Trace(time, measured, "acceleration" if kind == "acceleration" else "displacement")
+        comparisons[direction] = compare(ours, theirs, band=band)
+    return comparisons
+
+
+def _parts(sizes: Sizes) -> tuple[np.ndarray, ...]:
+    return sizes.peak, sizes.rms, sizes.residual, sizes.settling, sizes.late
