@@ -1,4 +1,4 @@
-"""The house keeps its size and shape: no file above 900 lines, few parameters, no cycle of imports."""
+"""The house keeps its size and shape: files of 60 to 900 lines, few parameters, no cycle of imports."""
 
 import ast
 import re
@@ -9,7 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "ident"
 FILES = sorted(PACKAGE.rglob("*.py"))
-LINES, PARAMETERS = 900, 8
+LINES, FEW_LINES, PARAMETERS = 900, 60, 8
 BOUND = ("self", "cls")
 each_file = pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
@@ -82,6 +82,17 @@ def cycle(graph):
 @each_file
 def test_no_file_is_long(path):
     assert len(path.read_text(encoding="utf-8").splitlines()) <= LINES
+
+
+def test_a_short_file_has_several_users():
+    """What one file alone imports is written there; readers of recordings are found by the ending of a file."""
+    users = {name: set() for name in MODULES}
+    for name, path in MODULES.items():
+        for module in imported(run_at_some_time(TREES[path])):
+            users[module].add(name)
+    short = {name for name, path in MODULES.items() if path.read_text(encoding="utf-8").count("\n") < FEW_LINES}
+    apart = {name for name, path in MODULES.items() if path.stem in ("__init__", "__main__")}
+    assert not {name for name in short - apart if ".recordings." not in name and len(users[name]) < 2}
 
 
 @each_file
