@@ -65,6 +65,11 @@ _NAME = re.compile(r"(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\]]*)\])?")
 _ANGLE = re.compile(r"q[1-9][0-9]{0,2}")
 
 
+VOLTAGES = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
+VOLTS = re.compile(rf"(?P<number>[-+0-9.,eE]+)\s*(?P<volts>{'|'.join(VOLTAGES)})\s*/\s*(?P<unit>\S.*)")
+"""A sensitivity as a sensor's certificate has it."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ChannelRow:
     """What one channel measured.
@@ -83,6 +88,7 @@ class ChannelRow:
         quantity: what is measured; empty to take what the unit measures.
         unit: of the quantity; empty to take what the file says.
         sensitivity: number of the file for one `unit`; None where the file's numbers are in the unit already.
+        in_volts: whether it is a number of volts, whatever voltage the file is in.
         full_scale: [unit] beyond which the input is overloaded; None where the file's largest numbers tell.
         rate: [Hz] of the samples; None where the file says it.
         decay: [1/s] by which the analyser's own exponential window has faded the response.
@@ -104,6 +110,7 @@ class ChannelRow:
     quantity: str = ""
     unit: str = ""
     sensitivity: float | None = None
+    in_volts: bool = False
     full_scale: float | None = None
     rate: float | None = None
     decay: float = 0.0
@@ -244,6 +251,10 @@ def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str
     if role == IGNORED or not role:
         return {"file": cell["file"], "channel": cell["channel"], "role": IGNORED, "posture": ()}
     direction, position = cell["direction"], cell.get("position", "")
+    volts = VOLTS.fullmatch(cell.get("sensitivity", ""))
+    sensitivity, unit = (None, cell["unit"]) if volts else (number("sensitivity"), cell["unit"])
+    if volts:
+        sensitivity, unit = mine.attempt(where, "sensitivity", _volts, volts, unit, decimal) or (None, unit)
     return {
         "file": cell["file"],
         "channel": cell["channel"],
@@ -259,8 +270,9 @@ def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str
         "direction": mine.attempt(where, "direction", parse_direction, direction, decimal) if direction else None,
         "frame": cell.get("frame", "").lower() or FRAMES[0],
         "quantity": _quantity(cell.get("quantity", "")),
-        "unit": cell["unit"],
-        "sensitivity": number("sensitivity"),
+        "unit": unit,
+        "sensitivity": sensitivity,
+        "in_volts": volts is not None,
         "full_scale": number("full_scale"),
         "rate": number("rate"),
         "decay": number("decay") or 0.0,
@@ -279,6 +291,15 @@ def _number(text: str, decimal: str, above: float | None) -> float:
     if above is not None and not value > above:
         raise InputError(Problem("", quoted(text), f"a number above {above:g}", "correct it, or leave the cell empty"))
     return value
+
+
+def _volts(match: re.Match[str], unit: str, decimal: str) -> tuple[float, str]:
+    """Return volts for one unit, and the unit, of a sensitivity as a sensor's certificate has it: 100 mV/g."""
+    own = match["unit"].strip("() ")
+    if unit and unit != own:
+        remedy = "leave the cell `unit` empty, or write the same one"
+        raise InputError(Problem("", quoted(match[0]), f"volts for one {quoted(unit)}, as in the column unit", remedy))
+    return _number(match["number"], decimal, 0.0) * VOLTAGES[match["volts"]], own
 
 
 def _position(text: str, decimal: str, factors: Mapping[str, float]) -> Vector:
@@ -321,8 +342,8 @@ COMMENTS = (
     "Fill in for each channel that counts: role (force, response; time where a channel holds the times), point of the",
     "arm (or a new name with joint and position [mm]), direction (x, -z, 0 0.6 -0.8) in the base's frame or the body's",
     "(frame: base, body), unit, posture q1, q2, ... and load, the sensors' mass included (0.2 kg @ tip).",
-    "sensitivity: numbers of the file for one unit; rate [Hz] where the file says none; decay [1/s] of an exponential",
-    "window that the analyser has applied. A row without role is left out. `*` in a file's name: any letters.",
+    "sensitivity: numbers of the file for one unit, or 100 mV/g; rate [Hz] where the file says none; decay [1/s] of an",
+    "exponential window that the analyser has applied. A row without role is left out. `*` in a file's name: any letters.",
     "Without any force: a column harmonics for what turned meanwhile (2.25 Hz @ pulley 1 + 1450 rpm @ pump).",
 )
 LONGEST_LINE = 100_000

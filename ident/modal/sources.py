@@ -9,7 +9,17 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from ident.errors import InputError, Problem
-from ident.measure.channels import FORCE, IGNORED, QUANTITIES, REFERENCE, RESPONSE, TIME, ChannelRow, ChannelTable
+from ident.measure.channels import (
+    FORCE,
+    IGNORED,
+    QUANTITIES,
+    REFERENCE,
+    RESPONSE,
+    TIME,
+    VOLTAGES,
+    ChannelRow,
+    ChannelTable,
+)
 from ident.measure.load import Load
 from ident.measure.recordings import Channel, Recording, Shape
 from ident.measure.recordings.sampling import even_step
@@ -199,7 +209,7 @@ def quantity_and_factor(row: ChannelRow, unit: str) -> tuple[str, float]:
             got = f"a sensitivity of channel {quoted(row.channel)}, whose file is in {quoted(unit or row.unit)}"
             expected = "numbers of the file for one unit of the table"
             raise InputError(Problem(row.where, got, expected, "leave the cell empty", "sensitivity"))
-        return quantity, factor / row.sensitivity
+        return quantity, factor / (row.sensitivity * _per_volt(row, unit))
     _check_agreement(row, unit, quantity, factor)
     return quantity, factor
 
@@ -215,6 +225,17 @@ def _measured(row: ChannelRow, unit: str) -> tuple[str, float]:
     expected = f"a unit of {named}, such as {EXAMPLES[row.role]}"
     remedy = "correct the unit" if row.unit else "write the unit and the sensitivity into the table"
     raise InputError(Problem(row.where, f"{quoted(unit)} of channel {quoted(row.channel)}", expected, remedy, "unit"))
+
+
+def _per_volt(row: ChannelRow, unit: str) -> float:
+    """Return the numbers of a file for one volt; 1 where the sensitivity is one of the file's numbers already."""
+    if not row.in_volts:
+        return 1.0
+    if unit not in VOLTAGES:
+        got = f"a sensitivity in volts of channel {quoted(row.channel)}, whose file is in {quoted(unit or 'no unit')}"
+        expected = f"a file in one of {', '.join(VOLTAGES)}"
+        raise InputError(Problem(row.where, got, expected, "write the file's number for one unit", "sensitivity"))
+    return 1 / VOLTAGES[unit]
 
 
 def _check_agreement(row: ChannelRow, unit: str, quantity: str, factor: float) -> None:

@@ -35,6 +35,22 @@ def test_a_row_in_si(tmp_path):
     assert str(row.load) == "0.2 kg @ tip"
 
 
+@pytest.mark.parametrize(
+    ("cell", "volts", "unit"),
+    [
+        ("100 mV/g", 0.1, "g"),
+        ("10.2mV/(m/s^2)", 0.0102, "(m/s^2)"),
+        ("2.25 V/N", 2.25, "N"),
+        ("5e1 uV / lbf", 5e-5, "lbf"),
+    ],
+)
+def test_a_sensitivity_as_a_certificate_has_it(tmp_path, cell, volts, unit):
+    (row,) = table(tmp_path, f"a.uff,1:+Z,response,corner,,,z,,,,{cell},30,").rows
+    assert (row.sensitivity, row.unit, row.in_volts) == (pytest.approx(volts, rel=1e-12), unit, True)
+    (line,) = lines(tmp_path, f"a.uff,1:+Z,response,corner,,,z,,,kN,{cell},30,")
+    assert f"sensitivity: got '{cell}', expected volts for one 'kN', as in the column unit" in line
+
+
 def test_a_row_without_role_is_left_out_however_little_it_says(tmp_path):
     (row,) = table(tmp_path, "a.uff,1:+Z,,,,,,,,,,,").rows
     assert not row.counts

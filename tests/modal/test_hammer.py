@@ -142,6 +142,15 @@ def test_sensitivity_and_units_scale_as_they_say(label):
     np.testing.assert_allclose(again.frf.mean, plain.frf.mean, rtol=1e-9)
 
 
+@pytest.mark.parametrize(("label", "scale"), [("V", 1.0), ("mV", 1000.0)])
+def test_a_sensitivity_in_volts_counts_for_files_in_any_voltage(label, scale):
+    force, answer = blocks(noise=0)
+    volts = table(response={"unit": "g", "sensitivity": 0.1, "in_volts": True})
+    scaled = recording(force, answer / 9.80665 * 0.1 * scale, units=(label, "N"))
+    (plain,), (again,) = modal_tests(table(), recording(force, answer)), modal_tests(volts, scaled)
+    np.testing.assert_allclose(again.frf.mean, plain.frf.mean, rtol=1e-9)
+
+
 UNITS = [
     ("", None, {}, "channels.csv:2, unit: got no unit of channel 'z', expected a unit such as m/s^2, g_0, m/s or mm: "
      "neither the file nor the table has one; fill the cell"),
@@ -153,6 +162,8 @@ UNITS = [
     ("V", "m/s2", {}, "got 'm/s2' of channel 'z', expected 'V', as in the file; give its sensitivity"),
     ("m/s^2", "mm/s^2", {}, "got 'mm/s^2' of channel 'z', expected 'm/s^2', as in the file; correct one of them"),
     ("V", "g_0", {}, "got 'g_0' of channel 'z', expected 'V', as in the file; give its sensitivity"),
+    ("EU", "g", {"sensitivity": 0.1, "in_volts": True}, "got a sensitivity in volts of channel 'z', whose file is in 'EU', "
+     "expected a file in one of V, mV, uV; write the file's number for one unit"),
     ("m/s^2", "g_0", {"sensitivity": 0.1}, "got a sensitivity of channel 'z', whose file is in 'm/s^2'"),
     ("m/s^2", None, {"quantity": "velocity"}, "got 'm/s^2' of channel 'z', expected a unit of velocity"),
     ("m/s^2", None, {"full_scale": 3.0}, "got a full scale without unit"),
