@@ -343,7 +343,7 @@ COMMENTS = (
     "arm (or a new name with joint and position [mm]), direction (x, -z, 0 0.6 -0.8) in the base's frame or the body's",
     "(frame: base, body), unit, posture q1, q2, ... and load, the sensors' mass included (0.2 kg @ tip).",
     "sensitivity: numbers of the file for one unit, or 100 mV/g; rate [Hz] where the file says none; decay [1/s] of an",
-    "exponential window that the analyser has applied. A row without role is left out. `*` in a file's name: any letters.",
+    "exponential window that the analyser has applied. A row without role is left out. `*` in a file: any letters.",
     "Without any force: a column harmonics for what turned meanwhile (2.25 Hz @ pulley 1 + 1450 rpm @ pump).",
 )
 LONGEST_LINE = 100_000

@@ -39,7 +39,7 @@ def test_a_row_in_si(tmp_path):
     ("cell", "volts", "unit"),
     [
         ("100 mV/g", 0.1, "g"),
-        ("10.2mV/(m/s^2)", 0.0102, "(m/s^2)"),
+        ("10.2mV/(m/s^2)", 0.0102, "m/s^2"),
         ("2.25 V/N", 2.25, "N"),
         ("5e1 uV / lbf", 5e-5, "lbf"),
     ],
