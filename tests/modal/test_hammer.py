@@ -163,7 +163,8 @@ UNITS = [
     ("m/s^2", "mm/s^2", {}, "got 'mm/s^2' of channel 'z', expected 'm/s^2', as in the file; correct one of them"),
     ("V", "g_0", {}, "got 'g_0' of channel 'z', expected 'V', as in the file; give its sensitivity"),
     ("EU", "g", {"sensitivity": 0.1, "in_volts": True},
-     "got a sensitivity in volts of channel 'z', whose file is in 'EU', expected a file in one of V, mV, uV; write the file's number for one unit"),
+     "got a sensitivity in volts of channel 'z', whose file is in 'EU', expected a file in one of V, mV, uV; "
+     "write the file's number for one unit"),
     ("m/s^2", "g_0", {"sensitivity": 0.1}, "got a sensitivity of channel 'z', whose file is in 'm/s^2'"),
     ("m/s^2", None, {"quantity": "velocity"}, "got 'm/s^2' of channel 'z', expected a unit of velocity"),
     ("m/s^2", None, {"full_scale": 3.0}, "got a full scale without unit"),
