@@ -20,7 +20,7 @@ CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("IDENT_PROGRAMS", "on")  # shapes and types are checked where a program is traced first
 os.environ.setdefault("EQX_ON_ERROR", "nan")  # as the command line sets it: one set of programs for all
-# as `ident.jit` for its programs, and less still: of the thousands of single operations here none runs for long
+# as `ident.programs` for its programs, and less still: of the thousands of single operations here none runs for long
 QUICKLY = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
 QUICKLY += " --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
 os.environ.setdefault("XLA_FLAGS", QUICKLY)

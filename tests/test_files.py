@@ -58,7 +58,7 @@ from pathlib import Path
 import numpy as np
 import xarray
 from ident.errors import InputError
-from ident.present.files.netcdf import write_netcdf_result
+from ident.present.files.document import write_netcdf_result
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))

@@ -97,7 +97,7 @@ def test_a_link_in_the_place_of_the_folder_is_left_alone(cache):
 
 
 def known(programs, x):
-    """What computes a function of one array, as `ident.jit` calls it; None where there is none."""
+    """What computes a function of one array, as `ident.programs` calls it; None where there is none."""
     found = programs.find((x,), {})
     return found and (lambda x: found([x]))
 

@@ -1,28 +1,19 @@
 """A command made of a study: its flags follow from the study's inputs and options, its complaints name them."""
 
-import atexit
-import ctypes
-import gc
 import inspect
 import json
 import os
-import sys
 import textwrap
 import tomllib
-import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
-from dataclasses import Field, dataclass, field
-from functools import cache
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import Field
 from pathlib import Path
-from tempfile import TemporaryFile
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 
 import typer
 
-from ident import __version__
+from ident.cli import running
 from ident.errors import InputError, Problem
 from ident.files import together
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
@@ -30,108 +21,10 @@ from ident.studies.result import Result, written_to
 from ident.text import decode, did_you_mean, one_line, quoted, read_bytes
 
 if TYPE_CHECKING:
-    from ident.description.file import ArmFile
-    from ident.measure import Campaign
+    pass
 
 
-# -------- App
-# The program `ident` itself: its commands hang on `app`.
-
-app = typer.Typer(
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    help="How stiff is each joint of a robot arm? ident fits joint stiffnesses to measured natural frequencies "
-    "and static deflections, and says how far each one can be trusted.",
-)
-
-
-def _print_version(asked: bool) -> None:
-    if asked:
-        typer.echo(__version__)
-        raise typer.Exit
-
-
-@app.callback()
-def _root(
-    version: Annotated[
-        bool, typer.Option("--version", help="print the version and stop", callback=_print_version, is_eager=True)
-    ] = False,
-) -> None:
-    """Options of the program itself."""
-
-
-# -------- Output
-# What a command says: words for people, or one JSON document for programs.
-#
-# Words go to standard output; with `--json` they go to standard error, and with `--quiet` nowhere. Errors always go to
-# standard error.
-
-FOLDED: dict[str, Any] = {"subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
-JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON; words go to standard error")]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="print no words but errors")]
-
-
-@dataclass
-class Output:
-    """How one command speaks, and what it has to say to programs.
-
-    Attributes:
-        json: whether a document is printed at the end.
-        quiet: whether there are no words.
-        document: the result for programs, made when it is asked for.
-        written: files.
-    """
-
-    json: bool = False
-    quiet: bool = False
-    document: Callable[[], Mapping[str, Any]] = dict
-    written: list[str] = field(default_factory=list)
-
-    def say(self, text: str = "", *, nl: bool = True) -> None:
-        """Print words."""
-        if not self.quiet:
-            typer.echo(text, nl=nl, err=self.json)
-
-    def wrote(self, path: Path) -> None:
-        """Say that a file was written."""
-        self.written.append(str(path))
-        self.say(f"wrote {path}")
-
-
-SPOKEN: ContextVar[Output] = ContextVar("SPOKEN")
-"""How the present command speaks."""
-
-
-def output() -> Output:
-    """Return how the present command speaks."""
-    return SPOKEN.get(Output())
-
-
-@contextmanager
-def speaking(*, as_json: bool, quiet: bool) -> Iterator[None]:
-    """Speak so within; at the end, whatever the exit status, print the document if that was asked for."""
-    spoken = Output(as_json, quiet)
-    token = SPOKEN.set(spoken)
-    end: typer.Exit | None = None
-    try:
-        yield
-    except typer.Exit as stop:
-        end = stop
-    finally:
-        SPOKEN.reset(token)
-    if as_json:
-        document = {**spoken.document(), "written": spoken.written, "status": end.exit_code if end else 0}
-        typer.echo(json.dumps(document, allow_nan=False))
-    if end:
-        raise end
-
-
-def say_notes(notes: Iterable[str]) -> None:
-    """Say where an arm is not what its robot description says."""
-    for note in notes:
-        output().say(textwrap.fill(f"NOTE: {note}", 100, **FOLDED))
-
+from ident.cli.output import JsonOption, QuietOption, app, output, say_notes, speaking
 
 # -------- Defaults
 # Defaults of flags from `ident.toml` beside the campaign, or the arm: command line before file before ident's own.
@@ -271,110 +164,6 @@ def _cast(kind: Any, value: Any, folder: Path) -> Any:
     return folder / value if kind is Path else kind(value)
 
 
-# -------- Running
-# What every command does first: set up jax, read the inputs, show progress.
-
-NEW_PROGRAM = "/jax/compilation_cache/cache_misses"
-"""What jax reports of a program that it has compiled, as none like it was kept."""
-LONGEST_PATH = 200
-"""Characters of a path that a message repeats."""
-
-
-def start() -> None:
-    """Set up jax: double precision, and compiled programs kept from one run to the next."""
-    warnings.simplefilter(
-        "ignore", append=True
-    )  # what a library warns of is no news to who uses ident; -W says otherwise
-    glibc("mallopt", -8, 2)  # M_ARENA_MAX: threads share two heaps, a sixth less memory than with one each
-    gc.set_threshold(1_000_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA logs slow compilation as an error
-    atexit.register(gc.freeze)  # and 0.6 s less to stop: what is left goes with the process
-    import jax
-
-    folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    jax.config.update("jax_enable_x64", True)
-    if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
-        jax.config.update("jax_compilation_cache_dir", str(Path(folder) / "ident" / "jax"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    os.environ.setdefault("IDENT_PROGRAMS", "on")
-    os.environ.setdefault("EQX_ON_ERROR", "nan")  # the checks of diffrax else call Python, which no cache can keep
-    if sys.stderr.isatty() and not output().quiet:
-        import jax.monitoring
-
-        jax.monitoring.register_event_listener(_look_out_for_new_programs)
-
-
-def glibc(name: str, *numbers: int) -> None:
-    """Call a function of glibc about memory; on other systems nothing happens."""
-    with suppress(Exception):
-        getattr(ctypes.CDLL(None), name)(*numbers)
-
-
-def _look_out_for_new_programs(event: str, **_: Any) -> None:
-    if event == NEW_PROGRAM:
-        _say_that_it_compiles()
-
-
-@cache
-def _say_that_it_compiles() -> None:
-    """Say once why this run takes longer than the next one will."""
-    typer.echo("compiling, once: the next run like this one starts at once", err=True)
-
-
-def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
-    """Read a campaign and its arm, arm.toml beside the campaign if no other is named; and set up jax between them.
-
-    So a campaign that is refused need not wait for jax.
-    """
-    from ident.measure import read_campaign
-
-    measured = read_campaign(campaign)
-    start()
-    from ident.description.file import read_arm
-
-    return measured, read_arm(arm or campaign.parent / "arm.toml")
-
-
-def check_folder(out: Path) -> None:
-    """Refuse a folder that can't be written, before anything is computed for it.
-
-    Raises:
-        InputError: it is a file, or lies where nothing can be written.
-    """
-    there, got = out, ""
-    try:
-        there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
-        if there.is_dir():
-            with TemporaryFile(dir=there):  # rights alone do not tell: root has them in /proc, too
-                pass
-        else:
-            got = "a file"
-    except (OSError, ValueError) as error:
-        got = f"no place to write ({(getattr(error, 'strerror', None) or str(error)).lower()})"
-    if got:
-        where = one_line(str(there)[:LONGEST_PATH])
-        raise InputError(Problem(where, got, "a folder that can be written", "choose another (`folder`)"))
-
-
-def discard_unless_taken(folder: Path, discard: Callable[[Path], None]) -> None:
-    """Remove what a finished run has kept; another run that has begun to go on from there will remove it."""
-    with suppress(InputError):
-        discard(folder)
-
-
-def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:
-    """Return what shows a bar over an iterable on a terminal; it vanishes at the end."""
-    if output().quiet or not sys.stderr.isatty():
-        return iter
-    from rich.console import Console
-    from rich.progress import track
-
-    def shown(numbers: Iterable[int]) -> Iterator[int]:
-        return iter(track(numbers, description, total, console=Console(stderr=True), transient=True))
-
-    return shown
-
-
 # -------- Command
 
 CampaignArgument = Annotated[Path, typer.Argument(help="measurements, a CSV file (data/README.md)")]
@@ -435,9 +224,9 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
             try:
                 options = _options(kind, values)
                 if "out" in inputs:
-                    check_folder(inputs["out"])
+                    running.check_folder(inputs["out"])
                 if inputs.get("campaign") is None:
-                    start()
+                    running.start()
                 with written_to(None if values.get("force") else inputs.get("out")):
                     function(**inputs, options=options)
             except InputError as error:
@@ -509,8 +298,8 @@ def offer(
         options: Options, out: Path = Path("out"), no_figure: bool = True, strict: bool = False, **inputs: Any
     ) -> None:
         if main == "campaign":
-            inputs["campaign"], inputs["arm"] = read(inputs["campaign"], inputs["arm"])
-        shown = {"progress": progress} if "progress" in names else {}
+            inputs["campaign"], inputs["arm"] = running.read(inputs["campaign"], inputs["arm"])
+        shown = {"progress": running.progress} if "progress" in names else {}
         result = study(**inputs, options=options, **shown)
         if files:
             finish(result, out, no_figure)

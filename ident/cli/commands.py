@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ident.cli import command as running
+from ident.cli import running
 from ident.cli.command import (
     SHORT,
     ArmOption,

@@ -5,7 +5,7 @@ import pytest
 from arms import DATA
 
 from ident.description.file import read_arm
-from ident.identify import fleet_draws
+from ident.identify import fleet as fleet_draws
 from ident.identify.compare import sample_campaign
 from ident.identify.fit import fit_campaign
 from ident.identify.fleet import draws_under

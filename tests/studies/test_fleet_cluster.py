@@ -12,7 +12,7 @@ from clusters import Cluster, Disturbed, Run
 from results import TIME
 
 from ident import InputError
-from ident.studies import fleet_engine
+from ident.studies import fleet_tasks as fleet_engine
 from ident.studies.fleet import FleetOptions, fleet
 
 pytestmark = pytest.mark.slow

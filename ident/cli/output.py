@@ -1,0 +1,112 @@
+"""The program's app, and what a command says: for people, or as one JSON document."""
+
+import json
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ident import __version__
+
+# -------- App
+# The program `ident` itself: its commands hang on `app`.
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="How stiff is each joint of a robot arm? ident fits joint stiffnesses to measured natural frequencies "
+    "and static deflections, and says how far each one can be trusted.",
+)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", help="print the version and stop", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Options of the program itself."""
+
+
+# -------- Output
+# What a command says: words for people, or one JSON document for programs.
+#
+# Words go to standard output; with `--json` they go to standard error, and with `--quiet` nowhere. Errors always go to
+# standard error.
+
+FOLDED: dict[str, Any] = {"subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
+JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON; words go to standard error")]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="print no words but errors")]
+
+
+@dataclass
+class Output:
+    """How one command speaks, and what it has to say to programs.
+
+    Attributes:
+        json: whether a document is printed at the end.
+        quiet: whether there are no words.
+        document: the result for programs, made when it is asked for.
+        written: files.
+    """
+
+    json: bool = False
+    quiet: bool = False
+    document: Callable[[], Mapping[str, Any]] = dict
+    written: list[str] = field(default_factory=list)
+
+    def say(self, text: str = "", *, nl: bool = True) -> None:
+        """Print words."""
+        if not self.quiet:
+            typer.echo(text, nl=nl, err=self.json)
+
+    def wrote(self, path: Path) -> None:
+        """Say that a file was written."""
+        self.written.append(str(path))
+        self.say(f"wrote {path}")
+
+
+SPOKEN: ContextVar[Output] = ContextVar("SPOKEN")
+"""How the present command speaks."""
+
+
+def output() -> Output:
+    """Return how the present command speaks."""
+    return SPOKEN.get(Output())
+
+
+@contextmanager
+def speaking(*, as_json: bool, quiet: bool) -> Iterator[None]:
+    """Speak so within; at the end, whatever the exit status, print the document if that was asked for."""
+    spoken = Output(as_json, quiet)
+    token = SPOKEN.set(spoken)
+    end: typer.Exit | None = None
+    try:
+        yield
+    except typer.Exit as stop:
+        end = stop
+    finally:
+        SPOKEN.reset(token)
+    if as_json:
+        document = {**spoken.document(), "written": spoken.written, "status": end.exit_code if end else 0}
+        typer.echo(json.dumps(document, allow_nan=False))
+    if end:
+        raise end
+
+
+def say_notes(notes: Iterable[str]) -> None:
+    """Say where an arm is not what its robot description says."""
+    for note in notes:
+        output().say(textwrap.fill(f"NOTE: {note}", 100, **FOLDED))

@@ -1,0 +1,125 @@
+"""What every command does first: set up jax, read the inputs, show progress."""
+
+import atexit
+import ctypes
+import gc
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from ident.cli.output import output
+from ident.errors import InputError, Problem
+from ident.text import one_line
+
+if TYPE_CHECKING:
+    from ident.description.file import ArmFile
+    from ident.measure import Campaign
+
+
+NEW_PROGRAM = "/jax/compilation_cache/cache_misses"
+"""What jax reports of a program that it has compiled, as none like it was kept."""
+LONGEST_PATH = 200
+"""Characters of a path that a message repeats."""
+
+
+def start() -> None:
+    """Set up jax: double precision, and compiled programs kept from one run to the next."""
+    warnings.simplefilter(
+        "ignore", append=True
+    )  # what a library warns of is no news to who uses ident; -W says otherwise
+    glibc("mallopt", -8, 2)  # M_ARENA_MAX: threads share two heaps, a sixth less memory than with one each
+    gc.set_threshold(1_000_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA logs slow compilation as an error
+    atexit.register(gc.freeze)  # and 0.6 s less to stop: what is left goes with the process
+    import jax
+
+    folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    jax.config.update("jax_enable_x64", True)
+    if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        jax.config.update("jax_compilation_cache_dir", str(Path(folder) / "ident" / "jax"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    os.environ.setdefault("IDENT_PROGRAMS", "on")
+    os.environ.setdefault("EQX_ON_ERROR", "nan")  # the checks of diffrax else call Python, which no cache can keep
+    if sys.stderr.isatty() and not output().quiet:
+        import jax.monitoring
+
+        jax.monitoring.register_event_listener(_look_out_for_new_programs)
+
+
+def glibc(name: str, *numbers: int) -> None:
+    """Call a function of glibc about memory; on other systems nothing happens."""
+    with suppress(Exception):
+        getattr(ctypes.CDLL(None), name)(*numbers)
+
+
+def _look_out_for_new_programs(event: str, **_: Any) -> None:
+    if event == NEW_PROGRAM:
+        _say_that_it_compiles()
+
+
+@cache
+def _say_that_it_compiles() -> None:
+    """Say once why this run takes longer than the next one will."""
+    typer.echo("compiling, once: the next run like this one starts at once", err=True)
+
+
+def read(campaign: Path, arm: Path | None) -> tuple["Campaign", "ArmFile"]:
+    """Read a campaign and its arm, arm.toml beside the campaign if no other is named; and set up jax between them.
+
+    So a campaign that is refused need not wait for jax.
+    """
+    from ident.measure import read_campaign
+
+    measured = read_campaign(campaign)
+    start()
+    from ident.description.file import read_arm
+
+    return measured, read_arm(arm or campaign.parent / "arm.toml")
+
+
+def check_folder(out: Path) -> None:
+    """Refuse a folder that can't be written, before anything is computed for it.
+
+    Raises:
+        InputError: it is a file, or lies where nothing can be written.
+    """
+    there, got = out, ""
+    try:
+        there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+        if there.is_dir():
+            with TemporaryFile(dir=there):  # rights alone do not tell: root has them in /proc, too
+                pass
+        else:
+            got = "a file"
+    except (OSError, ValueError) as error:
+        got = f"no place to write ({(getattr(error, 'strerror', None) or str(error)).lower()})"
+    if got:
+        where = one_line(str(there)[:LONGEST_PATH])
+        raise InputError(Problem(where, got, "a folder that can be written", "choose another (`folder`)"))
+
+
+def discard_unless_taken(folder: Path, discard: Callable[[Path], None]) -> None:
+    """Remove what a finished run has kept; another run that has begun to go on from there will remove it."""
+    with suppress(InputError):
+        discard(folder)
+
+
+def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:
+    """Return what shows a bar over an iterable on a terminal; it vanishes at the end."""
+    if output().quiet or not sys.stderr.isatty():
+        return iter
+    from rich.console import Console
+    from rich.progress import track
+
+    def shown(numbers: Iterable[int]) -> Iterator[int]:
+        return iter(track(numbers, description, total, console=Console(stderr=True), transient=True))
+
+    return shown
