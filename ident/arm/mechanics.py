@@ -380,7 +380,6 @@ def _shape(chain: Chain) -> tuple[int, ...]:
 
 
 # -------- Motors
-#
 
 Matrix = Float[Array, "n n *#batch"]
 Vector = Float[Array, "n *#batch"]

@@ -244,8 +244,8 @@ def _eig(A: Inexact[Array, "k k"]) -> tuple[Array, Array, Array]:
 # -------- Labels
 # Names for modes by what moves: `vertical bending 1`, `lateral torsion 1`, and how a measured name finds its mode.
 #
-# A mode is `bending` or `torsion` by where most of the bushings' strain energy sits, `vertical` or `lateral` by how the
-# arm's end point moves, and numbered in ascending frequency among the modes of the same name.
+# A mode is `bending` or `torsion` by where most of the bushings' strain energy sits, `vertical` or `lateral` by how
+# the arm's end point moves, and numbered in ascending frequency among the modes of the same name.
 
 AMBIGUOUS = 0.1
 """A share this near to one half leaves the name of a mode open."""

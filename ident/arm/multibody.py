@@ -98,7 +98,7 @@ def refuse_losses(arm: Arm) -> None:
 
 
 class Drives(eqx.Module):
-    """Harmonic drives of all joints; a joint without one has ratio 1 and nothing that turns. See `ident.arm.drive`.
+    """Harmonic drives of all joints; a joint without one has ratio 1 and nothing that turns. See `ident.arm.parts`.
 
     Attributes:
         ratio: (N, *batch) [-]
@@ -313,7 +313,6 @@ def _belts(arm: Arm, rank: int) -> Belts:
 
 
 # -------- Belts
-#
 
 Spans = Float[Array, "2 B *#batch"]
 
@@ -380,8 +379,8 @@ def _span(D: Array, radius: Array) -> Array:
 # -------- Multibody kinematics
 # Kinematics of an arm whose pins are driven: the motors' command, how pins and pulleys turn, where bodies are.
 #
-# Coordinates y are flat: joint by joint the rotation vector phi_j of its bushing along the axes of its shaft, then for
-# each elastic belt the deviation xi of the pin that it drives from its command. No angle is taken as small.
+# Coordinates y are flat: joint by joint the rotation vector phi_j of its bushing along the axes of its shaft, then
+# for each elastic belt the deviation xi of the pin that it drives from its command. No angle is taken as small.
 
 Joints = Float[Array, "N *#batch"]
 

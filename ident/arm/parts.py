@@ -64,7 +64,7 @@ class Joint(eqx.Module):
     The bushing's moment is K phi with K = k_bend (1 - a a') + k_tors a a', a the axis, phi the rotation vector;
     its damping moment is C dphi/dt with the coefficients c = tau k. With loss factors eta it also loses, in harmonic
     motion at any frequency, 2 pi eta times its largest strain energy in a cycle: a moment i eta k phi (structural, or
-    hysteretic, damping). That has no equation in time, see `ident.arm.losses`.
+    hysteretic, damping). That has no equation in time, see `ident.arm.multibody`.
 
     Attributes:
         name: unique in its arm.
@@ -295,7 +295,7 @@ class Servo(eqx.Module):
 
 
 PROFILES = ("s-curve", "trapezoid", "cycloid")
-"""How alpha may go from one end of a stroke to the other; see `ident.vibrate.motion.stroke`."""
+"""How alpha may go from one end of a stroke to the other; see `ident.vibrate.motion`."""
 
 
 class Stroke(eqx.Module):
@@ -334,7 +334,6 @@ def _no_more(numbers: dict[str, Any]) -> None:
 
 
 # -------- Springs
-#
 
 WIDTH = 0.25
 """Half the width of a transition, as a share of the angle at which the broken line bends."""

@@ -16,8 +16,7 @@ from ident.arm.parts import Belt, Body, Drive, Joint
 #
 # Seen from the link along which a belt runs, the driver's pulley turns by theta1 - q1 = (N1 - 1) q1, since its shaft
 # turns by -q1, and the driven one, whose shaft is fixed to the link, by theta2 = N2 q2. With q = alpha direction the
-# belt
-# stays as it is where
+# belt stays as it is where
 #
 #     r1 (N1 - 1) direction1 = r2 N2 direction2
 #
@@ -202,10 +201,8 @@ def to_box(end: Float[np.ndarray, "3"], box: Float[np.ndarray, "2 3"]) -> float:
 # What looks odd about an arm: numbers that an arm can have, so that no reader refuses them, but hardly has.
 #
 # A mass centre beyond its link, an inertia of no body of that size, a stiffness that its load bends by degrees, a
-# length
-# in the wrong unit. Each check is a rule of thumb, wide enough that a sound arm passes; each finding names the number
-# and
-# what would be expected. Geometry is that of the zero posture, in which all frames are parallel.
+# length in the wrong unit. Each check is a rule of thumb, wide enough that a sound arm passes; each finding names the
+# number and what would be expected. Geometry is that of the zero posture, in which all frames are parallel.
 
 LONGEST, SHORTEST = 20.0, 0.05
 """Reach [m] beyond which metres and millimetres were probably mixed up."""

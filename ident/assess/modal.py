@@ -204,7 +204,7 @@ def _slopes(each: Labelled, shapes: bool) -> Float[np.ndarray, "r n"]:
 def _ratios(shape: Complex[np.ndarray, "O"]) -> tuple[int, Float[np.ndarray, "r"], Float[np.ndarray, "r two_O"]]:
     """Return the place of the largest motion, the others over it, and their slopes by real and imaginary parts.
 
-    The shape is turned so that it is as real as can be, see `ident.identify.shapes`, and the real parts count.
+    The shape is turned so that it is as real as can be, see `ident.identify.conditions`, and the real parts count.
     """
     turn = np.exp(-0.5j * np.angle((shape**2).sum()))
     turned = shape * turn

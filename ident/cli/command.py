@@ -9,22 +9,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import Field
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
 from ident.cli import running
+from ident.cli.output import FOLDED, JsonOption, QuietOption, app, output, say_notes, speaking
 from ident.errors import InputError, Problem
 from ident.files import together
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result, written_to
 from ident.text import decode, did_you_mean, one_line, quoted, read_bytes
-
-if TYPE_CHECKING:
-    pass
-
-
-from ident.cli.output import JsonOption, QuietOption, app, output, say_notes, speaking
 
 # -------- Defaults
 # Defaults of flags from `ident.toml` beside the campaign, or the arm: command line before file before ident's own.
@@ -48,7 +43,7 @@ TYPES: dict[type, tuple[Any, str]] = {
 """What a flag of each type takes from the file, and how that is said."""
 LONGEST_SHOWN = 90
 """Characters of a value that are repeated."""
-NO_DEFAULTS = ("help", "json", "quiet", "restart")
+NO_DEFAULTS = ("help", "json", "quiet", "restart", "force")
 """Flags that a file can't set: they are said once."""
 
 

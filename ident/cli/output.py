@@ -43,8 +43,8 @@ def _root(
 # -------- Output
 # What a command says: words for people, or one JSON document for programs.
 #
-# Words go to standard output; with `--json` they go to standard error, and with `--quiet` nowhere. Errors always go to
-# standard error.
+# Words go to standard output; with `--json` they go to standard error, and with `--quiet` nowhere. Errors always go
+# to standard error.
 
 FOLDED: dict[str, Any] = {"subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
 JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON; words go to standard error")]

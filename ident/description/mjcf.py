@@ -546,7 +546,7 @@ def _body_name(model: Any, body: int) -> str:
     return str(model.body(body).name) or f"body{body}"
 
 
-# -------- Mjcf tree
+# -------- Tree of an MJCF file
 # The elements of an MJCF file, changed in place and written as they are otherwise.
 #
 # What MuJoCo writes has six digits, which would move natural frequencies by 1e-6; so the text of the file is changed.

@@ -31,12 +31,13 @@ from ident.errors import InputError, Problem
 from ident.programs import jit
 from ident.text import one_line, read_bytes
 
-# -------- Mjcf tangents
+# -------- Tangents for MJCF
 # Springs that MuJoCo's hinges have in place of a bushing about one working point, exact there.
 #
-# The energy of a bushing, phi' K phi / 2 of its rotation vector, has in the angles x of three hinges one after another
-# terms of third order, k_tors x_1 x_2 x_3 / 2 first, which no stiffness of theirs has. About the equilibrium of one
-# posture it is g'd + d'H d / 2: three springs along the eigenvectors of H, each a tendon over the three hinges.
+# The energy of a bushing, phi' K phi / 2 of its rotation vector, has in the angles x of three hinges one after
+# another terms of third order, k_tors x_1 x_2 x_3 / 2 first, which no stiffness of theirs has. About the equilibrium
+# of one posture it is g'd + d'H d / 2: three springs along the eigenvectors of H, each a tendon over the three
+# hinges.
 
 STEPS = 8
 """Of Newton's method from a rotation vector to the angles of three hinges, which are equal but for its square."""
@@ -126,7 +127,7 @@ def _working_point(arm: Arm, posture: Float[Array, "driven"]) -> tuple[Float[Arr
     return equilibrium(chain), chain.frame
 
 
-# -------- Xml text
+# -------- XML
 # XML as text that stays as it was written but for what is put in.
 
 
@@ -153,7 +154,7 @@ def comment(lines: list[str]) -> bytes:
     return f"<!--\n{text}\n-->\n".encode()
 
 
-# -------- Mjcf writing
+# -------- Writing MJCF
 
 HINGE_DEFAULTS = {
     "type": "hinge",

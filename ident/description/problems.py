@@ -184,7 +184,7 @@ def _table_loc(keys: list[str], counts: dict[Loc, int], *, new: bool) -> Loc:
     return loc
 
 
-# -------- Toml text
+# -------- TOML
 # TOML text as plain data, and its mistakes as one-line problems.
 
 

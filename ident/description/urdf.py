@@ -38,7 +38,7 @@ from ident.description.robot import (
 from ident.errors import InputError, Problem
 from ident.text import NAME, NAME_RULE, did_you_mean, one_line, read_bytes
 
-# -------- Urdf chain
+# -------- Chain of a URDF file
 # The serial chain of a URDF file: what moves, in the base frame at zero posture, and what is wrong with the file.
 
 INERTIA = {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"}
@@ -272,7 +272,7 @@ def _check_tree(robot: Any, links: set[str], where: str) -> None:
         raise InputError(problems)
 
 
-# -------- Urdf
+# -------- URDF
 
 
 def read_urdf(

@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 
 
 # -------- Definitions
-#
 
 """What a measured frequency is of its damped mode: undamped, of the pole, damped, or of a peak; see `DEFINITIONS`."""
 
@@ -103,7 +102,6 @@ def defined(
 
 
 # -------- Loops
-#
 
 PREFIX = "loop:"
 """What the names of the widths begin with; then a number from 1, and the kind of its rows."""
@@ -345,19 +343,17 @@ def room(group: np.ndarray) -> np.ndarray:
 #
 #     predicted = r + (1 + r r') (p - y)_i,    i = 1 ... n,
 #
-# which is u_i / u_0 up to the square of their difference, and never larger than the measured shape allows: p - y is the
-# residual in the plane across the model's shape.
+# which is u_i / u_0 up to the square of their difference, and never larger than the measured shape allows: p - y is
+# the residual in the plane across the model's shape.
 #
 # The shape of a damped mode (`pole`) is complex. Measured and computed ones are turned by the same rule, so that they
-# are as real as can be at the places of the shape: by the angle a that makes the sum of (u exp(-i a))^2 positive. Their
-# real parts are compared; without damping nothing is turned.
+# are as real as can be at the places of the shape: by the angle a that makes the sum of (u exp(-i a))^2 positive.
+# Their real parts are compared; without damping nothing is turned.
 #
 # Where another mode b has nearly the same frequency both are known as the plane that they span only, and p may leave
-# the
-# direction of u within it: p is the point of that plane that is nearest to y, a step t b across u counting for
+# the direction of u within it: p is the point of that plane that is nearest to y, a step t b across u counting for
 # t^2 |u|^2 (g / NEAR)^2, where g is the relative distance of the squared frequencies. So modes far apart are compared
-# as
-# they are, modes that coincide as a plane, and the prediction is smooth throughout, as shapes turn by 1/g at most.
+# as they are, modes that coincide as a plane, and the prediction is smooth throughout, as shapes turn by 1/g at most.
 
 NEAR = 0.02
 """Relative distance of squared frequencies at which two modes count half as their plane: 1 % in frequency."""
@@ -532,7 +528,7 @@ class Readings(eqx.Module):
         datum: (n, *batch) [m] what a position is counted from, along its direction; None likewise.
         loop: (n,) which loop of a ramp it is of, from 1, negative where it was read while loading, 0 for none; None
             where all are of none, or their `lag` is known.
-        lag: (n, *batch) [m or rad] by how much it lags behind, half the width of its loop (`loops.with_loops`).
+        lag: (n, *batch) [m or rad] by how much it lags behind, half the width of its loop (`with_loops`).
     """
 
     states: Int[AnyArray, n]

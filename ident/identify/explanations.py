@@ -276,7 +276,7 @@ class Change:
     """One thing that would have to be otherwise.
 
     Attributes:
-        kind: a kind of number (`alternatives.KINDS`), of assumption (`assumptions.KINDS`), or `value`, `exchange`, `on`
+        kind: a kind of number (`hypotheses.KINDS`), of assumption (`assumptions.KINDS`), or `value`, `exchange`, `on`
             and `off` for slips: a wrong value, two values exchanged, a payload that was on or off.
         of: the number's body, link, spring or kind of measurement; the payload; the joint.
         rows: places of the rows that a slip is about.

@@ -436,7 +436,7 @@ class CampaignFit(Fit):
         campaign: what was measured.
         assumptions: what it takes for granted, and what that may move; None where no optimum was reached.
         exchanges: which two values, exchanged, would make data fit that do not.
-        weights: (D,) by which each value counts in a robust fit, see `ident.inference.robust`; None in any other.
+        weights: (D,) by which each value counts in a robust fit, see `ident.inference.scrutiny`; None in any other.
         explanations: what would reconcile the data, see `ident.identify.explanations`; None where that was not asked.
     """
 

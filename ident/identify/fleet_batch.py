@@ -27,9 +27,8 @@ from ident.programs import jit
 # Many problems that differ in their values alone: searches in batches, for those that nothing speaks against.
 #
 # One program searches for all problems of a batch from the same starts. Where the data fit an optimum that several
-# starts
-# have reached, and nothing that was met rivals it, that is the fit; what `fit` compares besides, kinds of data against
-# each other and the ends of intervals against the cost, is left out. Any other problem is for `fit` alone.
+# starts have reached, and nothing that was met rivals it, that is the fit; what `fit` compares besides, kinds of data
+# against each other and the ends of intervals against the cost, is left out. Any other problem is for `fit` alone.
 
 STARTS, SPREAD = 3, 0.3
 """Starts of each problem, the parameters' own among them, and the standard deviation in theta of the others about it:

@@ -290,7 +290,7 @@ class Finding:
 
     Attributes:
         causes: them.
-        amounts: of each, in its own unit (see `alternatives.KINDS`); of a row, by how many of its sigmas it is off.
+        amounts: of each, in its own unit (see `KINDS`); of a row, by how many of its sigmas it is off.
         sd: of these by data and priors.
         cost: sum of squares of data and priors at the optimum, without what is known of the amounts.
         said: what speaks against the labels there, minus twice the logarithm of their probability.

@@ -14,7 +14,7 @@ Design. The label of a value is data: somebody saw how the arm moved and named i
    of 16 starts of a six-axis arm are lost; with it, none (tests/benchmarks/labels.py).
 4. M-step: each value stays with the shape it has, known again by the largest overlap (v' M u)^2 (modal assurance
    criterion in the mass metric), so that a step is smooth least squares; no shape is differentiated. Where an accepted
-   step leads to where another naming is more probable, the search begins anew there (`least_squares.solve`).
+   step leads to where another naming is more probable, the search begins anew there (`search.solve`).
 5. A start that finds no end so goes on with the order of the modes that the best start so far found, and at last holds
    what it has: it ends in an optimum all the same, and the fit says that its labels contradict it.
 

@@ -191,7 +191,7 @@ def label_modes(
     measured ones compared with them (`ident.modal.assignment`): no computed mode is two measured ones, none is matched
     by order. It is one arm in all postures: a draw counts by how probable it makes the modes of all of them. Draws of
     the prior are few and far from it, so that further ones are made near those that count, round after round
-    (`ident.identify.mode_draws`). What a mode of a draw is called counts for that draw alone, so that a mode named by a
+    (`ident.identify.mode_names`). What a mode of a draw is called counts for that draw alone, so that a mode named by a
     near draw has two names with a probability each.
 
     Args:

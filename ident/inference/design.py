@@ -160,7 +160,6 @@ def _spread(mean: np.ndarray, covariance: np.ndarray, draws: int, seed: int) -> 
 
 
 # -------- Optimal design
-#
 
 D_OPTIMAL, A_OPTIMAL = "d", "a"
 MOST = 2_000_000

@@ -339,7 +339,7 @@ class Fit:
         stretch: (P, 2) factor of the halves of each interval, below and above; 1 where the linear one serves.
         beaten: (P,) theta where the cost is less than the answer's, and a search found no better optimum all the same.
         combinations: of parameters that the data fix, with the widths of their profiles, where these were looked for;
-            see `ident.inference.curvature.fixed_combinations`.
+            see `ident.inference.optima.fixed_combinations`.
     """
 
     problem: InverseProblem

@@ -284,7 +284,8 @@ def standard_deviations(chance: float) -> float:
 # -------- Score
 # Does a fit miss something that its model takes for granted? What that would move, and whether the data ask for it.
 #
-# A model takes for granted that a base is rigid, and that no single value is wrong: both are amounts taken to be zero.
+# A model takes for granted that a base is rigid, and that no single value is wrong: both are amounts taken to be
+# zero.
 
 APART = 1e-6
 """Share of what an amount changes in the data, squared, below which the parameters can make up for all of it."""

@@ -36,7 +36,7 @@ class Posterior(eqx.Module):
 
     Attributes:
         problem: model, data and priors.
-        noise: the noise scales, named `noise.KIND`.
+        noise: the noise scales, named `poles.KIND`.
     """
 
     problem: InverseProblem

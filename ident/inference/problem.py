@@ -17,8 +17,8 @@ from ident.text import did_you_mean
 # Values whose errors are correlated, in groups: what is measured of them is made independent, group by group.
 #
 # With the correlation R of a group's errors and L L' = R, the numbers L^-1 (predicted - measured) / sigma are
-# independent
-# with standard deviation 1 (whitening: generalised least squares, Aitken, Proc. R. Soc. Edinburgh 55, 1936).
+# independent with standard deviation 1 (whitening: generalised least squares, Aitken, Proc. R. Soc. Edinburgh 55,
+# 1936).
 
 OWN_MIN = 1e-4
 """Least part of its standard deviation that an error has to itself, whatever others of its group are."""
@@ -482,7 +482,7 @@ class Discrepant(eqx.Module, Choosing, Growing):
     kinds: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, parameters: Mapping[str, Any], data: Data | None = None) -> Float[Array, "D *batch"]:
-        """Predict values for parameters among which `discrepancy.KIND` are the factors."""
+        """Predict values for parameters among which `KIND` are the factors."""
         rest, factor = self._split(parameters)
         if data is None or not isinstance(self.model, Choosing):
             return factor * self.model(rest)

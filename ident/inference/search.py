@@ -53,7 +53,7 @@ def in_batches(
     return run if threads == 1 else run_in_threads
 
 
-# -------- Gauss newton
+# -------- Gauss-Newton
 # The solver of a search among data so many that each look at the model counts: one for each step.
 #
 # Gauss-Newton with Marquardt's damping where a step leads upwards (Marquardt, J. SIAM 11, 1963), in NumPy.
@@ -122,7 +122,7 @@ def _along_the_line(here: "End", step: Float[np.ndarray, "P"], weigh: Weigh) -> 
 
 
 def _length(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> float:
-    """Return the length of the next whole step in standard deviations, as in `convergence.convergence`."""
+    """Return the length of the next whole step in standard deviations, as in `convergence`."""
     U, s, _ = np.linalg.svd(slope, full_matrices=False)
     return float(np.linalg.norm((U.T @ residuals)[s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)]))
 
@@ -522,7 +522,7 @@ SAME = 1e-3
 
 
 class Searcher:
-    """Searches as `least_squares.solve` does, in less time where data are many.
+    """Searches as `solve` does, in less time where data are many.
 
     A search among many data costs as much as it takes steps. Most of these are needed to come near to an optimum, which
     a part that is like the whole serves as well (`problem.Parts`); there are a few left among all. Starts that end in

@@ -10,7 +10,7 @@ from typing import Any
 
 from ident.errors import InputError, Problem
 from ident.measure.load import Vector
-from ident.measure.table import Findings, misfit, parse_number, read_records, read_table, sniff_delimiter, table_text
+from ident.measure.table import Findings, misfit, parse_number, read_records, sniff_delimiter, table_text
 from ident.text import NAME, did_you_mean, nearest, one_line, quoted
 from ident.units import si_factor
 
@@ -18,9 +18,8 @@ from ident.units import si_factor
 # Correlated errors of a campaign's rows: `CAMPAIGN.covariance.csv` into a correlation for each group, and back.
 #
 # Each row of that file says how the errors of two rows of a group are correlated: `group,i,j,correlation`, i and j
-# their
-# places in the group from 1, in the campaign's order. The standard deviations stand in the campaign. Pairs that are not
-# named are not correlated.
+# their places in the group from 1, in the campaign's order. The standard deviations stand in the campaign. Pairs that
+# are not named are not correlated.
 
 COLUMNS = ("group", "i", "j", "correlation")
 SUFFIX = ".covariance.csv"
@@ -171,19 +170,6 @@ def covariance_path(path: str | Path) -> Path:
     return Path(path).with_suffix(SUFFIX)
 
 
-def read_covariance(path: Path, sizes: Mapping[str, int]) -> Covariance:
-    """Read the correlations of a campaign's groups.
-
-    Args:
-        path: the file.
-        sizes: number of rows of each group, in the campaign's order.
-
-    Raises:
-        InputError: the file can't be read, or something in it is wrong; every problem is listed.
-    """
-    return parse_covariance(read_table(path), path, sizes)
-
-
 def parse_covariance(data: bytes, path: Path, sizes: Mapping[str, int]) -> Covariance:
     """Read correlations from the bytes of a file; `path` names it in messages."""
     file, findings = one_line(str(path)), Findings()
@@ -270,9 +256,9 @@ def _pairs(groups: Sequence[Group]) -> Iterator[tuple[str, int, int, float]]:
 # -------- Setups
 # Frames in which something was measured, such as a laser tracker's: `CAMPAIGN.setups.csv`.
 #
-# Each row says where the frame of a setup is: its origin in the base frame, and the rotation vector that turns the base
-# frame into it, each with a standard deviation for every component: `0` where it is known, `free` where it is not known
-# at all. A setup that rows of the campaign name, and that this file does not, is free.
+# Each row says where the frame of a setup is: its origin in the base frame, and the rotation vector that turns the
+# base frame into it, each with a standard deviation for every component: `0` where it is known, `free` where it is
+# not known at all. A setup that rows of the campaign name, and that this file does not, is free.
 
 SETUP_COLUMNS = ("setup", "x", "y", "z", "unit", "sigma", "rx", "ry", "rz", "turn_unit", "turn_sigma")
 SETUP_SUFFIX = ".setups.csv"

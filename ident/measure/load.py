@@ -1,4 +1,4 @@
-"""Load cases and directions: what hangs on the arm, and the short text that says so."""
+"""Kinds of measurement, load cases and directions: what hangs on the arm, and the short text that says so."""
 
 import math
 import re

@@ -440,7 +440,7 @@ def measured_tests(
         processing: windows, estimator and band.
 
     Raises:
-        InputError: see `ident.modal.sources`, `ident.modal.records`; a record that is too short or without a hit.
+        InputError: see `ident.modal.sources`, `ident.modal.sources`; a record that is too short or without a hit.
     """
     processing = processing or Processing()
     ambient = ambient_files(table, recordings)

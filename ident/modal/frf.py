@@ -72,7 +72,6 @@ class Frf:
 
 
 # -------- Checks
-#
 
 ALONG = 0.999
 """Cosine of the angle of two directions that are the same."""
@@ -163,7 +162,6 @@ def _same(responses: tuple[Place, ...], references: tuple[Place, ...]) -> Iterat
 
 
 # -------- Estimates
-#
 
 ESTIMATORS = ("h1", "h2", "hv")
 """Estimators: h1 for noise of the response, h2 for noise of the force, hv for both alike."""
@@ -300,7 +298,6 @@ class ModalTest:
 
 
 # -------- Windows
-#
 
 MARGIN = 3.0
 """Duration of the force window's flat part behind the pulse and of its fall, each, in durations of the pulse."""

@@ -110,7 +110,7 @@ class Tracked:
         frequency: (m,) [Hz]
         damping: (m,) [-]
         shape: (O, m) complex accelerations, one at a response that has much of the mode.
-        covariance: (n, n) joint, in the order of `ident.modal.modal_parameters`.
+        covariance: (n, n) joint, in the order of `ident.modal.parameters`.
         lost: (m,) whether a pole is another one where a block is left out.
     """
 
@@ -291,7 +291,7 @@ def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None)
 
     Poles by covariance-driven stochastic subspace identification over orders; those that last by themselves are
     clustered as of a hammer test. A mode is the median of its cluster; leaving out one block of the record at a time
-    gives the covariance (`ident.modal.block_jackknife`).
+    gives the covariance (`ident.modal.operational`).
 
     Args:
         test: the correlation functions.

@@ -1,4 +1,4 @@
-"""What ident can do: one file a study, with its options, its result and its function."""
+"""What ident can do: a study has a file with its options, its result and its function; small ones share one."""
 
 STUDIES = (
     *("modal", "predict", "check", "fit", "profile", "sample", "validate", "plan"),

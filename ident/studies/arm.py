@@ -321,8 +321,9 @@ def kinds() -> Mapping[str, str]:
 def columns() -> Mapping[str, tuple[str, ...]]:
     """Return the words that columns of a campaign have to choose from."""
     from ident.measure import DEFINITIONS, DRIVE_STATES
+    from ident.measure.load import RAMPS
 
-    return {"of": DEFINITIONS, "drives": DRIVE_STATES}
+    return {"of": DEFINITIONS, "drives": DRIVE_STATES, "ramp": RAMPS}
 
 
 def choices() -> Mapping[str, tuple[str, ...]]:

@@ -242,9 +242,9 @@ def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
     if not os.path.isdir(folder):
         raise InputError(Problem(where, "no such folder", expected, "check the path"))
     shared = Path(arm) if arm is not None else folder / ARM
-    found: list[Files] = [(path.stem, path, shared) for path in folder.glob("*.csv") if path.is_file()]
+    found: list[Files] = [(path.stem, path, shared) for path in _tables(folder) if path.is_file()]
     for path in folder.iterdir():
-        if tables := list(path.glob("*.csv")):
+        if tables := _tables(path):
             own = path / ARM
             campaign = tables[0] if len(tables) == 1 else path / CAMPAIGN
             found.append((path.name, campaign, own if own.is_file() else shared))
@@ -254,3 +254,10 @@ def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
         remedy = "put arm.toml beside the robots, or name it (`arm`)"
         raise InputError(Problem(one_line(str(shared)), "no such file", "the arm's description", remedy))
     return found
+
+
+def _tables(folder: Path) -> list[Path]:
+    """Return the campaigns in a folder, without the files beside them."""
+    from ident.measure.covariance_and_frames import SETUP_SUFFIX, SUFFIX
+
+    return [path for path in folder.glob("*.csv") if not path.name.endswith((SUFFIX, SETUP_SUFFIX))]

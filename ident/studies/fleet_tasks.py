@@ -355,10 +355,14 @@ def _handed_out(
     running: dict[Future[str], tuple[T, int, Executor]] = {}
     while waiting or running:
         while waiting and len(running) < most:
-            (task, times), executor = waiting.popleft(), free.pop() if free else fresh()
+            (task, times), idle = waiting.popleft(), bool(free)
+            executor = free.pop() if idle else fresh()
             try:
                 future = executor.submit(work, task)
-            except Exception as error:  # killed while it had nothing to do
+            except Exception as error:
+                if idle:  # killed while it had nothing to do, which is no fault of this task
+                    waiting.appendleft((task, times))
+                    continue
                 future = Future()
                 future.set_exception(error)
             running[future] = task, times, executor

@@ -30,7 +30,7 @@ SLOWEST = 1e-3
 """Lowest speed [%]."""
 PHASES = ("unknown", "file")
 """What is taken for the phases of the turning masses."""
-"""How large a vibration is; see `ident.vibrate.response.amplitude`."""
+"""How large a vibration is; see `ident.vibrate.simulate`."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -362,8 +362,8 @@ def _tied(text: str, flag: str) -> tuple[str, ...]:
 # Words that options choose from and that belong to rooms which are too heavy to be imported for `ident --help`.
 
 STROKE_PROFILES = ("s-curve", "trapezoid", "cycloid")
-"""Those of `ident.arm.drive`."""
+"""Those of `ident.arm.parts`."""
 WINDOWS = ("hann", "boxcar", "hamming", "blackmanharris", "flattop")
-"""Those of `ident.vibrate.signal.windows`."""
+"""Those of `ident.vibrate.spectra`."""
 MEASURES = ("peak", "rms", "residual")
-"""Those of `ident.vibrate.response.amplitude`."""
+"""Those of `ident.vibrate.simulate`."""

@@ -183,7 +183,7 @@ def as_file(arm: "Arm | ArmFile | str | Path", soft_base: float | None = None) -
 
     Args:
         arm: the arm, or its file.
-        soft_base: puts it on a base that gives, see `ident.arm.base.on_soft_base`.
+        soft_base: puts it on a base that gives, see `ident.arm.arm.on_soft_base`.
 
     Raises:
         InputError: it is no arm, its file is wrong, or it stands on a base that gives already.

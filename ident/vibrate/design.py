@@ -386,7 +386,6 @@ class Search:
 
 
 # -------- Worst case
-#
 
 ROUNDS = 4
 """Further searches, with one cut more each, at most."""

@@ -361,7 +361,7 @@ class Evaluator:
         arm: as it is.
         motion: the commanded motion.
         variables: what is changed.
-        measure: of the vibration, see `amplitude.MEASURES`.
+        measure: of the vibration, see `simulate.MEASURES`.
         draws: of some of the arm's numbers, by path; a change acts on each draw, see `Variable`. Where no drive of the
             arm has a kinematic error, none of a draw has.
         loads: the load case.

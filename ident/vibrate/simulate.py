@@ -320,9 +320,9 @@ def largest(parts: Any) -> Any:
 # - for each drive, `by_pin` times the deviation e sin(2 theta + chi) = e (sin 2 theta cos chi + cos 2 theta sin chi) of
 #   its pin and its two rates, each of which is linear in e.
 #
-# So the vibration is v = v0 + sum over the phases that are not known of c cos psi + s sin psi. U of them are determined
-# by 2 U + 1 simulations: with all at 0, and with each alone at 90 and at 180 degrees. What is left out of the sum is of
-# second order:
+# So the vibration is v = v0 + sum over the phases that are not known of c cos psi + s sin psi. U of them are
+# determined by 2 U + 1 simulations: with all at 0, and with each alone at 90 and at 180 degrees. What is left out of
+# the sum is of second order:
 #
 # - of m e^2 all but the moment of inertia about the axis, which is there whatever the phase, and part of v0;
 # - the end point's arc, of x^2 over the length of the arm: 1e-4 of the vibration and less.

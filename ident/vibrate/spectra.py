@@ -166,7 +166,6 @@ def _window_problems(window: str) -> Iterator[Problem]:
 
 
 # -------- Spectrum
-#
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ class Sweep:
 
     Attributes:
         axes: one or two.
-        measure: of the vibration, see `amplitude.MEASURES`.
+        measure: of the vibration, see `simulate.MEASURES`.
         amplitude: (3, *grid) [m] of the arm itself.
         present: (3,) [m] as the arm is.
         draws: (3, *grid, D) [m] of draws; None without.

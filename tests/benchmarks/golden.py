@@ -127,7 +127,9 @@ def table(case: Case) -> dict[str, Rows]:
 
 def plain(value: Any) -> Any:
     """Return a value as JSON has it, numbers as Python's."""
-    return json.loads(json.dumps(value, default=lambda v: v.item() if isinstance(v, np.generic) else str(v)))
+    return json.loads(
+        json.dumps(value, default=lambda v: v.tolist() if isinstance(v, np.generic | np.ndarray) else str(v))
+    )
 
 
 def compared(file: Path, new: dict[str, Rows]) -> int:
@@ -154,6 +156,9 @@ def main() -> None:
         if options.only not in name or (options.short and not short):
             continue
         start, file = time.perf_counter(), options.folder / f"{name.replace(' ', '_')}.json"
+        if options.what == "compare" and not file.exists():
+            print(f"{name}: not kept")
+            continue
         print(f"{name} ...", end=" ", flush=True)
         new = table(case)
         print(f"{time.perf_counter() - start:.0f} s")

@@ -1,4 +1,4 @@
-"""Figures of a fit, and figures as files. With `style` and the `..._figure` modules the only ones with matplotlib.
+"""Figures of fits, comparisons, profiles and validations.
 
 Figures are made without pyplot, so that nothing global is touched.
 """

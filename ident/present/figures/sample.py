@@ -1,4 +1,4 @@
-"""Figures of a sampled posterior: what it says, corner plot, traces."""
+"""Figures of a sampled posterior (what it says, corner plot, traces), of plans and of fleets."""
 
 import math
 from typing import Any

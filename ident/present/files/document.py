@@ -1,4 +1,4 @@
-"""Result files as JSON: from what a result was made, with what and how, its main numbers, and the result itself."""
+"""Result files as JSON (what a result was made from, with what and how, its main numbers, all of it) and netCDF; PNG, PDF."""
 
 import hashlib
 import json
@@ -20,8 +20,6 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from ident.errors import InputError, ModelError, Problem
 from ident.files import replace_file
@@ -31,6 +29,7 @@ from ident.text import decode as decode_text
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.figure import Figure
 
 LIBRARIES = ("ident", "jax", "optimistix", "emcee", "arviz", "diffrax", "ruckig", "xarray", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
@@ -159,7 +158,7 @@ def _laid_out(value: Any, indent: str = "") -> str:
     return f"{opening}\n{inner}" + f",\n{inner}".join(parts) + f"\n{indent}{closing}"
 
 
-# -------- Netcdf
+# -------- netCDF
 # Result files as netCDF: arrays that other tools read, and in a group of its own the result to load again.
 
 GROUP = "ident"
@@ -254,7 +253,7 @@ def whole(path: str | Path, got: str, expected: str, remedy: str) -> Iterator[No
         raise InputError(Problem(one_line(str(path)), got, expected, remedy)) from None
 
 
-# -------- Pdf
+# -------- PDF
 # A page as PDF, printed by a browser that is on this machine.
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -298,14 +297,16 @@ def write_pdf(page: Path, path: Path) -> None:
     replace_file(path, lambda file: file.write(content))
 
 
-# -------- Png
+# -------- PNG
 # Figures as PNG files.
 
 DPI = 130
 
 
-def save(figure: Figure, path: Path) -> None:
+def save(figure: "Figure", path: Path) -> None:
     """Write a figure as PNG, whole or not at all; what `Figure.savefig` writes, which draws it twice."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     figure.set_dpi(DPI)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)

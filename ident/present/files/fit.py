@@ -1,4 +1,4 @@
-"""A fit as rows, and fitted values out of its result file."""
+"""A fit and a plan as rows, and fitted values out of a fit's result file."""
 
 import csv
 import hashlib

@@ -1,4 +1,4 @@
-"""Draws as ArviZ InferenceData, the format that other tools for posteriors read."""
+"""Draws as ArviZ InferenceData, which other tools for posteriors read; rows of diagnoses and fleets."""
 
 import hashlib
 import json

@@ -77,7 +77,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure as SVG; `picture.picture` makes one.
+    """A figure as SVG; `picture` makes one.
 
     Attributes:
         svg: the whole SVG document.

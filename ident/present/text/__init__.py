@@ -1,1 +1,1 @@
-"""Printed reports, one file a capability."""
+"""Printed reports; small ones share a file."""

@@ -1,4 +1,4 @@
-"""The printed report of a check before any solving."""
+"""The printed reports of checks before any solving, comparisons, validations and profiles."""
 
 import math
 from collections.abc import Iterator, Sequence

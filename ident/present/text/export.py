@@ -1,4 +1,4 @@
-"""What was identified, as lines of a comment in a robot description."""
+"""What was identified, as a comment in a robot description; the printed reports of explore and rerun."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

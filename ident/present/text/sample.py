@@ -1,4 +1,4 @@
-"""The printed report of a sampled posterior."""
+"""The printed reports of a sampled posterior and of a fleet."""
 
 import math
 from collections.abc import Iterator

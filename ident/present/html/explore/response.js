@@ -36,7 +36,7 @@ function eigenmodes(chain, at, L, M, n) {
   });
 }
 
-// Damping ratio of light damping, shares of strain energy, motion of the line, label (ident.arm.labels).
+// Damping ratio of light damping, shares of strain energy, motion of the line, label (ident.arm.modes).
 function describe(chain, at, shape, omega, counts) {
   const by = byJoint(shape), form = (field) => by.map((x, j) => dot(x, matvec(chain.joints[j][field], x)));
   const [bend, tors, loss] = ["bend", "tors", "damping"].map(form), sum = (x) => x.reduce((a, b) => a + b, 0);
