@@ -1,4 +1,4 @@
-"""Result files as JSON (what a result was made from, with what and how, its main numbers, all of it) and netCDF; PNG, PDF."""
+"""Result files as JSON (what a result was made from and how, its main numbers, all of it) and netCDF; PNG, PDF."""
 
 import hashlib
 import json
