@@ -59,8 +59,8 @@ def in_batches(
 # Gauss-Newton with Marquardt's damping where a step leads upwards (Marquardt, J. SIAM 11, 1963), in NumPy.
 
 MAX_STEPS = 200
-SHORT = 1e-3
-"""Length of the next step [sd] that is taken along a straight line without another look, and ends the search."""
+SHORT, LEAST_STEP = 1e-3, 1e-7
+"""Lengths of the next step [sd] below which it is the last one, and below which there is none to take."""
 LEVEL = 1e-10
 """Rise of the cost, relative to one plus the cost, that is rounding."""
 DAMPING, FACTOR, LEAST, MOST = 1e-3, 10.0, 1e-9, 1e12
@@ -93,10 +93,13 @@ def minimum(
             return here, True
         if damping > MOST:
             return here, True
-        if _length(residuals, slope) < SHORT:
-            return _along_the_line(here, _step(residuals, slope, 0.0), weigh), True
-        step = _step(residuals, slope, damping)
+        length = _length(residuals, slope)
+        if length < LEAST_STEP:
+            return here, True
+        step = _step(residuals, slope, damping if length >= SHORT else 0.0)
         there = look(here.theta + step, here.choice.held)
+        if length < SHORT:
+            return there if there.cost <= here.cost + LEVEL * (1 + here.cost) else here, True
         foreseen = here.cost - ((residuals + slope @ step) ** 2).sum()
         gain = (here.cost - there.cost) / max(foreseen, 1e-300)
         damping = _next_damping(damping, gain)
@@ -112,13 +115,6 @@ def _next_damping(damping: float, gain: float) -> float:
     if gain > GAINS[1]:
         return damping / FACTOR if damping > LEAST else 0.0
     return damping
-
-
-def _along_the_line(here: "End", step: Float[np.ndarray, "P"], weigh: Weigh) -> "End":
-    """Return where a short step leads: what bends on the way is less than the square of its length."""
-    there = here._replace(theta=here.theta + step, predicted=here.predicted + here.jacobian @ step)
-    residuals, slope = weigh(there)
-    return there._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
 
 
 def _length(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> float:

@@ -51,6 +51,17 @@ def test_a_straight_problem_takes_two_looks():
     assert end.cost == pytest.approx(((A @ end.theta - b) ** 2).sum(), rel=1e-12)
 
 
+def test_a_search_ends_on_what_was_computed():
+    """Not on what a straight line foresees: cost and predictions are those of a look at the end."""
+    look, weigh = of(lambda x: [np.exp(x[0]) - 2.0, 0.3 * x[0]], lambda x: [[np.exp(x[0])], [0.3]])
+    end, ended = minimum(look, weigh, np.array([0.66]), None, True)
+    there = look(end.theta, None)
+    assert ended
+    assert end.cost == there.cost
+    np.testing.assert_array_equal(end.predicted, there.predicted)
+    assert abs(there.gradient) < 1e-4
+
+
 def test_a_model_without_an_answer_ends_the_search():
     end, ended = minimum(*of(lambda x: [np.nan], lambda x: [[1.0]]), np.zeros(1), None, True)
     assert ended
