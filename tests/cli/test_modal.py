@@ -7,7 +7,7 @@ import pytest
 from commands import files
 from hammer_files import FOLDER
 
-from ident.cli.command import start
+from ident.cli.running import start
 
 pytestmark = pytest.mark.slow
 

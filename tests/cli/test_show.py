@@ -8,6 +8,7 @@ from commands import ARM, files
 
 from ident.arm.modes import parse_label
 from ident.measure import DEFINITIONS, DRIVE_STATES, KINDS, Load
+from ident.measure.load import RAMPS
 from ident.studies.arm import choices
 from ident.vibrate.motion import PROFILES
 from ident.vibrate.spectra import WINDOWS
@@ -102,4 +103,4 @@ def test_words_that_options_choose_from_are_those_that_are_taken(listed):
     assert set(listed["choices"]["explore --profile"]) == set(PROFILES)
     assert listed["choices"]["simulate --profile"] == listed["choices"]["explore --profile"]
     assert set(listed["choices"]["spectrum --window"]) == set(WINDOWS)
-    assert listed["columns"] == {"of": list(DEFINITIONS), "drives": list(DRIVE_STATES)}
+    assert listed["columns"] == {"of": list(DEFINITIONS), "drives": list(DRIVE_STATES), "ramp": list(RAMPS)}
