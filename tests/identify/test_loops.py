@@ -25,6 +25,8 @@ from ident.present.text.fit import fit_report
 from ident.present.text.warnings import ramps_told
 from ident.programs import jit
 
+pytestmark = pytest.mark.slow
+
 POSTURES = [(0.0, 0.0, 0.0), (0.5, -1.0, 0.6)]
 FORCES = (0.0, 50.0, 100.0, 150.0)
 """[N] of a ramp, up to the largest and back."""

@@ -21,6 +21,8 @@ from ident.identify.problem import build_problem
 from ident.measure import Campaign, Load, Measurement, parse_campaign, read_campaign, write_campaign
 from ident.measure.covariance_and_frames import Setup, Setups
 
+pytestmark = pytest.mark.slow
+
 TURN, ORIGIN = np.array([0.4, -2.0, 1.1]), np.array([2.3, -1.7, 0.6])
 """Rotation vector [rad] and place [m] of a tracker."""
 AXES = np.eye(3)

@@ -19,6 +19,8 @@ from ident.inference.search import evaluate, solve
 from ident.measure import Campaign, Measurement
 from ident.measure.reading import format_campaign, parse_campaign
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def arm():

@@ -20,6 +20,8 @@ from ident.measure import Campaign, Load, Measurement, read_campaign
 from ident.studies.fit import FitOptions
 from ident.studies.fleet import FleetOptions
 
+pytestmark = pytest.mark.slow
+
 MASS, OFFSET = "link2.mass", "joint2.offset.x"
 WIDTHS = {MASS: "5%", OFFSET: "2mm", "load": "1%"}
 BY_HAND = {MASS: 0.05, OFFSET: 1.0, "load": 0.01}

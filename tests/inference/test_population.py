@@ -17,6 +17,8 @@ from scipy.stats import binom
 
 from ident.inference.population import FALSE_ALARM, Draws, Likelihood, deviations, population
 
+pytestmark = pytest.mark.slow
+
 
 def test_an_interim_prior_is_divided_out():
     rng = np.random.default_rng(1)
@@ -29,7 +31,6 @@ def test_an_interim_prior_is_divided_out():
     np.testing.assert_allclose(likelihood.shift, A.T @ y, atol=1e-10)
 
 
-@pytest.mark.slow
 def test_the_joint_model_agrees():
     fleet = gaussian_fleet(np.random.default_rng(5), robots=6, parameters=2, faulty=2)
     ours = population(fleet.likelihoods, np.zeros(2), np.ones(2), seed=1, steps=6000)
