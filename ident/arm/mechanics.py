@@ -380,6 +380,7 @@ def _shape(chain: Chain) -> tuple[int, ...]:
 
 
 # -------- Motors
+# Motors that servos hold, as coordinates beside the bushings: the equations stand at the file's head.
 
 Matrix = Float[Array, "n n *#batch"]
 Vector = Float[Array, "n *#batch"]

@@ -313,6 +313,7 @@ def _belts(arm: Arm, rank: int) -> Belts:
 
 
 # -------- Belts
+# Stretch and tension of elastic belts, and what they do to bushings and pins: the equations stand at the file's head.
 
 Spans = Float[Array, "2 B *#batch"]
 

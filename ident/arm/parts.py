@@ -334,6 +334,7 @@ def _no_more(numbers: dict[str, Any]) -> None:
 
 
 # -------- Springs
+# What a bushing's torque adds to stiffness times angle: the curves stand at the file's head.
 
 WIDTH = 0.25
 """Half the width of a transition, as a share of the angle at which the broken line bends."""

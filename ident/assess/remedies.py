@@ -11,7 +11,7 @@ from scipy.stats import binomtest
 from ident.assess.effort import DiagnosisEffort
 from ident.assess.scenario import Basis, OverPhases, Unknowns, at_share, over_phases
 from ident.errors import InputError, Problem
-from ident.vibrate.design import Effort, Point, Requirements, Search, settled, with_cut
+from ident.vibrate.design_search import Effort, Point, Requirements, Search, settled, with_cut
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, Variable, binomial_estimate, side_by_side
 from ident.vibrate.exact import Progress
 from ident.vibrate.response import Response, peak

@@ -38,7 +38,7 @@ from ident.studies.diagnose import (
     DiagnoseResult,
     check_browser,
     diagnose,
-    discard,
+    discard_stages,
     part_folder,
 )
 from ident.studies.explore import explore
@@ -106,7 +106,7 @@ def sample_command(
     Goes on where an earlier run of the same inputs was stopped. Writes CAMPAIGN.sample.nc (ArviZ InferenceData) and
     figures into the folder given by --out. Exit status 3 where the chains are too short.
     """
-    from ident.studies.sample import discard
+    from ident.studies.sample import discard_checkpoints
 
     measured, described = running.read(campaign, arm)
     folder = out / f"{measured.name}.sample.part"
@@ -117,7 +117,7 @@ def sample_command(
         raise typer.Exit(130) from None
     finish(result, out, no_figure)
     if result.enough:
-        running.discard_unless_taken(folder, discard)
+        running.discard_unless_taken(folder, discard_checkpoints)
     else:
         output().say(f"kept {folder}: the same command with more --steps goes on from there")
     leave(result, strict=strict)
@@ -260,7 +260,7 @@ def rerun(
     output().document = repeated.document
     if out is not None:
         write(repeated.now, out)
-    running.discard_unless_taken(folder, discard)
+    running.discard_unless_taken(folder, discard_stages)
     if not repeated.same:
         raise typer.Exit(SHORT)
 
@@ -320,7 +320,7 @@ def show(
         return
     running.check_folder(out)
     running.start()
-    from ident.studies import options as reading
+    from ident.studies import reading
     from ident.studies.arm import show as draw
 
     try:
@@ -474,7 +474,7 @@ def run_diagnose(
     output().say(result.closing)
     output().document = result.document
     write(result, out, [lambda folder: (result.save_pdf(folder),)] if pdf else [])
-    running.discard_unless_taken(folder, discard)
+    running.discard_unless_taken(folder, discard_stages)
     return result
 
 
@@ -518,7 +518,7 @@ def export(
     reads them; an arm file the values, with the origin calibrated. Of a posterior the medians are written.
     """
     running.start()
-    from ident.studies import options as reading
+    from ident.studies import reading
     from ident.studies.export import export as write
 
     at = None if posture is None else reading.postures([posture], "--posture")[0]

@@ -387,12 +387,6 @@ def whole_information(predictions: CandidatePredictions, instruments: Instrument
     return fisher(np.concatenate([scaled, both], -1)[..., None, :]) / (1 - instruments.common)
 
 
-def row_information(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T P P"]:
-    """Return the Fisher information of each frequency, and last of the deflection, as the only value."""
-    scaled = np.moveaxis(predictions.jacobian, 1, -1) / sigmas(predictions, instruments)[..., None]
-    return fisher(scaled[..., None, :])
-
-
 def sigmas(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T"]:
     """Return the standard deviations [SI] that are to be expected."""
     read = np.hypot(instruments.sigma["deflection"] * predictions.deflection, RESOLUTION)

@@ -48,9 +48,7 @@ if TYPE_CHECKING:
 
 
 # -------- Definitions
-
-"""What a measured frequency is of its damped mode: undamped, of the pole, damped, or of a peak; see `DEFINITIONS`."""
-
+# What a measured frequency is of its damped mode: undamped, of the pole, damped, or of a peak; see `DEFINITIONS`.
 
 MOST_DAMPED = 0.7
 """Damping ratio up to which a mode counts as having a peak; from 0.707 on there is none, and near it it is flat."""
@@ -102,6 +100,7 @@ def defined(
 
 
 # -------- Loops
+# By how much an arm, its load let down, stays behind what it was on the way up: the equations stand at the file's head.
 
 PREFIX = "loop:"
 """What the names of the widths begin with; then a number from 1, and the kind of its rows."""

@@ -160,6 +160,7 @@ def _spread(mean: np.ndarray, covariance: np.ndarray, draws: int, seed: int) -> 
 
 
 # -------- Optimal design
+# Which experiments tell most for their cost: information gain, greedy batches.
 
 D_OPTIMAL, A_OPTIMAL = "d", "a"
 MOST = 2_000_000
@@ -226,11 +227,6 @@ def without_common(whole: Float[np.ndarray, "*batch Q Q"], count: int) -> Float[
     """Return the information on the first parameters, whatever the common errors after them are: normal, of sd 1."""
     known = np.diag(np.where(np.arange(whole.shape[-1]) < count, 0.0, 1.0))
     return marginal(whole + known, range(count))
-
-
-def bundle(scaled: Float[np.ndarray, "T D P"], rows: Sequence[Sequence[int]], cost: Sequence[float]) -> Experiments:
-    """Return the experiments that take these rows of a scaled Jacobian (`scaled_jacobians`) together."""
-    return Experiments(np.stack([fisher(scaled[:, list(own)]) for own in rows]), np.asarray(cost, float))
 
 
 @dataclass(frozen=True)

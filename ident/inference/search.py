@@ -1,5 +1,6 @@
 """Searches for the minimum of a least-squares problem: the model in batches, two solvers, convergence, many starts."""
 
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -59,8 +60,8 @@ def in_batches(
 # Gauss-Newton with Marquardt's damping where a step leads upwards (Marquardt, J. SIAM 11, 1963), in NumPy.
 
 MAX_STEPS = 200
-SHORT, LEAST_STEP = 1e-3, 1e-7
-"""Lengths of the next step [sd] below which it is the last one, and below which there is none to take."""
+SHORT, LEAST_STEP = 1e-3, 1e-6
+"""Lengths of the next step [sd] below which it is taken whole, and below which the search has ended."""
 LEVEL = 1e-10
 """Rise of the cost, relative to one plus the cost, that is rounding."""
 DAMPING, FACTOR, LEAST, MOST = 1e-3, 10.0, 1e-9, 1e12
@@ -86,7 +87,7 @@ def minimum(
         to_the_end: whether it goes on where the model would choose anew.
         steps: at most.
     """
-    here, damping = look(start, held), 0.0
+    here, damping, before = look(start, held), 0.0, math.inf
     for _ in range(steps):
         residuals, slope = weigh(here)
         if not (np.isfinite(here.cost) and np.isfinite(slope).all() and (to_the_end or here.choice.settled)):
@@ -94,12 +95,16 @@ def minimum(
         if damping > MOST:
             return here, True
         length = _length(residuals, slope)
-        if length < LEAST_STEP:
+        near = length < SHORT
+        if length < LEAST_STEP or (near and length >= before):
             return here, True
-        step = _step(residuals, slope, damping if length >= SHORT else 0.0)
+        step = _step(residuals, slope, 0.0 if near else damping)
         there = look(here.theta + step, here.choice.held)
-        if length < SHORT:
-            return there if there.cost <= here.cost + LEVEL * (1 + here.cost) else here, True
+        if near:  # gains are rounding soon, and no measure of a step any more
+            if there.cost > here.cost + LEVEL * (1 + here.cost):
+                return here, True
+            here, before = there, length
+            continue
         foreseen = here.cost - ((residuals + slope @ step) ** 2).sum()
         gain = (here.cost - there.cost) / max(foreseen, 1e-300)
         damping = _next_damping(damping, gain)

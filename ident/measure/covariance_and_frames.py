@@ -21,8 +21,8 @@ from ident.units import si_factor
 # their places in the group from 1, in the campaign's order. The standard deviations stand in the campaign. Pairs that
 # are not named are not correlated.
 
-COLUMNS = ("group", "i", "j", "correlation")
-SUFFIX = ".covariance.csv"
+COVARIANCE_COLUMNS = ("group", "i", "j", "correlation")
+COVARIANCE_SUFFIX = ".covariance.csv"
 CLOSEST = 1e-8
 """Distance from 1 that a correlation of two rows keeps: nearer, their difference is known 10,000 times better than each
 of them, which no instrument does, and a fit to it finds no end."""
@@ -167,25 +167,25 @@ def correlated(rows: Sequence[tuple[str, int]], covariance: Covariance | None) -
 
 def covariance_path(path: str | Path) -> Path:
     """Return where the correlations of a campaign's file lie: beside it."""
-    return Path(path).with_suffix(SUFFIX)
+    return Path(path).with_suffix(COVARIANCE_SUFFIX)
 
 
 def parse_covariance(data: bytes, path: Path, sizes: Mapping[str, int]) -> Covariance:
     """Read correlations from the bytes of a file; `path` names it in messages."""
     file, findings = one_line(str(path)), Findings()
     text = table_text(data, file)
-    delimiter = sniff_delimiter(text, COLUMNS.__contains__)
+    delimiter = sniff_delimiter(text, COVARIANCE_COLUMNS.__contains__)
     records = list(read_records(text, delimiter, file, findings))
-    if not records or records[0][1] != list(COLUMNS):
+    if not records or records[0][1] != list(COVARIANCE_COLUMNS):
         where = records[0][0] if records else file
-        findings.append(Problem(where, "another header", ",".join(COLUMNS), "write these columns"))
+        findings.append(Problem(where, "another header", ",".join(COVARIANCE_COLUMNS), "write these columns"))
         raise InputError(findings)
     made = {name: [[float(i == j) for j in range(n)] for i in range(n)] for name, n in sizes.items() if n <= LARGEST}
     findings += [_too_large(file, name, n) for name, n in sizes.items() if n > LARGEST]
     said: set[tuple[str, int, int]] = set()
     for where, cells in records[1:]:
-        if len(cells) != len(COLUMNS):
-            findings.append(misfit(where, len(cells), len(COLUMNS), delimiter))
+        if len(cells) != len(COVARIANCE_COLUMNS):
+            findings.append(misfit(where, len(cells), len(COVARIANCE_COLUMNS), delimiter))
         elif pair := _pair(where, cells, sizes, findings):
             name, i, j, value = pair
             if (name, *sorted((i, j))) in said:
@@ -241,7 +241,8 @@ def _correlation(text: str) -> float:
 
 def covariance_text(groups: Sequence[Group], campaign: str) -> str:
     """Return correlations as CSV text; pairs that are not correlated are left out."""
-    head = f"# {campaign}: rows i and j of each group, counted from 1; sigma stands there\n{','.join(COLUMNS)}\n"
+    columns = ",".join(COVARIANCE_COLUMNS)
+    head = f"# {campaign}: rows i and j of each group, counted from 1; sigma stands there\n{columns}\n"
     return head + "".join(f"{name},{i},{j},{value!r}\n" for name, i, j, value in _pairs(groups))
 
 

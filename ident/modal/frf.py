@@ -10,11 +10,10 @@ The window exp(-sigma t) on force and response alike makes of the response funct
 another line of the complex plane, H(sigma + i omega): each pole p becomes p - sigma, exactly.
 
 References:
-    Ewins, "Modal Testing", 2nd ed. 2000, sections 3.4.2 (driving point) and 3.10 (reciprocity).
+    Ewins, "Modal Testing", 2nd ed. 2000, sections 3.4.2 (driving point), 3.7.4 (windows), 3.10 (reciprocity).
     Bendat and Piersol, "Random Data", 4th ed. 2010, chapter 6 (H1, H2, coherence).
     Rocklin, Crowley, Vold, "A comparison of H1, H2 and Hv frequency response functions", IMAC III, 1985.
     Efron, "The Jackknife, the Bootstrap and Other Resampling Plans", 1982 (pseudo-values).
-    Ewins, "Modal Testing", 2nd ed. 2000, section 3.7.4 (exponential window and its correction).
 """
 
 import math
@@ -72,6 +71,7 @@ class Frf:
 
 
 # -------- Checks
+# Whether frequency responses are those of one linear structure: driving points and reciprocity.
 
 ALONG = 0.999
 """Cosine of the angle of two directions that are the same."""
@@ -162,6 +162,7 @@ def _same(responses: tuple[Place, ...], references: tuple[Place, ...]) -> Iterat
 
 
 # -------- Estimates
+# H1, H2 and Hv of several hits, with coherence, and what each hit contributes.
 
 ESTIMATORS = ("h1", "h2", "hv")
 """Estimators: h1 for noise of the response, h2 for noise of the force, hv for both alike."""
@@ -298,6 +299,7 @@ class ModalTest:
 
 
 # -------- Windows
+# Of a hammer test: about the pulse for the force, and one that fades all of it out.
 
 MARGIN = 3.0
 """Duration of the force window's flat part behind the pulse and of its fall, each, in durations of the pulse."""

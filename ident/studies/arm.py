@@ -215,7 +215,6 @@ class ArmPicture:
         Raises:
             InputError: the folder or the file can't be written.
         """
-        from ident.files import replace_file, together
         from ident.present.files.document import save
 
         path = Path(folder) / f"{self.name}.png"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ident.errors import InputError, Problem
-from ident.studies import options as reading
+from ident.studies import reading
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Result, check_place, study_of
 from ident.studies.shared import UnitOptions

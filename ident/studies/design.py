@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ident.measure import Log
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
-    from ident.vibrate.design import Requirements
+    from ident.vibrate.design_search import Requirements
     from ident.vibrate.evaluator import Evaluator, Variable
 
 TIGHTENED = 2
@@ -74,7 +74,7 @@ class DesignOptions(AmplitudeOptions):
     @property
     def required(self) -> "Requirements":
         """What a design must keep [SI]."""
-        from ident.vibrate.design import Requirements
+        from ident.vibrate.design_search import Requirements
 
         deflection = inf if self.max_deflection is None else self.max_deflection / 1e3
         return Requirements(self.min_frequency or 0.0, deflection, inf if self.max_change is None else self.max_change)

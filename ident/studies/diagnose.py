@@ -82,7 +82,7 @@ def _hash(value: Any) -> str:
     return hashlib.sha256(json.dumps(encode(value)).encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def discard(folder: str | Path) -> None:
+def discard_stages(folder: str | Path) -> None:
     """Remove the stages that a diagnosis has kept in a folder, and the folder if nothing else is in it.
 
     Raises:
@@ -334,7 +334,7 @@ def diagnose(
         options: the limit, the motion, and what is unknown of the arm.
         path: a joint path to follow instead of the stroke: a log, or its file.
         folder: where finished stages are kept, so that a call with the same inputs goes on behind the last of them;
-            `discard` removes it. None to keep nothing.
+            `discard_stages` removes it. None to keep nothing.
         restart: throw away the stages that are kept there.
         progress: shows how far each stage is.
         on_stage: is told of each stage when it is finished, or taken over.
@@ -353,7 +353,7 @@ def diagnose(
     check_place(_name(campaign), {"arm": arm_file, "campaign": campaign, "path": log})
     job = Job(arm_file, campaign, options, log, folder, progress)
     if restart and folder is not None:
-        discard(folder)
+        discard_stages(folder)
     fresh = folder is not None and not os.path.exists(folder)
     with claimed(folder):
         store = Store(folder, job.identity)

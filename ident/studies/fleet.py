@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from ident.errors import InputError, Problem
 from ident.studies.fit import FitOptions
-from ident.studies.options import Options, keyword_options, option
+from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent
 from ident.text import one_line
 
@@ -24,28 +24,22 @@ CAMPAIGN, ARM = "campaign.csv", "arm.toml"
 
 
 @dataclass(frozen=True, kw_only=True)
-class EngineOptions(Options):
-    """Where robots are computed, and how many at a time."""
+class FleetOptions(FitOptions):
+    """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
+
+    refuses: ClassVar[tuple[str, ...]] = ("uncertain", "robust", "no_explain")
 
     workers: int = option(1, "processes that compute robots at the same time", low=1, high=1024)
     dask: str = option("", "address of a Dask scheduler whose workers compute them instead, as tcp://host:8786")
+    batch: int = option(
+        1, "robots measured in the same way that are fitted together; 1: each by itself", low=1, high=4096
+    )
+    normal: bool = option(False, "take each robot's data by a normal approximation, not by draws that the model weighs")
 
     def problems(self) -> list[Problem]:
         """Refuse processes here beside a cluster."""
         both = Problem("dask", f"{self.workers} processes here, too", "one of both", "leave `workers` out")
         return [*super().problems(), *([both] if self.dask and self.workers > 1 else [])]
-
-
-@dataclass(frozen=True, kw_only=True)
-class FleetOptions(EngineOptions, FitOptions):
-    """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
-
-    refuses: ClassVar[tuple[str, ...]] = ("uncertain", "robust", "no_explain")
-
-    batch: int = option(
-        1, "robots measured in the same way that are fitted together; 1: each by itself", low=1, high=4096
-    )
-    normal: bool = option(False, "take each robot's data by a normal approximation, not by draws that the model weighs")
 
     @property
     def of_each(self) -> "FleetOptions":
@@ -258,6 +252,6 @@ def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
 
 def _tables(folder: Path) -> list[Path]:
     """Return the campaigns in a folder, without the files beside them."""
-    from ident.measure.covariance_and_frames import SETUP_SUFFIX, SUFFIX
+    from ident.measure.covariance_and_frames import COVARIANCE_SUFFIX, SETUP_SUFFIX
 
-    return [path for path in folder.glob("*.csv") if not path.name.endswith((SUFFIX, SETUP_SUFFIX))]
+    return [path for path in folder.glob("*.csv") if not path.name.endswith((COVARIANCE_SUFFIX, SETUP_SUFFIX))]

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ident.identify.fleet import Robot, SourceFile
     from ident.identify.fleet_batch import Given
     from ident.inference.population import Draws, Under
-    from ident.studies.fleet import EngineOptions, FleetOptions
+    from ident.studies.fleet import FleetOptions
 
 KILLS = 3
 """Workers that a robot may have killed before it is given up."""
@@ -274,7 +274,7 @@ class Engine(ExitStack):
         options: processes here, or a cluster.
     """
 
-    def __init__(self, options: "EngineOptions"):
+    def __init__(self, options: "FleetOptions"):
         super().__init__()
         self.options = options
         self.cluster: Callable[[list[Any]], Iterator[tuple[Any, str]]] | None = None

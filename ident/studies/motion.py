@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
-from ident.studies import options as reading
+from ident.studies import reading
 from ident.studies.options import MEASURES, STROKE_PROFILES, option
 from ident.studies.shared import ArmOptions, as_file, with_numbers
 
@@ -30,7 +30,6 @@ SLOWEST = 1e-3
 """Lowest speed [%]."""
 PHASES = ("unknown", "file")
 """What is taken for the phases of the turning masses."""
-"""How large a vibration is; see `ident.vibrate.simulate`."""
 
 
 @dataclass(frozen=True, kw_only=True)

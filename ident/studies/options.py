@@ -6,7 +6,7 @@ What `ident --help` says and what the command line refuses follow from these, an
 import inspect
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from functools import wraps
 from numbers import Integral, Real
@@ -14,9 +14,8 @@ from types import NoneType, UnionType
 from typing import Any, ClassVar, Self, TypeVar, get_args, get_origin
 
 from ident.errors import InputError, Problem
-from ident.inference.priors import Prior
 from ident.text import did_you_mean
-from ident.units import STIFFNESS_UNITS, USUAL, stiffness_in
+from ident.units import USUAL, stiffness_in
 
 R = TypeVar("R")
 """What a study returns."""
@@ -217,145 +216,6 @@ def renamed(kind: type[Options], problem: Problem) -> Problem:
     plain = replace(plain, expected=in_words(problem.expected), remedy=in_words(problem.remedy))
     flag = flags.get(problem.column or problem.where)
     return replace(plain, where=flag, column="") if flag else plain
-
-
-# -------- Reading
-# How the texts of options are read: numbers, names, and pairs of both.
-
-
-def number(text: str, flag: str) -> float:
-    """Read a finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.inf
-    if not math.isfinite(value):
-        raise InputError(Problem(flag, f"'{text}'", "a finite number", "correct it, see --help"))
-    return value
-
-
-def names(texts: Sequence[str], flag: str) -> tuple[str, ...]:
-    """Read names, one a text."""
-    return tuple(texts)
-
-
-def words(text: str, flag: str) -> tuple[str, ...]:
-    """Read words with commas between, in small letters."""
-    return tuple(part.strip().lower() for part in text.split(","))
-
-
-def several(text: str, flag: str) -> tuple[float, ...]:
-    """Read numbers with commas between."""
-    return tuple(number(part, f"{flag} {text}") for part in text.split(","))
-
-
-def ties(texts: Sequence[str], flag: str) -> tuple[tuple[str, ...], ...]:
-    """Read groups of names with = between."""
-    return tuple(_tied(text, flag) for text in texts)
-
-
-def numbers(texts: Sequence[str], flag: str) -> dict[str, float]:
-    """Read NAME=NUMBER, each name once."""
-    pairs = [(text, *named(text, f"{flag} {text}")) for text in texts]
-    return once(flag, [(name, number(value, f"{flag} {text}")) for text, name, value in pairs])
-
-
-def shares(texts: Sequence[str], flag: str) -> dict[str, float]:
-    """Read NAME=NUMBER, with commas between several, each name once; a number alone is of frequencies."""
-    parts = [part.strip() for text in texts for part in text.split(",")]
-    return numbers([part if "=" in part else f"frequency={part}" for part in parts], flag)
-
-
-def frequencies(texts: Sequence[str], flag: str) -> dict[str, tuple[float, ...]]:
-    """Read NUMBER=HERTZ,HERTZ,..., each number once."""
-    pairs = [(text, *named(text, f"{flag} {text}")) for text in texts]
-    for text, name, _ in pairs:
-        if not name.isdigit():
-            raise InputError(Problem(f"{flag} {text}", f"'{name}'", "the number of a posture", "as 2=4.45,5.01"))
-    return once(flag, [(name, several(value, f"{flag} {text}")) for text, name, value in pairs])
-
-
-def widths(texts: Sequence[str], flag: str) -> dict[str, float]:
-    """Read NAME:WIDTH, or NAME alone for an infinite width, each name once."""
-    parts = [(text, *text.partition(":")[::2]) for text in texts]
-    return once(flag, [(name, number(width, f"{flag} {text}") if width else math.inf) for text, name, width in parts])
-
-
-def uncertain(texts: Sequence[str], flag: str) -> dict[str, str]:
-    """Read NAME:WIDTH, WIDTH with its unit, commas between several; each name once."""
-    parts = [(text, *each.strip().partition(":")[::2]) for text in texts for each in text.split(",")]
-    for text, name, width in parts:
-        if not (name and width):
-            raise InputError(Problem(f"{flag} {text}", "no NAME:WIDTH", "as link2.mass:5%,load:1%", "correct it"))
-    return once(flag, [(name, width.strip()) for _, name, width in parts])
-
-
-def stiffness_unit(text: str, flag: str) -> str:
-    """Read a unit of stiffness, whatever its blanks and dots: `Nmm/deg`, `N*mm/deg`; another text as it is."""
-    plain = {re.sub(r"[\s*·]", "", name): name for name in STIFFNESS_UNITS}
-    return plain.get(re.sub(r"[\s*·]", "", text), text)
-
-
-def named(text: str, where: str) -> tuple[str, str]:
-    """Split NAME=VALUE."""
-    name, equals, value = text.partition("=")
-    if not (name and equals and value):
-        raise InputError(Problem(where, "no NAME=VALUE", "a name, = and what it is given", "correct it, see --help"))
-    return name, value
-
-
-def once(flag: str, pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """Return pairs as a mapping."""
-    mapping = dict(pairs)
-    if len(mapping) < len(pairs):
-        every = [name for name, _ in pairs]
-        twice = next(name for name in every if every.count(name) > 1)
-        raise InputError(Problem(flag, f"{twice} twice", "each once", "keep one of them"))
-    return mapping
-
-
-def band(text: str, flag: str) -> tuple[float, float]:
-    """Read a band of frequencies LOW:HIGH [Hz]."""
-    parts = [number(part, f"{flag} {text}") for part in text.split(":")]
-    if len(parts) != 2 or not 0 <= parts[0] < parts[1]:
-        raise InputError(Problem(f"{flag} {text}", "no band", "LOW:HIGH in Hz, 0 <= LOW < HIGH", "as 4:8"))
-    return parts[0], parts[1]
-
-
-def peak_to_peak(text: str, flag: str) -> tuple[float, float]:
-    """Read kinematic errors LOW:HIGH [arc seconds, peak to peak]; one number stands for both."""
-    parts = [number(part, f"{flag} {text}") for part in text.split(":")]
-    if len(parts) not in (1, 2) or not 0 <= parts[0] <= parts[-1]:
-        expected = "LOW:HIGH in arc seconds peak to peak, 0 <= LOW <= HIGH"
-        raise InputError(Problem(f"{flag} {text}", "no kinematic errors", expected, "as 30:60"))
-    return parts[0], parts[-1]
-
-
-def whole_numbers(text: str, flag: str) -> tuple[int, ...]:
-    """Read whole numbers from 1 with commas between."""
-    values = several(text, flag)
-    if any(value != int(value) or value < 1 for value in values):
-        raise InputError(Problem(f"{flag} {text}", f"'{text}'", "whole numbers from 1", "as 1,2"))
-    return tuple(int(value) for value in values)
-
-
-def priors(texts: Sequence[str], flag: str) -> dict[str, Prior]:
-    """Read NAME=PRIOR, each name once."""
-    pairs = once(flag, [named(text, f"{flag} {text}") for text in texts])
-    return {name: Prior.parse(form) for name, form in pairs.items()}
-
-
-def postures(texts: Sequence[str], flag: str) -> tuple[tuple[float, ...], ...]:
-    """Read joint angles with commas between, one posture a text."""
-    return tuple(several(text, flag) for text in texts)
-
-
-def _tied(text: str, flag: str) -> tuple[str, ...]:
-    paths = tuple(text.split("="))
-    if len(paths) < 2:
-        remedy = "as a.k_tors=b.k_tors"
-        raise InputError(Problem(f"{flag} {text}", "one parameter", "two or more with = between", remedy))
-    return paths
 
 
 # -------- Words

@@ -6,7 +6,7 @@ from math import log1p, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.studies import options as reading
+from ident.studies import reading
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.studies import options as reading
+from ident.studies import reading
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
 from ident.studies.options import keyword_options, option

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
 from ident.errors import InputError, Problem
-from ident.studies.options import number, once
+from ident.studies.reading import number, once
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm

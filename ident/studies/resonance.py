@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import Problem
-from ident.studies import options as reading
+from ident.studies import reading
 from ident.studies.motion import MotionOptions, basis_of, drawn_values
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Result, check_place

@@ -424,7 +424,7 @@ def load(path: str | Path) -> Result:
     """
     from ident.codec import CodecError, decode
     from ident.present.files.document import EXPECTED, RERUN, check_format, read_result
-    from ident.text import one_line, quoted
+    from ident.text import quoted
 
     where, (form, encoded, arrays) = one_line(str(path)), read_result(path)
     study = study_of(form)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import Problem
-from ident.studies import options as reading
+from ident.studies import reading
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent
@@ -213,7 +213,7 @@ def sample(
     return SampleResult(fitted.arm, sampled, options)
 
 
-def discard(folder: Path) -> None:
+def discard_checkpoints(folder: Path) -> None:
     """Remove what a finished run has kept.
 
     Raises:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import InputError, Problem
 from ident.inference.priors import Prior
-from ident.studies import options as reading
+from ident.studies import reading
 from ident.studies.options import Options, option
 from ident.text import one_line
 from ident.units import STIFFNESS_UNITS, USUAL

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
-from ident.studies import options as reading
+from ident.studies import reading
 from ident.studies.motion import HeldMotionOptions, basis_of, drawn_values
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent

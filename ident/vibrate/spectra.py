@@ -166,6 +166,7 @@ def _window_problems(window: str) -> Iterator[Problem]:
 
 
 # -------- Spectrum
+# Amplitudes in the unit of the trace, by a window, averaged over segments.
 
 
 @dataclass(frozen=True)

@@ -58,6 +58,13 @@ def test_the_command_line_comes_first(run, folder):
     assert (recorded["starts"], recorded["prior_sd"], recorded["fix"]) == (1, 1.0, ["joint3.k_tors"])
 
 
+def test_what_insists_is_no_default(run, folder):
+    (folder / "ident.toml").write_text("force = true")
+    code, _, err = run("fit", "my/campaign.csv", "--no-figure")
+    assert code == 2
+    assert "force" in err
+
+
 def test_it_lies_beside_the_arm_where_there_is_no_campaign(run, folder):
     code, out, _ = run("predict", "my/robot.toml")
     assert code == 0

@@ -5,7 +5,6 @@ import pytest
 from arms import DATA
 
 from ident.description.file import read_arm
-from ident.identify import fleet as fleet_draws
 from ident.identify.compare import sample_campaign
 from ident.identify.fit import fit_campaign
 from ident.identify.fleet import draws_under
@@ -56,7 +55,7 @@ def test_chains_draw_where_weights_do_not(monkeypatch):
     _, mean, sd = case(two, 0.1)
     under = Under(mean, 2 * sd, 0.05)
     weighed = moments(draws_under(ARM, FEW, two, under, seed=2), mean, sd)
-    monkeypatch.setattr(fleet_draws, "weighed", lambda *_: Weights(1.0, 10.0, 0.1))
+    monkeypatch.setattr("ident.identify.fleet.weighed", lambda *_: Weights(1.0, 10.0, 0.1))
     drawn = draws_under(ARM, FEW, two, under, seed=2)
     assert 1000 <= len(drawn.theta) < 2000
     chains = moments(drawn, mean, sd)

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from ident.arm.arm import Arm, Workspace
 from ident.arm.parts import Body, Joint, Point
 from ident.errors import InputError, ModelError
-from ident.identify.candidates import COSTS, MOST, candidate_predictions, posture_grid, row_information
+from ident.identify.candidates import COSTS, MOST, candidate_predictions, posture_grid, sigmas
 from ident.identify.fit import fit_campaign
 from ident.identify.plan import PlanSettings, plan_campaign
 from ident.identify.problem import arm_problem
@@ -21,9 +21,9 @@ from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.design import (
     Experiments,
     PriorInformation,
-    bundle,
     criterion,
     fewest,
+    fisher,
     gains,
     greedy,
     information_gain,
@@ -48,6 +48,17 @@ def known(information):
     information = np.asarray(information)
     names = tuple("abcdef"[: len(information)])
     return PriorInformation(names, np.zeros((1, len(information))), information[None])
+
+
+def bundle(scaled, rows, cost):
+    """The experiments that take these rows of a scaled Jacobian together."""
+    return Experiments(np.stack([fisher(scaled[:, list(own)]) for own in rows]), np.asarray(cost, float))
+
+
+def row_information(predictions, instruments):
+    """Fisher information of each frequency, and last of the deflection, as the only value."""
+    scaled = np.moveaxis(predictions.jacobian, 1, -1) / sigmas(predictions, instruments)[..., None]
+    return fisher(scaled[..., None, :])
 
 
 def experiments_of(rows, cost=None):

@@ -59,7 +59,7 @@ def test_a_search_ends_on_what_was_computed():
     assert ended
     assert end.cost == there.cost
     np.testing.assert_array_equal(end.predicted, there.predicted)
-    assert abs(there.gradient) < 1e-4
+    assert abs(there.gradient) < 1e-5
 
 
 def test_a_model_without_an_answer_ends_the_search():

@@ -15,7 +15,7 @@ from results import assert_plain, contents
 import ident
 from ident.assess.diagnose import Diagnosis, ResonanceAssessment
 from ident.present.files.document import NAMES
-from ident.studies.diagnose import STAGES, DiagnoseOptions, DiagnoseResult, diagnose, discard
+from ident.studies.diagnose import STAGES, DiagnoseOptions, DiagnoseResult, diagnose, discard_stages
 from ident.vibrate.evaluator import BinomialEstimate
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -219,7 +219,7 @@ def test_an_interrupted_one_goes_on_and_comes_to_the_same(diagnosed, tmp_path):
         assert one.values == other.values
     for one, other in zip(resumed.save(tmp_path / "resumed"), result.save(tmp_path / "whole"), strict=True):
         np.testing.assert_equal(contents(one), contents(other))
-    discard(part)
+    discard_stages(part)
     assert not part.exists()
 
 

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import BrokenExecutor, Future
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote
@@ -24,7 +25,8 @@ from ident.identify.fleet import SourceFile, robot_of
 from ident.identify.unknowns import Unknowns
 from ident.inference.priors import Prior
 from ident.measure import read_campaign
-from ident.studies.fleet import FleetOptions, fleet
+from ident.studies.fleet import FleetOptions, fleet, robots_in
+from ident.studies.fleet_tasks import _handed_out
 
 pytestmark = pytest.mark.slow
 generate = runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"]
@@ -38,6 +40,45 @@ def robots(tmp_path_factory):
     worn = generate(folder, 8, 1, seed=1)
     (folder / "broken.csv").write_text("kind,value\n")
     return folder, worn
+
+
+def test_files_beside_a_campaign_are_no_robots(tmp_path):
+    (tmp_path / "arm.toml").write_text("")
+    for name in ("a", "b"):
+        for end in (".csv", ".covariance.csv", ".setups.csv"):
+            (tmp_path / f"{name}{end}").write_text("")
+    own = tmp_path / "c"
+    own.mkdir()
+    for end in (".csv", ".covariance.csv"):
+        (own / f"measured{end}").write_text("")
+    found = {name: campaign.name for name, campaign, _ in robots_in(tmp_path, None)}
+    assert found == {"a": "a.csv", "b": "b.csv", "c": "measured.csv"}
+
+
+class Once:
+    """An executor that does one task and is gone then, while it has nothing to do."""
+
+    def __init__(self):
+        self.done = False
+
+    def submit(self, work, task):
+        if self.done:
+            raise BrokenExecutor
+        self.done, future = True, Future()
+        future.set_result(work(task))
+        return future
+
+
+def test_a_process_that_dies_idle_is_no_fault_of_the_next_task():
+    made = []
+
+    def fresh():
+        made.append(Once())
+        return made[-1]
+
+    tasks = range(8)
+    assert list(_handed_out(tasks, str, fresh, 1)) == [(task, str(task)) for task in tasks]
+    assert len(made) == len(tasks)
 
 
 @pytest.fixture(scope="module")

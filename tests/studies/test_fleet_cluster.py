@@ -12,7 +12,7 @@ from clusters import Cluster, Disturbed, Run
 from results import TIME
 
 from ident import InputError
-from ident.studies import fleet_tasks as fleet_engine
+from ident.studies import fleet_tasks
 from ident.studies.fleet import FleetOptions, fleet
 
 pytestmark = pytest.mark.slow
@@ -110,16 +110,16 @@ def test_workers_of_another_kind_are_refused(robots, tmp_path):
 
 def test_workers_without_the_folder_or_of_another_program_are_refused(tmp_path):
     """What a worker answers where the client's folder is not, and where the client is another one."""
-    client = {"settings": fleet_engine._settings(), "circumstances": fleet_engine._circumstances()}
+    client = {"settings": fleet_tasks._settings(), "circumstances": fleet_tasks._circumstances()}
     with pytest.raises(InputError, match=r"another folder .*expected one that all can read and write"):
-        fleet_engine.attempt(tmp_path / "run", tmp_path)
+        fleet_tasks.attempt(tmp_path / "run", tmp_path)
     run = tmp_path / "run"
     run.mkdir()
     (run / "client").write_text(json.dumps(client))
     with pytest.raises(InputError, match="another folder"):
-        fleet_engine.attempt(run, tmp_path / "inputs")
-    assert fleet_engine.attempt(run, tmp_path) == ""
+        fleet_tasks.attempt(run, tmp_path / "inputs")
+    assert fleet_tasks.attempt(run, tmp_path) == ""
     client["circumstances"] |= {"jax_enable_x64": "0", "processor": "another"}
     (run / "client").write_text(json.dumps(client))
     with pytest.raises(InputError, match=r"another (processor, jax_enable_x64|jax_enable_x64, processor) than here"):
-        fleet_engine.attempt(run, tmp_path)
+        fleet_tasks.attempt(run, tmp_path)

@@ -16,7 +16,7 @@ from ident.description.file import ArmFile
 from ident.errors import InputError, Problem
 from ident.identify.unknowns import stiffness_parameters
 from ident.studies import STUDIES as STUDY_NAMES
-from ident.studies import options as reading
+from ident.studies import reading
 from ident.studies.check import CheckOptions
 from ident.studies.fit import FitOptions
 from ident.studies.options import Options, flag_of, option, renamed, specs

@@ -11,7 +11,7 @@ from ident.errors import InputError
 from ident.studies import ranges
 from ident.studies.options import MEASURES
 from ident.studies.sweep import SweepOptions, sweep
-from ident.vibrate import simulate as amplitude
+from ident.vibrate import simulate
 from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.motion import stroke
 from ident.vibrate.sweep import axis
@@ -139,4 +139,4 @@ def test_a_range_that_the_arm_cannot_have_is_named(vary, words):
 
 
 def test_the_measures_are_those_of_the_library():
-    assert tuple(amplitude.MEASURES) == MEASURES
+    assert tuple(simulate.MEASURES) == MEASURES

@@ -10,7 +10,8 @@ from runs import named
 from scipy.stats import binomtest
 
 from ident.errors import InputError, ModelError
-from ident.vibrate.design import Requirements, Search, design, exceedances, verify
+from ident.vibrate.design import design, exceedances, verify
+from ident.vibrate.design_search import Requirements, Search
 from ident.vibrate.evaluator import BinomialEstimate, Evaluator, Variable, check
 from ident.vibrate.motion import stroke
 from ident.vibrate.sweep import FLAT, axis, changeable, sensitivities, sweep

@@ -10,8 +10,8 @@ from arms import lcd_arm
 from runs import named
 from scipy.optimize import minimize
 
-from ident.vibrate import design as worst_case
-from ident.vibrate.design import GAP, Requirements, Search, design, minimum_change, settled, worst
+from ident.vibrate.design import design
+from ident.vibrate.design_search import GAP, MARGIN, Requirements, Search, minimum_change, settled, worst
 from ident.vibrate.evaluator import Evaluator, Variable
 from ident.vibrate.motion import stroke
 
@@ -140,7 +140,7 @@ QUIET = np.array([0.9, 0.9, 0.4])
 @pytest.mark.parametrize("first", [0, 1, 3])
 def test_the_least_change_is_one_answer_that_keeps_the_limit(toys: None, off: float, first: int) -> None:
     """However far a search by another processor is off, and whatever phases it sees first."""
-    exact = Toy(seen=tuple(range(5))).minimum_change(QUIET, 0.6 * (1 - worst_case.MARGIN))
+    exact = Toy(seen=tuple(range(5))).minimum_change(QUIET, 0.6 * (1 - MARGIN))
     _, u, is_settled = minimum_change(Toy(seen=(first,), off=off), [QUIET], 0.6)
     assert is_settled
     assert Toy().amplitudes(u).max() <= 0.6

@@ -78,7 +78,7 @@ def draw_size(axes: Axes, test: AmbientTest) -> None:
 WIDTH, PANEL = 9.0, 1.55
 """Width of the figure and height of a row [inch]."""
 COLORS = (BLUE, ORANGE, PINK, GREY)
-"""Colours of the forces."""
+"""Of the forces, or of the directions at a point, in their order."""
 DECADES = 5
 """Decades that a panel shows at most."""
 LEFT = -0.12
@@ -169,8 +169,6 @@ def _note(test: ModalTest) -> str:
 
 COLUMNS, ARGAND_PANEL = 4, 2.5
 """Modes in a row, and size of each [inch]."""
-DIRECTION_COLORS = (BLUE, ORANGE, PINK, GREY)
-"""Of the directions at a point, in their order."""
 ENDS = "os^Dv"
 """Ends of arrows, one a point."""
 WITHIN = 2.4477
@@ -228,7 +226,7 @@ def _looks(places: Sequence[Place]) -> list[tuple[str, str]]:
     points = list(dict.fromkeys(place.point for place in places))
     nth = [sum(other.point == place.point for other in places[:o]) for o, place in enumerate(places)]
     ends = [ENDS[points.index(place.point) % len(ENDS)] for place in places]
-    return [(DIRECTION_COLORS[n % len(DIRECTION_COLORS)], end) for n, end in zip(nth, ends, strict=True)]
+    return [(COLORS[n % len(COLORS)], end) for n, end in zip(nth, ends, strict=True)]
 
 
 # -------- Stabilisation

@@ -123,8 +123,6 @@ NAME_STYLES: dict[str, Style] = {
     "lateral bending": {"color": GREEN, "marker": "^"},
     "vertical torsion": {"color": PINK, "marker": "D"},
 }
-MODE_VIEWS = (("from the side", 0, 2), ("from above", 0, 1))
-"""Views of the arm: name, horizontal and vertical axis of the base frame."""
 SWING = 0.12
 """Largest displacement that is drawn, as a share of the arm's length."""
 VIEW_WIDTH = 5.2
@@ -147,7 +145,7 @@ def mode_figure(analysis: ModalAnalysis) -> Figure:
     figure.suptitle(f"{title}\n{note}", parse_math=False, fontsize=11)
     for i, label in enumerate(analysis.labels):
         colour = NAME_STYLES[f"{label.direction} {label.kind}"]["color"]
-        for axes, (view, across, up) in zip(panels[i], MODE_VIEWS, strict=True):
+        for axes, (view, across, up) in zip(panels[i], VIEWS, strict=True):
             _draw(axes, rest[[across, up]], color="#C8C8C8", size=6.0)
             _draw(axes, shapes[[across, up], :, i], color=colour, size=2.0)
             axes.set(xlim=frame[across], ylim=frame[up], aspect="equal")
@@ -213,9 +211,9 @@ def _apart(angle: np.ndarray) -> float:
 
 def _mode_panels(count: int, size: list[float]) -> tuple[Figure, np.ndarray]:
     """Return a row of views for each mode, high enough for the arm's extent (3,) [m]."""
-    row = max(VIEW_WIDTH * size[up] / size[across] for _, across, up in MODE_VIEWS)
+    row = max(VIEW_WIDTH * size[up] / size[across] for _, across, up in VIEWS)
     figure = Figure(figsize=(2 * VIEW_WIDTH + 1, count * (min(row, 4.0) + 0.5) + 0.9), layout="constrained")
-    return figure, figure.subplots(count, len(MODE_VIEWS), squeeze=False)
+    return figure, figure.subplots(count, len(VIEWS), squeeze=False)
 
 
 def _frame(shapes: np.ndarray, pad: float) -> list[tuple[float, float]]:
