@@ -15,7 +15,7 @@ from ident.identify.values import Values
 from ident.present.text.basis import basis_in_words
 from ident.studies.design import DesignOptions
 from ident.studies.motion import basis_of
-from ident.studies.options import peak_to_peak
+from ident.studies.reading import peak_to_peak
 from ident.studies.resonance import ResonanceOptions
 from ident.studies.simulate import SimulateOptions
 from ident.studies.sweep import SweepOptions
