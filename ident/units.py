@@ -1,4 +1,4 @@
-"""Units as people write them, turned into SI: the one place that asks pint. How they are shown: `present.text.words`.
+"""Units as people write them, turned into SI: the one place that asks pint. How they are shown: `present.words`.
 
 A frequency counts cycles: 1 Hz is one cycle, 2 pi radians, per second. For pint alone the radian is a pure
 number, so that 1 Hz would be 1 rad/s and 60 rpm 6.28 Hz; here the angle is watched and the 2 pi put in.

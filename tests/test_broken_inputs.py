@@ -30,7 +30,7 @@ from three_joints import WITH_HAND, WITHOUT_MESHES
 import ident
 from ident.codec import Store
 from ident.errors import InputError
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import stiffness_parameters
 from ident.measure import parse_campaign, parse_log, parse_trace
 from ident.measure.channels import read_channels
@@ -77,7 +77,7 @@ def share_refused(cases, read):
 def test_campaigns():
     arm = lcd_arm()
     cases = broken_texts(np.random.default_rng(1), CAMPAIGN.read_text(), 200)
-    assert 0.5 < share_refused(cases, lambda data: build_problem(arm, parse_campaign(data, "bad.csv"))) < 1
+    assert 0.5 < share_refused(cases, lambda data: pose(arm, parse_campaign(data, "bad.csv")).problem) < 1
 
 
 def test_arm_files(tmp_path):

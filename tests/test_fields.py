@@ -17,8 +17,8 @@ from ident.arm.parts import Belt, Body, CubicSpring, Drive, Joint, Point, Servo,
 from ident.description import schema
 from ident.errors import InputError
 from ident.identify.unknowns import parameter
-from ident.present.text.sweep import axis_in_words
-from ident.present.text.words import is_length, parameter_in_words, read_unit, unit_of, value_in_words
+from ident.present.sweep import axis_in_words
+from ident.present.words import is_length, parameter_in_words, read_unit, unit_of, value_in_words
 from ident.studies.shared import ArmOptions
 from ident.units import stiffness_in
 from ident.vibrate.evaluator import Variable, check, is_shifted

@@ -40,16 +40,14 @@ def test_the_door_opens_without_a_library():
 
 
 def test_a_fit_loads_neither_the_sampler_nor_what_vibrates():
-    loaded = of_the_door("ident.studies.fit, ident.identify.fit, ident.present.files.fit, ident.present.text.fit")
+    loaded = of_the_door("ident.studies.fit, ident.identify.fit, ident.present.files.fit, ident.present.fit")
     assert "ident.inference.fit" in loaded
     others = "emcee", "scipy.stats", "scipy.optimize", "arviz", "diffrax", "optimistix", "ident.vibrate"
     assert not {name for name in loaded if name.startswith(others)}
 
 
 def test_a_prediction_loads_what_fits_only_where_it_fits():
-    loaded = of_the_door(
-        "ident.studies.predict, ident.identify.values, ident.assess.predict, ident.present.text.predict"
-    )
+    loaded = of_the_door("ident.studies.predict, ident.identify.values, ident.assess.predict, ident.present.predict")
     assert "ident.assess.predict" in loaded
     assert not {name for name in loaded if name.startswith(("optimistix", "scipy.optimize", "matplotlib", "rich"))}
 

@@ -14,7 +14,7 @@ WIDTH = 100
 
 
 class CommandHelp(Directive):
-    """`{command-help} fit`: what `ident fit --help` prints."""
+    """`{command-help} fit`: what `ident fit --help-all` prints."""
 
     required_arguments = 1
 
@@ -44,13 +44,13 @@ class OptionsTable(Directive):
 
 
 def help_of(command: str) -> str:
-    """Return the help of a command, or of the program."""
+    """Return the help of a command with all its options, or of the program."""
     from typer.testing import CliRunner
 
     from ident.cli import main  # noqa: F401  (hangs the commands on the app)
-    from ident.cli.command import app
+    from ident.cli.command import MAIN, app
 
-    arguments = [command, "--help"] if command != "ident" else ["--help"]
+    arguments = [command, "--help-all" if command in MAIN else "--help"] if command != "ident" else ["--help"]
     answer = CliRunner().invoke(app, arguments, prog_name="ident", max_content_width=WIDTH, terminal_width=WIDTH)
     if answer.exit_code:
         raise ValueError(f"ident {command} --help: {answer.output}")

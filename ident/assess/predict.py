@@ -25,8 +25,8 @@ FACTORS = (1.25, 0.8, 1.15, 0.85, 1.1, 0.9)
 """What the stated stiffnesses are, over those of the arm's file: bending of each joint in turn, then torsion."""
 SIGMA = 0.005
 """Standard deviation of a frequency as a fraction of its value."""
-SIGMA_DIAL = 0.01
-"""Standard deviation of a dial gauge [mm], or that fraction of what it reads, whichever is more."""
+SIGMA_DIAL, SIGMA_READ = 0.001, 0.01
+"""Standard deviation of a dial gauge: in mm, or as a fraction of what it reads, whichever is more."""
 SHARE = 0.1
 """Test mass as a share of the arm's mass, in whole kilograms."""
 SEED = 1
@@ -60,7 +60,7 @@ class Example:
             "Simulated with these stiffnesses [N m/rad], which are not those of arm.toml; a fit should find them:",
             *(f"    {', '.join(stated[i : i + 3])}" for i in range(0, len(stated), 3)),
             f"Noise: normal, {100 * SIGMA:g} % of a frequency; {SIGMA_DIAL:g} mm of a deflection, "
-            f"{100 * SIGMA_DIAL:g} % of one above 1 mm; numpy default_rng({SEED}).",
+            f"{100 * SIGMA_READ:g} % of one above {SIGMA_DIAL / SIGMA_READ:g} mm; numpy default_rng({SEED}).",
         )
 
 
@@ -93,7 +93,7 @@ def _measured(arm: Arm) -> Iterator[Measurement]:
             sigma = round(SIGMA * value, 3)
             yield Measurement(kind="frequency", posture=posture, value=value, sigma=sigma, mode=mode)
         down = 1e3 * float(bare.deflection[point][2] - loaded.deflection[point][2])
-        sigma = SIGMA_DIAL * max(1.0, down)
+        sigma = max(SIGMA_DIAL, SIGMA_READ * down)
         value, sigma = (to_si(round(each, 4), "mm", "length") for each in (down + sigma * rng.standard_normal(), sigma))
         kind = "deflection_difference"
         yield Measurement(kind=kind, posture=posture, value=value, sigma=sigma, point=point, load=load)

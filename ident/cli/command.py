@@ -5,16 +5,18 @@ import json
 import os
 import textwrap
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import Field
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, get_args, get_origin
 
 import typer
+from typer.models import OptionInfo
 
 from ident.cli import running
-from ident.cli.output import FOLDED, JsonOption, QuietOption, app, output, say_notes, speaking
+from ident.cli.output import FOLDED, DetailsOption, JsonOption, QuietOption, app, output, speaking, tell
 from ident.errors import InputError, Problem
 from ident.files import together
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
@@ -43,7 +45,7 @@ TYPES: dict[type, tuple[Any, str]] = {
 """What a flag of each type takes from the file, and how that is said."""
 LONGEST_SHOWN = 90
 """Characters of a value that are repeated."""
-NO_DEFAULTS = ("help", "json", "quiet", "restart", "force")
+NO_DEFAULTS = ("help_all", "help", "json", "quiet", "restart", "force")
 """Flags that a file can't set: they are said once."""
 
 
@@ -99,7 +101,11 @@ def _main(context: typer.Context, values: Mapping[str, Any]) -> Path | None:
 
 def _flags(command: Any) -> dict[str, Any]:
     """Return the parameters of a command by their longest flag, without dashes."""
-    options = [each for each in command.params if each.param_type_name == "option" and not each.hidden]
+    options = [
+        each
+        for each in command.params
+        if each.param_type_name == "option" and not (each.hidden and each.name not in RARE.get(str(command.name), ()))
+    ]
     named = {_plain(max(each.opts, key=len)): each for each in options}
     return {name: each for name, each in named.items() if name not in NO_DEFAULTS}
 
@@ -176,6 +182,28 @@ NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figu
 StrictOption = Annotated[
     bool, typer.Option("--strict", help="exit with status 3 where a verdict speaks against the data")
 ]
+MAIN: Mapping[str, str] = {
+    "predict": "posture load set fit modes draws",
+    "check": "fix free soft_base strict",
+    "fit": "fix free soft_base discrepancy no_prior strict",
+    "profile": "parameter fix free no_prior",
+    "sample": "ess steps noise discrepancy weights strict",
+    "validate": "leave fix free soft_base",
+    "plan": "target count load modes sensors cost",
+    "resonance": "speed path fit posterior orders load",
+    "simulate": "speed limit path fit posterior trace errors",
+    "spectrum": "direction upto posture orders spectrogram against",
+    "sweep": "vary grid limit speed fit posterior",
+    "design": "limit change speed fit posterior",
+    "diagnose": "limit speed path fix restart pdf",
+    "explore": "speed load fit posterior payload",
+    "fleet": "workers dask fix free strict",
+    "modal": "init channels no_modes reproducibility",
+}
+"""Flags that matter, by command: its help shows these and `ALWAYS`, and `--help-all` the rest."""
+ALWAYS = ("arm", "out", "force", "details", "json")
+RARE: dict[str, set[str]] = {}
+"""Flags that the help of a command leaves to `--help-all`."""
 SHORT = 3
 """Exit status where a computation missed its own criterion, or, if asked for, a verdict speaks against the data."""
 
@@ -248,21 +276,56 @@ def register(name: str, function: Callable[..., None], parameters: list[inspect.
     """Hang a function on the program, with the flags that all commands have."""
 
     def call(context: typer.Context, **values: Any) -> None:
-        with speaking(as_json=values.pop("json"), quiet=values.pop("quiet")):
+        values.pop("help_all", None)
+        with speaking(as_json=values.pop("json"), quiet=values.pop("quiet"), details=values.pop("details")):
             function(**with_defaults(context, values, kinds))
 
     kind = inspect.Parameter.KEYWORD_ONLY
     first = inspect.Parameter("context", kind, annotation=typer.Context)
     common = [
+        inspect.Parameter("details", kind, default=False, annotation=DetailsOption),
         inspect.Parameter("json", kind, default=False, annotation=JsonOption),
         inspect.Parameter("quiet", kind, default=False, annotation=QuietOption),
     ]
     kinds = {each.name: get_args(each.annotation)[0] for each in parameters}
-    ordered = [first, *(each.replace(kind=kind) for each in parameters), *common]
+    every = [*(each.replace(kind=kind) for each in parameters), *common]
+    rare = RARE[name] = {each.name for each in every if name in MAIN and _is_rare(name, each)}
+    every = [_hidden(each) if each.name in rare else each for each in every]
+    whole = [inspect.Parameter("help_all", kind, default=False, annotation=_help_all(rare))] if rare else []
+    ordered = [first, *every, *whole]
     call.__signature__ = inspect.Signature(ordered)  # type: ignore[attr-defined]
     call.__annotations__ = {each.name: each.annotation for each in ordered}
     call.__doc__ = function.__doc__
-    app.command(name)(call)
+    app.command(name, context_settings={"max_content_width": 100})(call)
+
+
+def _is_rare(name: str, parameter: inspect.Parameter) -> bool:
+    """Tell whether a command's help leaves a flag to `--help-all`; flags that no help offers stay as they are."""
+    info = get_args(parameter.annotation)[1]
+    flag = isinstance(info, OptionInfo) and not info.hidden
+    return flag and parameter.name not in {*MAIN[name].split(), *ALWAYS}
+
+
+def _hidden(parameter: inspect.Parameter) -> inspect.Parameter:
+    kind, info = get_args(parameter.annotation)
+    hidden = copy(info)
+    hidden.hidden = True
+    return parameter.replace(annotation=Annotated[kind, hidden])
+
+
+def _help_all(rare: Collection[str]) -> Any:
+    """Return the flag that prints a command's help with all flags."""
+
+    def show(context: typer.Context, asked: bool) -> None:
+        if not asked:
+            return
+        for each in context.command.params:
+            each.hidden = each.hidden and each.name not in rare  # type: ignore[attr-defined]
+        typer.echo(context.get_help())
+        raise typer.Exit
+
+    flag = typer.Option("--help-all", help="show all options and exit", is_eager=True, callback=show)
+    return Annotated[bool, flag]
 
 
 def offer(
@@ -299,8 +362,7 @@ def offer(
         if files:
             finish(result, out, no_figure)
         else:
-            say_notes(result.notes)
-            output().say(result.report(), nl=False)
+            tell(result)
             output().document = result.document
         then(result)
         leave(result, strict=strict)
@@ -321,8 +383,7 @@ def offer(
 
 def finish(result: Result, out: Path, no_figure: bool) -> None:
     """Print a result's report, and write its files and figures into a folder."""
-    say_notes(result.notes)
-    output().say(result.report())
+    tell(result)
     output().document = result.document
     write(result, out, [] if no_figure else [result.save_figures])
 

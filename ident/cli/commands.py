@@ -1,7 +1,11 @@
 """The commands: each calls the study of its name, prints the report and writes the files."""
 
 import gc
+import os
+import platform
+import textwrap
 from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,9 +28,10 @@ from ident.cli.command import (
     offer,
     output,
     plain,
-    say_notes,
+    tell,
     write,
 )
+from ident.cli.output import FOLDED
 from ident.errors import InputError, Problem
 from ident.studies.arm import KINDS
 from ident.studies.check import check
@@ -256,7 +261,7 @@ def rerun(
     except KeyboardInterrupt:
         typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None
-    output().say(repeated.report())
+    tell(repeated)
     output().document = repeated.document
     if out is not None:
         write(repeated.now, out)
@@ -269,10 +274,10 @@ def rerun(
 # Commands about files: what an arm is and what its names are, what a result says.
 
 NEXT = """Example numbers: every one is marked as assumed, or simulated. Next:
-  ident show {arm}          the arm drawn, and what looks odd
+  ident show {arm}          the arm drawn, its numbers checked
   ident show {arm} --names  the names that commands and campaigns take
   ident check {campaign}     what the measurements can tell
-  ident fit {campaign}       the stiffnesses"""
+  ident fit {campaign} --out {folder}/out  the stiffnesses"""
 RESULTS = (".json", ".nc")
 """How result files end."""
 STARTS = (b"{", b"\x89HDF")
@@ -299,9 +304,9 @@ def show(
     out: OutOption = Path("out"),
     no_figure: NoFigureOption = False,
 ) -> None:
-    """Draw an arm and say what looks odd about it, list its names, or print a saved result again.
+    """Draw an arm and check its numbers for plausibility, list its names, or print a saved result again.
 
-    Of an arm: masses and reach, first modes, every number with its origin, and a warning for each that looks wrong.
+    Of an arm: masses, reach, first modes, and each number that looks wrong; with --details every number and its origin.
     Writes into the folder given by --out ARM.show.png, and ARM.show.modes.svg, in which the first modes move: any
     browser opens it. With --names: numbers with value, unit and origin, joints, points, loads, modes, kinds of
     measurement, and the words that options choose from. Of a result: the report, as the command printed it that has
@@ -328,7 +333,7 @@ def show(
     except InputError as error:
         flags = {"posture": "--posture"}
         raise InputError(replace(p, where=flags.get(p.where, p.where)) for p in error.problems) from None
-    output().say(picture.report())
+    tell(picture)
     output().document = picture.document
     for path in () if no_figure else picture.save_figures(out):
         output().wrote(path)
@@ -351,8 +356,7 @@ def _show_result(file: Path) -> None:
     from ident.studies.result import load
 
     result = load(file)
-    say_notes(result.notes)
-    output().say(result.report())
+    tell(result)
     output().document = result.document
 
 
@@ -361,7 +365,7 @@ def _list_names(arm: Path) -> None:
     from ident.studies.arm import names
 
     found = names(arm)
-    output().say(found.report(), nl=False)
+    tell(found)
     output().document = found.document
 
 
@@ -399,15 +403,16 @@ def new(
     else:
         running.start()
         made = study.new_from_robot(robot, folder, tip)
-    say_notes(made.notes)
+    for note in made.notes:
+        output().say(textwrap.fill(f"NOTE: {note}", 100, **FOLDED))
     output().document = lambda: {"notes": list(made.notes)} if made.notes else {}
     for path in made.paths:
         output().wrote(path)
-    output().say(NEXT.format(arm=made.paths[0], campaign=made.paths[1]))
+    output().say(NEXT.format(arm=made.paths[0], campaign=made.paths[1], folder=folder))
 
 
 # -------- Diagnosing
-# `ident diagnose`: it prints stage by stage, and gives back what a stage leaves behind.
+# `ident diagnose`: it names each finished stage, and gives back what a stage leaves behind.
 
 
 @command(DiagnoseOptions)
@@ -444,14 +449,15 @@ def run_diagnose(
     *,
     pdf: bool = False,
 ) -> DiagnoseResult:
-    """Diagnose an arm, print each stage when it is finished, and write the result into a folder."""
+    """Diagnose an arm, name each finished stage on standard error, then print and write the result."""
     measured, arm_file = running.read(campaign, arm)
     import jax
 
     folder, stages = part_folder(out, measured), list(STAGES)
 
     def finished(report: "StageReport") -> None:
-        output().say(str(report))
+        if not output().quiet:
+            typer.echo(str(report), err=True)
         if stages[report.number - 1] in ("trust", "vibration", "sensitivities"):
             jax.clear_caches()  # most programs of the next stage are new
             gc.collect()
@@ -471,7 +477,7 @@ def run_diagnose(
     except KeyboardInterrupt:
         typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None
-    output().say(result.closing)
+    tell(result)
     output().document = result.document
     write(result, out, [lambda folder: (result.save_pdf(folder),)] if pdf else [])
     running.discard_unless_taken(folder, discard_stages)
@@ -501,8 +507,13 @@ offer(
 def export(
     result: Annotated[Path, typer.Argument(help="result of ident fit (.fit.json) or ident sample (.sample.nc)")],
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="file to write: .xml (MJCF), .urdf, .toml or .json", show_default=False)
-    ],
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="file to write: .xml (MJCF), .urdf, .toml or .json; default: out/ARM.fitted, as ARM ends",
+        ),
+    ] = None,
     arm: Annotated[
         Path | None, typer.Option("--arm", help="description to write into; default: the one that was fitted")
     ] = None,
@@ -595,3 +606,40 @@ def modal_command(
     result = modal_test(tests, channels, arm, options)
     finish(result, out, no_figure)
     leave(result, strict=strict)
+
+
+# -------- Doctor
+# The command `ident doctor`: what to send with a question.
+
+OPTIONAL = ("mujoco", "yourdfpy", "openpyxl", "pyuff", "npTDMS", "lvm-read", "distributed", "dynesty")
+"""Libraries that some inputs and options need."""
+
+
+@plain("doctor")
+def doctor() -> None:
+    """Print what to send with a question: versions, processor, cache, optional libraries."""
+    running.start()
+    import jax
+
+    from ident.programs import LIBRARIES
+
+    cache = Path(jax.config.values["jax_compilation_cache_dir"] or ".").parent
+    size = sum(path.stat().st_size for path in cache.rglob("*") if path.is_file())
+    devices = ", ".join(map(str, jax.devices()))
+    found = {
+        "system": f"Python {platform.python_version()}, {platform.platform()}, {os.cpu_count()} cores",
+        "libraries": ", ".join(f"{name} {_version(name)}" for name in ("ident-arm", *LIBRARIES)),
+        "optional": ", ".join(f"{name} {_version(name)}" for name in OPTIONAL),
+        "backend": f"{jax.default_backend()} ({devices}), double precision {jax.config.values['jax_enable_x64']}",
+        "cache": f"{cache}, {size / 1e6:.0f} MB; programs {os.environ['IDENT_PROGRAMS']}",
+    }
+    for name, words in found.items():
+        output().say(textwrap.fill(f"{name}: {words}", 100, **FOLDED))
+    output().document = lambda: found
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "-"

@@ -1,17 +1,23 @@
 """The program's app, and what a command says: for people, or as one JSON document."""
 
 import json
+import os
+import shutil
+import sys
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ident import __version__
+
+if TYPE_CHECKING:
+    from ident.studies.result import Reported
 
 # -------- App
 # The program `ident` itself: its commands hang on `app`.
@@ -48,6 +54,7 @@ def _root(
 
 FOLDED: dict[str, Any] = {"subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
 JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON; words go to standard error")]
+DetailsOption = Annotated[bool, typer.Option("--details", help="print all that there is to say, not one screen")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="print no words but errors")]
 
 
@@ -58,12 +65,14 @@ class Output:
     Attributes:
         json: whether a document is printed at the end.
         quiet: whether there are no words.
+        details: whether reports are printed with their details.
         document: the result for programs, made when it is asked for.
         written: files.
     """
 
     json: bool = False
     quiet: bool = False
+    details: bool = False
     document: Callable[[], Mapping[str, Any]] = dict
     written: list[str] = field(default_factory=list)
 
@@ -88,9 +97,9 @@ def output() -> Output:
 
 
 @contextmanager
-def speaking(*, as_json: bool, quiet: bool) -> Iterator[None]:
+def speaking(*, as_json: bool, quiet: bool, details: bool = False) -> Iterator[None]:
     """Speak so within; at the end, whatever the exit status, print the document if that was asked for."""
-    spoken = Output(as_json, quiet)
+    spoken = Output(as_json, quiet, details)
     token = SPOKEN.set(spoken)
     end: typer.Exit | None = None
     try:
@@ -106,7 +115,16 @@ def speaking(*, as_json: bool, quiet: bool) -> Iterator[None]:
         raise end
 
 
-def say_notes(notes: Iterable[str]) -> None:
-    """Say where an arm is not what its robot description says."""
-    for note in notes:
-        output().say(textwrap.fill(f"NOTE: {note}", 100, **FOLDED))
+def tell(result: "Reported") -> None:
+    """Say where an arm is not what its robot description says, and print a result's report as wide as the terminal."""
+    spoken, width = output(), 100
+    stream = sys.stderr if spoken.json else sys.stdout
+    terminal = stream.isatty()
+    if terminal:
+        width = max(60, min(width, shutil.get_terminal_size().columns))
+    shown = result.notes if spoken.details else result.notes[:1]
+    more = f" (and {len(result.notes) - 1} more: --details)" if len(shown) < len(result.notes) else ""
+    for note in shown:
+        spoken.say(textwrap.fill(f"NOTE: {note}{more}", width, **FOLDED))
+    colour = terminal and not os.environ.get("NO_COLOR")
+    spoken.say(result.report(details=spoken.details, width=width, colour=colour), nl=False)

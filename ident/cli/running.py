@@ -5,10 +5,11 @@ import ctypes
 import gc
 import os
 import sys
+import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 NEW_PROGRAM = "/jax/compilation_cache/cache_misses"
 """What jax reports of a program that it has compiled, as none like it was kept."""
+PACE = 10.0
+"""Seconds between two lines that say how far long work is, where there is no terminal."""
 LONGEST_PATH = 200
 """Characters of a path that a message repeats."""
 
@@ -113,9 +116,11 @@ def discard_unless_taken(folder: Path, discard: Callable[[Path], None]) -> None:
 
 
 def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:
-    """Return what shows a bar over an iterable on a terminal; it vanishes at the end."""
-    if output().quiet or not sys.stderr.isatty():
+    """Return what shows how far an iterable is: a bar on a terminal, which vanishes; elsewhere a line now and then."""
+    if output().quiet:
         return iter
+    if not sys.stderr.isatty():
+        return partial(_in_lines, description, total)
     from rich.console import Console
     from rich.progress import track
 
@@ -123,3 +128,16 @@ def progress(description: str, total: int | None = None) -> Callable[[Iterable[i
         return iter(track(numbers, description, total, console=Console(stderr=True), transient=True))
 
     return shown
+
+
+def _in_lines(description: str, total: int | None, numbers: Iterable[int]) -> Iterator[int]:
+    """Pass numbers on, and say every `PACE` seconds how many; what ends sooner says nothing."""
+    size = total if total is not None else len(numbers) if isinstance(numbers, Sized) else None
+    began = said = time.monotonic()
+    for count, number in enumerate(numbers):
+        now = time.monotonic()
+        if now - said >= PACE:
+            said = now
+            of = f" of {size}" if size is not None else ""
+            typer.echo(f"{description}: {count}{of}, {now - began:.0f} s", err=True)
+        yield number

@@ -110,7 +110,7 @@ def load_spec(path: str, where: str) -> Any:
     try:
         import mujoco
     except ImportError:
-        got, remedy = "an MJCF file without the package mujoco", "pip install 'ident[mjcf]'"
+        got, remedy = "an MJCF file without the package mujoco", "pip install mujoco"
         raise refusal(where, got, "mujoco to read it", remedy) from None
     with _silent():
         try:

@@ -106,7 +106,7 @@ def parse(data: bytes, where: str) -> Any:
     try:
         from yourdfpy import URDF
     except ImportError:
-        got, remedy = "a URDF file without the package yourdfpy", "pip install 'ident[urdf]'"
+        got, remedy = "a URDF file without the package yourdfpy", "pip install yourdfpy"
         raise refusal(where, got, "yourdfpy to read it", remedy) from None
     log = logging.getLogger("yourdfpy")
     was_silent, log.disabled = log.disabled, True

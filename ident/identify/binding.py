@@ -15,12 +15,25 @@ from ident.measure import Campaign, Load, Measurement
 from ident.measure.load import named_points
 from ident.text import did_you_mean
 
-# -------- Misfits
-# What a campaign speaks of that its arm has not.
+# -------- Reference checks
 
 
-def misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
-    """Yield what a measurement speaks of that the arm has not."""
+def check_references(arm: Arm, campaign: Campaign) -> None:
+    """Refuse a campaign that names what its arm does not have, all rows at once.
+
+    Raises:
+        InputError: no row, a posture of the wrong length, an unknown point, joint, payload or mode, or more
+            frequencies of a state than the arm has modes.
+    """
+    problems = [problem for m in campaign for problem in _of_row(arm, m)] + [*_of_states(arm, campaign)]
+    if not len(campaign):
+        problems = [Problem(campaign.path, "no measurement", "at least one", "add a row")]
+    if problems:
+        raise InputError(problems)
+
+
+def _of_row(arm: Arm, m: Measurement) -> Iterator[Problem]:
+    """Yield what a measurement names and the arm does not have."""
     if len(m.posture) != len(arm.driven):
         expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
         yield Problem(m.where, f"{len(m.posture)} joint angles", expected, "add or remove q columns", "posture")
@@ -32,7 +45,7 @@ def misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
     if m.joint is not None and m.joint not in joints:
         yield _unknown(m.where, "joint", m.joint, joints)
     for column, load in (("load", m.load), ("reference_load", m.reference_load)):
-        yield from unknown_names(arm, load, m.where, column)
+        yield from _of_load(arm, load, m.where, column)
     if m.drives == "off":
         remedy = "leave the row out, or measure it with brake or servo on"
         yield Problem(m.where, "motors that turn freely", "motors that are held, as in the model", remedy, "drives")
@@ -50,8 +63,8 @@ def misfits(arm: Arm, m: Measurement) -> Iterator[Problem]:
             yield Problem(m.where, f"'{m.mode}'", expected, remedy, "mode")
 
 
-def too_many(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
-    """Refuse more frequencies of a state than the arm has modes: each without a label is of another mode."""
+def _of_states(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
+    """Yield states with more frequencies than the arm has modes: each without a label is of another mode."""
     states: dict[tuple[tuple[float, ...], Load, str], list[Measurement]] = {}
     for m in campaign.of_kind("frequency"):
         states.setdefault((m.posture, m.load, m.drives), []).append(m)
@@ -72,8 +85,8 @@ def _count(arm: Arm, drives: str) -> int:
     return 3 * len(arm.joints) + (len(arm.servos) if drives == "servo" else 0)
 
 
-def unknown_names(arm: Arm, load: Load, where: str, column: str) -> Iterator[Problem]:
-    """Yield what a load case hangs on points, or takes for payloads, that the arm has not."""
+def _of_load(arm: Arm, load: Load, where: str, column: str) -> Iterator[Problem]:
+    """Yield points, payloads and bodies of a load case that the arm does not have."""
     points, payloads = [point.name for point in arm.points], [payload.body.name for payload in arm.payloads]
     for name in named_points(load):
         if name not in points:
@@ -103,7 +116,7 @@ def bind_loads(arm: Arm, loads: Sequence[Load]) -> Loads:
     Raises:
         InputError: a payload or point that the arm has not.
     """
-    problems = [problem for load in loads for problem in unknown_names(arm, load, "", "load")]
+    problems = [problem for load in loads for problem in _of_load(arm, load, "", "load")]
     for load in loads if not problems else ():
         for _, _, point, body in load.own:
             remedy = "give it in the base frame: as the arm moves, the body turns"

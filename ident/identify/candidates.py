@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations, product
 from typing import Any
 
@@ -14,20 +14,18 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
-from ident.arm.mechanics import deflection, forward_kinematics, point_positions, static_equilibrium
+from ident.arm.mechanics import deflection, static_equilibrium
 from ident.arm.modes import AMBIGUOUS, Label, labels_of_shares, modes_about, torsion_share, vertical_share
 from ident.arm.parts import Point
 from ident.errors import InputError, ModelError, Problem
-from ident.identify.binding import bind_loads
+from ident.identify.instruments import RESOLUTION, Instruments
 from ident.identify.modal_analysis import modal_analysis
-from ident.identify.unknowns import LOAD, scaled_bodies, scaled_inertia, scaled_loads
+from ident.identify.unknowns import scaled_bodies, with_numbers
 from ident.inference.design import Experiments, fisher
 from ident.inference.parameters import Parameters
 from ident.inference.problem import Discrepant
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
-from ident.measure.covariance_and_frames import COMMON
 from ident.programs import jit
-from ident.text import did_you_mean
 
 # -------- Candidate predictions
 # What an arm would show at many postures and loads, for several sets of its numbers: values, Jacobians, shares.
@@ -90,16 +88,12 @@ def candidate_predictions(
     parameters: Parameters,
     points: Float[np.ndarray, "T P"],
     postures: Float[np.ndarray, "G joints"],
-    loads: tuple[Load, ...],
+    loads: Loads,
     modes: int,
 ) -> CandidatePredictions:
-    """Compute what an arm would show.
-
-    Raises:
-        InputError: a payload or point that the arm has not.
-    """
-    shape = len(postures), len(loads), len(points)
-    load_columns = _load_columns(arm, loads)
+    """Compute what an arm would show under load cases, batch (L)."""
+    shape = len(postures), loads.mass.shape[-1], len(points)
+    load_columns = np.concatenate([np.asarray(part).reshape(-1, shape[1]) for part in jax.tree.leaves(loads)])
     count = min(modes, 3 * len(arm.joints))
     g, s, t = (index.ravel() for index in np.indices(shape))
     columns = np.concatenate([points.T[:, t], postures.T[:, g], load_columns[:, s]])
@@ -133,7 +127,7 @@ def distinct_predictions(
     points: Float[np.ndarray, "T P"],
     postures: Float[np.ndarray, "G joints"],
     measured: Float[np.ndarray, "M joints"],
-    loads: tuple[Load, ...],
+    loads: Loads,
     modes: int,
 ) -> tuple[CandidatePredictions, Int[np.ndarray, "G"], Bool[np.ndarray, "V"]]:
     """Compute what an arm would show in one of each group of equivalent postures, where it stands.
@@ -144,14 +138,13 @@ def distinct_predictions(
         points: where they may lie; the first is the best estimate.
         postures: to choose from, those that were measured among them.
         measured: postures that stand for those equivalent to them.
-        loads: the load cases.
+        loads: the load cases, batch (L).
         modes: number of frequencies.
 
     Returns:
         The predictions; for each posture its place among them, -1 for none; which of them were measured.
 
     Raises:
-        InputError: a payload or point that the arm has not.
         ModelError: the arm stands in no posture.
     """
     first = candidate_predictions(arm, parameters, points[:2], postures, loads, modes)
@@ -196,13 +189,8 @@ def equivalent_postures(predictions: CandidatePredictions, favoured: np.ndarray)
     return np.array([leader[int(k)] for k in group])
 
 
-def _load_columns(arm: Arm, loads: tuple[Load, ...]) -> np.ndarray:
-    """Return the load cases as columns, as `_loads_of` takes them apart."""
-    bound = bind_loads(arm, loads)
-    return np.concatenate([np.asarray(part).reshape(-1, len(loads)) for part in jax.tree.leaves(bound)])
-
-
 def _loads_of(arm: Arm, columns: Array) -> Loads:
+    """Return load cases that were put below each other."""
     payloads, points = len(arm.payloads), len(arm.points)
     share, mass, force, moment = jnp.split(columns, [payloads, payloads + points, payloads + 4 * points])
     moments = moment.reshape(3, points, -1) if len(moment) else None
@@ -222,9 +210,8 @@ def _observe(
     scaled = scaled_bodies(arm, [item.name for item in parameters.items if item.nuisance])
 
     def shown(numbers: Mapping[str, Any]) -> Array:
-        own = {path: x for path, x in numbers.items() if path != LOAD}
-        loads = scaled_loads(_loads_of(arm, load_columns), numbers.get(LOAD, 1.0))
-        chain = at_posture(scaled_inertia(arm, numbers, scaled).replace(own), posture, loads)
+        held, loads = with_numbers(arm, _loads_of(arm, load_columns), numbers, scaled)
+        chain = at_posture(held, posture, loads)
         at = static_equilibrium(chain)
         modes = modes_about(chain, at, m)
         down = -deflection(chain, at.phi)[2, -1:]
@@ -248,12 +235,6 @@ def _gaps(frequency: np.ndarray) -> np.ndarray:
 # -------- Experiments
 # What can be measured on an arm, how well, and at what cost: hammer, accelerometers, dial gauge, payload.
 
-SIGMA = {"frequency": 0.005, "deflection": 0.02}
-"""Standard deviations as shares of the value, where a campaign does not say; assumed."""
-RESOLUTION = 1e-5
-"""Standard deviation [m] that a dial gauge has however small the deflection; assumed."""
-COSTS = {"posture": 10.0, "hammer": 10.0, "labels": 10.0, "dial": 10.0, "load": 20.0}
-"""Minutes for each part of an experiment; assumed."""
 PARTS = {
     "posture": "a new posture",
     "hammer": "a hammer test",
@@ -261,40 +242,8 @@ PARTS = {
     "dial": "a dial gauge",
     "load": "a load",
 }
-MOST_COMMON = 0.99
-"""Common share of a variance at most: what is left is noise, which every reading has."""
 CLOSE = 0.05
 """Frequencies nearer to each other than this share may come in another order on the arm than in the model."""
-
-
-@dataclass(frozen=True)
-class Instruments:
-    """What is at hand to measure with.
-
-    Attributes:
-        modes: frequencies that a hammer test gives, from the lowest.
-        loads: the load cases.
-        sigma: by kind, the standard deviation as a share of the value.
-        costs: of the parts of an experiment, in one unit, see `COSTS`.
-        common: share of the variance that all frequencies of a posture have in common, and all deflections: a repeat
-            there makes it no smaller.
-    """
-
-    modes: int = 4
-    loads: tuple[Load, ...] = (OWN_WEIGHT,)
-    sigma: Mapping[str, float] = field(default_factory=lambda: SIGMA)
-    costs: Mapping[str, float] = field(default_factory=lambda: COSTS)
-    common: float = COMMON
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "sigma", _complete("sigma", self.sigma, SIGMA, above=0.0))
-        object.__setattr__(self, "costs", _complete("cost", self.costs, COSTS))
-        object.__setattr__(self, "loads", tuple(dict.fromkeys(self.loads)))
-        if not 0 <= self.common <= MOST_COMMON:
-            expected = f"a share from 0 to {MOST_COMMON:g}"
-            raise InputError(Problem("common_share", f"{self.common:g}", expected, "0.5 for half of the variance"))
-        if self.modes < 1:
-            raise InputError(Problem("modes", f"{self.modes}", "at least one", "ask for more"))
 
 
 @dataclass(frozen=True)
@@ -327,31 +276,6 @@ class Experiment:
 
 WAYS = ((True, False, False), (True, True, False), (False, False, True), (True, False, True), (True, True, True))
 """What may be done in an experiment: hammer, labels, dial."""
-
-
-def relative_sigma(campaign: Campaign, given: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Return the relative standard deviation by kind: as given, or as in the campaign (the median), or as assumed."""
-    measured = {}
-    for kind in SIGMA:
-        shares = [m.sigma / abs(m.value) for m in campaign.of_kind(kind) if m.value]
-        if shares:
-            measured[kind] = float(np.median(shares))
-    return SIGMA | measured | dict(given or {})
-
-
-def common_share(campaign: Campaign, given: float | None = None) -> float:
-    """Return the common share of the frequencies' variance: as given, as in the campaign (the median), or assumed."""
-    if given is not None:
-        return given
-    rows = campaign.measurements
-    shares = [
-        matrix[i][j]
-        for places, matrix in campaign.correlated
-        for i, a in enumerate(places)
-        for j, b in enumerate(places[:i])
-        if rows[a].kind == rows[b].kind == "frequency"
-    ]
-    return float(np.clip(np.median(shares), 0.0, MOST_COMMON)) if shares else COMMON
 
 
 def candidate_experiments(
@@ -449,122 +373,12 @@ def _row(
     )
 
 
-def _complete(what: str, given: Mapping[str, float], known: Mapping[str, float], above: float = -1e-300) -> dict:
-    for name, value in given.items():
-        if name not in known:
-            remedy = did_you_mean(name, known, "name one of them")
-            raise InputError(Problem(what, f"'{name}'", f"one of {', '.join(known)}", remedy))
-        if not above < value < np.inf:
-            expected = "a finite number above 0" if above == 0 else "a finite number >= 0"
-            raise InputError(Problem(what, f"{name}={value:g}", expected, "correct it"))
-    return {**known, **given}
-
-
 def any_campaign(arm: Arm, loads: Iterable[Load]) -> Campaign:
     """Return a campaign of what can be planned, to pose a problem with before anything is measured."""
     still = (0.0,) * len(arm.driven)
     deflection = Measurement(kind="deflection", posture=still, value=1.0, sigma=1.0, point=arm.points[-1].name)
     frequency = Measurement(kind="frequency", posture=still, value=1.0, sigma=1.0)
     return Campaign(measurements=(deflection, *(replace(frequency, load=load) for load in loads)))
-
-
-# -------- Posture grid
-# The postures that an arm's limits and workspace admit: a grid over the driven joints, thinned out where too large.
-
-STEP = math.radians(30.0)
-SLACK = 1e-9
-"""Rounding [rad] that is forgiven at a limit."""
-MOST = 2048
-"""Postures at most; a power of two, as Sobol's sequence likes."""
-
-
-def ranges(arm: Arm) -> list[tuple[float, float]]:
-    """Return for each driven joint the angles [rad] worth looking at: its limits, or one full turn."""
-    return [(max(low, -math.pi), min(high, math.pi)) for low, high in (joint.limits for joint in arm.driven)]
-
-
-def posture_grid(arm: Arm, step: float = STEP, *, seed: int = 0) -> tuple[Float[np.ndarray, "G joints"], bool]:
-    """Return postures [rad] that may be held, and whether they are a sample of a grid that would be too large.
-
-    The angles of a joint, or the factor of a line of postures, are the multiples of `step` within the limits. Where
-    that makes more than `MOST` postures, as many are drawn from Sobol's sequence and rounded to whole degrees; a first
-    joint about the vertical, which makes no difference to weights, is held near zero in these.
-
-    Raises:
-        InputError: the step is none, a joint's limits are beyond a full turn altogether, or no posture may be held.
-    """
-    postures, sampled = all_postures(arm, step, seed)
-    admitted = postures[may_be_held(arm, postures)]
-    if not len(admitted):
-        expected, remedy = "one posture at least", "check limits and [workspace], or take a smaller step (`step`)"
-        raise InputError(Problem(arm.name, "no posture that may be held", expected, remedy, "workspace"))
-    return admitted, sampled
-
-
-def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G joints"], bool]:
-    """Return the postures [rad] of `posture_grid` before the workspace thins them out; nothing is compiled for it.
-
-    Raises:
-        InputError: the step is none, or a joint's limits are beyond a full turn altogether.
-    """
-    if not 0 < step <= 2 * math.pi:
-        got = f"a step of {math.degrees(step):g} deg"
-        raise InputError(Problem("", got, "a step above 0 and up to 360 deg", "give another step"))
-    spans = ranges(arm)
-    for joint, (low, high) in zip(arm.driven, spans, strict=True):
-        if low > high:
-            got = f"limits of {joint.name} that leave -180 to 180 deg out"
-            raise InputError(Problem(arm.name, got, "limits about zero", "shift the zero of the joint", "limits"))
-    listed, line = arm.workspace.postures, arm.workspace.line
-    if listed:
-        return np.array(listed), False
-    if line is not None:
-        return np.outer(_on_line(spans, line, step), line) + 0.0, False
-    if math.prod(max((high - low) / step - 1, 1.0) for low, high in spans) <= MOST:
-        axes = [_multiples(low, high, step) for low, high in spans]
-        if math.prod(map(len, axes)) <= MOST:
-            return np.array(list(product(*axes))), False
-    from scipy.stats import qmc  # long to import, and seldom needed
-
-    low, high = np.array(spans).T
-    u = qmc.Sobol(len(spans), rng=np.random.default_rng(seed)).random(MOST)
-    postures = np.clip(np.deg2rad(np.round(np.rad2deg(low + u * (high - low)))), low, high)
-    if _turns_about_vertical(arm):
-        postures[:, 0] = np.clip(0.0, low[0], high[0])
-    return postures, True
-
-
-def _turns_about_vertical(arm: Arm) -> bool:
-    """Tell whether the first joint of all turns the whole arm about the vertical."""
-    first, gravity = arm.joints[0], np.asarray(arm.gravity)
-    return first.driven and not np.cross(np.asarray(first.axis), gravity).any()
-
-
-def _on_line(spans: Sequence[tuple[float, float]], line: Sequence[float], step: float) -> list[float]:
-    """Return the multiples of a step by which a line's shares stay within the limits."""
-    pairs = [sorted((low / share, high / share)) for (low, high), share in zip(spans, line, strict=True) if share]
-    low, high = max(low for low, _ in pairs), min(high for _, high in pairs)
-    if high - low > MOST * step:
-        got = f"a step of {math.degrees(step):g} deg, {(high - low) / step:.3g} postures on the line"
-        raise InputError(Problem("", got, f"{MOST} postures at most", "give a larger step", "step"))
-    return _multiples(low, high, step)
-
-
-def may_be_held(arm: Arm, postures: Float[np.ndarray, "G joints"]) -> Bool[np.ndarray, "G"]:
-    """Tell in which postures an arm is within its limits and keeps above its lowest height, were it rigid."""
-    low, high = np.array([joint.limits for joint in arm.driven]).T
-    within = np.logical_and(low - SLACK <= postures, postures <= high + SLACK).all(1)
-    if not math.isfinite(arm.workspace.lowest):
-        return np.asarray(within)
-    return np.logical_and(within, np.asarray(_least_height(arm, jnp.asarray(postures.T))) >= arm.workspace.lowest)
-
-
-@jit
-def _least_height(arm: Arm, posture: Float[Array, "driven G"]) -> Float[Array, "G"]:
-    """Return the height of the lowest bushing or named point of the rigid arm [m]."""
-    chain = at_posture(arm, posture)
-    phi = jnp.zeros((3, len(arm.joints), posture.shape[1]))
-    return jnp.concatenate([forward_kinematics(chain, phi).centre[2], point_positions(chain, phi)[2]]).min(0)
 
 
 def main_joints(postures: Float[np.ndarray, "G joints"], gain: Float[np.ndarray, "G"]) -> list[int]:
@@ -586,13 +400,6 @@ def main_joints(postures: Float[np.ndarray, "G joints"], gain: Float[np.ndarray,
         level = np.bincount(groups, gain) / count
         effects.append(float(np.nanmean((gain - level[groups]) ** 2)))
     return sorted(np.argsort(effects)[::-1][:2].tolist())
-
-
-def _multiples(low: float, high: float, step: float) -> list[float]:
-    """Return the multiples of a step between two limits, the middle if there is none; a full turn only once."""
-    first, last = math.ceil((low - SLACK) / step), math.floor((high + SLACK) / step)
-    angles = [i * step for i in range(first, last + 1)] or [(low + high) / 2]
-    return angles[1:] if len(angles) > 1 and angles[-1] - angles[0] > 2 * math.pi - SLACK else angles
 
 
 # -------- Sensor places

@@ -14,15 +14,18 @@ from ident.arm.mechanics import equilibrium
 from ident.arm.parts import DIRECTIONS, CubicSpring, Spring
 from ident.arm.rotations import matvec
 from ident.errors import InputError, Problem
-from ident.identify.conditions import Conditions, Ramp, bind, ramps
+from ident.identify.conditions import Conditions
 from ident.identify.predict import chains
 from ident.identify.problem import (
     LabelDoubt,
-    build_problem,
+    Posed,
+    Ramp,
     changing_labels,
     check_values,
     contradictory_repeats,
     label_doubts,
+    pose,
+    ramps,
 )
 from ident.identify.unknowns import Unknowns
 from ident.inference.fit import CrossPrediction, contradicting, cross_predictions
@@ -74,24 +77,20 @@ class SpringCheck:
         return self.vibrating[1] < UNLOADED * self.torque1
 
 
-def check_springs(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> tuple[SpringCheck, ...]:
+def check_springs(posed: Posed, unknowns: Unknowns | None = None) -> tuple[SpringCheck, ...]:
     """Look at each curved spring of an arm with the eyes of a campaign.
 
     Data as the arm file predicts them are fitted with the spring made straight, its own numbers kept and all other
     unknowns free: what that costs is what the data could tell, if they came out as expected.
-
-    Raises:
-        InputError: campaign and arm do not fit together.
     """
+    arm, campaign, conditions = posed.arm, posed.campaign, posed.conditions
     if not arm.springs:
         return ()
-    problem = build_problem(arm, campaign, unknowns)
-    exact = evaluate(problem).predicted
+    exact = evaluate(posed.problem).predicted
     if not np.isfinite(exact).all():
         return ()
     rows = (replace(m, value=float(value)) for m, value in zip(campaign, exact, strict=True))
     as_predicted = replace(campaign, measurements=tuple(rows))
-    conditions = bind(arm, campaign)
     loads, readings = _loads(arm, conditions), conditions.readings
     vibrating = np.concatenate([conditions.named.states, conditions.unnamed.states])
     at_rest = np.concatenate([readings.states, np.asarray(readings.references)[np.asarray(readings.references) >= 0]])
@@ -115,18 +114,15 @@ def straightened(spring: Spring | CubicSpring) -> dict[str, float]:
 
 
 def _cost(arm: Arm, spring: Spring | CubicSpring, exact: Campaign, unknowns: Unknowns) -> float:
-    own = f"{spring.name}."
-    free, priors = ({path: x for path, x in each.items() if not path.startswith(own)} for each in _given(unknowns))
-    tied = tuple(group for group in unknowns.tied if not any(path.startswith(own) for path in group))
-    kept = replace(unknowns, free=free, priors=priors, tied=tied).with_prior
-    problem = build_problem(arm.replace(straightened(spring)), exact, kept)
+    def others(paths: Mapping[str, Any]) -> dict[str, Any]:
+        return {path: x for path, x in paths.items() if not path.startswith(f"{spring.name}.")}
+
+    tied = tuple(group for group in unknowns.tied if len(others(dict.fromkeys(group))) == len(group))
+    kept = replace(unknowns, free=others(unknowns.free), priors=others(unknowns.priors), tied=tied).with_prior
+    problem = pose(arm.replace(straightened(spring)), exact, kept).problem
     end = solve(problem, np.asarray(problem.parameters.theta(problem.parameters.column("start"))))
     residuals = np.asarray(problem.scaled(np.asarray(problem.measured) - end.predicted))
     return float(residuals @ residuals)
-
-
-def _given(unknowns: Unknowns) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-    return unknowns.free, unknowns.priors
 
 
 def _ends(loads: Float[np.ndarray, "states"]) -> tuple[float, float]:
@@ -135,7 +131,7 @@ def _ends(loads: Float[np.ndarray, "states"]) -> tuple[float, float]:
 
 @jit
 def _sizes(arm: Arm, conditions: Conditions) -> tuple[Array, Array]:
-    chain = chains(arm, {}, conditions)
+    chain = chains(arm, conditions)
     phi, curved = equilibrium(chain), chain.curved
     assert curved is not None
     return curved.sizes(matvec(chain.stiffness, phi) + curved.torque(phi))
@@ -201,16 +197,17 @@ def check_campaign(
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values; contradictory
             repeats; a campaign that says nothing of any unknown.
     """
+    unknowns = unknowns or Unknowns()
+    posed = pose(arm, campaign, unknowns)
     with ThreadPoolExecutor(1) as beside:
-        labels = beside.submit(label_doubts, arm, campaign)  # its program is compiled while the other one is
-        problem = build_problem(arm, campaign, unknowns)
-        check_values(problem, campaign, arm, trusted)
-        checked = check(problem, seed=seed)
+        labels = beside.submit(label_doubts, posed)  # its program is compiled while the other one is
+        check_values(posed, trusted)
+        checked = check(posed.problem, seed=seed)
         if checked.blind:
             got = "no measurement that depends on any of the unknowns"
             remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
             raise InputError(Problem(campaign.path, got, "some information on one at least", remedy))
-        compared = build_problem(arm, campaign, (unknowns or Unknowns()).with_prior)
+        compared = posed.with_unknowns(unknowns.with_prior).problem
         start = np.asarray(compared.parameters.theta(compared.parameters.column("start")))
         return CampaignCheck(
             **vars(checked),
@@ -219,8 +216,8 @@ def check_campaign(
             consistency=consistency(compared),
             cross_predictions=cross_predictions(compared, [start], seed=seed)[0],
             labels=labels.result(),
-            changing=changing_labels(problem, seed=seed),
-            springs=check_springs(arm, campaign, unknowns),
+            changing=changing_labels(posed.problem, seed=seed),
+            springs=check_springs(posed, unknowns),
             repeats=tuple(contradictory_repeats(campaign)),
-            ramps=ramps(campaign, problem),
+            ramps=ramps(posed),
         )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ident.arm.arm import Arm, stiffness_paths
+from ident.arm.arm import stiffness_paths
 from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
 from ident.inference.change import Change, Estimate, change, independent_change
@@ -161,14 +161,10 @@ def _of_both(first: CampaignFit, second: CampaignFit) -> Iterator[str]:
 
 def _unlike(first: CampaignFit, second: CampaignFit) -> Iterator[str]:
     fitted = {*first.parameters, *second.parameters}
-    ours, theirs = (_numbers(fit.arm) for fit in (first, second))
+    ours, theirs = ({path: np.asarray(x) for path, x in fit.arm.numbers().items()} for fit in (first, second))
     for path in dict.fromkeys([*ours, *theirs]):
         if path not in fitted and not np.array_equal(ours.get(path, np.nan), theirs.get(path, np.nan)):
             yield path
-
-
-def _numbers(arm: Arm) -> dict[str, np.ndarray]:
-    return {path: np.asarray(value) for path, value in arm.numbers().items()}
 
 
 def _priors_differ(first: CampaignFit, second: CampaignFit) -> bool:
@@ -269,9 +265,9 @@ class Scope:
         kind: of measurement.
         folds: parts that were left out and have such a measurement.
         count: measurements of the kind in them.
-        rms: [-] root mean square of what they are off, relative to the measured value.
-        seen: [-] half of the interval that holds 95 % of them: t of so many folds, times rms.
-        expected: [-] the same by the model's own standard deviations.
+        rms: [-] root mean square of the prediction errors, relative to the measured value; [SI] where it is absolute.
+        seen: [-] or [SI] half of the interval that holds 95 % of them: t of so many folds, times rms.
+        expected: [-] or [SI] the same by the model's own standard deviations.
     """
 
     kind: str
@@ -327,18 +323,20 @@ class Validation:
     def scopes(self) -> tuple[Scope, ...]:
         """How well each kind of measurement is predicted."""
         kinds = dict.fromkeys(m.kind for m in self.fit.campaign)
-        return tuple(scope for kind in kinds if (scope := self._scope(kind)))
+        return tuple(scope for kind in kinds if (scope := self.scope(kind)))
 
-    def _scope(self, kind: str) -> Scope | None:
+    def scope(self, kind: str, *, relative: bool = True) -> Scope | None:
+        """Return how well a kind of measurement is predicted, relative to the values or in SI; None if no part is."""
         from scipy.stats import t
 
         of_kind = np.array([m.kind == kind for m in self.fit.campaign])
         off, sd = [], []
         for part in self.told:
-            own = of_kind[part.places] & (part.measured != 0)
+            own = of_kind[part.places] & ((part.measured != 0) | (not relative))
             if own.any():
-                off.append((part.off / np.where(own, part.measured, 1.0))[own])
-                sd.append((part.sd / np.abs(np.where(own, part.measured, 1.0)))[own])
+                size = np.abs(part.measured[own]) if relative else 1.0
+                off.append(part.off[own] / size)
+                sd.append(part.sd[own] / size)
         if not off:
             return None
         rms = float(np.sqrt(np.mean([np.mean(each**2) for each in off])))

@@ -1,15 +1,15 @@
 """A campaign bound to an arm: under which conditions each value was measured, as arrays.
 
-Loops of ramps: by how much an arm, its load let down, stays behind what it was on the way up.
+Hysteresis: by how much an arm, its load let down, stays behind what it was on the way up.
 
 Friction in a drive and play in a bearing make readings depend on the way by which a load was reached. What rows of one
 loop read, up and back, is taken to lie half its width to either side of what springs alone would give,
 
     read = springs -/+ width / 2,   - while loading, + while unloading,
 
-the width the same at all loads of the ramp. It is an unknown of its own, of which nothing is said beforehand: so rows
-of both ways tell stiffnesses by their middle, and the width is told by what they differ by. Where it is not the same at
-all loads, as towards the turning points of a ramp, data and model contradict each other.
+the width the same at all loads of the ramp. It is an unknown of its own, without a prior: rows of both ways determine
+stiffnesses by their middle, and the width by what they differ by. Where it is not the same at all loads, as towards the
+turning points of a ramp, data and model contradict each other.
 
 References:
     The loop in the torsion of harmonic drives, and its width: Tuttle, Seering, "A nonlinear model of a harmonic drive
@@ -19,8 +19,8 @@ References:
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -32,20 +32,14 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Chain, Loads
 from ident.arm.mechanics import StaticEquilibrium
 from ident.arm.modes import Modes, damped_eigenvalues, linearize, moving_points, moving_points_damped, parse_label
-from ident.errors import InputError, Problem
-from ident.identify.binding import in_base_axes, load_columns, misfits, too_many
+from ident.identify.binding import in_base_axes, load_columns
 from ident.identify.mode_matching import Named, name_modes
-from ident.inference.information import information
+from ident.identify.unknowns import LOOP, is_of_loop
 from ident.inference.parameters import AnyArray, Parameter
-from ident.inference.problem import Data, InverseProblem
-from ident.inference.search import evaluate
+from ident.inference.problem import Data
 from ident.measure import DEFINITIONS, Campaign, Load, Measurement
 from ident.measure.campaign import ROUNDING
 from ident.measure.load import DIFFERENCES, POSITIONS, RAMPS, ROTATIONS, SHAPES, TWISTS
-
-if TYPE_CHECKING:
-    from ident.inference.fit import Fit
-
 
 # -------- Definitions
 # What a measured frequency is of its damped mode: undamped, of the pole, damped, or of a peak; see `DEFINITIONS`.
@@ -99,95 +93,11 @@ def defined(
     return jnp.moveaxis(table[own, :, states], 0, 1)
 
 
-# -------- Loops
-# By how much an arm, its load let down, stays behind what it was on the way up: the equations stand at the file's head.
+# -------- Hysteresis
+# The equations stand at the head of this file.
 
-PREFIX = "loop:"
-"""What the names of the widths begin with; then a number from 1, and the kind of its rows."""
 STEP = 1e-4
 """Size of theta: 0.1 mm, or 0.1 mrad."""
-
-
-@dataclass(frozen=True)
-class Ramp:
-    """A ramp of loads, and how well the width of its loop is told.
-
-    Attributes:
-        name: of its width among the unknowns.
-        rows: places of its rows in the campaign.
-        of: one of these, which says what was read, and at which posture.
-        sd: [m or rad] standard deviation of the width; infinite where the data do not tell.
-    """
-
-    name: str
-    rows: tuple[int, ...]
-    of: Measurement
-    sd: float
-
-
-@dataclass(frozen=True)
-class Loop(Ramp):
-    """The loop that a ramp of loads went through.
-
-    Attributes:
-        width: [m or rad] what was read while unloading, less what was read at the same load while loading.
-        largest: [m or rad] the largest value that was read.
-    """
-
-    width: float
-    largest: float
-
-
-def loops(campaign: Campaign, fit: Fit) -> tuple[Loop, ...]:
-    """Return the loops of a campaign's ramps, as a fit has found them."""
-    found = _ramps(campaign, fit.problem, fit.information.sd)
-    values = [[abs(campaign.measurements[i].value) for i in ramp.rows] for ramp in found]
-    return tuple(
-        Loop(**vars(ramp), width=fit.parameters[ramp.name], largest=max(own, default=0.0))
-        for ramp, own in zip(found, values, strict=True)
-    )
-
-
-def ramps(campaign: Campaign, problem: InverseProblem) -> tuple[Ramp, ...]:
-    """Return the ramps of a campaign, and how well its data alone would tell their widths at the starting values."""
-    if not _names(campaign):
-        return ()
-    parameters = problem.parameters
-    start = np.asarray(parameters.theta(parameters.column("start")))
-    jacobian = np.asarray(jax.device_get(evaluate(problem, start)).jacobian)
-    if not np.isfinite(jacobian).all():
-        return _ramps(campaign, problem, np.full(len(start), np.inf))
-    prior = np.where(parameters.nuisance, parameters.normal_sd, np.inf)
-    known = information(problem.scaled(jacobian), prior, parameters.names, parameters.nuisance)
-    return _ramps(campaign, problem, known.sd)
-
-
-def _ramps(campaign: Campaign, problem: InverseProblem, sd: np.ndarray) -> tuple[Ramp, ...]:
-    names, places = problem.parameters.names, loop_places(campaign)
-    found = []
-    for number, name in _names(campaign).items():
-        rows = tuple(i for i, place in enumerate(places) if abs(place) == number)
-        found.append(Ramp(name, rows, campaign.measurements[rows[0]], STEP * float(sd[names.index(name)])))
-    return tuple(found)
-
-
-def is_of_loop(name: str) -> bool:
-    """Tell whether a parameter is the width of a loop."""
-    return name.startswith(PREFIX)
-
-
-def kind_of(name: str) -> str:
-    """Return the kind of the rows that a loop's width is of."""
-    return name.rpartition(":")[2]
-
-
-def _number(name: str) -> int:
-    return int(name.split(":")[1])
-
-
-def without_loops(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the numbers that are no widths of loops."""
-    return {name: value for name, value in parameters.items() if not is_of_loop(name)}
 
 
 def loop_places(campaign: Campaign) -> list[int]:
@@ -196,33 +106,33 @@ def loop_places(campaign: Campaign) -> list[int]:
     One loop is of one kind, posture, place that was read and state of the drives; a `repeat` tells ramps apart.
     """
     numbers: dict[Hashable, int] = {}
-    return [
-        (-1 if m.ramp == RAMPS[0] else 1) * numbers.setdefault(_key(m), len(numbers) + 1) if m.ramp else 0
-        for m in campaign
-    ]
+
+    def place(m: Measurement) -> int:
+        loop = m.kind, m.posture, m.point, m.direction, m.joint, m.setup, m.drives, m.repeat
+        return (-1 if m.ramp == RAMPS[0] else 1) * numbers.setdefault(loop, len(numbers) + 1)
+
+    return [place(m) if m.ramp else 0 for m in campaign]
 
 
-def _key(m: Measurement) -> Hashable:
-    return m.kind, m.posture, m.point, m.direction, m.joint, m.setup, m.drives, m.repeat
-
-
-def _names(campaign: Campaign) -> dict[int, str]:
+def loop_names(campaign: Campaign) -> dict[int, str]:
     """Return the name of each loop's width, by its number."""
-    return {abs(n): f"{PREFIX}{abs(n)}:{m.kind}" for m, n in zip(campaign, loop_places(campaign), strict=True) if n}
+    return {abs(n): f"{LOOP}{abs(n)}:{m.kind}" for m, n in zip(campaign, loop_places(campaign), strict=True) if n}
 
 
 def loop_parameters(campaign: Campaign) -> tuple[Parameter, ...]:
-    """Return the widths of the loops: nuisances of which nothing is known."""
-    return tuple(Parameter((name,), False, 0.0, 0.0, np.inf, STEP, nuisance=True) for name in _names(campaign).values())
+    """Return the widths of the loops: nuisances without a prior."""
+    return tuple(
+        Parameter((name,), False, 0.0, 0.0, np.inf, STEP, nuisance=True) for name in loop_names(campaign).values()
+    )
 
 
-def with_loops(conditions: Conditions, parameters: Mapping[str, Any]) -> Conditions:
-    """Return the conditions with what each reading lags behind, its loop as wide as these numbers say."""
+def with_hysteresis(conditions: Conditions, parameters: Mapping[str, Any]) -> Conditions:
+    """Return the conditions with the lag of each reading, half the width of its loop."""
     readings = conditions.readings
     if readings.loop is None:
         return conditions
     rank = max((jnp.ndim(value) for value in parameters.values()), default=0)
-    own = {_number(name): jnp.asarray(value) for name, value in parameters.items() if is_of_loop(name)}
+    own = {int(name.split(":")[1]): jnp.asarray(value) for name, value in parameters.items() if is_of_loop(name)}
     none = jnp.zeros((1,) * rank)
     each = [own.get(number, none) for number in range(max(own, default=0) + 1)]
     widths = jnp.stack(jnp.broadcast_arrays(*(x.reshape(x.shape + (1,) * (rank - x.ndim)) for x in each)))
@@ -313,24 +223,6 @@ def shared_error(
     weight, step = np.bincount(order, sigma**-2.0, count), np.zeros(count)
     np.maximum.at(step, order, resolution)
     return np.asarray(sigma * np.sqrt(1 + weight * (ROUNDING * step) ** 2)[order])
-
-
-def roomy(count: int) -> int:
-    """Return the next of 0, 4, 8, 16, 24, 32, 48, 64, 96, ...: few sizes, and not much more room.
-
-    At most half as many again, where there are many; above 2048 a quarter.
-    """
-    if not count:
-        return 0
-    power = max(4, 1 << (count - 1).bit_length())
-    if power > 2048:
-        return -(-count // (power // 8)) * (power // 8)
-    return 3 * power // 4 if power > 16 and count <= 3 * power // 4 else power
-
-
-def room(group: np.ndarray) -> np.ndarray:
-    """Return the entries of a group, the first one repeated at its end until their number is one of few."""
-    return np.concatenate([group, np.repeat(group[:1], roomy(len(group)) - len(group))]).astype(int)
 
 
 # -------- Shapes
@@ -490,8 +382,6 @@ def _lifted(x: AnyArray, rank: int) -> Array:
 BY_MODE = ("frequency", "damping_ratio", *SHAPES)
 State = tuple[tuple[float, ...], Load, str]
 """Posture, load case, and what held the motors."""
-MOST = 20000
-"""Different values of a campaign at most: a fit of as many takes minutes, and of more nothing is learned."""
 
 
 class Unnamed(eqx.Module):
@@ -523,11 +413,11 @@ class Readings(eqx.Module):
         twisting: (n,) whether it is a twist; None where none is.
         placing: (n,) whether it is a position, where the point is; None where none is.
         setup: (n,) place of the setup in whose frame it was read, -1 for the base's; None where all are in that, or
-            have been turned into it (`setups.in_base_frame`). Directions may have batch axes then.
+            have been turned into it (`predict.in_base_frame`). Directions may have batch axes then.
         datum: (n, *batch) [m] what a position is counted from, along its direction; None likewise.
         loop: (n,) which loop of a ramp it is of, from 1, negative where it was read while loading, 0 for none; None
             where all are of none, or their `lag` is known.
-        lag: (n, *batch) [m or rad] by how much it lags behind, half the width of its loop (`with_loops`).
+        lag: (n, *batch) [m or rad] by how much it lags behind, half the width of its loop (`with_hysteresis`).
     """
 
     states: Int[AnyArray, n]
@@ -560,10 +450,10 @@ class Conditions(eqx.Module):
     """The states (posture and load case) in which an arm was measured, and what was read in each.
 
     States and places are arrays, so that another campaign of the same sizes, kinds and names of modes finds its
-    program compiled; `padded` makes few of these sizes.
+    program compiled; `padding` makes few of these sizes.
 
     Attributes:
-        posture: (joints, S) [rad]
+        posture: (joints, S, *ones) [rad]; axes of length one come with `ArmModel.applied`, to loads and servo too
         loads: load cases, batch (S).
         named: values of modes that have a label.
         unnamed: frequencies without.
@@ -575,7 +465,7 @@ class Conditions(eqx.Module):
         shapes: what the named values that are of shapes say; None where none are.
     """
 
-    posture: Float[AnyArray, "joints S"]
+    posture: Float[AnyArray, "joints S ..."]
     loads: Loads
     named: Named
     unnamed: Unnamed
@@ -583,7 +473,7 @@ class Conditions(eqx.Module):
     order: Int[AnyArray, D]
     repeats: Repeats
     definitions: NotAllUndamped = None
-    servo: Float[AnyArray, S] | None = None
+    servo: Float[AnyArray, "S ..."] | None = None
     shapes: Shapes | None = None
 
     @property
@@ -601,67 +491,9 @@ class Conditions(eqx.Module):
         """Number of values, each of which one or several rows measured."""
         return len(self.named.states) + len(self.unnamed.states) + len(self.readings.states)
 
-    def padded(self) -> tuple[Conditions, np.ndarray, np.ndarray]:
-        """Return the conditions of a campaign of one of few sizes, in which a row stands for each value of this one.
-
-        Its rows come by kind, so that their order is the same for all campaigns of a size.
-
-        Returns:
-            Also a row of this campaign that each of its rows is like, and which of its rows each of this campaign is.
-        """
-        named, unnamed, readings, order = jax.device_get((self.named, self.unnamed, self.readings, self.order))
-        state = room(np.arange(self.posture.shape[1]))
-        labels = len(named.states)
-        read = labels + len(unnamed.states)
-        kinds = np.split(np.arange(read), [named.frequencies, labels - named.shapes, labels])
-        kinds += [read + own for own in readings.by_kind()]
-        values = [room(kind) for kind in kinds]
-        label, other = np.concatenate(values[:3]), values[3] - labels
-        reading = np.concatenate(values[4:]) - read
-        place, rows = np.zeros(self.count, int), np.arange(sum(map(len, values)))
-        before = np.cumsum([0, *map(len, values)])
-        for kind, start in zip(kinds, before, strict=False):
-            place[kind] = start + np.arange(len(kind))
-        more = Conditions(
-            np.asarray(self.posture)[:, state],
-            jax.tree.map(lambda x: np.asarray(x)[..., state], self.loads),
-            Named(
-                named.states[label],
-                named.ordinals[label],
-                named.words[label],
-                named.places[label],
-                named.asked[:, state],
-                named.at[:, state],
-                len(values[1]),
-                named.patterns,
-                named.top,
-                len(values[2]),
-            ),
-            Unnamed(unnamed.states[other], unnamed.ordinals[other], unnamed.last[other], unnamed.highest),
-            readings.of(reading),
-            rows,
-            repeats(rows, rows),
-            None
-            if self.definitions is None
-            else self.definitions[np.concatenate([values[0], values[3] - named.others])],
-            None if self.servo is None else np.asarray(self.servo)[state],
-            None if self.shapes is None else jax.device_get(self.shapes).of(values[2] - (labels - named.shapes)),
-        )
-        return more, np.asarray(self.repeats.first)[np.concatenate(values)], place[order]
-
 
 def bind(arm: Arm, campaign: Campaign) -> Conditions:
-    """Find the arm's points, payloads and modes that a campaign speaks of.
-
-    Raises:
-        InputError: a posture of the wrong length, a point, payload or mode that the arm has not; all at once. Or more
-            values than can be fitted.
-    """
-    problems = [*(problem for m in campaign for problem in misfits(arm, m)), *too_many(arm, campaign)]
-    if not len(campaign):
-        problems = [Problem(campaign.path, "no measurement", "at least one", "add a row")]
-    if problems:
-        raise InputError(problems)
+    """Return the conditions of a campaign whose names are all the arm's (`check_references`)."""
     states: dict[State, int] = {}
     for m in campaign:
         states.setdefault((m.posture, m.load, m.drives), len(states))
@@ -671,14 +503,11 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     keys = [_what(arm, i, m, states, loop) for (i, m), loop in zip(enumerate(campaign), loops, strict=True)]
     first = {key: i for i, key in reversed(list(enumerate(keys)))}
     values = sorted(first, key=lambda key: (key[0], first[key]))
-    if len(values) > MOST:
-        got = f"{len(values)} different values in {len(states)} states (posture and load case), {len(keys)} rows"
-        remedy = "fit a part of it, or hold the same postures again: repeated rows cost next to nothing"
-        raise InputError(Problem(campaign.path, got, f"at most {MOST} different values", remedy))
     place = {key: i for i, key in enumerate(values)}
     order = np.array([place[key] for key in keys])
     named, unnamed, readings = ([key for key in values if key[0] in groups] for groups in ((0, 1, 2), (3,), (4,)))
     posture = np.array([posture for posture, *_ in states], float).T
+    servo = np.array([drives == "servo" for *_, drives in states], float)
     setups = tuple(dict.fromkeys(m.setup for m in campaign if m.setup))
     bound = Conditions(
         posture,
@@ -689,16 +518,10 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         order,
         repeats(order, np.array([first[key] for key in values])),
         definitions_of([campaign.measurements[first[key]] for key in values]),
-        _servo(arm, states),
+        servo if arm.servos and servo.any() else None,  # without a description servos hold as brakes do
         shapes_of(arm, [campaign.measurements[key[3]] for key in named if key[0] == 2]),
     )
     return jax.device_put(bound)
-
-
-def _servo(arm: Arm, states: dict[State, int]) -> Float[np.ndarray, S] | None:
-    """Return where servos held the motors; None where none did, or the arm file describes none: as brakes, then."""
-    on = np.array([drives == "servo" for *_, drives in states], float)
-    return on if arm.servos and on.any() else None
 
 
 def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int], loop: int) -> tuple[Any, ...]:
@@ -739,13 +562,10 @@ def _unnamed(values: Sequence[tuple[Any, ...]]) -> Unnamed:
 def _readings(values: Sequence[tuple[Any, ...]], setups: Sequence[str]) -> Readings:
     _, state, against, point, direction, what, setup, loop = zip(*values, strict=True) if values else ((),) * 8
     states, references, points = (np.array(each, int) for each in (state, against, point))
-    turns, twists, places = (_where(what, word) for word in ("turn", "twist", "place"))
+    turns, twists, places = (
+        np.array([each == word for each in what], bool) if word in what else None for word in ("turn", "twist", "place")
+    )
     frames = np.array([setups.index(name) if name else -1 for name in setup], int) if setups else None
     directions = np.array(direction, float).reshape(-1, 3).T
     loops = np.array(loop, int) if any(loop) else None
     return Readings(states, references, points, directions, turns, twists, places, frames, loop=loops)
-
-
-def _where(words: Sequence[str], word: str) -> Bool[np.ndarray, n] | None:
-    """Return where a word stands; None where it stands nowhere."""
-    return np.array([each == word for each in words], bool) if word in words else None

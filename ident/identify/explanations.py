@@ -16,84 +16,27 @@ from jaxtyping import Float
 from ident.arm.arm import Arm, on_soft_base, stiffness_paths
 from ident.arm.fields import STIFFNESS
 from ident.errors import InputError
-from ident.identify.candidates import RESOLUTION, posture_grid, relative_sigma
 from ident.identify.conditions import bind
 from ident.identify.fit import KINDS as ASSUMED
-from ident.identify.fit import Assumption, CampaignFit
+from ident.identify.fit import CampaignFit
 from ident.identify.hypotheses import (
     LIKELY,
     NUMBER_KINDS,
     RIDGES,
     SCALES,
-    AlteredModel,
-    Cause,
-    Finding,
-    Inquiry,
-    calibrated,
-    inquire,
+    Hypotheses,
+    Perturbation,
+    Perturbed,
+    hypotheses_of,
 )
+from ident.identify.instruments import RESOLUTION, posture_grid, relative_sigma
+from ident.identify.problem import Posed, pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.information import SUSPICIOUS
-from ident.inference.problem import InverseProblem
-from ident.inference.scrutiny import Exchange
-from ident.inference.search import looker
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
 from ident.measure.load import AXES
 
-# -------- Slips
-# Slips of the pen that a campaign may hold: a payload that was on, or off, where its rows say otherwise.
-
-MOST_STATES = 3
-"""States (posture and load) of the values farthest off, each of which is asked about by itself."""
-
-
-@dataclass(frozen=True)
-class Slip:
-    """A payload that may have been on, or off, in some rows.
-
-    Attributes:
-        payload: its name.
-        on: whether it was on in rows that do not say so; else it was off in rows that do.
-        rows: places of these rows.
-        campaign: with these rows put right.
-    """
-
-    payload: str
-    on: bool
-    rows: tuple[int, ...]
-    campaign: Campaign
-
-
-def slips(arm: Arm, campaign: Campaign, farthest_off: Sequence[int]) -> Iterator[Slip]:
-    """Yield all slips with payloads of whole kinds of rows, of all rows, and of the states of values that are far off.
-
-    Args:
-        arm: its payloads are those that may be on.
-        campaign: what was measured.
-        farthest_off: places of rows, those farthest off first.
-    """
-    rows = campaign.measurements
-    kinds = {kind: [i for i, m in enumerate(rows) if m.kind == kind] for kind in dict.fromkeys(m.kind for m in rows)}
-    states = list(dict.fromkeys((rows[i].posture, rows[i].load) for i in farthest_off))[:MOST_STATES]
-    own = [[i for i, m in enumerate(rows) if (m.posture, m.load) == state] for state in states]
-    seen = set()
-    for payload in (payload.body.name for payload in arm.payloads):
-        for among in (range(len(rows)), *kinds.values(), *own):
-            for on in (True, False):
-                moved = tuple(i for i in among if (payload in rows[i].load.payloads) != on)
-                if moved and (payload, moved) not in seen:
-                    seen.add((payload, moved))
-                    changed = tuple(_with(m, payload, on) if i in moved else m for i, m in enumerate(rows))
-                    yield Slip(payload, on, moved, replace(campaign, measurements=changed))
-
-
-def _with(m: Measurement, payload: str, on: bool) -> Measurement:
-    names = {*m.load.payloads, payload} if on else set(m.load.payloads) - {payload}
-    load = m.load
-    return replace(m, load=Load(tuple(names), load.masses, load.forces, load.moments, load.own))
-
-
-# -------- Telling
+# -------- Discriminating measurements
 # Which measurement would tell explanations apart: what each of them predicts, and how surely.
 
 LEADING = 4
@@ -105,26 +48,6 @@ APART = 2.0
 """Distance [sd] of two predictions below which a measurement tells nothing."""
 ENOUGH = 4.0
 """Distance [sd] beyond which more is no better."""
-
-
-@dataclass(frozen=True)
-class Told:
-    """An explanation that may be asked what it predicts.
-
-    Attributes:
-        inquiry: in which it was found.
-        finding: where.
-    """
-
-    inquiry: Inquiry
-    finding: Finding
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The unknowns and what is otherwise, by path [SI]."""
-        parameters = self.inquiry.problem.parameters
-        values = parameters.by_path(np.asarray(parameters.values(self.finding.theta)))
-        return {path: float(x) for path, x in values.items()}
 
 
 @dataclass(frozen=True)
@@ -148,7 +71,7 @@ class Telling:
     place: float = 0.0
 
 
-def telling(arm: Arm, campaign: Campaign, leading: Mapping[int, Told]) -> tuple[Telling, ...]:
+def discriminating_measurements(arm: Arm, campaign: Campaign, leading: Mapping[int, Perturbed]) -> tuple[Telling, ...]:
     """Return what to measure to tell explanations apart, the most telling first; none where nothing would.
 
     Candidates are the two lowest frequencies and the deflection of the arm's last point along -z, at postures that may
@@ -161,36 +84,25 @@ def telling(arm: Arm, campaign: Campaign, leading: Mapping[int, Told]) -> tuple[
     """
     if len(leading) < 2 or not arm.points:
         return ()
-    candidates = _candidates(arm, campaign)
-    if not candidates:
+    candidates = Campaign(measurements=tuple(_candidates(arm, campaign)))
+    conditions = bind(arm, candidates)
+    values, sds = map(np.array, zip(*(each.predict(candidates, conditions) for each in leading.values()), strict=True))
+    answered = np.flatnonzero(np.isfinite(values).sum(0) > 1)
+    rows, values, sds = [candidates.measurements[i] for i in answered], values[:, answered], sds[:, answered]
+    if not rows:
         return ()
-    found = [_predicted(each, candidates) for each in leading.values()]
-    values, sds = (np.array([each[i] for each in found]) for i in (0, 1))
-    answered = np.isfinite(values).sum(0) > 1
-    candidates = [m for m, told in zip(candidates, answered, strict=True) if told]
-    if not candidates:
-        return ()
-    values, sds = values[:, answered], sds[:, answered]
-    middle = np.nanmedian(values, 0)
-    sigma = _sigma(campaign, candidates, middle)
+    middle, shares = np.nanmedian(values, 0), relative_sigma(campaign)
+    least = np.array([0.0 if m.kind == "frequency" else RESOLUTION for m in rows])
+    sigma = np.hypot(np.array([shares[m.kind] for m in rows]) * np.abs(middle), least)
     pairs = combinations(range(len(leading)), 2)
-    each = [np.abs(values[i] - values[j]) / np.sqrt(sds[i] ** 2 + sds[j] ** 2 + sigma**2) for i, j in pairs]
+    apart = [np.abs(values[i] - values[j]) / np.sqrt(sds[i] ** 2 + sds[j] ** 2 + sigma**2) for i, j in pairs]
     chosen = []
-    for best, apart in _best(np.nan_to_num(each)):
-        m = replace(candidates[best], value=float(middle[best]), sigma=float(sigma[best]))
+    for best, farthest in _best(np.nan_to_num(apart)):
+        m = replace(rows[best], value=float(middle[best]), sigma=float(sigma[best]))
         predicted, sd = (tuple(map(float, x[:, best])) for x in (values, sds))
-        place = candidates[best].value if m.kind == "frequency" else 0.0
-        chosen.append(Telling(m, tuple(leading), predicted, sd, apart, place))
+        place = rows[best].value if m.kind == "frequency" else 0.0
+        chosen.append(Telling(m, tuple(leading), predicted, sd, farthest, place))
     return tuple(chosen)
-
-
-def _sigma(
-    campaign: Campaign, candidates: Sequence[Measurement], values: Float[np.ndarray, "n"]
-) -> Float[np.ndarray, "n"]:
-    """Return the standard deviations with which candidates would be measured."""
-    shares = relative_sigma(campaign)
-    least = np.array([0.0 if m.kind == "frequency" else RESOLUTION for m in candidates])
-    return np.hypot(np.array([shares[m.kind] for m in candidates]) * np.abs(values), least)
 
 
 def _best(apart: Float[np.ndarray, "pairs n"]) -> Iterator[tuple[int, float]]:
@@ -234,27 +146,10 @@ def _candidates(arm: Arm, campaign: Campaign) -> list[Measurement]:
     ]
 
 
-def _predicted(told: Told, candidates: Sequence[Measurement]) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Return what an explanation predicts, and the standard deviation of that."""
-    inquiry, model = told.inquiry, told.inquiry.problem.model
-    assert isinstance(model, AlteredModel)
-    count = len(candidates)
-    problem = InverseProblem(
-        replace(model, conditions=bind(model.arm, Campaign(measurements=tuple(candidates))), frames=None),
-        np.ones(count),
-        np.full(count, np.inf),
-        inquiry.problem.parameters,
-        tuple(m.kind for m in candidates),
-    )
-    theta = told.finding.theta
-    predicted, jacobian, _ = looker(problem)(theta, None)
-    predicted, jacobian = calibrated(inquiry.numbers, theta, problem.kinds, predicted, jacobian)
-    variance = np.einsum("ip,pq,iq->i", jacobian, told.finding.covariance, jacobian)
-    return predicted, np.sqrt(np.maximum(variance, 0.0))
-
-
 # -------- Explanations
 
+MOST_STATES = 3
+"""States (posture and load) of the values farthest off, each of which is asked about by itself."""
 SLIP = 2.6
 """Standard deviations that a slip of the pen counts as, one in a hundred campaigns; assumed."""
 MARGIN = 2.0
@@ -276,10 +171,10 @@ class Change:
     """One thing that would have to be otherwise.
 
     Attributes:
-        kind: a kind of number (`hypotheses.KINDS`), of assumption (`assumptions.KINDS`), or `value`, `exchange`, `on`
-            and `off` for slips: a wrong value, two values exchanged, a payload that was on or off.
+        kind: a kind of number (`hypotheses.NUMBER_KINDS`), of assumption (`fit.KINDS`), or `value`, `exchange`, `on`
+            and `off` for entry errors: a wrong value, two values exchanged, a payload that was on or off.
         of: the number's body, link, spring or kind of measurement; the payload; the joint.
-        rows: places of the rows that a slip is about.
+        rows: places of the rows that an entry error is about.
         amount: what it would have to be: a factor, a share or, of a value, what it should read [SI]; NaN for none.
         sd: of ln(factor), or of the share, by data and priors.
         off: [sd] by how much that is more than plausible.
@@ -303,7 +198,7 @@ class Explanation:
         fits: whether nothing speaks against the data any more.
         wrong_sign: whether a spring would have to soften, as none does: such a one is not listed.
         linear: whether it is an estimate along a straight line from the fit, not a fit of its own.
-        said: what speaks against the labels with them.
+        said: the cost of the labels with them.
     """
 
     changes: tuple[Change, ...]
@@ -333,7 +228,7 @@ class Explanations:
         items: those that fit, the most probable first; then the others by what they leave. All score less than the data
             as they are, by `MARGIN` at least.
         telling: what to measure to tell the leading ones apart.
-        said: what speaks against the labels with nothing otherwise.
+        said: the cost of the labels with nothing otherwise.
     """
 
     cost: float
@@ -362,166 +257,163 @@ def explain(
 
     Returns:
         None where the model has no answer, or is scaled by discrepancies, which are explanations already.
-
-    Raises:
-        InputError: the campaign speaks of what the arm has not.
     """
-    arm, campaign, unknowns = fit.arm, fit.campaign, unknowns or Unknowns()
-    inquiry = inquire(fit.parameters, arm, campaign, unknowns, fit.choice.held)
-    before = inquiry.search() if inquiry is not None else None
-    if inquiry is None or before is None:
+    arm, campaign, unknowns = fit.arm, fit.campaign, (unknowns or Unknowns()).with_prior
+    hypotheses = hypotheses_of(fit.posed.with_unknowns(unknowns), fit.parameters, fit.choice.held)
+    before = hypotheses.search() if hypotheses is not None else None
+    if hypotheses is None or before is None:
         return None
-    tried = [_Tried(_exchanged(each)) for each in fit.exchanges]
-    numbers, rows = _causes(inquiry), [Cause(row=i) for i in fit.farthest_off[:ROWS]]
-    others = [*_slips(fit), *_soft_bases(fit)]
+    numbers, rows = _single(hypotheses), [Perturbation(row=i) for i in fit.farthest_off[:ROWS]]
+    corrections = list(_corrections(fit))
     searches: list[Callable[[], _Tried | None]] = [
-        *(lambda cause=cause: _with_causes(inquiry, [cause], campaign, before.cost) for cause in [*numbers, *rows]),
-        *(lambda other=other: _put_right(fit, other, unknowns) for other in others),
+        *(lambda each=each: _perturbed(hypotheses, [each], campaign, before.cost) for each in [*numbers, *rows]),
+        *(lambda each=each: _corrected(fit, each, unknowns) for each in corrections),
     ]
-    tried += [found for i in progress(range(len(searches))) if (found := searches[i]()) is not None]
-    tried += [_Tried(item) for item in _assumed(fit, inquiry, before)]
-    as_it_is = before.cost + before.said
-    tried = [each for each in tried if _explains(each.item, as_it_is)]
-    if not any(each.item.fits and each.item.off < SUSPICIOUS for each in tried):
-        pairs = _pairs(inquiry, numbers, campaign, before.cost)
-        tried += [each for each in pairs if _explains(each.item, as_it_is)]
-    tried.sort(key=lambda each: _rank(each.item))
-    fitting = [each.told for each in tried if each.item.fits]
-    leading = {place: told for place, told in enumerate(fitting, 1) if told is not None and place <= LEADING}
-    items = tuple(each.item for each in tried)
-    return Explanations(before.cost, items, telling(arm, campaign, leading), before.said)
+    swapped = [Explanation((Change("exchange", "", each.rows),), each.score, True) for each in fit.exchanges]
+    tried: list[_Tried] = [(item, None) for item in swapped]
+    tried += [each for i in progress(range(len(searches))) if (each := searches[i]()) is not None]
+    tried += [(item, None) for item in _assumed(fit, hypotheses, before)]
+    limit = before.cost + before.label_cost - MARGIN  # what scores no less explains nothing
+    tried = [each for each in tried if not each[0].wrong_sign and each[0].score < limit]
+    if not any(item.fits and item.off < SUSPICIOUS for item, _ in tried):
+        pairs = _pairs(hypotheses, numbers, campaign, before.cost)
+        tried += [each for each in pairs if not each[0].wrong_sign and each[0].score < limit]
+    tried.sort(key=lambda each: (not each[0].fits, each[0].score if each[0].fits else each[0].cost))
+    fitting = enumerate((perturbed for item, perturbed in tried if item.fits), 1)
+    leading = {place: perturbed for place, perturbed in fitting if perturbed is not None and place <= LEADING}
+    items, telling = tuple(item for item, _ in tried), discriminating_measurements(arm, campaign, leading)
+    return Explanations(before.cost, items, telling, before.label_cost)
 
 
-@dataclass(frozen=True)
-class _Tried:
-    """An explanation, and where it leads."""
-
-    item: Explanation
-    told: Told | None = None
+_Tried = tuple[Explanation, Perturbed | None]
+"""An explanation, and the optimum that it leads to; none where no search was made for it."""
 
 
-def _explains(item: Explanation, as_it_is: float) -> bool:
-    """Tell whether an explanation is possible, and more probable than the data as they are."""
-    return not item.wrong_sign and item.score < as_it_is - MARGIN
-
-
-def _rank(item: Explanation) -> tuple[bool, float]:
-    return not item.fits, item.score if item.fits else item.cost
-
-
-def _causes(inquiry: Inquiry) -> list[Cause]:
+def _single(hypotheses: Hypotheses) -> list[Perturbation]:
     """Return what may be otherwise by itself: each number, and all springs of a direction together."""
-    numbers = inquiry.effective
-    causes = [Cause((number,)) for number in numbers]
+    numbers = hypotheses.effective
+    single = [Perturbation((number,)) for number in numbers]
     for direction in ("bending", "torsion"):
         own = tuple(n for n in numbers if n.kind == "spring" and n.of.endswith(direction))
-        causes += [Cause(own)] if len(own) > 1 else []
-    if len(causes) <= SINGLE:
-        return causes
-    return sorted(causes, key=lambda cause: -inquiry.gain([cause]))[:SINGLE]
+        single += [Perturbation(own)] if len(own) > 1 else []
+    if len(single) <= SINGLE:
+        return single
+    return sorted(single, key=lambda each: -hypotheses.gain([each]))[:SINGLE]
 
 
-def _with_causes(inquiry: Inquiry, causes: Sequence[Cause], campaign: Campaign, before: float) -> _Tried | None:
-    """Search with causes at work; nothing where they gain nothing."""
-    found = inquiry.search(causes, RIDGES if len(causes) == 1 else RIDGES[:1])
-    if found is None or found.cost > before - 1.0:
+def _perturbed(
+    hypotheses: Hypotheses, perturbations: Sequence[Perturbation], campaign: Campaign, before: float
+) -> _Tried | None:
+    """Search with perturbations at work; nothing where they gain nothing."""
+    end = hypotheses.search(perturbations, RIDGES if len(perturbations) == 1 else RIDGES[:1])
+    if end is None or end.cost > before - 1.0:
         return None
-    changes = tuple(_change(*each, campaign) for each in zip(causes, found.amounts, found.sd, strict=True))
+    changes = tuple(_change(*each, campaign) for each in zip(perturbations, end.amounts, end.sd, strict=True))
     wrong = any(
-        cause.numbers and not NUMBER_KINDS[cause.numbers[0].kind].signed and amount < 0
-        for cause, amount in zip(causes, found.amounts, strict=True)
+        each.numbers and not NUMBER_KINDS[each.numbers[0].kind].signed and amount < 0
+        for each, amount in zip(perturbations, end.amounts, strict=True)
     )
-    item = Explanation(changes, found.cost, found.fits, wrong, said=found.said)
-    return _Tried(item, Told(inquiry, found))
+    return Explanation(changes, end.cost, end.fits, wrong, said=end.label_cost), end
 
 
-def _change(cause: Cause, amount: float, sd: float, campaign: Campaign) -> Change:
-    if cause.row >= 0:
-        m = campaign.measurements[cause.row]
+def _change(perturbation: Perturbation, amount: float, sd: float, campaign: Campaign) -> Change:
+    if perturbation.row >= 0:
+        m = campaign.measurements[perturbation.row]
         off = min(abs(amount), SLIP)
-        return Change("value", m.kind, (cause.row,), m.value - amount * m.sigma, sd * m.sigma, off)
-    number, kind = cause.numbers[0], NUMBER_KINDS[cause.numbers[0].kind]
-    of = number.of if len(cause.numbers) == 1 else number.of.split(".")[1]
+        return Change("value", m.kind, (perturbation.row,), m.value - amount * m.sigma, sd * m.sigma, off)
+    number, kind = perturbation.numbers[0], NUMBER_KINDS[perturbation.numbers[0].kind]
+    of = number.of if len(perturbation.numbers) == 1 else number.of.split(".")[1]
     rows = tuple(i for i, m in enumerate(campaign) if m.kind == number.of) if number.kind in SCALES else ()
     off = abs(amount) / kind.plausible
     return Change(number.kind, of, rows, math.exp(amount) if kind.factor else amount, sd, off)
 
 
-def _exchanged(each: Exchange) -> Explanation:
-    return Explanation((Change("exchange", "", each.rows),), each.score, True)
+def _corrections(fit: CampaignFit) -> Iterator[tuple[Change, Arm, Campaign]]:
+    """Yield the campaign without entry errors that it may hold, and the arm on a base that gives.
+
+    Entry errors are payloads that were on, or off, in rows that say otherwise: in all rows, in whole kinds of rows, and
+    in the states of the values farthest off.
+    """
+    rows = fit.campaign.measurements
+    kinds = {kind: [i for i, m in enumerate(rows) if m.kind == kind] for kind in dict.fromkeys(m.kind for m in rows)}
+    states = list(dict.fromkeys((rows[i].posture, rows[i].load) for i in fit.farthest_off))[:MOST_STATES]
+    own = [[i for i, m in enumerate(rows) if (m.posture, m.load) == state] for state in states]
+    seen = set()
+    for payload in (payload.body.name for payload in fit.arm.payloads):
+        for among in (range(len(rows)), *kinds.values(), *own):
+            for on in (True, False):
+                wrong = tuple(i for i in among if (payload in rows[i].load.payloads) != on)
+                if wrong and (payload, wrong) not in seen:
+                    seen.add((payload, wrong))
+                    right = tuple(_with(m, payload, on) if i in wrong else m for i, m in enumerate(rows))
+                    change = Change("on" if on else "off", payload, wrong)
+                    yield change, fit.arm, replace(fit.campaign, measurements=right)
+    granted = fit.assumptions
+    if granted is not None and fit.arm.base is None and any(item.kind in SOFT for item in granted.items):
+        yield Change("soft base"), on_soft_base(fit.arm, granted.height), fit.campaign
 
 
-def _slips(fit: CampaignFit) -> Iterator[tuple[Change, Arm, Campaign]]:
-    for slip in slips(fit.arm, fit.campaign, fit.farthest_off):
-        yield Change("on" if slip.on else "off", slip.payload, slip.rows), fit.arm, slip.campaign
+def _with(m: Measurement, payload: str, on: bool) -> Measurement:
+    names = {*m.load.payloads, payload} if on else set(m.load.payloads) - {payload}
+    load = m.load
+    return replace(m, load=Load(tuple(names), load.masses, load.forces, load.moments, load.own))
 
 
-def _soft_bases(fit: CampaignFit) -> Iterator[tuple[Change, Arm, Campaign]]:
-    found = fit.assumptions
-    if found is not None and fit.arm.base is None and any(item.kind in SOFT for item in found.items):
-        yield Change("soft base"), on_soft_base(fit.arm, found.height), fit.campaign
-
-
-def _put_right(fit: CampaignFit, other: tuple[Change, Arm, Campaign], unknowns: Unknowns) -> _Tried | None:
-    """Fit a campaign that was put right, or an arm on a base that gives; nothing where these can't be."""
-    change, arm, campaign = other
+def _corrected(fit: CampaignFit, correction: tuple[Change, Arm, Campaign], unknowns: Unknowns) -> _Tried | None:
+    """Fit a corrected campaign, or an arm on a base that gives; nothing where these can't be."""
+    change, arm, campaign = correction
     try:
-        told = _anew(fit.parameters, arm, campaign, unknowns)
-        if told is None or not told.finding.fits:
-            told = min(filter(None, (told, _anew({}, arm, campaign, unknowns))), key=_cost, default=None)
+        posed = pose(arm, campaign, unknowns)
     except InputError:  # as that of a mode that an arm with this payload has not
         return None
-    if told is None:
+    end = _rematched(posed, fit.parameters)
+    if end is None or not end.fits:
+        end = min(filter(None, (end, _rematched(posed, {}))), key=_by_cost, default=None)
+    if end is None:
         return None
-    found = told.finding
     if change.kind == "soft base":
-        first, values = arm.joints[1].name, told.values
+        first, values = arm.joints[1].name, end.values
         stiffness = {path: float(values.get(path, arm.get(path))) for path in stiffness_paths(arm)}
         share = max(stiffness[f"{first}.{k}"] / stiffness[f"base.{k}"] for k in STIFFNESS)
         change = replace(change, off=share / ASSUMED["base rocks"].plausible)
-    return _Tried(Explanation((change,), found.cost, found.fits, said=found.said), told)
+    return Explanation((change,), end.cost, end.fits, said=end.label_cost), end
 
 
-def _anew(start: Mapping[str, float], arm: Arm, campaign: Campaign, unknowns: Unknowns) -> Told | None:
-    """Search from a start, and again from where that ends, each time with labels that are chosen there."""
-    told: Told | None = None
+def _rematched(posed: Posed, start: Mapping[str, float]) -> Perturbed | None:
+    """Search from a start, and again from where that ends, each time with labels that are matched there."""
+    end: Perturbed | None = None
     for _ in range(TURNS):
-        inquiry = inquire(told.values if told else start, arm, campaign, unknowns)
-        found = inquiry.search() if inquiry is not None else None
-        if inquiry is None or found is None:
+        hypotheses = hypotheses_of(posed, end.values if end else start)
+        found = hypotheses.search() if hypotheses is not None else None
+        if found is None:
             break
-        before, told = told, Told(inquiry, found)
-        if found.fits or (before is not None and before.finding.cost - found.cost < 1.0):
-            return min(filter(None, (before, told)), key=_cost)
-    return told
+        before, end = end, found
+        if found.fits or (before is not None and before.cost - found.cost < 1.0):
+            return min(filter(None, (before, end)), key=_by_cost)
+    return end
 
 
-def _cost(told: Told) -> tuple[bool, float]:
-    return not told.finding.fits, told.finding.cost
+def _by_cost(end: Perturbed) -> tuple[bool, float]:
+    return not end.fits, end.cost
 
 
-def _assumed(fit: CampaignFit, inquiry: Inquiry, before: Finding) -> list[Explanation]:
-    """Return what the fit takes for granted and no search has set free, estimated by its score."""
-    found = fit.assumptions
-    if found is None:
-        return []
-    kept = [item for item in found.items if item.kind in ("link bends", "link twists", "servo gives")]
-    return [_by_score(item, inquiry, before) for item in kept if item.test.separable and item.test.z > 1]
+def _assumed(fit: CampaignFit, hypotheses: Hypotheses, before: Perturbed) -> Iterator[Explanation]:
+    """Yield what the fit takes for granted and no search has set free, estimated by its score."""
+    for item in fit.assumptions.items if fit.assumptions else ():
+        test = item.test
+        if item.kind in ("link bends", "link twists", "servo gives") and test.separable and test.z > 1:
+            amount, cost = test.z * test.sd, before.cost - test.z**2
+            change = Change(item.kind, item.joint, (), amount, test.sd, amount / ASSUMED[item.kind].plausible)
+            fits = hypotheses.chance(cost, 1) >= LIKELY
+            yield Explanation((change,), cost, fits, linear=True, said=before.label_cost)
 
 
-def _by_score(item: Assumption, inquiry: Inquiry, before: Finding) -> Explanation:
-    kind, test = ASSUMED[item.kind], item.test
-    amount, cost = test.z * test.sd, before.cost - test.z**2
-    off = amount / kind.plausible
-    fits = inquiry.chance(cost, 1) >= LIKELY
-    change = Change(item.kind, item.joint, (), amount, test.sd, off)
-    return Explanation((change,), cost, fits, linear=True, said=before.said)
-
-
-def _pairs(inquiry: Inquiry, causes: Sequence[Cause], campaign: Campaign, before: float) -> list[_Tried]:
+def _pairs(
+    hypotheses: Hypotheses, perturbations: Sequence[Perturbation], campaign: Campaign, before: float
+) -> list[_Tried]:
     """Return pairs of numbers that fit together, the best ones along a straight line."""
-    first = sorted(causes, key=lambda cause: -inquiry.gain([cause]))[:PAIRED]
+    first = sorted(perturbations, key=lambda perturbation: -hypotheses.gain([perturbation]))[:PAIRED]
     pairs = [pair for pair in combinations(first, 2) if not set(pair[0].numbers) & set(pair[1].numbers)]
-    best = sorted(pairs, key=lambda pair: -inquiry.gain(pair))[:PAIRS]
-    found = [_with_causes(inquiry, pair, campaign, before) for pair in best]
-    return [each for each in found if each is not None and each.item.fits]
+    best = sorted(pairs, key=lambda pair: -hypotheses.gain(pair))[:PAIRS]
+    found = [_perturbed(hypotheses, pair, campaign, before) for pair in best]
+    return [each for each in found if each is not None and each[0].fits]

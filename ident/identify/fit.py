@@ -27,11 +27,12 @@ from ident.arm.mechanics import (
 from ident.arm.modes import Modes, modes_about
 from ident.arm.parts import Body
 from ident.arm.rotations import matvec, transpose
-from ident.identify.conditions import Conditions, Loop, bind, loops
+from ident.identify.conditions import Conditions
 from ident.identify.mode_matching import FAR
-from ident.identify.predict import ArmModel, Held, chains, mode_choice, pick, read, vector_of
-from ident.identify.problem import build_problem, check_values, repeated, row_names
-from ident.identify.unknowns import Unknowns, scaled_inertia
+from ident.identify.padding import padded
+from ident.identify.predict import ArmModel, Matching, chains, mode_choice, pick, read, vector_of
+from ident.identify.problem import Posed, Ramp, check_values, pose, ramps_of, repeated, row_names
+from ident.identify.unknowns import Unknowns
 from ident.inference.fit import FIT_STARTS, Fit, cross_predictions, fit, with_stretch
 from ident.inference.information import ScoreTest, asked_for, score_tests
 from ident.inference.optima import fixed_combinations
@@ -103,7 +104,7 @@ def slopes(
         compared with arms that have stiff bushings there in tests/identify/test_slopes.py.
     """
     at, modes, rest, shapes = _at_rest(arm, cut, conditions)
-    still, own, n, count = chains(cut.arm, {}, conditions), np.array(cut.own), len(cut.arm.joints), len(cut.own)
+    still, own, n, count = chains(cut.arm, conditions), np.array(cut.own), len(cut.arm.joints), len(cut.own)
     hinges, squared = np.array([hinge.place for hinge in cut.hinges], int), (2 * jnp.pi * modes.frequency) ** 2
 
     def of_mode(phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> Float[Array, ""]:
@@ -117,7 +118,7 @@ def slopes(
     amounts = jnp.concatenate([jnp.zeros((2 * len(hinges), 3 * count)), jnp.eye(3 * count)])
 
     def gradients(x: Array, phi: Phi) -> tuple[Float[Array, "n3 S"], Float[Array, "m S"]]:
-        chain = chains(_changed(cut, x), {}, conditions)
+        chain = chains(_changed(cut, x), conditions)
         each = jax.vmap(lambda v, eigenvalue: _of_mode(chain, phi, v, eigenvalue))(shapes, squared)
         return potential_gradient(chain, phi), each
 
@@ -128,7 +129,8 @@ def slopes(
     each_amount = jax.vmap(along) if together else lambda ways: jax.lax.map(along, ways)
     forces, change = each_amount((amounts, turns))
     yielded = jnp.concatenate([jnp.einsum("mahs,abhs,mbhs->hms", moment, P, moment) for P in projectors])
-    moves = -jax.vmap(lambda force: _solve(at.W, unflatten(force)[:, own]))(forces)
+    W = at.W  # the inverse of the Hessian is W' W
+    moves = -jax.vmap(lambda force: unflatten(matvec(transpose(W), matvec(W, flat(unflatten(force)[:, own])))))(forces)
     change = change.at[: len(yielded)].add(-yielded) + jnp.einsum("mans,eans->ems", by_phi[:, :, own], moves)
     hertz, ways = change / (8 * jnp.pi**2 * modes.frequency), turns.at[:, :, own].set(moves)
     readings = conditions.readings
@@ -147,7 +149,7 @@ def _at_rest(
     arm: Arm, cut: CutArm, conditions: Conditions
 ) -> tuple[StaticEquilibrium, Modes, Phi, Float[Array, "m 3 n S"]]:
     """Return equilibrium and modes of the arm, and both in the coordinates of the one that is cut."""
-    chain = chains(arm, {}, conditions)
+    chain = chains(arm, conditions)
     at = static_equilibrium(chain)
     modes, own = modes_about(chain, at), np.array(cut.own)
     rest = jnp.zeros((3, len(cut.arm.joints), *at.phi.shape[2:])).at[:, own].set(at.phi)
@@ -183,10 +185,6 @@ def _one_each(turn: Float[Array, "3 H S"], hinges: np.ndarray, n: int) -> Float[
     """Return for each hinge the turns of all bushings where only that one turns."""
     alone = np.equal.outer(hinges, np.arange(n)).astype(float)
     return jnp.einsum("ahs,hn->hans", turn, alone)
-
-
-def _solve(W: Array, force: Phi) -> Phi:
-    return unflatten(matvec(transpose(W), matvec(W, flat(force))))
 
 
 def _rows(
@@ -272,7 +270,7 @@ class Assumptions:
         return tuple(self.items[place] for place in asked_for([item.test for item in self.items]))
 
 
-def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
+def assumptions(fit: Fit, posed: Posed) -> Assumptions:
     """Say of all that a fit takes for granted how far it might move the answer, and whether the data ask for it.
 
     Damping ratios are left out: they say next to nothing of a stiffness. So are shapes, and rows with a servo on, where
@@ -281,49 +279,33 @@ def assumptions(fit: Fit, arm: Arm, campaign: Campaign) -> Assumptions:
 
     Args:
         fit: of the campaign.
-        arm: as its file has it.
-        campaign: what was fitted.
+        posed: the campaign and the arm.
     """
-    fitted, pieces, found = _found(fit, arm, campaign)
-    names, changes = zip(*_each(fitted, pieces, found), strict=True)
+    fitted, conditions = posed.applied(fit.parameters)
+    pieces, free = cut(fitted), replace(fitted, servos=())
+    changed = _slopes(fit.choice.held, free, pieces, jax.device_get(replace(conditions, servo=None)))
+    names, changes = zip(*_each(fitted, pieces, changed), strict=True)
     with np.errstate(divide="ignore", invalid="ignore"):
-        factor = np.where(found.predicted != 0, fit.predicted / found.predicted, 1.0)
-    kinds = [KINDS[kind] for kind, _ in names]
+        factor = np.where(changed.predicted != 0, fit.predicted / changed.predicted, 1.0)
+    kinds, servos = [KINDS[kind] for kind, _ in names], bool(posed.arm.servos)
     tests = score_tests(
         fit,
         np.array(changes) * factor,
         np.array([kind.plausible for kind in kinds]),
         [kind.positive for kind in kinds],
-        np.array([_left_out(arm, m) for m in campaign]),
+        np.array([m.kind in ("damping_ratio", *SHAPES) or (servos and m.drives == "servo") for m in posed.campaign]),
     )
     items = tuple(Assumption(kind, joint, test) for (kind, joint), test in zip(names, tests, strict=True))
     return Assumptions(items, pieces.height)
 
 
-def _found(fit: Fit, arm: Arm, campaign: Campaign) -> tuple[Arm, CutArm, Slopes]:
-    """Return the arm with the fitted numbers, whole and in pieces, and how the campaign's predictions change."""
-    own, model = set(arm.paths()), fit.problem.model
-    scaled, frames = (model.scaled, model.frames) if isinstance(model, ArmModel) else ((), None)
-    fitted = scaled_inertia(arm, fit.parameters, scaled).replace(
-        {path: value for path, value in fit.parameters.items() if path in own}
-    )
-    pieces, free = cut(fitted), replace(fitted, servos=())
-    # all readings in the base frame, and lagging behind, as they were fitted
-    _, _, conditions = ArmModel(free, bind(free, campaign), frames=frames).at(fit.parameters)
-    return fitted, pieces, _slopes(fit.choice.held, free, pieces, jax.device_get(conditions))
-
-
-def _left_out(arm: Arm, m: Measurement) -> bool:
-    return m.kind in ("damping_ratio", *SHAPES) or (bool(arm.servos) and m.drives == "servo")
-
-
-def _slopes(held: Held | None, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Slopes:
+def _slopes(held: Matching | None, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Slopes:
     """Return how the campaign's predictions change; part by part where it is large."""
     model = ArmModel(fitted, conditions)
     parts = model.in_parts()
     if parts is None:
-        padded, _, places = conditions.padded()
-        each = [jax.device_get(slopes_once(fitted, pieces, padded, _places(fitted, held)))]
+        few, _, places = padded(conditions)
+        each = [jax.device_get(slopes_once(fitted, pieces, few, _places(fitted, held)))]
     else:
         places, split = parts.places, parts.split(held)
         chosen = [_places(fitted, own) for own in split]
@@ -333,22 +315,22 @@ def _slopes(held: Held | None, fitted: Arm, pieces: CutArm, conditions: Conditio
     return Slopes(*joined)  # type: ignore[arg-type]  # fetched from jax
 
 
-def _places(arm: Arm, held: Held | None) -> Float[np.ndarray, "m R"] | None:
+def _places(arm: Arm, held: Matching | None) -> Float[np.ndarray, "m R"] | None:
     """Return the modes that labels were taken for, without those of motors that servos hold: the last where none is."""
     return None if held is None else np.asarray(held.place)[: 3 * len(arm.joints)]
 
 
-def _each(arm: Arm, pieces: CutArm, found: Slopes) -> "list[tuple[tuple[str, str], Float[np.ndarray, 'D']]]":
+def _each(arm: Arm, pieces: CutArm, changed: Slopes) -> "list[tuple[tuple[str, str], Float[np.ndarray, 'D']]]":
     """Return what is assumed, by kind and joint, with the change of the predictions by each share."""
     names = dict(zip(pieces.own, (joint.name for joint in arm.joints), strict=True))
     each: list[tuple[tuple[str, str], np.ndarray]] = []
-    for hinge, bending, torsion in zip(pieces.hinges, found.bending, found.torsion, strict=True):
+    for hinge, bending, torsion in zip(pieces.hinges, changed.bending, changed.torsion, strict=True):
         beside = pieces.arm.joints[hinge.beside]
         across, about = float(beside.k_bend), float(beside.k_bend if hinge.link else beside.k_tors)
         kinds = ("link bends", "link twists") if hinge.link else ("base rocks", "base turns")
         name = names[hinge.beside] if hinge.link else ""
         each += [((kinds[0], name), bending / across), ((kinds[1], name), torsion / about)]
-    rows = zip(arm.joints, found.mass, found.centre, found.servo, strict=True)
+    rows = zip(arm.joints, changed.mass, changed.centre, changed.servo, strict=True)
     for joint, mass, centre, servo in rows:
         each += [(("mass", joint.name), mass), (("mass centre", joint.name), centre)] if joint.link else []
         each += [(("servo gives", joint.name), servo)] if joint.driven else []
@@ -425,6 +407,21 @@ FARTHEST = 20
 """Values farthest off of which it is asked, in a large campaign, whether they were taken for others."""
 NAMED = 30
 """Rows that a remark names at most."""
+LEAST_CHANGE = 0.1
+"""Change of chi-squared that is worth a word."""
+
+
+@dataclass(frozen=True)
+class Loop(Ramp):
+    """The loop that a ramp of loads went through.
+
+    Attributes:
+        width: [m or rad] what was read while unloading, less what was read at the same load while loading.
+        largest: [m or rad] the largest value that was read.
+    """
+
+    width: float
+    largest: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -487,7 +484,7 @@ class CampaignFit(Fit):
     @property
     def doubts(self) -> tuple[str, ...]:
         """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
-        contradict = "the modes that fit best are not those that the labels name: check the labels"
+        contradict = "the measured frequencies match other modes than their labels say: check the labels"
         return (*((contradict,) if self.mislabelled else ()), *super().doubts)
 
     @property
@@ -503,7 +500,8 @@ class CampaignFit(Fit):
         rows += f" and {len(self.renamed) - NAMED} more" if len(self.renamed) > NAMED else ""
         mode = "this mode has another label: row" if len(self.renamed) == 1 else "these modes have other labels: rows"
         renamed = (f"on the fitted arm {mode} {rows}",) if rows else ()
-        return (*super().remarks, *renamed, *self._single(names), *self._exchanges(names))
+        single = (self.blamed_in_words,) if self.blamed_in_words else ()
+        return (*super().remarks, *renamed, *single, *self._unchecked(names), *self._exchanges(names))
 
     @property
     def without_rounding(self) -> tuple[float, int]:
@@ -523,40 +521,52 @@ class CampaignFit(Fit):
                 freedom -= len(own) - 1
         return chi_squared, freedom
 
-    def _single(self, names: Sequence[str]) -> Iterator[str]:
-        """Say which rows may be wrong by themselves, and which rows' errors nothing would show."""
-        if self.blamed and (self.outliers.sum() > 1 or len(self.blamed) > 1):
-            units = (", ".join(names[i] for i in own) for own in self.blamed)
-            each = " or ".join(f"row{'s' * (',' in unit)} {unit}" for unit in units)
-            yield f"without {each} no other lies too far off: look there first"
+    @property
+    def blamed_in_words(self) -> str:
+        """Which rows may be wrong by themselves; nothing where there is but one such row, an outlier, or none."""
+        if not self.blamed or (self.outliers.sum() < 2 and len(self.blamed) < 2):
+            return ""
+        names = row_names(self.campaign)
+        units = (", ".join(names[i] for i in own) for own in self.blamed)
+        each = " or ".join(f"row{'s' * (',' in unit)} {unit}" for unit in units)
+        return f"without {each} no other value is an outlier: check it first"
+
+    def _unchecked(self, names: Sequence[str]) -> Iterator[str]:
+        """Say which rows' errors nothing would show."""
         if own := np.flatnonzero(self.row_tests.unchecked).tolist():
             several = ", ".join(names[i] for i in own[:NAMED])
             several += f" and {len(own) - NAMED} more" if len(own) > NAMED else ""
-            yield f"row{'s' * (len(own) > 1)} {several} cannot be checked: no other measurement tells the same"
+            yield f"no other measurement can check row{'s' * (len(own) > 1)} {several}: an error would go unnoticed"
 
     def _exchanges(self, names: Sequence[str]) -> Iterator[str]:
         """Say of each pair of rows that the data would fit with its two values exchanged."""
         for each in self.exchanges:
             one, other = (names[i] for i in each.rows)
-            better = f"chi-squared {self.chi_squared:.3g} -> {each.chi_squared:.3g}"
-            yield f"rows {one} and {other}, their values exchanged, would fit ({better}): was one taken for the other?"
+            rows = [self.campaign.measurements[i] for i in each.rows]
+            labels = all(m.mode for m in rows)
+            what, check = ("labels", "check the mode shapes") if labels else ("values", "measure both again")
+            better = self.chi_squared - each.chi_squared > LEAST_CHANGE
+            change = f" (chi-squared {self.chi_squared:.3g} -> {each.chi_squared:.3g})" if better else ""
+            yield f"the {what} of rows {one} and {other} are probably swapped{change}: swap them, or {check}"
 
     @property
     def loops(self) -> tuple[Loop, ...]:
         """The loops of ramps of loads: how far what was read while unloading is from what was read while loading."""
-        return loops(self.campaign, self)
+        values = np.abs([m.value for m in self.campaign])
+        return tuple(
+            Loop(**vars(ramp), width=self.parameters[ramp.name], largest=float(values[list(ramp.rows)].max()))
+            for ramp in ramps_of(self.campaign, self.problem, self.information.sd)
+        )
 
     @property
     def fitted_arm(self) -> Arm:
         """The arm with the fitted numbers in place."""
-        own = set(self.arm.paths())
-        return self._scaled.replace({path: x for path, x in self.parameters.items() if path in own})
+        return self.posed.applied(self.parameters)[0]
 
     @property
-    def _scaled(self) -> Arm:
-        """The arm with the inertia of bodies whose mass is uncertain."""
-        model = self.problem.model
-        return scaled_inertia(self.arm, self.parameters, model.scaled if isinstance(model, ArmModel) else ())
+    def posed(self) -> Posed:
+        """The campaign posed to the arm."""
+        return Posed(self.campaign, self.problem)
 
 
 def fit_campaign(
@@ -586,24 +596,24 @@ def fit_campaign(
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
         ModelError: no optimum was reached.
     """
-    problem = build_problem(arm, campaign, unknowns)
-    check_values(problem, campaign, arm, trusted)
-    best = fit(problem, starts=starts, seed=seed, progress=progress)
+    unknowns = unknowns or Unknowns()
+    posed = pose(arm, campaign, unknowns)
+    check_values(posed, trusted)
+    best = fit(posed.problem, starts=starts, seed=seed, progress=progress)
     weights = None if robust is None else robust_weights(best, units_of(campaign), robust)
     if weights is not None:
-        best = fit(weighted(problem, weights), starts=starts, seed=seed)
-    weak = (unknowns or Unknowns()).with_prior
-    if weak != (unknowns or Unknowns()):
-        other = build_problem(arm, campaign, weak)
-        other = other if weights is None else weighted(other, weights)
-        compared, _ = cross_predictions(other, [o.theta for o in best.optima], seed=seed)
+        best = fit(weighted(posed.problem, weights), starts=starts, seed=seed)
+    if unknowns.with_prior != unknowns:
+        weak = posed.with_unknowns(unknowns.with_prior).problem
+        weak = weak if weights is None else weighted(weak, weights)
+        compared, _ = cross_predictions(weak, [o.theta for o in best.optima], seed=seed)
         best = with_stretch(replace(best, cross_predictions=compared))
-    granted = assumptions(best, arm, campaign) if best.best.converged else None
+    granted = assumptions(best, posed) if best.best.converged else None
     known = {field.name: getattr(best, field.name) for field in fields(best)}
-    found = CampaignFit(**known, arm=arm, campaign=campaign, assumptions=granted, weights=weights)
-    found = replace(found, exchanges=_suspected(found))
-    widths = not found.doubts
-    return replace(found, combinations=fixed_combinations(found.problem, found.end, found.information, widths=widths))
+    whole = CampaignFit(**known, arm=arm, campaign=campaign, assumptions=granted, weights=weights)
+    whole = replace(whole, exchanges=_suspected(whole))
+    widths = not whole.doubts
+    return replace(whole, combinations=fixed_combinations(whole.problem, whole.end, whole.information, widths=widths))
 
 
 def units_of(campaign: Campaign) -> Int[np.ndarray, "D"]:

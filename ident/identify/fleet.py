@@ -15,7 +15,7 @@ from ident.arm.arm import Arm
 from ident.arm.fields import STIFFNESS, field_of
 from ident.errors import InputError, ModelError, Problem
 from ident.identify.fit import CampaignFit
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.fit import Fit, fit
 from ident.inference.parameters import Parameters
@@ -328,14 +328,15 @@ def draws_under(
     Returns:
         None where the robot has no optimum there, or the model no answer about it.
     """
-    own = Stiffnesses.of(build_problem(arm, campaign, unknowns).parameters)
+    posed = pose(arm, campaign, unknowns)
+    own = Stiffnesses.of(posed.problem.parameters)
     priors = {
         name: Prior.log_normal(float(np.exp(mean)), float(sd))
         for name, mean, sd in zip(own.names, under.mean, under.sd, strict=True)
     }
     try:
-        problem = build_problem(arm, campaign, replace(unknowns, priors={**unknowns.priors, **priors}))
-        found = fit(problem, starts=STARTS, seed=seed)
+        posed = posed.with_unknowns(replace(unknowns, priors={**unknowns.priors, **priors}))
+        found = fit(posed.problem, starts=STARTS, seed=seed)
         drawn = None if chains else _weighed(found, own, seed)
         return drawn if drawn and weighed(drawn, under).sound else _chains(found, own, under, seed)
     except (InputError, ModelError):

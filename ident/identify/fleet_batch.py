@@ -11,14 +11,14 @@ from jaxtyping import Array, Bool, Float
 
 from ident.arm.arm import Arm
 from ident.errors import IdentError
-from ident.identify.conditions import bind, shared_error
+from ident.identify.conditions import Conditions, shared_error
 from ident.identify.fleet import Linear, Robot, SourceFile, Stiffnesses, robot_at
-from ident.identify.problem import build_problem, check_values, plausible_beside
+from ident.identify.problem import Posed, check_values, plausible_beside, pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.information import IMPROBABLE, RANK_TOLERANCE, half_width, row_tests
 from ident.inference.optima import SAME
 from ident.inference.problem import Growing, InverseProblem
-from ident.inference.search import OPTIMUM_STEP, SEVERAL, TURNS, UNTIL_ANEW, WHOLE, evaluate, search
+from ident.inference.search import OPTIMUM_STEP, SEVERAL, TURNS, UNTIL_REMATCHED, WHOLE, evaluate, search
 from ident.measure import Campaign
 from ident.measure.load import SHAPES
 from ident.programs import jit
@@ -133,7 +133,7 @@ def _with(problem: InverseProblem, values: Values, r: int) -> InverseProblem:
 
 def _ended(problem: InverseProblem, values: Values, start: np.ndarray) -> _Ends:
     """Search for each problem from its start, anew where another choice has become more probable."""
-    held = jax.tree.map(lambda x: np.broadcast_to(np.asarray(x), (len(start), *np.shape(x))), problem.unheld())
+    held = jax.tree.map(lambda x: np.broadcast_to(np.asarray(x), (len(start), *np.shape(x))), problem.first_matching())
     for _ in range(TURNS):
         ends, again, ended = jax.device_get(_search_all(problem, values, start, held))
         if ended.all():
@@ -149,10 +149,10 @@ def _search_all(problem: InverseProblem, values: Values, starts: Any, held: Any)
 
     def one(values: Values, start: Array, held: Any) -> tuple[_Ends, Any, Array]:
         own = eqx.tree_at(lambda p: (p.measured, p.sigma), problem, tuple(values))
-        end, finished = search(own, start, held, UNTIL_ANEW, WHOLE, steps=STEPS)
+        end, finished = search(own, start, held, UNTIL_REMATCHED, WHOLE, steps=STEPS)
         residuals, slope = own.weigh(end.predicted, end.jacobian, end.theta)
         score, choice = end.cost + end.choice.cost.sum(), end.choice
-        again = None if choice.held is None else choice.held.anew()
+        again = None if choice.held is None else choice.held.rematched()
         over = ~finished | ~jax.numpy.isfinite(end.cost)
         score = jax.numpy.where(over, jax.numpy.inf, score)
         ended = choice.settled | over
@@ -222,9 +222,10 @@ def robots_together(
         groups.setdefault((each.arm_file.sha256, _way(each.campaign)), []).append(each)
     found: dict[str, Robot] = {}
     for group in groups.values():
-        leader = next((i for i, each in enumerate(group) if _right(each, unknowns, trusted)), None)
-        if leader is not None and len(group) > 1:
-            found |= _fitted(group[leader:], unknowns, size, seed)
+        plausible = ((i, posed) for i, one in enumerate(group) if (posed := _plausible(one, unknowns, trusted)))
+        leader, posed = next(plausible, (0, None))
+        if posed and len(group) > 1:
+            found |= _fitted(posed, group[leader:], size, seed)
     return found
 
 
@@ -262,33 +263,34 @@ def _ascending(campaign: Campaign) -> Campaign:
     return replace(campaign, measurements=tuple(rows))
 
 
-def _values(given: Sequence[Given]) -> Values:
-    """Return what was measured, with sigmas as `arm_problem` takes them."""
-    order = np.asarray(bind(given[0].arm, given[0].campaign).order)
+def _values(given: Sequence[Given], conditions: Conditions) -> Values:
+    """Return what was measured, with sigmas as `pose` has them."""
+    order = np.asarray(conditions.order)
     every = np.array([[(m.value, m.sigma, m.resolution) for m in each.campaign] for each in given])
     value, sigma, step = np.moveaxis(every, 2, 0)
     return Values(value, np.array([shared_error(order, *each) for each in zip(sigma, step, strict=True)]))
 
 
-def _right(given: Given, unknowns: Unknowns, trusted: Collection[str]) -> bool:
-    """Tell whether a robot's campaign can be posed and is plausible."""
+def _plausible(given: Given, unknowns: Unknowns, trusted: Collection[str]) -> Posed | None:
+    """Pose a robot's campaign; None where it is not plausible, or is for itself."""
     try:
-        problem = build_problem(given.arm, given.campaign, unknowns)
-        check_values(problem, given.campaign, given.arm, trusted)
+        posed = pose(given.arm, given.campaign, unknowns)
+        check_values(posed, trusted)
     except IdentError:
-        return False
+        return None
     bound = any(m.kind in SHAPES for m in given.campaign)  # to what was measured of one robot
-    return problem.in_parts() is None and problem.correlation is None and not bound
+    together = posed.problem.in_parts() is None and posed.problem.correlation is None and not bound
+    return posed if together else None
 
 
-def _fitted(group: Sequence[Given], unknowns: Unknowns, size: int, seed: int) -> dict[str, Robot]:
+def _fitted(posed: Posed, group: Sequence[Given], size: int, seed: int) -> dict[str, Robot]:
     """Fit robots like the first one, which is right; one that is right by what is trusted only is for itself."""
-    problem = build_problem(group[0].arm, group[0].campaign, unknowns)
+    problem = posed.problem
     predicted = evaluate(problem).predicted
     right = [each for each in group if plausible_beside(each.campaign, predicted)]
     if not right:
         return {}
-    fits = fit_many(problem, _values(right), size, seed)
+    fits = fit_many(problem, _values(right, posed.conditions), size, seed)
     stiffnesses = Stiffnesses.of(problem.parameters)
     return {
         each.name: replace(

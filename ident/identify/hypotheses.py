@@ -18,8 +18,8 @@ from ident.arm.parts import DIRECTIONS, STIFFNESS_OF, Body, CubicSpring, Joint
 from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
 from ident.identify.predict import ArmModel, chains
-from ident.identify.problem import build_problem
-from ident.identify.unknowns import LOAD, Unknowns, scaled_loads
+from ident.identify.problem import Posed
+from ident.identify.unknowns import LOAD, scaled_loads
 from ident.inference.information import RANK_TOLERANCE, row_tests
 from ident.inference.parameters import AnyArray, Parameter, Parameters
 from ident.inference.problem import Choice, InverseProblem
@@ -101,29 +101,28 @@ class AlteredModel(ArmModel):
     numbers: tuple[Number, ...] = eqx.field(static=True, default=())
     moments: Float[AnyArray, "N 2"] | None = None
 
-    def at(self, parameters: Mapping[str, Any]) -> tuple[Arm, dict[str, Any], Conditions]:
-        """Return the altered arm, its numbers, and the conditions in the base frame."""
-        amounts = {each: parameters[each.name] for each in self.numbers if each.name in parameters}
-        own = {path: value for path, value in parameters.items() if not path.startswith("/")}
-        arm, own, conditions = super().at(own)
+    def applied(self, parameters: Mapping[str, Any]) -> tuple[Arm, Conditions]:
+        """Return the altered arm and the conditions with these numbers in place."""
         by_kind: dict[str, dict[str, Any]] = {}
-        for each, amount in amounts.items():
-            by_kind.setdefault(each.kind, {})[each.of] = amount
+        for number in self.numbers:
+            if number.name in parameters:
+                by_kind.setdefault(number.kind, {})[number.of] = parameters[number.name]
+        own = {path: value for path, value in parameters.items() if not path.startswith("/")}
+        altered = ArmModel(_rebuilt(self.arm, by_kind), self.conditions, self.scaled, self.frames)
+        arm, conditions = altered.applied(own)
         if "loads" in by_kind:
             conditions = replace(conditions, loads=scaled_loads(conditions.loads, jnp.exp(by_kind["loads"][LOAD])))
-        arm = _rebuilt(arm, by_kind)
         springs = by_kind.get("spring", {})
-        return (self._curved(arm, springs, own) if springs else arm), own, conditions
+        return (self._curved(arm, springs) if springs else arm), conditions
 
-    def _curved(self, arm: Arm, amounts: Mapping[str, Any], own: Mapping[str, Any]) -> Arm:
+    def _curved(self, arm: Arm, amounts: Mapping[str, Any]) -> Arm:
         """Give springs a cubic part: at the largest moment M, where the angle is M/k, it is so large a share of k x."""
         assert self.moments is not None
         places = {joint.name: place for place, joint in enumerate(arm.joints)}
         springs = list(arm.springs)
         for of, amount in amounts.items():
             joint, direction = of.split(".")
-            stiffness = STIFFNESS_OF[direction]
-            k = own.get(f"{joint}.{stiffness}", getattr(arm.joints[places[joint]], stiffness))
+            k = getattr(arm.joints[places[joint]], STIFFNESS_OF[direction])
             moment = self.moments[places[joint], DIRECTIONS.index(direction)]
             springs.append(CubicSpring(f"/{of}", joint, direction, amount * k**3 / moment**2))
         return eqx.tree_at(lambda a: a.springs, arm, tuple(springs), is_leaf=lambda x: x is arm.springs)
@@ -172,8 +171,8 @@ def largest_moments(model: ArmModel, parameters: Mapping[str, float]) -> Float[n
 
 @partial(jit, options=RUNS_ONCE)
 def _moments(model: ArmModel, parameters: Mapping[str, Any]) -> Float[AnyArray, "N 2"]:
-    arm, own, conditions = model.at(parameters)
-    chain = chains(arm, own, conditions)
+    arm, conditions = model.applied(parameters)
+    chain = chains(arm, conditions)
     phi = equilibrium(chain)
     moment = matvec(chain.stiffness, phi)
     moment = moment if chain.curved is None else moment + chain.curved.torque(phi)
@@ -223,13 +222,6 @@ def _rebuilt(arm: Arm, amounts: Mapping[str, Mapping[str, Any]]) -> Arm:
     return eqx.tree_at(lambda a: (a.joints, a.points, a.payloads), arm, (tuple(joints), points, payloads))
 
 
-def altered(model: ArmModel, numbers: tuple[Number, ...], moments: Float[np.ndarray, "N 2"]) -> AlteredModel:
-    """Return the model of a campaign in which some numbers may be otherwise."""
-    return AlteredModel(
-        model.arm, model.conditions, model.scaled, model.frames, numbers=numbers, moments=jax.device_put(moments)
-    )
-
-
 def calibrated(
     numbers: Sequence[Number],
     theta: Float[np.ndarray, "Q"],
@@ -255,7 +247,7 @@ def calibrated(
     return predicted, jacobian
 
 
-# -------- Inquiry
+# -------- Perturbations
 # Searches of a campaign's optimum with some numbers of arm and campaign otherwise than they were said to be.
 #
 # One program predicts the campaign and its Jacobian by all unknowns and all such numbers; each search moves a few of
@@ -272,7 +264,7 @@ LIKELY = 0.01
 
 
 @dataclass(frozen=True)
-class Cause:
+class Perturbation:
     """Numbers that are otherwise together, by the same amount in their own unit: one thing that may be wrong.
 
     Attributes:
@@ -285,32 +277,59 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Finding:
-    """The optimum of a campaign with some causes at work.
+class Perturbed:
+    """The optimum of a campaign with some perturbations at work.
 
     Attributes:
-        causes: them.
+        hypotheses: among which it was found.
+        perturbations: them.
         amounts: of each, in its own unit (see `KINDS`); of a row, by how many of its sigmas it is off.
         sd: of these by data and priors.
         cost: sum of squares of data and priors at the optimum, without what is known of the amounts.
-        said: what speaks against the labels there, minus twice the logarithm of their probability.
+        label_cost: of the labels there, minus twice the logarithm of their probability.
         fits: whether neither cost, nor a value, nor a label speaks against it.
         theta: where: the unknowns, then all numbers that may be otherwise.
         covariance: of all these, by data and priors.
     """
 
-    causes: tuple[Cause, ...]
+    hypotheses: "Hypotheses"
+    perturbations: tuple[Perturbation, ...]
     amounts: tuple[float, ...]
     sd: tuple[float, ...]
     cost: float
-    said: float
+    label_cost: float
     fits: bool
     theta: Float[np.ndarray, "Q"]
     covariance: Float[np.ndarray, "Q Q"]
 
+    @property
+    def values(self) -> dict[str, float]:
+        """The unknowns and what is otherwise, by path [SI]."""
+        parameters = self.hypotheses.problem.parameters
+        values = parameters.by_path(np.asarray(parameters.values(self.theta)))
+        return {path: float(x) for path, x in values.items()}
+
+    def predict(
+        self, campaign: Campaign, conditions: Conditions
+    ) -> tuple[Float[np.ndarray, "D"], Float[np.ndarray, "D"]]:
+        """Return what it predicts of other measurements of the arm in the base frame, and the standard deviation."""
+        model, count = self.hypotheses.problem.model, len(campaign)
+        assert isinstance(model, AlteredModel)
+        problem = InverseProblem(
+            replace(model, conditions=conditions, frames=None),
+            np.ones(count),
+            np.full(count, np.inf),
+            self.hypotheses.problem.parameters,
+            tuple(m.kind for m in campaign),
+        )
+        predicted, jacobian, _ = looker(problem)(self.theta, None)
+        predicted, jacobian = calibrated(self.hypotheses.numbers, self.theta, problem.kinds, predicted, jacobian)
+        variance = np.einsum("ip,pq,iq->i", jacobian, self.covariance, jacobian)
+        return predicted, np.sqrt(np.maximum(variance, 0.0))
+
 
 @dataclass(frozen=True)
-class Inquiry:
+class Hypotheses:
     """A campaign, and all numbers that may be otherwise.
 
     Attributes:
@@ -334,31 +353,31 @@ class Inquiry:
         proper = int(self.problem.parameters.proper[: self.unknowns].sum())
         return int(np.isfinite(np.asarray(self.problem.sigma)).sum()) + proper - seen
 
-    def search(self, causes: Sequence[Cause] = (), ridges: Sequence[float] = RIDGES) -> Finding | None:
-        """Return the optimum with these causes at work; None where the model has no answer.
+    def search(self, perturbations: Sequence[Perturbation] = (), ridges: Sequence[float] = RIDGES) -> Perturbed | None:
+        """Return the optimum with these perturbations at work; None where the model has no answer.
 
         They are held near zero by their plausible widths, ever less so until nothing is left to explain. The search
         begins at the fit and, where that leads nowhere, at the priors' centre.
 
         Args:
-            causes: what may be otherwise.
+            perturbations: what may be otherwise.
             ridges: how many of its widths each may move before that counts as one.
         """
         found = []
-        for start in (self._origin(causes), np.append(self._priors[0], np.zeros(len(causes)))):
-            for ridge in ridges if causes else ridges[:1]:
-                end = self._search(causes, start, ridge)
+        for start in (self._origin(perturbations), np.append(self._priors[0], np.zeros(len(perturbations)))):
+            for ridge in ridges if perturbations else ridges[:1]:
+                end = self._search(perturbations, start, ridge)
                 if end is not None and end.fits:
                     return end
                 found += [] if end is None else [end]
         return min(found, key=lambda end: end.cost, default=None)
 
-    def _search(self, causes: Sequence[Cause], start: np.ndarray, ridge: float) -> Finding | None:
-        way = self._way(causes)
+    def _search(self, perturbations: Sequence[Perturbation], start: np.ndarray, ridge: float) -> Perturbed | None:
+        way = self._way(perturbations)
         widths = ridge * self._widths(way)
 
         def look(x: np.ndarray, held: Any) -> End:
-            here = self._look(way, causes, x, held)
+            here = self._look(way, perturbations, x, held)
             residuals, slope = self._weigh(here, widths)
             return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
 
@@ -373,11 +392,12 @@ class Inquiry:
         amounts, sd = end.theta[self.unknowns :], np.sqrt(np.diag(covariance)[self.unknowns :])
         residuals, slope = self._weigh(end, np.inf * widths)
         cost = float((residuals**2).sum())
-        likely = self.chance(cost, len(causes)) >= LIKELY
+        likely = self.chance(cost, len(perturbations)) >= LIKELY
         fits = bool(likely and end.choice.settled and not row_tests(self.problem, residuals, slope).outliers.any())
         whole = way @ end.theta
-        return Finding(
-            tuple(causes),
+        return Perturbed(
+            self,
+            tuple(perturbations),
             tuple(map(float, amounts)),
             tuple(map(float, sd)),
             cost,
@@ -394,50 +414,47 @@ class Inquiry:
         _, jacobian = calibrated(self.numbers, theta, kinds, self.start.predicted, self.start.jacobian)
         return tuple(n for n, column in zip(self.numbers, jacobian.T[self.unknowns :], strict=True) if column.any())
 
-    def gain(self, causes: Sequence[Cause]) -> float:
+    def gain(self, perturbations: Sequence[Perturbation]) -> float:
         """Return by how much the cost would fall in the first of the searches, were the model linear."""
-        way = self._way(causes)
-        here = self._look(way, causes, self._origin(causes), self.start.choice.held)
+        way = self._way(perturbations)
+        here = self._look(way, perturbations, self._origin(perturbations), self.start.choice.held)
         residuals, slope = self._weigh(here, RIDGES[0] * self._widths(way))
         step, *_ = np.linalg.lstsq(slope, -residuals, rcond=RANK_TOLERANCE)
         return float(residuals @ residuals - ((residuals + slope @ step) ** 2).sum())
 
     def chance(self, cost: float, spent: int) -> float:
-        """Return the chance of a larger cost with so many causes set free, if nothing else is wrong."""
+        """Return the chance of a larger cost with so many perturbations set free, if nothing else is wrong."""
         from scipy.special import chdtrc
 
         left = self.freedom - spent
         return float(chdtrc(left, cost)) if left > 0 else float(cost < 1.0)
 
-    def _origin(self, causes: Sequence[Cause]) -> Float[np.ndarray, "p"]:
-        return np.append(self.start.theta[: self.unknowns], np.zeros(len(causes)))
+    def _origin(self, perturbations: Sequence[Perturbation]) -> Float[np.ndarray, "p"]:
+        return np.append(self.start.theta[: self.unknowns], np.zeros(len(perturbations)))
 
-    def _way(self, causes: Sequence[Cause]) -> Float[np.ndarray, "Q p"]:
-        """Return how unknowns and causes make up all coordinates."""
+    def _way(self, perturbations: Sequence[Perturbation]) -> Float[np.ndarray, "Q p"]:
+        """Return how unknowns and perturbations make up all coordinates."""
         places = {number: self.unknowns + i for i, number in enumerate(self.numbers)}
-        way = np.eye(self.unknowns + len(self.numbers), self.unknowns + len(causes))
+        way = np.eye(self.unknowns + len(self.numbers), self.unknowns + len(perturbations))
         way[:, self.unknowns :] = 0.0
-        for i, cause in enumerate(causes):
-            for number in cause.numbers:
+        for i, perturbation in enumerate(perturbations):
+            for number in perturbation.numbers:
                 way[places[number], self.unknowns + i] = 1.0
         return way
 
-    def _look(self, way: np.ndarray, causes: Sequence[Cause], x: np.ndarray, held: Any) -> End:
-        """Return what is predicted with these causes at work, gauges and wrong rows included, and its slope by x."""
+    def _look(self, way: np.ndarray, perturbations: Sequence[Perturbation], x: np.ndarray, held: Any) -> End:
+        """Return predictions with these perturbations, gauges and wrong rows included, and their slope by x."""
         theta = way @ x
-        here = self.start if np.array_equal(theta, self.start.theta) else self._at(theta, held)
+        here = self.start
+        if not np.array_equal(theta, here.theta):
+            here = End(theta, np.nan, np.full(len(theta), np.nan), *self._looker(theta, held))
         predicted, jacobian = calibrated(self.numbers, theta, self.problem.kinds, here.predicted, here.jacobian)
         along, sigma = jacobian @ way, np.asarray(self.problem.sigma)
-        for i, cause in enumerate(causes, self.unknowns):
-            if cause.row >= 0:
-                along[cause.row, i] = sigma[cause.row]
+        for i, perturbation in enumerate(perturbations, self.unknowns):
+            if perturbation.row >= 0:
+                along[perturbation.row, i] = sigma[perturbation.row]
                 predicted = predicted + along[:, i] * x[i]
         return here._replace(theta=x, predicted=predicted, jacobian=along)
-
-    def _at(self, theta: np.ndarray, held: Any) -> End:
-        """Return what the model predicts, by itself."""
-        predicted, jacobian, choice = self._looker(theta, held)
-        return End(theta, np.nan, np.full(len(theta), np.nan), predicted, jacobian, choice)
 
     @cached_property
     def _looker(self) -> Callable[[np.ndarray, Any], tuple[np.ndarray, np.ndarray, Choice]]:
@@ -455,39 +472,34 @@ class Inquiry:
         return centre, np.asarray(known.column("prior_sd")), np.asarray(known.column("flat"))
 
     def _weigh(self, here: End, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return residuals of data, of the unknowns' priors and of the causes, by these widths; and their slope."""
+        """Return residuals of data, of priors and of the perturbations, by these widths; and their slope."""
         centre, sd, flat = self._priors
         off = here.theta[: self.unknowns] - centre
         prior = np.sign(off) * np.maximum(np.abs(off) - flat, 0.0) / sd
         slope = np.where(np.abs(off) >= flat, 1 / sd, 0.0)
         data = np.asarray(self._scaled(here.predicted - np.asarray(self.problem.measured)))
         count = len(here.theta) - self.unknowns
-        causes = np.hstack([np.zeros((count, self.unknowns)), np.diag(1 / widths)])
+        perturbations = np.hstack([np.zeros((count, self.unknowns)), np.diag(1 / widths)])
         priors = np.hstack([np.diag(slope), np.zeros((self.unknowns, count))])
-        rows = np.vstack([np.asarray(self._scaled(here.jacobian)), priors, causes])
+        rows = np.vstack([np.asarray(self._scaled(here.jacobian)), priors, perturbations])
         return np.concatenate([data, prior, here.theta[self.unknowns :] / widths]), rows
 
-    def _widths(self, way: np.ndarray) -> Float[np.ndarray, "causes"]:
-        """Return the plausible width of each cause, that of a wrong value in its sigmas."""
+    def _widths(self, way: np.ndarray) -> Float[np.ndarray, "perturbations"]:
+        """Return the plausible width of each perturbation, that of a wrong value in its sigmas."""
         own = [NUMBER_KINDS[number.kind].plausible for number in self.numbers]
         moved = way[self.unknowns :, self.unknowns :].T > 0
         return np.array([own[int(np.argmax(each))] if each.any() else STEP_OFF for each in moved])
 
 
-def inquire(
-    fitted: Mapping[str, float], arm: Arm, campaign: Campaign, unknowns: Unknowns, held: Any = None
-) -> Inquiry | None:
-    """Make ready to ask what may be otherwise than a fit takes it to be; None where the model has no answer.
+def hypotheses_of(posed: Posed, fitted: Mapping[str, float], held: Any = None) -> Hypotheses | None:
+    """Return what may be otherwise than a fit takes it to be; None where the model has no answer.
 
     Args:
+        posed: what is to be fitted; every stiffness has a prior.
         fitted: where to begin, by path [SI]; at the priors' centre where it says nothing.
-        arm: as its file has it.
-        campaign: what is to be fitted.
-        unknowns: what is unknown; where there is no prior, the default one is taken.
-        held: what the fit has taken labels for; they are chosen anew without.
+        held: the modes that the fit has matched labels to; they are matched again without.
     """
-    problem = build_problem(arm, campaign, unknowns.with_prior)
-    model = problem.model
+    problem, model = posed.problem, posed.problem.model
     if not isinstance(model, ArmModel):  # scaled by discrepancies, which are explanations already
         return None
     own = problem.parameters
@@ -495,8 +507,11 @@ def inquire(
     moments = largest_moments(model, values)
     numbers = tuple(altered_numbers(model, tuple(dict.fromkeys(problem.kinds)), values, moments))
     parameters = Parameters((*own.items, *(number.parameter for number in numbers)))
-    problem = replace(problem, model=altered(model, numbers, moments), parameters=parameters)
+    altered = AlteredModel(
+        model.arm, model.conditions, model.scaled, model.frames, numbers=numbers, moments=jax.device_put(moments)
+    )
+    problem = replace(problem, model=altered, parameters=parameters)
     theta = np.asarray(own.theta(np.array([float(values[item.name]) for item in own.items])))
-    predicted, jacobian, choice = looker(problem)(start := np.append(theta, np.zeros(len(numbers))), held)
-    here = End(start, np.nan, np.full(len(start), np.nan), predicted, jacobian, choice)
-    return Inquiry(problem, len(own.items), numbers, here) if np.isfinite(predicted).all() else None
+    start = np.append(theta, np.zeros(len(numbers)))
+    here = End(start, np.nan, np.full(len(start), np.nan), *looker(problem)(start, held))
+    return Hypotheses(problem, len(own.items), numbers, here) if np.isfinite(here.predicted).all() else None

@@ -63,7 +63,7 @@ class Named(eqx.Module):
         ordinals: (R,) the number in its label.
         words: (R, 2) what its label says of direction and kind, as places in `WORDS`.
         places: (R,) place of its label in the table of labels, ordered by pattern and ordinal.
-        asked: (patterns, S) largest ordinal of each pattern that was seen in each state.
+        largest: (patterns, S) largest ordinal of each pattern that was seen in each state.
         at: (labels, S) the frequency that has the label of each place in each state; -1 for none, as at the last.
         ratios: how many of them, after the frequencies, are damping ratios.
         patterns: the different pairs of direction and kind, as places in `WORDS`.
@@ -75,7 +75,7 @@ class Named(eqx.Module):
     ordinals: Int[AnyArray, "R"]
     words: Int[AnyArray, "R 2"]
     places: Int[AnyArray, "R"]
-    asked: Int[AnyArray, "patterns S"]
+    largest: Int[AnyArray, "patterns S"]
     at: Int[AnyArray, "labels S"]
     ratios: int = eqx.field(static=True)
     patterns: tuple[tuple[int, int], ...] = eqx.field(static=True)
@@ -107,14 +107,14 @@ def name_modes(labels: Sequence[Label], states: np.ndarray, count: int, ratios: 
     says = [(WORDS[0].index(label.direction), WORDS[1].index(label.kind)) for label in labels]
     patterns = tuple(sorted(set(says)))
     own = np.array([patterns.index(pair) for pair in says], int)
-    asked = np.zeros((len(patterns), count), int)
-    np.maximum.at(asked, (own, states), ordinals)
-    top = tuple(asked.max(1).tolist())
+    largest = np.zeros((len(patterns), count), int)
+    np.maximum.at(largest, (own, states), ordinals)
+    top = tuple(largest.max(1).tolist())
     places = np.concatenate([[0], np.cumsum(top, dtype=int)])[own] + ordinals - 1
     words = np.array(says, int).reshape(-1, 2)
     at, first = np.full((sum(top) + 1, count), -1), len(states) - ratios - shapes
     at[places[:first], states[:first]] = np.arange(first)
-    return Named(states, ordinals, words, places, asked, at, ratios, patterns, top, shapes)
+    return Named(states, ordinals, words, places, largest, at, ratios, patterns, top, shapes)
 
 
 def name_costs(modes: Modes, off: Float[AnyArray, "*#batch"] | float = 0.0) -> dict[str, Float[Array, "m S *batch"]]:
@@ -126,14 +126,6 @@ def name_costs(modes: Modes, off: Float[AnyArray, "*#batch"] | float = 0.0) -> d
     return cost | {word: -2 * log_ndtr(-lean[other]) for word, other in opposite.items()}
 
 
-def label_costs(values: Named, modes: Modes) -> Float[Array, "m R *batch"]:
-    """Return -2 ln(probability) that each mode bears the words of each value's label."""
-    cost = name_costs(modes)
-    said = [jnp.stack([cost[word] if word else jnp.zeros_like(modes.frequency) for word in axis]) for axis in WORDS]
-    direction, kind = (said[axis][values.words[:, axis], :, values.states] for axis in (0, 1))
-    return jnp.moveaxis(direction + kind, 0, 1)
-
-
 def _fitting(values: Named, modes: Modes) -> Bool[Array, "m R *batch"]:
     """Tell which modes have the direction and kind of each value's label."""
     fits = []
@@ -143,15 +135,17 @@ def _fitting(values: Named, modes: Modes) -> Bool[Array, "m R *batch"]:
     return jnp.moveaxis(fits[0] & fits[1], 0, 1)
 
 
-def said_costs(values: Named, modes: Modes, chosen: Float[Array, "m R *batch"]) -> Float[Array, "R *batch"]:
-    """Return what speaks against each label where it is put: -2 ln(probability of its words), and `FAR` for a number.
+def label_costs(values: Named, modes: Modes, chosen: Float[Array, "m R *batch"]) -> Float[Array, "R *batch"]:
+    """Return the cost of each label where it is put: -2 ln(probability of its words), and `FAR` for a number.
 
     The number is wrong where not just so many modes up to there move as the label says rather than otherwise.
     """
-    cost, rank = label_costs(values, modes), modes.frequency.ndim - 2
+    cost, rank = name_costs(modes), modes.frequency.ndim - 2
+    words = [jnp.stack([cost[word] if word else jnp.zeros_like(modes.frequency) for word in axis]) for axis in WORDS]
+    direction, kind = (words[axis][values.words[:, axis], :, values.states] for axis in (0, 1))
     count = (jnp.cumsum(_fitting(values, modes), 0) * chosen).sum(0)
     ordinal = jnp.reshape(values.ordinals, (-1,) + (1,) * rank)
-    return (cost * chosen).sum(0) + FAR * (count != ordinal)
+    return (jnp.moveaxis(direction + kind, 0, 1) * chosen).sum(0) + FAR * (count != ordinal)
 
 
 def most_probable(
@@ -168,7 +162,7 @@ def most_probable(
         values: the labelled values.
         modes: all modes of all states.
         data: what was measured, the labelled values first; None for the labels alone.
-        off: by how much the frequencies are off, as a fraction, see `how_far_off`; zero where none is fitted.
+        off: by how much the frequencies are off, as a fraction, see `rms_log_error`; zero where none is fitted.
         hertz: frequency of each mode as each value is defined; None for undamped ones.
     """
     modes, data, off, hertz = jax.lax.stop_gradient((modes, data, off, hertz))
@@ -176,12 +170,12 @@ def most_probable(
         off = jnp.where(_fitted(values, data, modes.frequency.ndim - 2).any(0), off, 0.0)
     cost = name_costs(modes, off)
     names = jnp.stack([cost[direction] + cost[kind] for direction, kind in NAMES], 1)
-    misfits = _misfits(values, modes.frequency[:, values.states] if hertz is None else hertz, data, off)
-    against = jnp.concatenate([misfits, jnp.zeros_like(misfits[:, :1])], 1)[:, values.at]
+    residuals = _squared_residuals(values, modes.frequency[:, values.states] if hertz is None else hertz, data, off)
+    against = jnp.concatenate([residuals, jnp.zeros_like(residuals[:, :1])], 1)[:, values.at]
     return _best_naming(values, names, against)[:, values.places, values.states]
 
 
-def how_far_off(
+def rms_log_error(
     values: Named, hertz: Float[Array, "m R *batch"], data: Data, chosen: Float[Array, "m R *batch"]
 ) -> Float[Array, "*batch"]:
     """Return the root mean square of ln(computed / measured) over the labelled frequencies that are fitted."""
@@ -192,7 +186,7 @@ def how_far_off(
     return jax.lax.stop_gradient(jnp.sqrt(squared.sum(0) / jnp.maximum(counts.sum(0), 1)))
 
 
-def _misfits(
+def _squared_residuals(
     values: Named, near: Float[Array, "m R *batch"], data: Data | None, off: AnyArray | float
 ) -> Float[Array, "m R *batch"]:
     """Return the squared misfit of each labelled frequency with each mode, in sigma; zero for a damping ratio."""
@@ -258,8 +252,8 @@ def _steps(values: Named) -> tuple[np.ndarray, np.ndarray]:
     sizes = [top + 1 for top in values.top]
     first = np.concatenate([[0], np.cumsum(values.top)])
     nothing = int(first[-1])
-    said = [(WORDS[0][direction], WORDS[1][kind]) for direction, kind in values.patterns]
-    borne = [[axis for axis, pattern in enumerate(said) if _bears(name, pattern)] for name in NAMES]
+    labels = [(WORDS[0][direction], WORDS[1][kind]) for direction, kind in values.patterns]
+    borne = [[axis for axis, pattern in enumerate(labels) if _bears(name, pattern)] for name in NAMES]
     follow = np.zeros((math.prod(sizes), len(NAMES)), int)
     given = np.full((*follow.shape, max(map(len, borne))), nothing)
     for before, count in enumerate(np.ndindex(*sizes)):
@@ -280,4 +274,4 @@ def _bears(name: tuple[str, str], pattern: tuple[str | None, str | None]) -> boo
 def _complete(values: Named) -> Bool[Array, "C S"]:
     """Return at which numbers of names a state has all the labels that were seen in it."""
     counts = np.indices([top + 1 for top in values.top]).reshape(len(values.top), -1)
-    return jnp.all(counts[:, :, None] >= values.asked[:, None], 0)
+    return jnp.all(counts[:, :, None] >= values.largest[:, None], 0)

@@ -10,25 +10,21 @@ from jaxtyping import Bool, Float, Int
 
 from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
+from ident.identify.binding import bind_loads
 from ident.identify.candidates import (
-    STEP,
     CandidatePredictions,
     Experiment,
-    Instruments,
     any_campaign,
     candidate_experiments,
-    common_share,
     distinct_predictions,
     expected_rows,
     modes_of,
-    posture_grid,
-    relative_sigma,
     whole_information,
 )
 from ident.identify.fit import CampaignFit
-from ident.identify.predict import is_of_readings
-from ident.identify.problem import build_problem
-from ident.identify.unknowns import Unknowns
+from ident.identify.instruments import STEP, Instruments, common_share, posture_grid, relative_sigma
+from ident.identify.problem import pose
+from ident.identify.unknowns import Unknowns, is_of_readings
 from ident.inference.design import (
     D_OPTIMAL,
     DRAWS,
@@ -330,8 +326,9 @@ def plan_campaign(
         remedy = "add a [[point]] at the arm's end: there deflection is read, and modes are named by how it moves"
         raise InputError(Problem(arm.name, "no point", "at least one", remedy))
     instruments = settings.instruments(fit.campaign if fit else Campaign())
+    loads = bind_loads(arm, instruments.loads)
     postures, sampled = posture_grid(arm, settings.step, seed=settings.seed)
-    problem = fit.problem if fit else build_problem(arm, any_campaign(arm, settings.loads), unknowns)
+    problem = fit.problem if fit else pose(arm, any_campaign(arm, settings.loads), unknowns).problem
     parameters = Parameters(tuple(item for item in problem.parameters.items if not is_of_readings(item.name)))
     spread = {"draws": settings.draws, "seed": settings.seed}
     known = prior_and_data_information(fit, **spread) if fit else prior_information(problem.parameters, **spread)
@@ -339,7 +336,7 @@ def plan_campaign(
     gain = criterion(settings.criterion, known.sought)
     before = np.array(fit.campaign.postures) if fit else postures[:0]
     predictions, place, measured = distinct_predictions(
-        arm, parameters, known.points, np.concatenate([postures, before]), before, instruments.loads, instruments.modes
+        arm, parameters, known.points, np.concatenate([postures, before]), before, loads, instruments.modes
     )
     stable = np.asarray(predictions.stable.all(0))
     known, predictions = known.at(stable), predictions.at(points=stable)

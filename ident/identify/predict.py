@@ -32,20 +32,19 @@ from ident.identify.conditions import (
     Unnamed,
     by_definition,
     defined,
-    is_of_loop,
     read_shapes,
-    with_loops,
-    without_loops,
+    with_hysteresis,
 )
-from ident.identify.mode_matching import AT_FIRST, how_far_off, most_probable, overlap, said_costs
-from ident.identify.parts import Parts as ConditionsInParts
-from ident.identify.parts import in_parts
-from ident.identify.unknowns import LOAD, scaled_inertia, scaled_loads
+from ident.identify.mode_matching import AT_FIRST, label_costs, most_probable, overlap, rms_log_error
+from ident.identify.padding import Parts as ConditionsInParts
+from ident.identify.padding import in_parts, padded
+from ident.identify.unknowns import SETUP, is_of_readings, with_numbers
 from ident.inference.parameters import AnyArray, Parameter
 from ident.inference.problem import Choice, Choosing, Data, Growing, Parts
 from ident.measure import Campaign, Measurement
 from ident.measure.covariance_and_frames import Setup
 from ident.measure.load import POSITIONS
+from ident.programs import jit
 
 # -------- Mode choice
 # Which mode each measured value belongs to, as ones among zeros, and what is picked by it.
@@ -166,11 +165,9 @@ def _lifted(x: AnyArray, rank: int) -> AnyArray:
     return x.reshape(x.shape + (1,) * rank)
 
 
-# -------- Setups
-# Frames of setups, such as a laser tracker's: where they are taken to be first, and what of them is unknown.
+# -------- Measurement frames
+# Frames of setups, such as a laser tracker's: where the search begins, and what of them is unknown.
 
-PREFIX = "setup:"
-"""What the names of their parameters begin with; then the name, then `.x` to `.z` or `.turn.x` to `.turn.z`."""
 STEP = 1e-3
 """Size of theta: 1 mm of a frame's place, 1 mrad of its orientation."""
 FREE_RANK = 1e-6
@@ -220,27 +217,12 @@ def _stacked(parameters: Mapping[str, Any], names: Sequence[str], part: str, kno
     rows = [
         jnp.stack(
             jnp.broadcast_arrays(
-                *(jnp.asarray(parameters.get(f"{PREFIX}{n}.{part}{a}", known[i, k])) for k, n in enumerate(names))
+                *(jnp.asarray(parameters.get(f"{SETUP}{n}.{part}{a}", known[i, k])) for k, n in enumerate(names))
             )
         )
         for i, a in enumerate(AXES)
     ]
     return jnp.stack(jnp.broadcast_arrays(*rows))
-
-
-def is_of_setup(name: str) -> bool:
-    """Tell whether a parameter says where a setup's frame is."""
-    return name.startswith(PREFIX)
-
-
-def is_of_readings(name: str) -> bool:
-    """Tell whether a parameter says how something was read: where a setup's frame is, or how wide a ramp's loop."""
-    return is_of_setup(name) or is_of_loop(name)
-
-
-def without_frames(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the numbers of the arm alone."""
-    return {path: value for path, value in parameters.items() if not is_of_setup(path)}
 
 
 def in_base_frame(conditions: Conditions, frames: Frames | None, parameters: Mapping[str, Any]) -> Conditions:
@@ -257,11 +239,13 @@ def in_base_frame(conditions: Conditions, frames: Frames | None, parameters: Map
     return replace(conditions, readings=replace(readings, direction=direction, datum=datum, setup=None))
 
 
-def setup_parameters(campaign: Campaign, frames: Frames) -> tuple[Parameter, ...]:
+def setup_parameters(campaign: Campaign, frames: Frames | None) -> tuple[Parameter, ...]:
     """Return what is not known of the frames: nuisances, flat where a frame is free.
 
     Differences and rotations tell nothing of where a frame is, only of how it is turned; so that is no unknown then.
     """
+    if frames is None:
+        return ()
     return tuple(
         parameter
         for k, name in enumerate(frames.names)
@@ -280,11 +264,11 @@ def _unknown(setup: Setup, origin: np.ndarray, placed: bool) -> Iterator[Paramet
             continue
         scale, sd = (sigma, 1.0) if np.isfinite(sigma) else (STEP, np.inf)
         for axis, value in zip(AXES, start, strict=True):
-            path = f"{PREFIX}{setup.name}.{part}{axis}"
+            path = f"{SETUP}{setup.name}.{part}{axis}"
             yield Parameter((path,), False, value, value, sd, scale, nuisance=True)
 
 
-def frames_of(campaign: Campaign, expected: Sequence[np.ndarray]) -> Frames | None:
+def frames_of(arm: Arm, campaign: Campaign, conditions: Conditions) -> Frames | None:
     """Return where the campaign's frames are, or else seem to be first; None without setups.
 
     What is not said of a frame is found from triads, what was read of one thing along three directions: the rotation
@@ -292,9 +276,9 @@ def frames_of(campaign: Campaign, expected: Sequence[np.ndarray]) -> Frames | No
     two sets of vectors", Acta Cryst. A32, 1976), and then the place. The fit goes on from there.
 
     Args:
+        arm: as its file has it.
         campaign: the measurements.
-        expected: (3,) for each row that has a setup what the arm file expects, as a vector in the base frame: where
-            the point is, or by how much it moves, or its body turns.
+        conditions: those of the campaign.
 
     Raises:
         InputError: triads that do not tell how a frame is turned, nor anything else.
@@ -302,41 +286,53 @@ def frames_of(campaign: Campaign, expected: Sequence[np.ndarray]) -> Frames | No
     names = tuple(dict.fromkeys(m.setup for m in campaign if m.setup))
     if not names:
         return None
-    rows = [(m, vector) for m, vector in zip(campaign, expected, strict=True) if m.setup]
-    found = [_frame(campaign, name, [row for row in rows if row[0].setup == name]) for name in names]
-    return Frames(names, np.array([place for place, _ in found]).T, np.moveaxis(np.array([R for _, R in found]), 0, 2))
+    expected = np.asarray(_expected(arm, conditions))
+    place = np.asarray(conditions.order) - (conditions.count - expected.shape[1])
+    rows = [(m, expected[:, i]) for m, i in zip(campaign, place, strict=True) if m.setup]
+    each = [_frame(campaign, name, [row for row in rows if row[0].setup == name]) for name in names]
+    return Frames(names, np.array([origin for origin, _ in each]).T, np.moveaxis(np.array([R for _, R in each]), 0, 2))
+
+
+@jit
+def _expected(arm: Arm, conditions: Conditions) -> Float[Array, "3 n"]:
+    """Return each reading as a vector in the base frame: where the point is, how it moves, or how its body turns."""
+    readings, chain = conditions.readings, chains(arm, conditions)
+    phi = static_equilibrium(chain).phi
+
+    def along(axis: Float[Array, "3"]) -> Float[Array, "n"]:
+        direction = jnp.broadcast_to(axis[:, None], readings.direction.shape)
+        return read(chain, phi, replace(readings, direction=direction, setup=None, loop=None))
+
+    return jax.vmap(along)(jnp.eye(3))
 
 
 def _frame(
     campaign: Campaign, name: str, rows: Sequence[tuple[Measurement, np.ndarray]]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return origin and axes of one frame."""
+    from scipy.spatial.transform import Rotation  # takes a tenth of a second, which campaigns without setups can spare
+
     setup = campaign.setups[name]
     triads = list(_triads(rows))
-    at = np.array([m.kind in POSITIONS for m, _, _ in triads], bool)
-    R = _aligned(campaign, name, triads, at) if setup.turn is None else _turned(setup.turn)
-    if setup.origin is not None or not at.any():
+    placed = np.array([m.kind in POSITIONS for m, _, _ in triads], bool)
+    known = None if setup.turn is None else Rotation.from_rotvec(setup.turn).as_matrix()
+    R = _aligned(campaign, name, triads, placed) if known is None else known
+    if setup.origin is not None or not placed.any():
         return np.array(setup.origin or (0.0, 0.0, 0.0)), R
-    own, base = (np.array([each[i] for each in triads])[at] for i in (1, 2))
+    own, base = (np.array([each[i] for each in triads])[placed] for i in (1, 2))
     return (base - own @ R.T).mean(0), R
 
 
-def _turned(vector: Sequence[float]) -> np.ndarray:
-    from scipy.spatial.transform import Rotation  # takes a tenth of a second, which campaigns without setups can spare
-
-    return Rotation.from_rotvec(vector).as_matrix()
-
-
 def _aligned(
-    campaign: Campaign, name: str, triads: Sequence[tuple[Measurement, np.ndarray, np.ndarray]], at: np.ndarray
+    campaign: Campaign, name: str, triads: Sequence[tuple[Measurement, np.ndarray, np.ndarray]], placed: np.ndarray
 ) -> np.ndarray:
     """Return the axes by which what was read agrees best with what is expected."""
     from scipy.spatial.transform import Rotation
 
     own, base = (np.array([each[i] for each in triads]).reshape(-1, 3) for i in (1, 2))
-    if at.any():  # where points are tells how they lie to one another
-        own[at] -= own[at].mean(0)
-        base[at] -= base[at].mean(0)
+    if placed.any():  # where points are tells how they lie to one another
+        own[placed] -= own[placed].mean(0)
+        base[placed] -= base[placed].mean(0)
     size = np.maximum(np.linalg.norm(base, axis=1, keepdims=True), 1e-300)
     spread = np.linalg.svd(base, compute_uv=False) if len(base) else np.zeros(3)
     if len(spread) < 2 or spread[1] <= FREE_RANK * spread[0]:
@@ -344,8 +340,8 @@ def _aligned(
         expected = "two different vectors at least, each read along three directions"
         where = campaign.setups.path or campaign.path
         raise InputError(Problem(where, got, expected, "say how it is turned (data/README.md), or measure more"))
-    weight = np.where(at, size.ravel() / size.max(), 1.0)
-    own, base = (np.where(at[:, None], x, x / size) for x in (own, base))
+    weight = np.where(placed, size.ravel() / size.max(), 1.0)
+    own, base = (np.where(placed[:, None], x, x / size) for x in (own, base))
     return Rotation.align_vectors(base, own, weights=np.maximum(weight, 1e-12))[0].as_matrix()
 
 
@@ -367,33 +363,33 @@ def _triads(
 # -------- Predict
 
 
-class Held(eqx.Module):
-    """How labelled values know their modes from one step of a fit to the next.
+class Matching(eqx.Module):
+    """How labelled values are matched to modes from one step of a fit to the next.
 
     Attributes:
         shape: (n, R) mass-normalised shape of each labelled value.
         place: (n, R) one for its place among the modes in ascending order, zero for the others.
-        off: by how much the frequencies were off, as a fraction.
+        log_error: rms of ln(computed / measured) over the labelled frequencies.
         fresh: whether the most probable modes are taken instead.
         in_order: whether the place counts, not the shape.
     """
 
     shape: Float[AnyArray, "n R"]
     place: Float[AnyArray, "n R"]
-    off: Float[AnyArray, ""]
+    log_error: Float[AnyArray, ""]
     fresh: Bool[AnyArray, ""]
     in_order: Bool[AnyArray, ""]
 
-    def anew(self) -> "Held":
+    def rematched(self) -> "Matching":
         """Return what lets the most probable modes be taken at the next point."""
         return replace(self, fresh=np.array(True), in_order=np.array(False))
 
-    def ordered(self) -> "Held":
-        """Return what holds places, not shapes."""
+    def by_place(self) -> "Matching":
+        """Return what matches by places, not by shapes."""
         return replace(self, in_order=np.array(True))
 
-    def likened(self) -> "Held":
-        """Return what holds shapes, not places."""
+    def by_shape(self) -> "Matching":
+        """Return what matches by shapes, not by places."""
         return replace(self, in_order=np.array(False))
 
 
@@ -405,21 +401,40 @@ class ArmModel(eqx.Module, Choosing, Growing):
     scaled: tuple[str, ...] = eqx.field(static=True, default=())
     """Bodies whose inertia goes with their mass."""
     frames: Frames | None = None
-    """Where the frames of setups are first; None without."""
+    """Where the frames of setups are at the start; None without."""
 
-    def at(self, parameters: Mapping[str, Any]) -> tuple[Arm, dict[str, Any], Conditions]:
-        """Return the arm, its numbers, and the conditions in the base frame, lags of ramps known."""
-        arm = scaled_inertia(self.arm, parameters, self.scaled)
-        conditions = with_loops(in_base_frame(self.conditions, self.frames, parameters), parameters)
-        return arm, without_loops(without_frames(parameters)), conditions
+    def applied(self, parameters: Mapping[str, Any]) -> tuple[Arm, Conditions]:
+        """Return the arm and the conditions with these numbers in place: inertias, frames, hysteresis and loads.
+
+        Args:
+            parameters: `()` or `(*batch)` each; the conditions get as many batch axes of length one.
+        """
+        rank = max((jnp.ndim(value) for value in parameters.values()), default=0)
+        conditions = with_hysteresis(in_base_frame(self.conditions, self.frames, parameters), parameters)
+        posture, loads, servo = jax.tree.map(
+            lambda x: _lifted(jnp.asarray(x), rank), (conditions.posture, conditions.loads, conditions.servo)
+        )
+        own = {name: x for name, x in parameters.items() if not is_of_readings(name)}
+        arm, loads = with_numbers(self.arm, loads, own, self.scaled)
+        return arm, replace(conditions, posture=posture, loads=loads, servo=servo)
 
     def __call__(self, parameters: Mapping[str, Any], data: Data | None = None) -> Float[Array, "D *batch"]:
-        """Predict the campaign's values [SI] for these numbers of the arm."""
-        return predict(*self.at(parameters), data)
+        """Predict the campaign's values [SI] for these numbers of the arm, see `predict`."""
+        arm, conditions = self.applied(parameters)
+        values, chain = conditions.named, chains(arm, conditions)
+        data = None if data is None else conditions.repeats.pooled(data)
+        at = static_equilibrium(chain)
+        if not len(values.states):
+            return _values(chain, at, conditions, (None, None), None, data)
+        modes = modes_about(chain, at)
+        table = by_definition(modes.frequency, chain, at, conditions.definitions)
+        hertz = defined(table, values.states, conditions.labelled)
+        chosen = most_probable(values, modes, data, 0.0, hertz=hertz)
+        return _values(chain, at, conditions, (modes, table), chosen, data)
 
     def padded(self) -> tuple["ArmModel", np.ndarray, np.ndarray]:
         """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
-        conditions, source, places = self.conditions.padded()
+        conditions, source, places = padded(self.conditions)
         return replace(self, conditions=conditions), source, places
 
     def in_parts(self) -> Parts | None:
@@ -432,53 +447,55 @@ class ArmModel(eqx.Module, Choosing, Growing):
         models = tuple(replace(self, conditions=each) for each in parts.conditions)
         return Parts(models, source, places, partial(_split, parts), partial(_joined, parts))
 
-    def unheld(self) -> Held | None:
-        """Return what is held before the first step; None where nothing is labelled."""
+    def first_matching(self) -> Matching | None:
+        """Return the matching before the first step; None where nothing is labelled."""
         count = len(self.conditions.named.states)
         motors = 0 if self.conditions.servo is None else len(self.arm.servos)
         blank, no = np.zeros((3 * len(self.arm.joints) + motors, count)), np.array(False)
-        return Held(blank, blank, np.array(AT_FIRST), np.array(True), no) if count else None
+        return Matching(blank, blank, np.array(AT_FIRST), np.array(True), no) if count else None
 
-    def holding(self, parameters: Mapping[str, Any], data: Data, held: Held) -> tuple[Float[Array, "D"], Choice]:
-        """Predict the campaign's values, each label at the mode whose shape it holds."""
-        arm, parameters, conditions = self.at(parameters)
-        values, chain = conditions.named, chains(arm, parameters, conditions)
+    def predict_matched(
+        self, parameters: Mapping[str, Any], data: Data, held: Matching
+    ) -> tuple[Float[Array, "D"], Choice]:
+        """Predict the campaign's values, each label at the mode that it is matched to."""
+        arm, conditions = self.applied(parameters)
+        values, chain = conditions.named, chains(arm, conditions)
         data = self.conditions.repeats.pooled(data)
         at = static_equilibrium(chain)
         modes = modes_about(chain, at)
         table = by_definition(modes.frequency, chain, at, conditions.definitions)
         hertz = defined(table, values.states, self.conditions.labelled)
-        wanted = most_probable(values, modes, data, held.off, hertz=hertz)
+        wanted = most_probable(values, modes, data, held.log_error, hertz=hertz)
         shapes, M = modes.shape[:, :, values.states], modal_mass(chain, at.phi)[:, :, values.states]
         likeness = jnp.where(held.in_order, held.place, overlap(shapes, M, held.shape))
         same = (jnp.argmax(likeness, 0) == jnp.arange(len(likeness))[:, None]).astype(float)
         chosen = jax.lax.stop_gradient(jnp.where(held.fresh, wanted, same))
-        against = said_costs(values, modes, chosen)
+        against = label_costs(values, modes, chosen)
         cost = jnp.pad(against, (0, self.conditions.count - len(against)))[self.conditions.order]
-        off, no = how_far_off(values, hertz, data, chosen), jnp.array(False)
-        now = Held((shapes * chosen[None]).sum(1), chosen, off, no, held.in_order)
+        log_error, no = rms_log_error(values, hertz, data, chosen), jnp.array(False)
+        now = Matching((shapes * chosen[None]).sum(1), chosen, log_error, no, held.in_order)
         choice = Choice(now, (chosen == wanted).all(), cost)
         return _values(chain, at, conditions, (modes, table), chosen, data), jax.lax.stop_gradient(choice)
 
 
-def _split(parts: ConditionsInParts, held: Held | None) -> list[Held | None]:
+def _split(parts: ConditionsInParts, held: Matching | None) -> list[Matching | None]:
     """Give each part its own of what the whole holds."""
     if held is None:
         return [None for _ in parts.conditions]
     own = parts.values[:, : parts.labels]
-    return [Held(held.shape[:, i], held.place[:, i], held.off, held.fresh, held.in_order) for i in own]
+    return [Matching(held.shape[:, i], held.place[:, i], held.log_error, held.fresh, held.in_order) for i in own]
 
 
-def _joined(parts: ConditionsInParts, each: list[Held | None]) -> Held | None:
-    """Put together what the parts hold; frequencies are off by the mean square of the parts."""
+def _joined(parts: ConditionsInParts, each: list[Matching | None]) -> Matching | None:
+    """Put together what the parts hold; their rms log error is that of all parts."""
     helds = [held for held in each if held is not None]
     if not helds:
         return None
     part, place = np.divmod(parts.places[: parts.labelled], parts.values.shape[1])
     columns = part * parts.labels + place
     shape, places = (np.concatenate(x, 1)[:, columns] for x in zip(*((h.shape, h.place) for h in helds), strict=True))
-    off = np.asarray(np.sqrt(np.mean([held.off**2 for held in helds])))
-    return Held(shape, places, off, helds[0].fresh, helds[0].in_order)
+    log_error = np.asarray(np.sqrt(np.mean([held.log_error**2 for held in helds])))
+    return Matching(shape, places, log_error, helds[0].fresh, helds[0].in_order)
 
 
 def predict(
@@ -496,31 +513,12 @@ def predict(
         `(D, *batch)` in the campaign's order: frequencies [Hz], deflections [m], rotations [rad], damping ratios
         [-]. NaN where the arm has no stable equilibrium.
     """
-    values, chain = conditions.named, chains(arm, parameters, conditions)
-    data = None if data is None else conditions.repeats.pooled(data)
-    at = static_equilibrium(chain)
-    if not len(values.states):
-        return _values(chain, at, conditions, (None, None), None, data)
-    modes = modes_about(chain, at)
-    table = by_definition(modes.frequency, chain, at, conditions.definitions)
-    hertz = defined(table, values.states, conditions.labelled)
-    chosen = most_probable(values, modes, data, 0.0, hertz=hertz)
-    return _values(chain, at, conditions, (modes, table), chosen, data)
+    return ArmModel(arm, conditions)(parameters, data)
 
 
-def chains(arm: Arm, parameters: Mapping[str, Any], conditions: Conditions) -> Chain:
-    """Hold the arm with these numbers in every state of the campaign; batch `(S, *batch)`."""
-    rank = max((jnp.ndim(value) for value in parameters.values()), default=0)
-
-    def lift(x: AnyArray) -> Array:
-        return jnp.asarray(x).reshape(x.shape + (1,) * rank)
-
-    loads = jax.tree.map(lift, conditions.loads)
-    if LOAD in parameters:
-        loads = scaled_loads(loads, parameters[LOAD])
-        parameters = {path: value for path, value in parameters.items() if path != LOAD}
-    servo = None if conditions.servo is None else lift(conditions.servo)
-    return at_posture(arm.replace(parameters), lift(conditions.posture), loads, servo)
+def chains(arm: Arm, conditions: Conditions) -> Chain:
+    """Hold an arm in every state of a campaign; batch `(S, *batch)`."""
+    return at_posture(arm, conditions.posture, conditions.loads, conditions.servo)
 
 
 def _values(

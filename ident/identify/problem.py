@@ -1,4 +1,4 @@
-"""From an arm, a campaign and a choice of unknowns to an inverse problem, and checks of the data before any search."""
+"""A campaign posed to an arm as an inverse problem, and checks of its labels and values before any search."""
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -23,20 +23,23 @@ from ident.arm.modes import (
     torsion_share,
     vertical_share,
 )
+from ident.arm.plausibility import oddities
 from ident.errors import InputError, ModelError, Problem
+from ident.identify.binding import check_references
 from ident.identify.conditions import (
     BY_MODE,
     MOST_DAMPED,
     Conditions,
-    Unnamed,
     bind,
+    loop_names,
     loop_parameters,
     loop_places,
     shared_error,
 )
 from ident.identify.modal_analysis import modal_analysis
-from ident.identify.mode_matching import FAR, NAMING_SD, Named
-from ident.identify.predict import ArmModel, chains, frames_of, mode_choice, predict, setup_parameters, vectors_of
+from ident.identify.mode_matching import FAR, NAMING_SD
+from ident.identify.padding import padded
+from ident.identify.predict import ArmModel, chains, frames_of, mode_choice, setup_parameters, vectors_of
 from ident.identify.unknowns import (
     Unknowns,
     check_measurable,
@@ -44,64 +47,115 @@ from ident.identify.unknowns import (
     stiffness_parameters,
     uncertain_parameters,
 )
-from ident.inference.information import SUSPICIOUS, farthest
+from ident.inference.information import SUSPICIOUS, farthest, information
 from ident.inference.parameters import Parameters
-from ident.inference.problem import Correlation, InverseProblem, correlation, with_discrepancy
+from ident.inference.problem import (
+    DISCREPANCY_PREFIX,
+    Correlation,
+    Discrepant,
+    InverseProblem,
+    correlation,
+    with_discrepancy,
+)
 from ident.inference.search import evaluate
 from ident.measure import Campaign, Measurement
-from ident.measure.load import AXES, KINDS, POSITIONS, SHAPES
+from ident.measure.load import KINDS, POSITIONS, SHAPES
 from ident.programs import RUNS_ONCE, jit
 from ident.text import one_line, quoted
 from ident.units import QUANTITIES, si_factor
 
-# -------- Build problem
-# An arm, a campaign and a choice of unknowns, posed as an inverse problem.
+# -------- Pose
 
-_predicted = jit(predict)
+MOST_VALUES = 20000
+"""Different values of a campaign at most: a fit of as many takes minutes, and of more nothing is learned."""
 
 
-def arm_problem(
-    arm: Arm, campaign: Campaign, parameters: Parameters, uncertain: Mapping[str, str] | None = None
-) -> InverseProblem:
-    """Pose the inverse problem of an arm and a campaign.
+@dataclass(frozen=True)
+class Posed:
+    """A campaign posed to an arm.
+
+    Attributes:
+        campaign: what was measured.
+        problem: what is unknown, the data, and the arm in the conditions of the campaign.
+    """
+
+    campaign: Campaign
+    problem: InverseProblem
+
+    @property
+    def model(self) -> ArmModel:
+        """The arm in the conditions of the campaign, without discrepancies."""
+        model = self.problem.model
+        model = model.model if isinstance(model, Discrepant) else model
+        assert isinstance(model, ArmModel)
+        return model
+
+    @property
+    def arm(self) -> Arm:
+        """The arm as its file has it."""
+        return self.model.arm
+
+    @property
+    def conditions(self) -> Conditions:
+        """The campaign's conditions."""
+        return self.model.conditions
+
+    def applied(self, parameters: Mapping[str, Any]) -> tuple[Arm, Conditions]:
+        """Return the arm and the conditions with these numbers in place; discrepancies change neither."""
+        return self.model.applied({n: x for n, x in parameters.items() if not n.startswith(DISCREPANCY_PREFIX)})
+
+    def with_unknowns(self, unknowns: Unknowns) -> "Posed":
+        """Return the same campaign with other unknowns or priors.
+
+        Raises:
+            InputError: see `pose`.
+        """
+        return _posed(self.campaign, self.model, unknowns)
+
+
+def pose(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> Posed:
+    """Pose a campaign to an arm; damping is unknown too where damping ratios were measured.
+
+    In this order: names and numbers of rows are checked against the arm (`check_references`), the rows bound to it, the
+    measurement frames found, the unknowns chosen. Everything else takes what comes out. Whether the values are
+    plausible is asked of the model by `check_values`.
+
+    Args:
+        arm: its numbers are starting values and centres of the priors.
+        campaign: the measurements.
+        unknowns: what is unknown, and its priors.
 
     Raises:
-        InputError: the campaign speaks of points, payloads or modes that the arm has not.
+        InputError: campaign and arm, or the named parameters, do not fit together; more values than can be fitted.
     """
-    conditions, widths = bind(arm, campaign), uncertain or {}
-    check_measurable(widths, conditions.loads)
-    frames = frames_of(campaign, _expected(arm, campaign))
-    setups = setup_parameters(campaign, frames) if frames else ()
+    check_references(arm, campaign)
+    conditions = bind(arm, campaign)
+    if conditions.count > MOST_VALUES:
+        states, rows = conditions.posture.shape[1], len(campaign)
+        got = f"{conditions.count} different values in {states} states (posture and load case), {rows} rows"
+        remedy = "fit a part of it, or hold the same postures again: repeated rows cost next to nothing"
+        raise InputError(Problem(campaign.path, got, f"at most {MOST_VALUES} different values", remedy))
+    model = ArmModel(arm, conditions, frames=frames_of(arm, campaign, conditions))
+    return _posed(campaign, model, unknowns or Unknowns())
+
+
+def _posed(campaign: Campaign, model: ArmModel, unknowns: Unknowns) -> Posed:
+    arm, widths = model.arm, unknowns.uncertain
+    stiffnesses = stiffness_parameters(arm, unknowns, damping=any(m.kind == "damping_ratio" for m in campaign))
+    check_measurable(widths, model.conditions.loads)
+    own, frames = uncertain_parameters(arm, widths), setup_parameters(campaign, model.frames)
+    model = replace(model, scaled=scaled_bodies(arm, widths))
     value, sigma, step = np.array([(m.value, m.sigma, m.resolution) for m in campaign], float).T
-    return InverseProblem(
-        ArmModel(arm, conditions, scaled_bodies(arm, widths), frames),
+    problem = InverseProblem(
+        model,
         jax.device_put(value),
-        jax.device_put(shared_error(np.asarray(conditions.order), sigma, step)),
-        Parameters((*parameters.items, *uncertain_parameters(arm, widths), *setups, *loop_parameters(campaign))),
+        jax.device_put(shared_error(np.asarray(model.conditions.order), sigma, step)),
+        Parameters((*stiffnesses.items, *own, *frames, *loop_parameters(campaign))),
         tuple(m.kind for m in campaign),
         _correlation(campaign),
         vectors_of(campaign),
     )
-
-
-def _expected(arm: Arm, campaign: Campaign) -> list[np.ndarray]:
-    """Return what the arm file expects of each row with a setup, as a vector in the base frame; of others nothing."""
-    rows = [m for m in campaign if m.setup]
-    if not rows:
-        return [np.zeros(3) for _ in campaign]
-    blank: dict[str, Any] = {
-        "setup": "",
-        "ramp": "",
-        "group": "",
-        "member": 0,
-        "repeat": "",
-        "value": 0.0,
-        "sigma": 1.0,
-        "resolution": 0.0,
-    }
-    along = tuple(replace(m, direction=axis, **blank) for m in rows for axis in (AXES["x"], AXES["y"], AXES["z"]))
-    vectors = iter(np.asarray(_predicted(arm, {}, bind(arm, Campaign(measurements=along)))).reshape(-1, 3))
-    return [next(vectors) if m.setup else np.zeros(3) for m in campaign]
+    return Posed(campaign, with_discrepancy(problem, unknowns.discrepancy))
 
 
 def _correlation(campaign: Campaign) -> Correlation | None:
@@ -118,21 +172,50 @@ def _correlation(campaign: Campaign) -> Correlation | None:
         raise InputError(replace(problem, where=one_line(path)) for problem in error.problems) from None
 
 
-def build_problem(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> InverseProblem:
-    """Make the joint stiffnesses, and what else is asked for, unknown; damping where damping ratios were measured.
+# -------- Ramps
+# How well the widths of hysteresis loops are determined.
 
-    Args:
-        arm: its numbers are starting values and centres of the priors.
-        campaign: the measurements.
-        unknowns: what is unknown, and its priors.
 
-    Raises:
-        InputError: campaign and arm, or the named parameters, do not fit together.
+@dataclass(frozen=True)
+class Ramp:
+    """A ramp of loads, and how well the width of its loop is determined.
+
+    Attributes:
+        name: of its width among the unknowns.
+        rows: places of its rows in the campaign.
+        of: one of these, which says what was read, and at which posture.
+        sd: [m or rad] standard deviation of the width; infinite where the data do not determine it.
     """
-    unknowns = unknowns or Unknowns()
-    damping = any(m.kind == "damping_ratio" for m in campaign)
-    parameters = stiffness_parameters(arm, unknowns, damping=damping)
-    return with_discrepancy(arm_problem(arm, campaign, parameters, unknowns.uncertain), unknowns.discrepancy)
+
+    name: str
+    rows: tuple[int, ...]
+    of: Measurement
+    sd: float
+
+
+def ramps(posed: Posed) -> tuple[Ramp, ...]:
+    """Return the ramps of a campaign, and how well its data alone determine their widths at the starting values."""
+    if not loop_names(posed.campaign):
+        return ()
+    problem, parameters = posed.problem, posed.problem.parameters
+    start = np.asarray(parameters.theta(parameters.column("start")))
+    jacobian = np.asarray(jax.device_get(evaluate(problem, start)).jacobian)
+    if not np.isfinite(jacobian).all():
+        return ramps_of(posed.campaign, problem, np.full(len(start), np.inf))
+    prior = np.where(parameters.nuisance, parameters.normal_sd, np.inf)
+    known = information(problem.scaled(jacobian), prior, parameters.names, parameters.nuisance)
+    return ramps_of(posed.campaign, problem, known.sd)
+
+
+def ramps_of(campaign: Campaign, problem: InverseProblem, sd: Float[np.ndarray, "P"]) -> tuple[Ramp, ...]:
+    """Return the ramps of a campaign, given the standard deviations of theta."""
+    places, items = np.abs(loop_places(campaign)), {item.name: item for item in problem.parameters.items}
+    known = dict(zip(items, sd, strict=True))
+    return tuple(
+        Ramp(name, rows, campaign.measurements[rows[0]], float(items[name].scale * known[name]))
+        for number, name in loop_names(campaign).items()
+        if (rows := tuple(np.flatnonzero(places == number).tolist()))
+    )
 
 
 # -------- Label checks
@@ -169,30 +252,41 @@ class LabelDoubt:
     alike: int | None
 
 
-def label_doubts(arm: Arm, campaign: Campaign) -> tuple[LabelDoubt, ...]:
+def label_doubts(posed: Posed) -> tuple[LabelDoubt, ...]:
     """Find measured modes that may be mistaken for others, with the arm as it is.
 
     A label whose mode is named by a near draw may pick another mode after a small step of the fit. Values without
     label are matched by order, which changes where frequencies cross; and one mode measured twice is taken for two.
-
-    Raises:
-        InputError: campaign and arm do not fit together.
     """
-    conditions, _, places = bind(arm, campaign).padded()
-    values: tuple[Named | Unnamed, ...] = (conditions.named, conditions.unnamed)
-    if not any(len(each.states) for each in values) or not arm.points:
-        return ()
-    states = jax.device_get(_modes_of_states(arm, conditions))
-    doubts: dict[int, LabelDoubt] = {}
-    rows: dict[int, list[int]] = {}
+    conditions, _, places = padded(posed.conditions)
+    named, unnamed = conditions.named, conditions.unnamed
+    labels, m, rows = len(named.states), posed.campaign.measurements, dict[int, list[int]]()
     for row, place in enumerate(places.tolist()):
         rows.setdefault(place, []).append(row)
-    before = 0
-    for each, choice in zip(values, states.choice, strict=True):
-        own = [rows.get(before + i, []) for i in range(len(each.states))]
-        for i, doubt in _doubts(campaign, each, own, states, choice):
-            doubts |= {row: replace(doubt, row=row) for row in own[i]}
-        before += len(each.states)
+    rows = {place: rows[place] for place in sorted(rows) if place < labels + len(unnamed.states)}
+    if not rows or not posed.arm.points:
+        return ()
+    modes, doubts = jax.device_get(_modes_of_states(posed.arm, conditions)), dict[int, LabelDoubt]()
+    state = np.concatenate([named.states, unnamed.states])
+    choice = np.concatenate(modes.choice, 1)
+    for place, own in rows.items():
+        hertz, mode = modes.frequency[:, state[place]], int(np.argmax(choice[:, place]))
+        if not (choice[:, place].any() and np.isfinite(hertz).all()):
+            continue
+        near_draw, near, alike = False, [], None
+        if place < labels:
+            near_draw = bool(modes.near_draw[mode, state[place]])
+        else:
+            beside = [j for j in (mode - 1, mode + 1) if 0 <= j < len(hertz)]
+            near = [j for j in beside if abs(hertz[j] - hertz[mode]) < NEAR * min(hertz[j], hertz[mode])]
+            others = [rows[p][0] for p in rows if p >= labels and p != place and state[p] == state[place]]
+            a = m[own[0]]
+            close = (i for i in others if abs(a.value - m[i].value) < ALIKE * math.hypot(a.sigma, m[i].sigma))
+            alike = next(close, None)
+        if near_draw or near or alike is not None:
+            names = labels_of_shares(modes.torsion[:, state[place]], modes.vertical[:, state[place]])
+            crossing = tuple(names[j] for j in near)
+            doubts |= {row: LabelDoubt(row, names[mode], near_draw, crossing, alike) for row in own}
     return tuple(doubts[row] for row in sorted(doubts))
 
 
@@ -240,47 +334,10 @@ class _States(NamedTuple):
 
 @partial(jit, options=RUNS_ONCE)
 def _modes_of_states(arm: Arm, conditions: Conditions) -> _States:
-    chain = chains(arm, {}, conditions)
+    chain = chains(arm, conditions)
     modes = modes_about(chain, static_equilibrium(chain))
     shares = torsion_share(modes), vertical_share(modes)
     return _States(modes.frequency, *shares, is_ambiguous(modes), mode_choice(conditions, modes))
-
-
-def _doubts(
-    campaign: Campaign,
-    values: Named | Unnamed,
-    rows: Sequence[Sequence[int]],
-    states: _States,
-    choice: Float[np.ndarray, "m n"],
-) -> Iterator[tuple[int, LabelDoubt]]:
-    """Yield the place of each value that is in doubt, and the doubt as that of its first row."""
-    named, matched = isinstance(values, Named), np.argmax(choice, 0)
-    for i in (i for i, own in enumerate(rows) if own):
-        state, mode = values.states[i], matched[i]
-        hertz = states.frequency[:, state]
-        if not (choice[:, i].any() and np.isfinite(hertz).all()):
-            continue
-        beside = [j for j in (mode - 1, mode + 1) if 0 <= j < len(hertz) and _near(hertz[j], hertz[mode])]
-        near = [] if named else beside
-        other = None if named else _row_alike(campaign, values, rows, i)
-        drawn = named and bool(states.near_draw[mode, state])
-        if near or drawn or other is not None:
-            names = labels_of_shares(states.torsion[:, state], states.vertical[:, state])
-            yield i, LabelDoubt(rows[i][0], names[mode], drawn, tuple(names[j] for j in near), other)
-
-
-def _near(a: float, b: float) -> bool:
-    return bool(abs(a - b) < NEAR * min(a, b))
-
-
-def _row_alike(campaign: Campaign, values: Named | Unnamed, rows: Sequence[Sequence[int]], i: int) -> int | None:
-    """Return the row of the first value without label in the same state that is nearly the same."""
-    own = campaign.measurements[rows[i][0]]
-    for j in np.flatnonzero(values.states == values.states[i]).tolist():
-        other = campaign.measurements[rows[j][0]] if rows[j] and j != i else None
-        if other and abs(own.value - other.value) < ALIKE * np.hypot(own.sigma, other.sigma):
-            return rows[j][0]
-    return None
 
 
 # -------- Data checks
@@ -308,27 +365,26 @@ SLACK = math.radians(0.5)
 """By how much a held angle may lie beyond a joint's limit [rad]: how well it is read."""
 
 
-def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm, trusted: Collection[str] = ()) -> None:
+def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
     """Refuse what the arm as its file has it makes implausible: values far off, labels of no mode, postures off limits.
 
     Repeated measurements that contradict each other are refused as well. A value counts as far off where it is so by
     more than three of its standard deviations.
 
     Args:
-        problem: of the campaign and the arm.
-        campaign: the measurements.
-        arm: as its file has it.
+        posed: the campaign and the arm.
         trusted: rows that are right whatever they look like: their numbers in the file, or `all`.
 
     Raises:
-        InputError: lists the values, each with its row; or a trusted row that is not there, or whose label no mode of
-            the arm can bear.
+        InputError: lists the numbers of the arm that look wrong, then the values, each with its row; or a trusted row
+            that is not there, or whose label no mode of the arm can bear.
     """
+    arm, campaign = posed.arm, posed.campaign
     names = row_names(campaign)
     if unknown := [row for row in trusted if row not in {*names, ALL}]:
         expected, remedy = f"rows of the campaign ({names[0]} to {names[-1]}), or {ALL}", "correct the number"
         raise InputError(Problem("trust_values", quoted(unknown[0]), expected, remedy))
-    predicted, missing = _by_labels(problem, campaign, names)
+    predicted, missing = _by_labels(posed, names)
     friction = _by_friction(campaign, predicted)
     doubts: list[Problem] = []
     hopeless: list[Problem] = []
@@ -344,7 +400,9 @@ def check_values(problem: InverseProblem, campaign: Campaign, arm: Arm, trusted:
             doubts += _far_off(m, float(predicted[i]), name) if i not in missing | friction else []
     doubts += _contradictions(campaign, names, trusted)
     if hopeless or (doubts and ALL not in trusted):
-        raise InputError([*hopeless, *(doubts if ALL not in trusted else ())])
+        first = "correct the arm file first (`ident show` draws it)"
+        odd = [Problem("arm file", each.got, each.expected, first, each.path) for each in oddities(arm)]
+        raise InputError([*odd, *hopeless, *(doubts if ALL not in trusted else ())])
 
 
 def plausible_beside(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> bool:
@@ -368,14 +426,13 @@ def _by_friction(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> set[i
     return set(np.flatnonzero((loops > 0) & (sizes < largest[loops] / 2)).tolist())
 
 
-def _by_labels(
-    problem: InverseProblem, campaign: Campaign, names: Sequence[str]
-) -> tuple[Float[np.ndarray, "D"], set[int]]:
+def _by_labels(posed: Posed, names: Sequence[str]) -> tuple[Float[np.ndarray, "D"], set[int]]:
     """Return what the arm file predicts by the labels alone, and the rows whose label it never has.
 
     Where a label's mode is none at the file's values, or far off, it may be another one for an arm nearby: then what is
     predicted there counts, if it is plausible.
     """
+    problem, campaign = posed.problem, posed.campaign
 
     def is_far_off(i: int, expected: float) -> bool:
         return any(_far_off(campaign.measurements[i], float(expected), names[i]))
@@ -484,18 +541,15 @@ def _farthest_apart(
     return found
 
 
-def _apart(a: Measurement, b: Measurement) -> float:
-    return abs(a.value - b.value) / math.hypot(a.spread, b.spread)
-
-
 def _contradictions(campaign: Campaign, names: Sequence[str], trusted: Collection[str]) -> Iterator[Problem]:
     kept = [i for i, name in enumerate(names) if name not in trusted]
     measurements = tuple(campaign.measurements[i] for i in kept)
     for i, j in contradictory_repeats(replace(campaign, measurements=measurements)):
         first, second = measurements[i], measurements[j]
         a, b = names[kept[i]], names[kept[j]]
+        apart = abs(first.value - second.value) / math.hypot(first.spread, second.spread)
         same = f"has the label '{first.mode}', too" if first.mode else "measured the same"
-        got = f"{_written(second, second.value)}, {_apart(first, second):.2g} sd from row {a}, which {same}"
+        got = f"{_written(second, second.value)}, {apart:.2g} sd from row {a}, which {same}"
         label = "correct one of the labels, " if first.mode else "correct point, posture or load of one, "
         remedy = f"{label}drop the wrong one, widen their sigmas, or say that both are right (`trust_values` {b})"
         yield Problem(

@@ -261,6 +261,31 @@ def _refuse_twice(paths: list[str]) -> None:
             raise InputError(Problem("", f"{path} twice", "each parameter once", remedy))
 
 
+# -------- Readings
+# Unknowns that say how something was read, by their names.
+
+SETUP = "setup:"
+"""What the names of a measurement frame's numbers begin with; then its name, then `.x` to `.z` or `.turn.x` to
+`.turn.z`."""
+LOOP = "loop:"
+"""What the names of hysteresis widths begin with; then a number from 1, and the kind of its rows."""
+
+
+def is_of_loop(name: str) -> bool:
+    """Tell whether a parameter is the width of a hysteresis loop."""
+    return name.startswith(LOOP)
+
+
+def kind_of(name: str) -> str:
+    """Return the kind of the rows that a loop's width is of."""
+    return name.rpartition(":")[2]
+
+
+def is_of_readings(name: str) -> bool:
+    """Tell whether a parameter says how something was read: where a frame is, or how wide a ramp's loop."""
+    return name.startswith((SETUP, LOOP))
+
+
 # -------- Uncertain
 # Numbers of an arm, and a common scale of its loads, that are not exactly known: nuisance with a Gaussian prior.
 
@@ -320,6 +345,20 @@ def _parameter(arm: Arm, path: str, text: str) -> Parameter:
     if positive and value > 0:
         return Parameter((path,), True, value, value, sd / value, nuisance=True)
     return Parameter((path,), False, value, value, 1.0, sd, nuisance=True)
+
+
+def with_numbers(arm: Arm, loads: Loads, parameters: Mapping[str, Any], bodies: tuple[str, ...]) -> tuple[Arm, Loads]:
+    """Return an arm and its load cases with these numbers in place, the inertia of some bodies as their mass.
+
+    Args:
+        arm: the arm.
+        loads: batch `(S, *ones)`.
+        parameters: `()` or `(*batch)` each, by path, and `load`.
+        bodies: those whose inertia goes with their mass.
+    """
+    own = {path: x for path, x in parameters.items() if path != LOAD}
+    loads = scaled_loads(loads, parameters[LOAD]) if LOAD in parameters else loads
+    return scaled_inertia(arm, parameters, bodies).replace(own), loads
 
 
 def scaled_loads(loads: Loads, scale: Any) -> Loads:

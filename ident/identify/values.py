@@ -11,12 +11,11 @@ from ident.arm.arm import BASE, Arm
 from ident.arm.fields import COMPONENTS, EXPECTED, STIFFNESS, field_of, fields_in
 from ident.arm.parts import Joint
 from ident.errors import InputError, Problem
-from ident.identify.fit import CampaignFit
-from ident.identify.predict import ArmModel
-from ident.inference.problem import InverseProblem
 from ident.text import one_line
 
 if TYPE_CHECKING:
+    from ident.identify.fit import CampaignFit
+    from ident.inference.problem import InverseProblem
     from ident.inference.sample import Sample
 
 BEST_ONLY = "draws about the best optimum only; the others are left out"
@@ -51,7 +50,7 @@ class Values:
     remark: str = ""
 
     @classmethod
-    def of_fit(cls, fit: CampaignFit, arm: Arm) -> "Values":
+    def of_fit(cls, fit: "CampaignFit", arm: Arm) -> "Values":
         """Return the fitted numbers of an arm, with what speaks against the fit.
 
         Raises:
@@ -318,15 +317,14 @@ def _inertia(arm: Arm, body: str, values: Mapping[str, np.ndarray]) -> dict[str,
     return {path: value * mass / float(arm.get(f"{body}.mass")) for path, value in own.items() if value}
 
 
-def scaled_by(problem: InverseProblem) -> tuple[str, ...]:
-    """Return the bodies whose inertia goes with their mass in a problem."""
-    model = problem.model
-    return model.scaled if isinstance(model, ArmModel) else ()
+def scaled_by(problem: "InverseProblem") -> tuple[str, ...]:
+    """Return the bodies whose inertia goes with their mass in a problem; none beside discrepancies."""
+    return tuple(getattr(problem.model, "scaled", ()))
 
 
 def doubtful(doubts: Sequence[str]) -> str:
     """Say that a fit is in doubt; nothing if it is not."""
-    reasons = "; ".join(doubt.removesuffix(" (see below)") for doubt in doubts)
+    reasons = "; ".join(doubts)
     return f"the fit is in doubt: {reasons}" if reasons else ""
 
 
@@ -353,9 +351,7 @@ class Draws:
     @classmethod
     def of_sample(cls, sample: "Sample", arm: Arm | None = None, sha256: str = "") -> "Draws":
         """Return the draws of a posterior that was sampled in this process, of an arm if that is to be compared."""
-        from ident.inference.draws import chains
-
-        by_chain, items = chains(sample), sample.posterior.parameters.items
+        by_chain, items = sample.by_chain(), sample.posterior.parameters.items
         best = by_chain.optimum == by_chain.optimum.min()
         by_paths = {item.paths: own[best].ravel() for item, own in zip(items, by_chain.values, strict=True)}
         scaled = scaled_by(sample.posterior.problem)

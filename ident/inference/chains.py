@@ -151,7 +151,7 @@ def identity(posterior: Posterior, settings: Mapping[str, object]) -> dict[str, 
         "set of unknowns": ", ".join("=".join(item.paths) for item in posterior.parameters.items),
         "set of numbers (data, priors, arm)": numbers.hexdigest(),
         **{name: str(value) for name, value in settings.items()},
-        **{f"version of {name}": version(name) for name in ("emcee", "jax", "ident")},
+        **{f"version of {name}": version(name) for name in ("emcee", "jax", "ident-arm")},
     }
 
 

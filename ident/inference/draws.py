@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ident.errors import InputError, Problem
 from ident.inference.information import Direction, alone
@@ -91,7 +91,7 @@ def check_installed() -> None:
         InputError: it is not.
     """
     if find_spec("dynesty") is None:
-        got, remedy = "optima to weigh without the package dynesty", 'pip install "ident[evidence]"'
+        got, remedy = "optima to weigh without the package dynesty", "pip install dynesty"
         raise InputError(Problem("weights", got, "it installed", remedy))
 
 
@@ -171,32 +171,6 @@ def draws(sample: Sample, basin: int = 0) -> Float[np.ndarray, "P n"]:
 def quantiles(sample: Sample, basin: int = 0) -> Float[np.ndarray, "levels P"]:
     """Return the quantiles `LEVELS` of all unknowns [SI] over the draws about one optimum."""
     return np.quantile(draws(sample, basin), LEVELS, axis=1)
-
-
-class Chains(NamedTuple):
-    """Draws of a sample, burn-in left out, every walker a chain: those of the first ensemble come first.
-
-    Attributes:
-        values: (P, chains, draws) [SI] all unknowns.
-        log_density: (chains, draws) log posterior.
-        ensemble: (chains,) to which each belongs.
-        optimum: (chains,) about which it is.
-    """
-
-    values: Float[np.ndarray, "P chains draws"]
-    log_density: Float[np.ndarray, "chains draws"]
-    ensemble: Int[np.ndarray, "chains"]
-    optimum: Int[np.ndarray, "chains"]
-
-
-def chains(sample: Sample) -> Chains:
-    """Return the draws chain by chain."""
-    theta, log_density = sample.theta[sample.burn_in :], sample.log_density[sample.burn_in :]
-    steps, ensembles, walkers, count = theta.shape
-    flat = np.moveaxis(theta, 3, 0).reshape(count, steps, -1)
-    values = np.asarray(sample.posterior.parameters.values(jnp.asarray(flat))).swapaxes(1, 2)
-    ensemble = np.repeat(np.arange(ensembles), walkers)
-    return Chains(values, log_density.reshape(steps, -1).T, ensemble, np.array(sample.basin)[ensemble])
 
 
 def prior_intervals(parameters: Parameters) -> Float[np.ndarray, "P 2"]:

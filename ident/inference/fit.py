@@ -419,6 +419,15 @@ class Fit:
         """Whether one kind of measurement contradicts the others."""
         return bool(contradicting(self.cross_predictions))
 
+    @property
+    def _contradiction(self) -> str:
+        """Say which kinds contradict each other, and how improbable that is."""
+        wrong = contradicting(self.cross_predictions)
+        pair = len(self.cross_predictions) == 2
+        kinds = " and ".join(cross.kind.replace("_", " ") for cross in (self.cross_predictions if pair else wrong))
+        least = max((cross.sd for cross in wrong), default=0.0)
+        return f"{kinds} data contradict {'each other' if pair else 'the others'} ({least:.1f} sigma)"
+
     @cached_property
     def row_tests(self) -> RowTests:
         """Of each measurement, whether it is off by more than its error."""
@@ -445,15 +454,13 @@ class Fit:
         count, limit = self.outliers.sum(), self.row_tests.limit
         fitted = int(np.isfinite(np.asarray(self.problem.sigma)).sum())
         reasons = {
-            "the search has not ended here, so this is not an optimum": not self.best.converged,
-            "the cost is less elsewhere, so there is a better optimum: fit again with more starts": (
-                self.beaten is not None
-            ),
-            "the kinds of measurement contradict each other (see below)": self.contradictory,
-            f"{count} of {fitted} measurements lie too far from the fit (standardised residual beyond {limit:.1f})": (
+            "the search did not converge: this is not an optimum": not self.best.converged,
+            "a better optimum exists: fit again with more --starts": (self.beaten is not None),
+            self._contradiction: self.contradictory,
+            f"{count} of {fitted} measurements lie too far from the fit (standardised residual above {limit:.1f})": (
                 count > 0
             ),
-            f"so large a chi-squared has a chance of {self.p_value:.1g}": self.improbable,
+            f"chi-squared is too large for these sigmas (p = {self.p_value:.1g})": self.improbable,
         }
         return tuple(doubt for doubt, holds in reasons.items() if holds)
 
@@ -467,7 +474,7 @@ class Fit:
 
         if not (chance := float(chdtr(freedom, chi_squared))) < IMPROBABLE:
             return ()
-        return (f"so small a chi-squared has a chance of {chance:.1g}: are the sigmas too large, or rows copied?",)
+        return (f"chi-squared is too small (p = {chance:.1g}): check whether sigmas are too large, or rows copied",)
 
     @property
     def without_rounding(self) -> tuple[float, int]:

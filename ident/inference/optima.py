@@ -575,7 +575,7 @@ def _with_held(
         here = look(problem, theta, held)
         return here._replace(cost=here.cost + ((weights @ theta - value) / WIDTH) ** 2)
 
-    held = None if optimum.choice.held is None else optimum.choice.held.likened()
+    held = None if optimum.choice.held is None else optimum.choice.held.by_shape()
     end, _ = minimum(look_there, weigh, start, held, True)
     residuals, _ = weighed(problem, end)
     return end._replace(cost=residuals @ residuals)

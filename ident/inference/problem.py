@@ -213,18 +213,18 @@ class Choice(NamedTuple):
 
 
 class Choosing:
-    """A model that chooses what the values belong to: anew at any point, or held from a point before.
+    """A model that matches values to what they belong to: afresh at any point, or as at the point before.
 
-    What it holds has three methods: `anew` lets it choose at the next point, with what the last one left unexplained;
-    `ordered` and `likened` hold a choice by order and by likeness.
+    Its matching has three methods: `rematched` lets it match afresh at the next point, with what the last one left
+    unexplained; `by_place` and `by_shape` keep a match by order and by likeness.
     """
 
-    def unheld(self) -> Any:
-        """Return what is held before the first step; None where there is nothing to choose."""
+    def first_matching(self) -> Any:
+        """Return the matching before the first step; None where there is nothing to match."""
         raise NotImplementedError
 
-    def holding(self, parameters: Mapping[str, Any], data: Data, held: Any) -> tuple[Float[Array, "D"], Choice]:
-        """Predict the values by the choice that is held."""
+    def predict_matched(self, parameters: Mapping[str, Any], data: Data, held: Any) -> tuple[Float[Array, "D"], Choice]:
+        """Predict the values by a matching."""
         raise NotImplementedError
 
 
@@ -334,15 +334,15 @@ class InverseProblem(eqx.Module):
         parameters = self.parameters.by_path(self.parameters.values(theta))
         return self.model(parameters, self.data) if isinstance(self.model, Choosing) else self.model(parameters)
 
-    def holding(self, theta: Float[Array, "P"], held: Any) -> tuple[Float[Array, "D"], Choice]:
-        """Predict all values at theta by the choice that is held."""
+    def predict_matched(self, theta: Float[Array, "P"], held: Any) -> tuple[Float[Array, "D"], Choice]:
+        """Predict all values at theta by a matching."""
         if not isinstance(self.model, Choosing) or held is None:
             return self.predict(theta), Choice(None, jnp.array(True), jnp.zeros_like(self.sigma))
-        return self.model.holding(self.parameters.by_path(self.parameters.values(theta)), self.data, held)
+        return self.model.predict_matched(self.parameters.by_path(self.parameters.values(theta)), self.data, held)
 
-    def unheld(self) -> Any:
-        """Return what the model holds before the first step; None where it chooses nothing."""
-        return self.model.unheld() if isinstance(self.model, Choosing) else None
+    def first_matching(self) -> Any:
+        """Return the matching before the first step; None where the model matches nothing."""
+        return self.model.first_matching() if isinstance(self.model, Choosing) else None
 
     def padded(self) -> Padded:
         """Return the same problem in one of few sizes, repeated values as their mean; they may come in another order.
@@ -488,15 +488,15 @@ class Discrepant(eqx.Module, Choosing, Growing):
             return factor * self.model(rest)
         return factor * self.model(rest, _before(data, factor))
 
-    def unheld(self) -> Any:
-        """Return what the model holds before the first step."""
-        return self.model.unheld() if isinstance(self.model, Choosing) else None
+    def first_matching(self) -> Any:
+        """Return the matching before the first step."""
+        return self.model.first_matching() if isinstance(self.model, Choosing) else None
 
-    def holding(self, parameters: Mapping[str, Any], data: Data, held: Any) -> tuple[Float[Array, "D"], Choice]:
-        """Predict values by the choice that is held."""
+    def predict_matched(self, parameters: Mapping[str, Any], data: Data, held: Any) -> tuple[Float[Array, "D"], Choice]:
+        """Predict values by a matching."""
         rest, factor = self._split(parameters)
         assert isinstance(self.model, Choosing)
-        values, choice = self.model.holding(rest, _before(data, factor), held)
+        values, choice = self.model.predict_matched(rest, _before(data, factor), held)
         return values * factor, choice
 
     def padded(self) -> tuple["Discrepant", np.ndarray, np.ndarray]:

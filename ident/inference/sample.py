@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import emcee
 import equinox as eqx
@@ -413,6 +413,22 @@ class Settings:
 DEFAULT = Settings()
 
 
+class DrawsByChain(NamedTuple):
+    """Draws of a sample, burn-in left out, every walker a chain: those of the first ensemble come first.
+
+    Attributes:
+        values: (P, chains, draws) [SI] all unknowns.
+        log_density: (chains, draws) log posterior.
+        ensemble: (chains,) to which each belongs.
+        optimum: (chains,) about which it is.
+    """
+
+    values: Float[np.ndarray, "P chains draws"]
+    log_density: Float[np.ndarray, "chains draws"]
+    ensemble: Int[np.ndarray, "chains"]
+    optimum: Int[np.ndarray, "chains"]
+
+
 @dataclass(frozen=True)
 class Sample:
     """Draws from a posterior, and how far to trust them.
@@ -463,6 +479,15 @@ class Sample:
         """Return the draws of theta about one optimum, burn-in left out."""
         chosen = self.theta[self.burn_in :, np.array(self.basin) == basin]
         return chosen.reshape(-1, chosen.shape[-1])
+
+    def by_chain(self) -> DrawsByChain:
+        """Return the draws chain by chain, burn-in left out."""
+        theta, log_density = self.theta[self.burn_in :], self.log_density[self.burn_in :]
+        steps, ensembles, walkers, count = theta.shape
+        flat = np.moveaxis(theta, 3, 0).reshape(count, steps, -1)
+        values = np.asarray(self.posterior.parameters.values(jnp.asarray(flat))).swapaxes(1, 2)
+        ensemble = np.repeat(np.arange(ensembles), walkers)
+        return DrawsByChain(values, log_density.reshape(steps, -1).T, ensemble, np.array(self.basin)[ensemble])
 
 
 def sample(

@@ -218,7 +218,7 @@ def _held_out(fit: Fit, name: str, places: Int[np.ndarray, "n"]) -> HeldOut:
     ends = [ended(problem, solve(problem, theta, fit.end)) for theta in starts]
     end, how = min(ends, key=lambda each: (not np.isfinite(each[0].cost), not each[1].converged, each[0].score))
     held = fit.choice.held
-    there = look(problem, end.theta, held.likened() if held is not None else None)
+    there = look(problem, end.theta, held.by_shape() if held is not None else None)
     kept, slope = np.isfinite(sigma), np.asarray(there.jacobian)
     unknown = problem.parameters
     known = information(problem.scaled(slope)[kept], unknown.normal_sd, unknown.names)

@@ -140,7 +140,7 @@ def _step(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"], da
 # One search: Levenberg-Marquardt from one start, and the model with its Jacobian at a point.
 
 WHOLE, NOTHING = np.array(1.0), np.array(0.0)
-TO_THE_END, UNTIL_ANEW = np.array(True), np.array(False)
+TO_THE_END, UNTIL_REMATCHED = np.array(True), np.array(False)
 STEEP = 1e-2
 """Gradient of the cost by theta above which a search has not ended in an optimum."""
 WORTH = 1e-7
@@ -187,13 +187,13 @@ def looker(problem: InverseProblem) -> Callable[[Float[np.ndarray, "P"], Any], t
     """Return what looks at a problem at theta, with what the model holds: predictions, their Jacobian, the choice."""
     large = problem.in_parts()
     if large is not None:
-        unheld = (problem if len(large.problems) > 1 else large.problems[0]).unheld()
-        return lambda theta, held: _in_parts(large, theta, unheld if held is None else held)
+        first_matching = (problem if len(large.problems) > 1 else large.problems[0]).first_matching()
+        return lambda theta, held: _in_parts(large, theta, first_matching if held is None else held)
     padded, places, _ = problem.padded()
-    unheld = padded.unheld()
+    first_matching = padded.first_matching()
 
     def look(theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
-        found = jax.device_get(_with_jacobian(padded, theta, unheld if held is None else held))
+        found = jax.device_get(_with_jacobian(padded, theta, first_matching if held is None else held))
         predicted, jacobian, choice = found
         return predicted[places], jacobian[places], choice._replace(cost=choice.cost[places])
 
@@ -225,7 +225,7 @@ def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | N
             where the example's own choice is not the most probable: nothing else belongs to that optimum.
     """
     if choice is not None:
-        near = _held(problem, start, choice.likened())
+        near = _held(problem, start, choice.by_shape())
         if (near.choice.settled and np.isfinite(near.cost)) or (example and not example.choice.settled):
             return near
     own = choosing(problem, start)
@@ -240,14 +240,14 @@ def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | N
 def stay(problem: InverseProblem, end: End) -> End:
     """Search from where another search has ended, and hold what it has chosen, whether or not that stays probable."""
     held = end.choice.held
-    return _held(problem, end.theta, None if held is None else held.likened())
+    return _held(problem, end.theta, None if held is None else held.by_shape())
 
 
 def _like(problem: InverseProblem, start: Float[AnyArray, "P"], example: End) -> list[End]:
     """Search with the order that an example holds; where that is not the most probable choice, go on from there."""
-    first = _held(problem, start, example.choice.held.ordered())
+    first = _held(problem, start, example.choice.held.by_place())
     if np.isfinite(first.cost) and _is_steep(first):  # held apart where two want to change places
-        first = _held(problem, first.theta, first.choice.held.likened())
+        first = _held(problem, first.theta, first.choice.held.by_shape())
     if first.choice.settled or not np.isfinite(first.cost):
         return [first]
     then = choosing(problem, first.theta)
@@ -265,10 +265,10 @@ def choosing(problem: InverseProblem, start: Float[AnyArray, "P"], example: End 
     """
     held = None
     for _ in range(TURNS):
-        end, finished = _searched(problem, start, held, UNTIL_ANEW)
+        end, finished = _searched(problem, start, held, UNTIL_REMATCHED)
         if end.choice.settled or not np.isfinite(end.cost):
             return end if finished else _held(problem, end.theta, end.choice.held)
-        start, held = end.theta, end.choice.held.anew()
+        start, held = end.theta, end.choice.held.rematched()
     return end
 
 
@@ -294,7 +294,7 @@ def _searched(
     if large is not None:
         return _searched_in_parts(problem, large, np.asarray(start), held, to_the_end, weight)
     padded, places, scatter = problem.padded()
-    held = padded.unheld() if held is None else held
+    held = padded.first_matching() if held is None else held
     end, finished = jax.device_get(search(padded, np.asarray(start), held, to_the_end, weight))
     choice = end.choice._replace(cost=end.choice.cost[places])
     own = end._replace(predicted=end.predicted[places], jacobian=end.jacobian[places], choice=choice)
@@ -326,7 +326,7 @@ def _searched_in_parts(
         return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
 
     if held is None:
-        held = (problem if len(large.problems) > 1 else large.problems[0]).unheld()
+        held = (problem if len(large.problems) > 1 else large.problems[0]).first_matching()
     return minimum(look_there, weigh, start, held, bool(to_the_end))
 
 
@@ -376,7 +376,7 @@ def _with_jacobian(problem: InverseProblem, theta: AnyArray, held: Any) -> tuple
     """Return predictions and their Jacobian; jitted, so that the solver's several looks at it trace it once."""
 
     def along(direction: Array) -> tuple[Array, Array, Choice]:
-        return jax.jvp(lambda theta: problem.holding(theta, held), (theta,), (direction,), has_aux=True)
+        return jax.jvp(lambda theta: problem.predict_matched(theta, held), (theta,), (direction,), has_aux=True)
 
     return jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(theta.shape[0]))
 

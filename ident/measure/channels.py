@@ -14,7 +14,7 @@ from ident.errors import InputError, Problem
 from ident.files import replace_file
 from ident.measure.campaign import drive_state_problems
 from ident.measure.load import DRIVE_STATES, OWN_WEIGHT, Load, Vector, parse_direction
-from ident.measure.recordings import Channel, NoChannelError, Recording, is_recording, read_recording
+from ident.measure.recordings import Channel, LackingError, NoChannelError, Recording, is_recording, read_recording
 from ident.measure.series import Speed, parse_speeds
 from ident.measure.table import (
     Findings,
@@ -376,6 +376,8 @@ def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, 
             continue
         try:
             found[path.name] = read_recording(path)
+        except LackingError:  # said once, not for each file
+            raise
         except InputError as error:
             sound = table is None and isinstance(error, NoChannelError)
             (passed if sound else problems).extend(error.problems)

@@ -39,7 +39,7 @@ def sheet_text(data: bytes, file: str) -> str:
     try:
         from openpyxl import load_workbook
     except ImportError:
-        remedy = "pip install 'ident[xlsx]', or save the sheet as CSV"
+        remedy = "pip install openpyxl, or save the sheet as CSV"
         raise InputError(Problem(file, "an Excel sheet without the package openpyxl", EXPECTED, remedy)) from None
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:

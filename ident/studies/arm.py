@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.files import replace_file, together
+from ident.present.report import Report
 from ident.studies import STUDIES
 from ident.studies.options import Options, flag_of, specs
+from ident.studies.result import Reported
 from ident.studies.shared import FARTHEST, as_file, is_angle
 from ident.text import did_you_mean, one_line, quoted
 
@@ -150,7 +152,7 @@ def _write(folder: Path, arm: str, campaign: str) -> New:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class ArmPicture:
+class ArmPicture(Reported):
     """An arm in words and as a picture: what looks odd, masses and reach, first modes, every number with its origin.
 
     Attributes:
@@ -158,9 +160,6 @@ class ArmPicture:
     """
 
     view: "ArmView"
-
-    def __str__(self) -> str:
-        return self.report()
 
     def __repr__(self) -> str:
         return f"<ident ArmPicture {self.name}: print it for the report>"
@@ -175,11 +174,16 @@ class ArmPicture:
         """What looks odd, a line for each number."""
         return tuple(map(str, self.view.oddities))
 
-    def report(self) -> str:
-        """Return the text that `ident show` prints."""
-        from ident.present.text.show import show_report
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where the arm is not what its robot description says."""
+        return self.view.arm_file.notes
 
-        return show_report(self.view)
+    def sections(self) -> Report:
+        """Return all that `ident show` says of the arm."""
+        from ident.present.show import show_sections
+
+        return show_sections(self.view)
 
     def document(self) -> dict[str, Any]:
         """Return for programs what looks odd, masses [kg], reach [m] and natural frequencies [Hz]."""
@@ -200,6 +204,7 @@ class ArmPicture:
             else [],
             "failure": self.view.failure,
             "oddities": [asdict(each) for each in self.view.oddities],
+            **self.sections().judged,
             **({"notes": list(self.view.arm_file.notes)} if self.view.arm_file.notes else {}),
         }
 
@@ -256,7 +261,7 @@ def show(arm: "Arm | ArmFile | str | Path", posture: Sequence[float] | None = No
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class NamesResult:
+class NamesResult(Reported):
     """The names of an arm.
 
     Attributes:
@@ -265,15 +270,12 @@ class NamesResult:
 
     names: "ArmNames"
 
-    def __str__(self) -> str:
-        return self.report()
-
-    def report(self) -> str:
-        """Return the text that `ident show ARM --names` prints."""
-        from ident.present.text.show import names_report
+    def sections(self) -> Report:
+        """Return the names: in short, and with all that is known of them in the details."""
+        from ident.present.show import names_sections
 
         units = {kind: "-" if unit == "1" else unit for kind, unit in kinds().items()}
-        return names_report(self.names, units, choices(), columns())
+        return names_sections(self.names, units, choices(), columns())
 
     def document(self) -> dict[str, Any]:
         """Return the same for programs."""

@@ -84,6 +84,8 @@ class DesignOptions(AmplitudeOptions):
 class DesignResult(Result):
     """The change that keeps a limit, or by which an arm vibrates least, or its sensitivities alone.
 
+    Its table has a row for each number [SI]: as it is and at best, and at which bound; or its sensitivities.
+
     Attributes:
         study: what may be changed, on what, and what came out.
         text: the arm file with the changed numbers; empty without one.
@@ -133,12 +135,6 @@ class DesignResult(Result):
         """The arm with the changed numbers."""
         return self.study.basis.arm.replace(self.values)
 
-    def report(self) -> str:
-        """Return the text that `ident design` prints."""
-        from ident.present.text.design import design_report, sensitivity_report
-
-        return (design_report if self.study.design else sensitivity_report)(self.study)
-
     def figures(self) -> "dict[str, Figure]":
         """Return the trade-off, "vibration" before and after, and "sensitivities"; or these alone."""
         from ident.present.figures.design import before_after_figure, sensitivity_figure, trade_off_figure
@@ -149,15 +145,8 @@ class DesignResult(Result):
         vibration = before_after_figure(self.study)
         return {"": trade_off_figure(self.study), "vibration": vibration, "sensitivities": sensitivities}
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each number [SI]: as it is and at best, and at which bound; or its sensitivities."""
-        from ident.present.files.vibration import design_rows, sensitivity_rows
-
-        design = self.study.design
-        return design_rows(self.study, design) if design else sensitivity_rows(self.study.sensitivities)
-
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.vibration import write_arm
+        from ident.present.design import write_arm
 
         written = super()._write(path, head)
         if not self.text:

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.inference.scrutiny import HeldOut
     from ident.measure import Campaign, Log
+    from ident.present.diagnose import StageReport
     from ident.present.html.page import Page
-    from ident.present.text.diagnose import StageReport
     from ident.vibrate.sweep import Sensitivities
 
 
@@ -72,7 +72,7 @@ class Job:
             "arm file": _hash((self.arm.arm, self.arm.origins, self.arm.extents)),
             "path": _hash((self.log.time, self.log.angles)) if self.log else "",
             "set of options": _hash(replace(self.options, units=USUAL)),
-            "version of ident": version("ident"),
+            "version of ident": version("ident-arm"),
         }
 
 
@@ -100,7 +100,7 @@ def discard_stages(folder: str | Path) -> None:
 def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
     """Compute or take over each stage, store it, and report it."""
     from ident.assess.diagnose import Diagnosis
-    from ident.present.text.diagnose import stage_report
+    from ident.present.diagnose import stage_report
 
     diagnosis = Diagnosis()
     for stage, compute in STAGES.items():
@@ -236,17 +236,10 @@ class DiagnoseResult(Result):
 
     @property
     def advice(self) -> str:
-        """The verdict in words."""
-        from ident.present.text.diagnose import verdict_words
+        """The remedy that is advised, in words; empty where none is needed."""
+        from ident.present.diagnose import change_words
 
-        return verdict_words(self.diagnosis)
-
-    @property
-    def closing(self) -> str:
-        """The advice as the report ends with it, in lines that fit a terminal."""
-        from ident.present.text.words import folded
-
-        return folded(self.advice)
+        return change_words(self.advised) if self.advised else ""
 
     def figures(self) -> "dict[str, Figure]":
         """Return the figures of the page, by the stages' names."""

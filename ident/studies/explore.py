@@ -75,27 +75,21 @@ class ExploreResult(Result):
 
     form = "ident-explore/1"
     suffix = ".html"
+    shown = ("exploration", "fit", "posterior", "changed")
 
     @property
     def name(self) -> str:
         """The arm file's name and what was done with it."""
         return f"{Path(self.arm.path).stem or self.arm.arm.name}.explore"
 
-    def report(self) -> str:
-        """Return the text that `ident explore` prints."""
-        from ident.present.text.export import explore_report
-
-        return explore_report(self.exploration, fit=self.fit, posterior=self.posterior, changed=self.options.set)
+    @property
+    def changed(self) -> Mapping[str, float]:
+        """The numbers that were set, by path [SI]."""
+        return self.options.set
 
     def figures(self) -> "dict[str, Figure]":
         """Return none: the page draws them."""
         return {}
-
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each number that has a slider."""
-        from ident.present.text.export import slider_rows
-
-        return slider_rows(self.exploration)
 
     def page(self) -> str:
         """Return the page as HTML."""

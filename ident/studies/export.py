@@ -60,12 +60,12 @@ class Exported:
 
 def exported(
     result: "Result | str | Path",
-    path: Path,
+    path: Path | None,
     arm: "ArmFile | str | Path | None",
     posture: tuple[float, ...] | None,
     force: bool,
 ) -> Exported:
-    """Return the arm that was identified, what was identified of it, and its file.
+    """Return the arm that was identified, what was identified of it, and the file to write.
 
     Raises:
         InputError: the file describes another robot, unless that is forced.
@@ -94,7 +94,10 @@ def exported(
     bodies = tuple(name for name in scaled_by(fitted.problem) if f"{name}.mass" in values)
     changed = scaled_inertia(based, values, bodies).replace(values)
     check_arm(changed)
-    return Exported(path, own, changed, identified, posture)
+    described = Path(own.path or f"{own.arm.name}.toml")
+    return Exported(
+        path or Path("out") / f"{described.stem}.fitted{described.suffix}", own, changed, identified, posture
+    )
 
 
 def _read(result: "Result | str | Path") -> "FitResult | SampleResult":
@@ -156,7 +159,7 @@ ENDINGS = ".xml (MJCF), .urdf, .toml or .json"
 
 def export(
     result: "Result | str | Path",
-    path: str | Path,
+    path: str | Path | None = None,
     *,
     arm: "ArmFile | str | Path | None" = None,
     posture: tuple[float, ...] | None = None,
@@ -171,7 +174,8 @@ def export(
 
     Args:
         result: of `ident.fit` or `ident.sample`, or its file; of a posterior the medians are written.
-        path: the file to write; it is none of those that were read.
+        path: the file to write, none of those that were read; by default `out/arm.fitted.toml`, with the name and the
+            ending of the arm's description.
         arm: the description to write into; by default the one that was fitted, found by its hash.
         posture: joint angles [deg] where MJCF gets springs that are exact under the arm's weight, and near it.
         force: write into the description of another robot, too.
@@ -180,8 +184,8 @@ def export(
         InputError: no such result, another robot's description, one of another format or without these numbers, or
             nothing can be written.
     """
-    path = Path(path)
-    asked = exported(result, path, arm, posture, force)
+    asked = exported(result, None if path is None else Path(path), arm, posture, force)
+    path = asked.path
     writers: Mapping[str, Callable[[Exported], Mapping[Path, bytes]]] = {
         ".xml": _mjcf,
         ".urdf": _urdf,
@@ -279,7 +283,7 @@ def _toml(asked: Exported) -> Mapping[Path, bytes]:
 def _json(asked: Exported) -> Mapping[Path, bytes]:
     import json
 
-    from ident.present.text.words import unit_of
+    from ident.present.words import unit_of
 
     found = asked.found
     document = {
@@ -305,7 +309,7 @@ def _json(asked: Exported) -> Mapping[Path, bytes]:
 
 
 def _comment(asked: Exported) -> list[str]:
-    from ident.present.text.export import identified_lines
+    from ident.present.export import identified_lines
 
     return identified_lines(asked.arm, asked.found, _date(), asked.posture)
 

@@ -133,7 +133,7 @@ class FitResult(Result):
     @property
     def measurements(self) -> list[dict[str, Any]]:
         """A row for each measurement, which `pandas.DataFrame` takes: measured, predicted, sigma [SI], residual [-]."""
-        from ident.present.files.fit import measurement_rows
+        from ident.present.fit import measurement_rows
 
         return measurement_rows(self.fit)
 

@@ -91,7 +91,7 @@ class FleetResult(Result):
     @property
     def priors(self) -> Mapping[str, str]:
         """What the fleet says of the next robot before its data, by stiffness, as `prior` takes it."""
-        from ident.present.files.sample import fleet_priors
+        from ident.present.fleet import fleet_priors
 
         return fleet_priors(self.fleet)
 

@@ -487,7 +487,7 @@ def _cluster(address: str, folder: Path) -> Iterator[Callable[[list[Any]], Itera
     try:
         from distributed import Client
     except ImportError:
-        got, remedy = "an address without the package distributed", "pip install 'ident[dask]'"
+        got, remedy = "an address without the package distributed", "pip install distributed"
         raise InputError(Problem("dask", got, "it installed", remedy)) from None
     try:
         client = Client(address, timeout=CONNECT, set_as_default=False)

@@ -141,7 +141,7 @@ class ModalResult(Result):
 
     form = "ident-modal/4"
     suffix = ".nc"
-    shown = ("tests", "identified", "finished", "named", "campaign")
+    shown = ("tests", "identified", "finished", "named", "campaign", "reproducibility")
     summary = ("hits", "rejected")
 
     @property
@@ -179,13 +179,6 @@ class ModalResult(Result):
         from ident.modal.modes import Modes
 
         return any(isinstance(each.modes, Modes) and not each.modes.converged for each in self.identified)
-
-    def report(self) -> str:
-        """Return the printed report."""
-        from ident.present.text.modal import modal_report
-
-        parts = self.tests, self.identified, self.finished, self.named, self.campaign
-        return modal_report(*parts, self.reproducibility)
 
     def figures(self) -> "dict[str, Figure]":
         """Return for each posture its responses, how its modes were chosen (`modes`), and `shapes`."""

@@ -21,10 +21,7 @@ if TYPE_CHECKING:
     from ident.vibrate.evaluator import Evaluator, Variable
     from ident.vibrate.motion import Motion
 
-STROKE = (
-    "add a [stroke] with direction, folded, unfolded, speed, acceleration and jerk to the arm file, as in"
-    " data/lcd_arm/arm.toml, or give a joint path (`path`)"
-)
+STROKE = "add a [stroke] section to the arm file (example: `ident new scara`), or give a joint path (`path`)"
 
 SLOWEST = 1e-3
 """Lowest speed [%]."""
@@ -289,7 +286,7 @@ def _stroke(arm: "Arm", options: MotionOptions, percent: float) -> "Motion":
     from ident.vibrate.motion import stroke
 
     if arm.stroke is None:
-        raise InputError(Problem(arm.name, "no stroke", "what the arm shall carry out", STROKE))
+        raise InputError(Problem(arm.name, "no motion defined", "a stroke or a joint path", STROKE))
     return stroke(arm.stroke, percent=percent, profile=options.profile, retract=options.retract, dwell=options.hold)
 
 

@@ -1,7 +1,7 @@
 """Rank what to measure next by what it would tell for its cost."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import log1p, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ident.identify.candidates import HammerPlan
     from ident.identify.plan import CampaignPlan, PlanSettings
     from ident.measure import Campaign
+    from ident.present.report import Report
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,11 +117,12 @@ class PlanResult(Result):
         """The campaign's name, or the arm's, and what was done with it."""
         return _name(self.arm, self.plan.fit.campaign if self.plan.fit else None)
 
-    def report(self) -> str:
-        """Return the printed plan, with where to measure in its hammer tests if that was asked for."""
-        from ident.present.text.plan import plan_report
+    def sections(self) -> "Report":
+        """Return all that is said of the plan, with where to measure in its hammer tests if that was asked for."""
+        from ident.present.plan import plan_sections
 
-        return plan_report(self.plan, self.hammer)
+        report = plan_sections(self.plan, self.hammer)
+        return replace(report, next=self._command(report.next))
 
     @property
     def campaign(self) -> "Campaign":
@@ -146,7 +148,7 @@ class PlanResult(Result):
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         """Write the plan, and a campaign to fill in unless the batch is empty."""
-        from ident.present.files.fit import write_form
+        from ident.present.plan import write_form
 
         forms = (self._beside(path, ".csv"),) if self.plan.steps else ()
         for each in forms:
@@ -184,7 +186,8 @@ def plan(
     """
     import numpy as np
 
-    from ident.identify.candidates import all_postures, hammer_plans
+    from ident.identify.candidates import hammer_plans
+    from ident.identify.instruments import all_postures
     from ident.identify.plan import plan_campaign
 
     options = PlanOptions.of(options)

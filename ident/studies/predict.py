@@ -73,7 +73,7 @@ class PredictResult(Result):
     posterior: "Values | None" = None
 
     form = "ident-predict/3"
-    shown = ("predictions",)
+    shown = ("predictions", "fit", "posterior", "changed")
     numbers = ("frequencies", "deflections")
     summary = ("deflections", "deflection_bands")
 
@@ -114,11 +114,10 @@ class PredictResult(Result):
         """Static deflection at each posture by point name, (3,) [m] in the base frame."""
         return tuple(analysis.deflection for analysis in self.analyses)
 
-    def report(self) -> str:
-        """Return the text that `ident predict` prints."""
-        from ident.present.text.predict import predict_report
-
-        return predict_report(self.predictions, fit=self.fit, posterior=self.posterior, changed=self.options.set)
+    @property
+    def changed(self) -> Mapping[str, float]:
+        """The numbers that were set, by path [SI]."""
+        return self.options.set
 
     def figures(self) -> "dict[str, Figure]":
         """Return one figure a posture, `2` the second's: the modes from the side and from above."""

@@ -71,7 +71,7 @@ class ProfileResult(Result):
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each parameter: fitted value, unit, and the ends [SI] of both intervals."""
-        from ident.present.files.check import profile_rows
+        from ident.present.profile import profile_rows
 
         return profile_rows(self.profiles)
 
@@ -106,13 +106,14 @@ def profile(
         InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
         ModelError: no optimum was reached.
     """
-    from ident.identify.problem import build_problem
+    from ident.identify.problem import pose
     from ident.inference import profile as likelihood
 
     options = ProfileOptions.of(options)
     arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
     check_place(f"{campaign.name}.profile", {"arm": arm_file, "campaign": campaign})
-    likelihood.check(build_problem(arm_file.arm, campaign, options.unknowns_of(arm_file)).parameters, options.parameter)
+    problem = pose(arm_file.arm, campaign, options.unknowns_of(arm_file)).problem
+    likelihood.check(problem.parameters, options.parameter)
     fit = fit_study(arm_file, campaign, options, progress=progress).fit
     profiles = likelihood.profile(fit, options.parameter, reach=options.reach, progress=progress("profiles"))
     return ProfileResult(arm_file, fit, profiles, options)

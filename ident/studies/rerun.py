@@ -11,12 +11,13 @@ from typing import Any
 
 from ident.assess.repetition import Difference, differences
 from ident.errors import InputError, Problem
-from ident.studies.result import BESIDE, Progress, Result, load, silent, study_of
+from ident.present.report import WIDTH, Report
+from ident.studies.result import BESIDE, Progress, Reported, Result, load, silent, study_of
 from ident.text import one_line
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Rerun:
+class Rerun(Reported):
     """A result and its repetition.
 
     Attributes:
@@ -34,15 +35,22 @@ class Rerun:
         """Whether all numbers are the same."""
         return not self.differences
 
-    def __str__(self) -> str:
-        return self.report()
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where the arm is not what its robot description says."""
+        return self.now.notes
 
-    def report(self) -> str:
-        """Return the text that `ident rerun` prints."""
-        from ident.present.text.export import rerun_report
+    def sections(self) -> Report:
+        """Return whether the numbers are the same, and where not."""
+        from ident.present.export import rerun_sections
 
         rows, sampled = len(self.now.table()), bool(self.before.standard_errors())
-        return f"{self.now.report().rstrip()}\n\n{rerun_report(self.differences, rows, sampled=sampled)}"
+        return rerun_sections(self.now.sections(), self.differences, rows, sampled=sampled)
+
+    def report(self, *, details: bool = False, width: int = WIDTH, colour: bool = False) -> str:
+        """Return the text that `ident rerun` prints: with details the whole repeated report, then the answer."""
+        repeated = self.now.report(details=True, width=width, colour=colour) + "\n" if details else ""
+        return repeated + super().report(details=details, width=width, colour=colour)
 
     def document(self) -> dict[str, Any]:
         """Return for programs the repeated result, whether it is the same, and where not."""

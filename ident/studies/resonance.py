@@ -1,7 +1,7 @@
 """Compare the pulleys' frequencies with the arm's natural frequencies along a motion."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log
+    from ident.present.report import Report
     from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
     from ident.vibrate.branches import Branches
@@ -74,12 +75,13 @@ class ResonanceResult(Result):
         """Which arm makes which motion."""
         return f"{self.basis.arm_file.arm.name}, {self.basis.motion.name}"
 
-    def report(self) -> str:
-        """Return the text that `ident resonance` prints."""
-        from ident.present.text.resonance import resonance_report
+    def sections(self) -> "Report":
+        """Return what `ident resonance` says: the verdict, the crossings, natural frequencies."""
+        from ident.present.resonance import resonance_sections
 
         margin = self.options.margin / 100
-        return resonance_report(self.branches, self.excitation, self.crossings, title=self.title, margin=margin)
+        report = resonance_sections(self.basis, self.branches, self.excitation, self.crossings, margin=margin)
+        return replace(report, next=self._command(report.next))
 
     def figures(self) -> "dict[str, Figure]":
         """Return one figure: the Campbell diagram over time, resonance crossings numbered as in the report."""
@@ -89,7 +91,7 @@ class ResonanceResult(Result):
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each resonance crossing: drive, mode, times [s], frequencies [Hz], vibration [m]."""
-        from ident.present.files.vibration import resonance_rows
+        from ident.present.resonance import resonance_rows
 
         return resonance_rows(self.crossings)
 

@@ -4,10 +4,11 @@ import importlib
 import json
 import os
 import re
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from importlib import import_module
 from operator import attrgetter
@@ -15,12 +16,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from ident.errors import InputError, ModelError, Problem
+from ident.present.report import WIDTH, Report, html_of, text_of
 from ident.studies import STUDIES
 from ident.studies.options import Options
 from ident.text import one_line
 from ident.units import USUAL, stiffness_in
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
     from matplotlib.figure import Figure
 
@@ -28,10 +31,15 @@ BESIDE = ("covariance", "bushings")
 """What may be read because it lies beside an input: attributes of that input, in whose name they are called."""
 
 SHOWING = (
-    *("report", "figures", "html", "save_pdf", "save_figures"),
+    *("sections", "figures", "html", "save_pdf", "save_figures"),
     *("frequency_figure", "path_figure", "animation", "_write"),
 )
 """Methods that show stiffnesses to people."""
+SAME_PROBLEM = (
+    *("fix", "tie", "free", "uncertain", "no_prior", "prior"),
+    *("discrepancy", "trust_values", "robust", "soft_base"),
+)
+"""Options without which the next command would pose another problem."""
 R = TypeVar("R")
 """What such a method returns."""
 
@@ -187,30 +195,39 @@ def _with_names(draw: "Callable[[Any], Mapping[str, Figure]]") -> "Callable[[Any
 
 
 SHARED_FILES: Mapping[str, Mapping[str, str]] = {
-    "text": {
-        **dict.fromkeys(("compare", "validate", "profile"), "check"),
-        "fleet": "sample",
-        **dict.fromkeys(("explore", "rerun"), "export"),
-    },
+    "": dict.fromkeys(("explore", "rerun"), "export"),
     "figures": {
         **dict.fromkeys(("plan", "fleet"), "sample"),
         **dict.fromkeys(("compare", "validate", "profile"), "fit"),
         **dict.fromkeys(("simulate", "spectrum"), "vibration"),
         "predict": "modes",
     },
-    "files": {
-        **dict.fromkeys(("compare", "validate", "profile"), "check"),
-        **dict.fromkeys(("diagnose", "fleet"), "sample"),
-        **dict.fromkeys(("design", "resonance", "spectrum", "sweep", "predict"), "vibration"),
-        "plan": "fit",
-        **dict.fromkeys(("simulate", "modal"), "series"),
-    },
 }
 """Files of `present`, by medium, of studies that share one; every other study has one of its own name."""
 
 
+class Reported:
+    """What has a report: it prints as the first screen."""
+
+    def __str__(self) -> str:
+        return self.report()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where an arm is not what its robot description says."""
+        return ()
+
+    def sections(self) -> Report:
+        """Return all that is said: verdict, tables, findings, details."""
+        raise NotImplementedError
+
+    def report(self, *, details: bool = False, width: int = WIDTH, colour: bool = False) -> str:
+        """Return the text that the command prints, see `text_of`."""
+        return text_of(self.sections(), details=details, width=width, colour=colour)
+
+
 @dataclass(frozen=True, repr=False, eq=False)
-class Result:
+class Result(Reported):
     """What a study has computed, on what inputs, by which options.
 
     `print(result)` prints what the command prints; `ident.load` brings a saved result back as it was. Results
@@ -246,9 +263,6 @@ class Result:
                 setattr(cls, name, _in_its_unit(cls.__dict__[name]))
         cls.figures = _with_names(cls.figures)  # type: ignore[method-assign]
 
-    def __str__(self) -> str:
-        return self.report()
-
     def __repr__(self) -> str:
         return f"<ident {type(self).__name__} {self.name}: print it for the report>"
 
@@ -277,10 +291,22 @@ class Result:
         return False
 
     @_in_its_unit
-    def report(self) -> str:
-        """Return the text that the command prints."""
-        text: str = self._present("text", "report")
-        return text
+    def sections(self) -> "Report":
+        """Return all that is said of the result: verdict, tables, findings, details."""
+        report: Report = self._present("", "sections")
+        return replace(report, next=self._command(report.next))
+
+    def _command(self, words: str) -> str:
+        """Return the next command with the names of files for `{arm}` and `{campaign}`."""
+        if not words:
+            return ""
+        inputs = self.inputs
+        arm, campaign = (getattr(inputs.get(name), "path", "") for name in ("arm", "campaign"))
+        beside = not (arm and campaign) or Path(arm) == Path(campaign).parent / "arm.toml"
+        arm, campaign = (shlex.quote(one_line(path)) for path in (arm or "ARM", campaign or "CAMPAIGN"))
+        filled = words.format(arm=arm, campaign=campaign if beside else f"{campaign} --arm {arm}")
+        posed = any(getattr(vars(self)["options"], name, None) for name in SAME_PROBLEM)
+        return f"{filled}  (with the same options)" if posed and "{campaign}" in words else filled
 
     @_in_its_unit
     def figures(self) -> "dict[str, Figure]":
@@ -289,8 +315,18 @@ class Result:
 
     def table(self) -> list[dict[str, Any]]:
         """Return the main numbers as rows, which `pandas.DataFrame` takes."""
-        rows: list[dict[str, Any]] = self._present("files", "rows")
+        rows: list[dict[str, Any]] = self._present("", "rows")
         return rows
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Return the table as a pandas frame."""
+        import pandas
+
+        return pandas.DataFrame(self.table())
+
+    def _repr_html_(self) -> str:
+        """Return the first screen as a notebook shows it."""
+        return html_of(self.sections())
 
     def document(self) -> dict[str, Any]:
         """Return for programs from what it was made, with what and how, its summary and its table."""
@@ -336,9 +372,10 @@ class Result:
         return tuple(written)
 
     def _present(self, medium: str, what: str) -> Any:
-        """Return what `present` makes of the result: the text of a fit by `ident.present.text.fit.fit_report`."""
+        """Return what `present` makes of the result: the text of a fit by `ident.present.fit.fit_report`."""
         study = study_of(self.form)
-        module = import_module(f"ident.present.{medium}.{SHARED_FILES[medium].get(study, study)}")
+        path = ("ident.present", medium, SHARED_FILES[medium].get(study, study))
+        module = import_module(".".join(filter(None, path)))
         return getattr(module, f"{study}_{what}")(*(getattr(self, name) for name in self.shown))
 
     def _beside(self, path: Path, suffix: str) -> Path:
@@ -395,7 +432,7 @@ class Result:
         from ident.present.files.document import plain
 
         summary = {name.rpartition(".")[2]: attrgetter(name)(self) for name in self.summary}
-        main: dict[str, Any] = plain({"summary": summary, "table": self.table()})
+        main: dict[str, Any] = plain({**self.sections().judged, "summary": summary, "table": self.table()})
         return main
 
     def _write_netcdf(self, path: Path, groups: "Mapping[str, xarray.Dataset]") -> Any:

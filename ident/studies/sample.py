@@ -84,12 +84,12 @@ class SampleResult(Result):
 
     @property
     def doubtful(self) -> bool:
-        """Whether the fit that the chains start from is in doubt."""
-        return bool(self.sample.fitted.doubts)
+        """Whether the fit that the chains start from is in doubt, or its data contradict an assumption."""
+        return self.sample.fitted.in_doubt
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why no interval should be quoted from this posterior; empty when nothing speaks against it."""
+        """Why no interval is reported of this posterior; empty where there is no objection."""
         return self.sample.withheld
 
     @property
@@ -104,7 +104,7 @@ class SampleResult(Result):
 
     @property
     def intervals(self) -> Mapping[str, tuple[float, float]]:
-        """95 % intervals by parameter [SI], about the best optimum; see `doubts` before quoting one."""
+        """95 % intervals by parameter [SI], about the best optimum; see `doubts` before reporting one."""
         rows = (row for row in self.table() if row["optimum"] == self._best)
         return {row["parameter"]: (row["low_95"], row["high_95"]) for row in rows}
 
@@ -141,7 +141,7 @@ class SampleResult(Result):
         return (path,)
 
     def standard_errors(self) -> list[dict[str, float]]:
-        """Return the Monte Carlo standard errors of the table's numbers [SI]; infinite for what tells of the chains."""
+        """Return the Monte Carlo standard errors of the table's numbers [SI]; infinite for diagnostics of chains."""
         from ident.present.files.sample import sample_errors
 
         return sample_errors(self.sample)

@@ -105,7 +105,7 @@ class SweepResult(Result):
         return {name: {d: (whole, about) for d, whole, about in trends(sweep)} for name, sweep in single.items()}
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.vibration import write_csv
+        from ident.present.sweep import write_csv
 
         table = self._beside(path, ".csv")
         write_csv(self.study, head, table)

@@ -1,4 +1,4 @@
-"""Phases that nobody knows: which they are, draws of them, and amplitudes that are the worst over them."""
+"""Unknown phases of the excitation: which they are, draws of them, and amplitudes that are the worst over them."""
 
 from dataclasses import replace
 from functools import cache
@@ -12,7 +12,7 @@ from ident.assess.scenario import OverPhases, Unknowns, at_share, over_phases, u
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.values import Values
-from ident.present.text.basis import basis_in_words
+from ident.present.basis import motion_section
 from ident.studies.design import DesignOptions
 from ident.studies.motion import basis_of
 from ident.studies.reading import peak_to_peak
@@ -124,7 +124,8 @@ def test_what_the_options_leave_unknown():
         assert float(basis.arm.get(path)) == bounds[1]
     assert float(basis.arm.get(f"{DRIVES[1]}.error")) == 1e-6
     assert set(basis.unknown.phases) == {*ALL[1:], *(f"{name}.error_phase" for name in DRIVES)}
-    assert "30 to 60 arc seconds peak to peak" in "".join(basis_in_words(basis))
+    section = motion_section(basis, elastic_belts=False, rate=500.0, method="fast")
+    assert any("30 to 60 arc seconds peak to peak" in sentence for sentence in section.parts)
     for sweeping in (SweepOptions(), DesignOptions()):
         own = basis_of(arm_file, sweeping)
         assert sweeping.evaluator(own).unknown == own.unknown.phases == ALL

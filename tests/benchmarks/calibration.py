@@ -36,7 +36,7 @@ sys.path.insert(0, str(ROOT / "tests" / "support"))
 from sbc import Recovery, recover, report
 
 from ident.description.file import read_arm
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.problem import InverseProblem
 from ident.inference.sample import Settings
@@ -65,7 +65,7 @@ def problem() -> InverseProblem:
         for place in range(FREQUENCIES):  # values that are replaced, but for their order
             rows.append(Measurement(kind="frequency", posture=posture, value=1.0 + place, sigma=1.0))
         rows.append(Measurement(kind="deflection", posture=posture, value=1.0, sigma=1.0, point="tip"))
-    posed = build_problem(arm, Campaign(measurements=tuple(rows)), Unknowns(prior_sd=WIDTH))
+    posed = pose(arm, Campaign(measurements=tuple(rows)), Unknowns(prior_sd=WIDTH)).problem
     nominal = evaluate(posed).predicted
     sigma = jnp.array([SIGMA[kind] for kind in posed.kinds]) * nominal
     return eqx.tree_at(lambda p: (p.measured, p.sigma), posed, (nominal, sigma))

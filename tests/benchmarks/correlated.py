@@ -18,7 +18,7 @@ from timing import commit, machine
 
 from ident.description.file import read_arm
 from ident.identify.fit import fit_campaign
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, read_campaign
 from ident.measure.covariance_and_frames import Covariance, Group
@@ -35,7 +35,7 @@ def main() -> None:
     options = parser.parse_args()
     arm, shipped = read_arm(DATA / "arm.toml").arm, read_campaign(DATA / "campaign.csv")
     like, root = grouped(shipped)
-    problem = build_problem(arm, like, Unknowns())
+    problem = pose(arm, like, Unknowns()).problem
     truth = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     predicted, sigma = np.asarray(problem.predict(truth)), np.array([m.sigma for m in like])
     rng, found = np.random.default_rng(0), {"covariance": [], "diagonal": []}

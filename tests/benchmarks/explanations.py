@@ -220,7 +220,7 @@ def once(name: str, words: str, draw: int, seed: int) -> dict[str, bool]:
     """Say what rings of one campaign, fitted from one start."""
     from ident.identify.fit import assumptions, exchangeable, moves_of
     from ident.identify.mode_matching import FAR
-    from ident.identify.problem import build_problem
+    from ident.identify.problem import pose
     from ident.inference.fit import Fit
     from ident.inference.information import information, rare
     from ident.inference.optima import distinct, normal_prior_sd
@@ -229,7 +229,7 @@ def once(name: str, words: str, draw: int, seed: int) -> dict[str, bool]:
 
     arm, fault = case(name)[0], faults(name)[words]
     campaign, rows = measured(name, fault, seed, draw)
-    problem = build_problem(arm, campaign)
+    problem = pose(arm, campaign).problem
     known = problem.parameters
     reached = [ended(problem, solve(problem, np.asarray(known.theta(known.column("start")))))]
     end = reached[0][0]
@@ -237,7 +237,7 @@ def once(name: str, words: str, draw: int, seed: int) -> dict[str, bool]:
     fit = Fit(problem, distinct(problem, reached), 0, end.predicted, end.jacobian, told, end.choice)
     by_sigma = bool(rare(2 * norm.sf(np.abs(fit.residuals))).any())
     chi_squared, labels = fit.improbable, not bool(fit.choice.settled)
-    asked = bool(assumptions(fit, arm, campaign).asked_for)
+    asked = bool(assumptions(fit, pose(arm, campaign)).asked_for)
     off = np.abs(np.nan_to_num(fit.row_tests.z))
     swaps = ()
     if (labels or chi_squared or fit.outliers.any()) and fit.degrees_of_freedom > 0:
@@ -263,11 +263,11 @@ def meant(change: Any, fault: Fault, rows: tuple[int, ...]) -> bool:
 
 def by_rows(name: str, draws: int, seed: int) -> bool:
     """Print how often single wrong rows are noticed by linear algebra, and tell whether it is as it should be."""
-    from ident.identify.problem import build_problem
+    from ident.identify.problem import pose
     from ident.inference.information import row_tests
     from ident.inference.search import evaluate
 
-    problem, rng = build_problem(*case(name)), np.random.default_rng(seed)
+    problem, rng = pose(*case(name)).problem, np.random.default_rng(seed)
     here = evaluate(problem)
     theta = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     _, slope = (np.asarray(x) for x in problem.weigh(np.asarray(here.predicted), np.asarray(here.jacobian), theta))
@@ -296,11 +296,11 @@ def by_rows(name: str, draws: int, seed: int) -> bool:
 
 def by_kind(name: str, draws: int, seed: int) -> None:
     """Print how often rows and chi-squared ring by linear algebra, of campaigns of the arm file's stiffnesses."""
-    from ident.identify.problem import build_problem
+    from ident.identify.problem import pose
     from ident.inference.information import IMPROBABLE, rare, row_tests
     from ident.inference.search import evaluate
 
-    (arm, said), problem = case(name), build_problem(*case(name))
+    (arm, said), problem = case(name), pose(*case(name)).problem
     here, sigma = evaluate(problem), np.asarray(problem.sigma)
     exact, theta = np.asarray(here.predicted), np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     _, slope = (np.asarray(x) for x in problem.weigh(exact, np.asarray(here.jacobian), theta))

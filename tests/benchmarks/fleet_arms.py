@@ -29,7 +29,7 @@ from ident.description.file import read_arm
 from ident.identify.fit import fit_campaign
 from ident.identify.fleet import Robot, SourceFile, draws_under, fleet, robot_of
 from ident.identify.fleet_batch import Given, robots_together
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.population import Draws, Population, Under
 from ident.measure import Campaign
@@ -43,7 +43,7 @@ ARM = read_arm(DESIGN / "arm.toml").arm
 def made(rng: np.random.Generator) -> tuple[list[Campaign], np.ndarray, np.ndarray]:
     """Return the campaigns of a fleet, and mean and spread of its population in theta."""
     like = Campaign(measurements=tuple(replace(m, mode=None) for m in synthesize(ARM, 1)))
-    problem = build_problem(ARM, like, Unknowns())
+    problem = pose(ARM, like, Unknowns()).problem
     mean = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     sd = np.array([SPREAD[field_of(name).name] for name in problem.parameters.names])
     theta = mean[:, None] + sd[:, None] * rng.standard_normal((len(mean), ROBOTS))

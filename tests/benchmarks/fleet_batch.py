@@ -29,7 +29,7 @@ from ident.description.file import read_arm
 from ident.identify.fit import fit_campaign
 from ident.identify.fleet import SourceFile, robot_of
 from ident.identify.fleet_batch import Given, robots_together
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, read_campaign, write_campaign
 
@@ -40,7 +40,7 @@ def fleet(arm, count: int, rng: np.random.Generator) -> tuple[list[Campaign], np
     """Return campaigns of so many robots, and the truths of ln(stiffness)."""
     like = synthesize(arm, 1)
     like = Campaign(measurements=tuple(replace(m, mode=None) for m in like))
-    problem = build_problem(arm, like, Unknowns())
+    problem = pose(arm, like, Unknowns()).problem
     start = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     truth = start[:, None] + SPREAD * rng.standard_normal((len(start), count))
     predict = jax.jit(lambda theta: problem.predict(theta))

@@ -35,7 +35,7 @@ from ident.description.file import ArmFile, read_arm
 from ident.errors import IdentError
 from ident.identify.modal_analysis import ModalAnalysis, modal_analysis
 from ident.identify.mode_names import Measured, label_modes
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.search import solve
 from ident.measure import OWN_WEIGHT, Campaign
@@ -125,7 +125,7 @@ def searched(file: ArmFile, campaign: Campaign, names: tuple[str, ...], truth: n
 
     In doubt are data with a chi-squared above its 99.9 %.
     """
-    problem = build_problem(file.arm, campaign)
+    problem = pose(file.arm, campaign).problem
     own = problem.parameters
     order = [own.names.index(name) for name in names]
     true = np.asarray(own.theta(own.column("start")), copy=True)

@@ -27,7 +27,7 @@ from arms import random_arm
 from ident.arm.arm import Arm, stiffness_paths
 from ident.description.file import read_arm
 from ident.identify.modal_analysis import modal_analysis
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.inference.problem import InverseProblem
 from ident.inference.search import End, convergence, solve
 from ident.measure import Campaign, Measurement, read_campaign
@@ -78,11 +78,11 @@ def problems() -> dict[str, InverseProblem]:
     arm, shipped = read_arm(DATA / "arm.toml").arm, read_campaign(DATA / "campaign.csv")
     campaigns = {name: Campaign(measurements=tuple(filter(part, shipped))) for name, part in PARTS.items()}
     campaigns["unlabelled"] = unlabelled(shipped)
-    found = {f"paper's arm, {name}": build_problem(arm, campaign) for name, campaign in campaigns.items()}
+    found = {f"paper's arm, {name}": pose(arm, campaign).problem for name, campaign in campaigns.items()}
     for joints, seed in ARMS:
         guess, measured = random_case(joints, seed)
-        found[f"{joints} joints, arm {seed}, labels"] = build_problem(guess, measured)
-        found[f"{joints} joints, arm {seed}, unlabelled"] = build_problem(guess, unlabelled(measured))
+        found[f"{joints} joints, arm {seed}, labels"] = pose(guess, measured).problem
+        found[f"{joints} joints, arm {seed}, unlabelled"] = pose(guess, unlabelled(measured)).problem
     return found
 
 

@@ -21,7 +21,7 @@ from arms import DATA, posture_of, random_arm
 from timing import machine
 
 from ident.description.file import read_arm
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.fit import fit
 from ident.inference.posterior import posterior
@@ -37,13 +37,13 @@ POSTURES, FREQUENCIES, SPREAD = 20, 4, 0.3
 def table1() -> InverseProblem:
     """README's example."""
     discrepant = Unknowns(discrepancy={"frequency": 0.1, "deflection": 0.1})
-    return build_problem(read_arm(LCD / "arm.toml").arm, read_campaign(LCD / "table1.csv"), discrepant)
+    return pose(read_arm(LCD / "arm.toml").arm, read_campaign(LCD / "table1.csv"), discrepant).problem
 
 
 def deflections() -> InverseProblem:
     """The shipped campaign by a dial gauge alone."""
     rows = tuple(m for m in read_campaign(LCD / "campaign.csv") if m.kind == "deflection")
-    return build_problem(read_arm(LCD / "arm.toml").arm, Campaign(measurements=rows))
+    return pose(read_arm(LCD / "arm.toml").arm, Campaign(measurements=rows)).problem
 
 
 def six() -> InverseProblem:
@@ -55,7 +55,7 @@ def six() -> InverseProblem:
         like = {"posture": posture, "sigma": 1.0}
         rows += [Measurement(kind="frequency", value=1.0 + i, **like) for i in range(FREQUENCIES)]
         rows.append(Measurement(kind="deflection", value=1.0, point="tip", direction=(0, 0, -1.0), **like))
-    posed = build_problem(arm, Campaign(measurements=tuple(rows)))
+    posed = pose(arm, Campaign(measurements=tuple(rows))).problem
     start = np.asarray(posed.parameters.theta(posed.parameters.column("start")))
     exact = np.asarray(evaluate(posed, jnp.asarray(start + SPREAD * rng.standard_normal(len(start)))).predicted)
     bent = np.array(posed.kinds) == "deflection"

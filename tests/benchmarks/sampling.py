@@ -25,7 +25,7 @@ from shell import DATA
 from timing import machine
 
 from ident.description.file import read_arm
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.inference.fit import Fit, fit
 from ident.inference.posterior import Posterior, evaluate, posterior
 from ident.inference.sample import DEFAULT, Sample, Settings, initial_walkers, sample
@@ -199,7 +199,7 @@ def main() -> None:
     quick = parser.parse_args().quick
     print(machine())
     campaign = read_campaign(DATA / "campaign.csv")
-    problem = build_problem(read_arm(DATA / "arm.toml").arm, campaign)
+    problem = pose(read_arm(DATA / "arm.toml").arm, campaign).problem
     found, target = fit(problem), posterior(problem)
     settings = replace(DEFAULT, max_steps=500) if quick else DEFAULT
     ours, drawn = ident(found, target, settings)

@@ -20,7 +20,7 @@ from timing import commit, machine
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from known_shapes import CROSSING, SKEW, rows, with_elbow
 
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.inference.search import evaluate, solve
 from ident.measure import Campaign
 
@@ -34,7 +34,7 @@ def main() -> None:
     options = parser.parse_args()
     arm, rng = with_elbow(), np.random.default_rng(0)
     known = tuple(replace(m, sigma=SD) if m.kind == "shape" else m for q in (SKEW, CROSSING) for m in rows(arm, q))
-    problem = build_problem(arm, Campaign(measurements=known))
+    problem = pose(arm, Campaign(measurements=known)).problem
     truth = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     predicted, sigma = np.asarray(evaluate(problem).predicted), np.array([m.sigma for m in known])
     table = []
@@ -58,7 +58,7 @@ def one(arm, measurements, truth: np.ndarray) -> list[float]:
 
     The search begins at the truth, about which the priors lie: how one is found from afar is another question.
     """
-    problem = build_problem(arm, Campaign(measurements=measurements))
+    problem = pose(arm, Campaign(measurements=measurements)).problem
     end = solve(problem, truth)
     theta = np.asarray(end.theta)
     residuals, slope = problem.weigh(np.asarray(end.predicted), np.asarray(end.jacobian), theta)

@@ -25,7 +25,7 @@ from timing import commit, machine
 
 from ident.arm.arm import Arm
 from ident.description.file import read_arm
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import WEAK_PRIOR, Unknowns
 from ident.inference.fit import fit
 from ident.inference.information import half_width
@@ -98,7 +98,7 @@ def one(
 ) -> dict[str, Any]:
     """Return for one campaign of an arm that is off how far ln(stiffness) is off, its sd, and what holds the truth."""
     (wrong, uncertain), rows = off_and_uncertain, planned(arm, kind)
-    truth = build_problem(arm, Campaign(measurements=in_base(rows)), Unknowns(uncertain=wrong))
+    truth = pose(arm, Campaign(measurements=in_base(rows)), Unknowns(uncertain=wrong)).problem
     start = np.asarray(truth.parameters.theta(truth.parameters.column("start")))
     sd = np.where(truth.parameters.nuisance, truth.parameters.normal_sd, spread)
     theta = start + sd * rng.standard_normal(len(start))
@@ -106,7 +106,7 @@ def one(
     vectors = (vectors - (ORIGIN if kind == "position" else 0.0)) @ TURN
     values = vectors.ravel() + NOISE * rng.standard_normal(len(rows))
     campaign = Campaign(measurements=tuple(replace(m, value=float(v)) for m, v in zip(rows, values, strict=True)))
-    fitted = fit(build_problem(arm, campaign, Unknowns(uncertain=uncertain)), starts=1)
+    fitted = fit(pose(arm, campaign, Unknowns(uncertain=uncertain)).problem, starts=1)
     own, true = ~fitted.problem.parameters.nuisance, theta[~truth.parameters.nuisance]
     low, high = np.log(fitted.interval()[own]).T
     return {

@@ -20,7 +20,7 @@ from timing import commit, machine
 
 from ident.description.file import read_arm
 from ident.identify.fit import fit_campaign
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.information import half_width
 from ident.measure import Campaign, Load, Measurement
@@ -60,7 +60,7 @@ def measured(arm, rng) -> tuple[Campaign, np.ndarray]:
         for q in POSTURES.tolist()
         for d in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     )
-    problem = build_problem(arm, Campaign(measurements=rows), WAYS["marginalised"])
+    problem = pose(arm, Campaign(measurements=rows), WAYS["marginalised"]).problem
     theta = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     theta = theta + np.append(rng.normal(0, 0.1, len(theta) - 1), rng.normal(0, SCALE))
     values = np.asarray(problem.predict(jnp.asarray(theta))) + SIGMA * rng.standard_normal(len(rows))

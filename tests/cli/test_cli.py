@@ -72,7 +72,7 @@ def test_european_spreadsheets_are_read(run, tmp_path):
     path = tmp_path / "c.csv"
     text = "\n".join([HEADER, ROW, ROW.replace("4.38", "4.41")]).replace(",", ";").replace(".", ",")
     path.write_bytes(b"\xef\xbb\xbf" + text.encode() + b"\r\n")
-    code, out, _ = run("fit", path, "--arm", DATA / "arm.toml", "--no-figure", "--starts=1")
+    code, out, _ = run("fit", path, "--arm", DATA / "arm.toml", "--no-figure", "--starts=1", "--details")
     assert code == 0
     assert "4.41" in out
 

@@ -2,6 +2,7 @@
 
 import pytest
 from commands import ARM, files, posterior
+from reports import assert_one_screen
 
 import ident
 
@@ -14,8 +15,9 @@ def test_a_page_is_written_and_named(run, tmp_path):
     assert (code, err) == (0, "")
     assert files(tmp_path) == ["draws.nc", "pages/arm.explore.html"]
     assert "6 stiffnesses, mass of glass up to 14.6 kg, place on the stroke and speed" in out
-    assert "marks of 5 to 95 % at 2 stiffnesses" in out
+    assert "Marks of 5 to 95 % at 2 stiffnesses" in out
     assert "wrote pages/arm.explore.html" in out
+    assert_one_screen(out)
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,13 @@
 """`ident modal`: files of a hammer test to frequency responses, and the channel table to fill in."""
 
+import sys
 import warnings
 from shutil import copy
 
 import pytest
 from commands import files
 from hammer_files import FOLDER
+from reports import assert_one_screen
 
 from ident.cli.running import start
 
@@ -27,19 +29,35 @@ def folder(tmp_path):
 def test_modal_writes_what_it_says(run, folder, tmp_path):
     code, out, err = run("modal", folder)
     assert (code, err) == (0, "")
-    assert "Hammer test at 1 posture: 10 hits count, 1 does not" in out
-    assert "REJECTED alpha60_y.unv, hit 2: overload of the force: 250 of a full scale of 250 N" in out
+    assert "Hammer test at 1 posture: 10 hits accepted, 1 rejected; 7 of 7 modes named" in out
+    assert_one_screen(out)
     written = [name for name in files(tmp_path) if name.startswith("out")]
     ends = (".covariance.csv", ".csv", ".json", ".modes.png", ".nc", ".png", ".shapes.png")
     assert written == [f"out/tests.modal{end}" for end in ends]
     assert "vertical bending 2" in out
-    assert "lies beside the campaign, where ident fit finds it" in " ".join(out.split())
+    _, out, _ = run("show", "out/tests.modal.nc", "--details")
+    assert "Rejected: alpha60_y.unv, hit 2: overload of the force: 250 of a full scale of 250 N" in out
+    assert "in the covariance file next to the campaign; ident fit reads it" in " ".join(out.split())
+
+
+def test_a_missing_library_is_named_once(run, folder, monkeypatch):
+    """By its own name; and only where a recording needs it."""
+    monkeypatch.setitem(sys.modules, "nptdms", None)
+    for name in ("a.tdms", "b.tdms"):
+        (folder / name).write_bytes(b"TDSm" + bytes(100))
+    assert run("modal", folder, "--no-figure", "--no-modes", "--band=2:20")[0] == 0
+    code, _, err = run("modal", "--init", folder, "--channels", "mine.csv")
+    assert (code, err.count("\n")) == (2, 1)
+    assert err.endswith(
+        "a.tdms: got a file that needs the package npTDMS, expected npTDMS to read it; pip install npTDMS\n"
+    )
 
 
 def test_frequency_responses_alone(run, folder):
     code, out, _ = run("modal", folder, "--no-figure", "--no-modes", "--band=2:20", "--strict")
     assert code == 0
-    assert "mode   frequency" not in out
+    assert "damping" not in out
+    assert "RESULT: GOOD. All 3 driving-point and reciprocity checks pass" in out
     assert run("show", "out/tests.modal.nc")[1] in out
     code, _, err = run("modal", folder, "--modes", "x=3")
     assert code == 2
@@ -72,8 +90,9 @@ def test_a_reversed_sensor_is_seen(run, folder):
     table.write_text(table.read_text().replace("tip,-z,base", "tip,z,base"))
     code, out, _ = run("modal", folder, "--no-figure", "--no-modes", "--strict")
     assert code == 3
-    assert "WARNING: 2 checks fail, see below" in out
-    assert "(at most 10 %), BAD: turn the direction of the force or the response" in " ".join(out.split())
+    words = " ".join(out.split())
+    assert "RESULT: DOUBTFUL. 2 of 3 checks fail, most of all" in words
+    assert "(at most 10 %) -> turn the direction of the force or the response" in words
 
 
 def test_bad_files_are_refused_all_at_once(run, folder):

@@ -8,6 +8,8 @@ import sys
 import pytest
 from commands import ARM
 
+import ident
+
 pytestmark = pytest.mark.slow
 
 CAMPAIGN = ARM.parent / "table1.csv"
@@ -64,3 +66,13 @@ def test_the_shell_completes_commands_without_jax():
     done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.split() == ["resonance", "rerun"]
+
+
+def test_doctor_says_what_to_send_with_a_question(run):
+    code, out, _ = run("doctor")
+    assert code == 0
+    assert {line.partition(":")[0] for line in out.splitlines() if not line.startswith(" ")} == {
+        *("system", "libraries", "optional", "backend", "cache")
+    }
+    assert f"ident-arm {ident.__version__}" in out
+    assert json.loads(run("doctor", "--json")[1])["backend"].startswith("cpu")

@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 from commands import ARM, files
+from reports import assert_one_screen
 
 from ident.cli.command import SHORT
 from ident.present.files.document import digest
@@ -35,7 +36,8 @@ def test_a_result_comes_out_again_and_only_where_asked_for_is_written(run, predi
     before = files(tmp_path)
     code, out, err = run("rerun", path)
     assert (code, err) == (0, "")
-    assert "The same as in the file" in out
+    assert "RESULT: SAME." in out
+    assert_one_screen(out)
     assert files(tmp_path) == before
     code, out, _ = run("rerun", path, "--out=new")
     assert code == 0
@@ -60,7 +62,7 @@ def test_other_numbers_end_with_status_3(run, predicted, tmp_path):
     (tmp_path / path).write_text(json.dumps({**document, "result_sha256": digest(document["result"])}))
     code, out, _ = run("rerun", path)
     assert code == SHORT
-    assert "NOT the same as in the file" in out
+    assert "RESULT: DIFFERENT. 1 number does not agree" in out
 
 
 @pytest.mark.parametrize("command", ["show", "rerun"])

@@ -1,10 +1,11 @@
-"""`ident show` of an arm: what looks odd, every number, a picture; its names, each of which is taken."""
+"""`ident show` of an arm: numbers that look wrong, every number, a picture; its names, each of which is taken."""
 
 import json
 
 import pytest
 from arms import lcd_arm
 from commands import ARM, files
+from reports import assert_one_screen
 
 from ident.arm.modes import parse_label
 from ident.measure import DEFINITIONS, DRIVE_STATES, KINDS, Load
@@ -18,19 +19,23 @@ def test_an_arm_is_described_and_drawn(run, tmp_path):
     code, out, err = run("show", ARM)
     assert (code, err) == (0, "")
     assert files(tmp_path) == ["out/arm.show.modes.svg", "out/arm.show.png"]
-    for text in ("Nothing looks odd", "138.8 kg", "reach when stretched 4.8 m", "4.12 Hz", "wrote out/arm.show.png"):
+    for text in ("RESULT: PLAUSIBLE", "138.8 kg", "reach 4.8 m", "4.12", "wrote out/arm.show.png"):
         assert text in out
+    assert_one_screen(out)
+    _, out, _ = run("show", ARM, "--no-figure", "--details")
     row = next(line for line in out.splitlines() if line.startswith("  link2.mass "))
     assert row.split() == ["link2.mass", "36.395", "kg", "calibrated"]
 
 
-def test_what_looks_odd_is_said_first(run, tmp_path):
+def test_numbers_that_look_wrong_are_counted_and_named(run, tmp_path):
     wrong = tmp_path / "wrong.toml"
     wrong.write_text(ARM.read_text().replace('[0.5, 0, 0.06], unit = "m"', '[2.5, 0, 0.06], unit = "m"', 1))
     code, out, _ = run("show", wrong, "--no-figure", "--posture=30,-60,30")
     assert code == 0
     assert "at (30, -60, 30) deg" in out
-    assert out.index("WARNING: link1.com: (2.5, 0, 0.06) m, 1.48 m beyond the ends") < out.index("Numbers")
+    assert_one_screen(out)
+    assert "RESULT: 1 NUMBER LOOKS WRONG." in out
+    assert "1. link1.com: (2.5, 0, 0.06) m, 1.48 m beyond the ends" in out
     assert files(tmp_path) == ["wrong.toml"]
 
 
@@ -92,11 +97,17 @@ def test_what_is_listed_is_taken(run, listed):
 
 
 def test_the_list_for_people_names_the_same(run, listed, tmp_path):
-    code, out, err = run("show", ARM, "--names")
+    code, out, err = run("show", ARM, "--names", "--details")
     assert (code, err, files(tmp_path)) == (0, "", [])
     words = set(out.split())
     assert {each["path"] for each in listed["numbers"]} <= words
     assert {"tip", "glass", "deflection_difference", "simulate", "fast,", "cycloid", "servo,"} <= words
+
+
+def test_names_in_short_fit_one_screen(run):
+    _, out, _ = run("show", ARM, "--names")
+    assert_one_screen(out)
+    assert "joint1, joint2, joint3: offset.x/y/z, k_bend, k_tors, tau_bend, tau_tors" in out
 
 
 def test_words_that_options_choose_from_are_those_that_are_taken(listed):

@@ -16,6 +16,7 @@ def test_spectrum_tells_peaks_modes_and_orders(run, tmp_path):
     assert run("simulate", ARM, *SHORT, "--method=fast", "--no-figure")[0] == 0
     path = f"out/{NAME}.simulate.csv"
     options = ("--orders=1,2", "--revolutions=8", "--spectrogram", f"--arm={ARM}", "--direction=x,z", "--upto=100")
+    options += ("--details",)
     code, out, err = run("spectrum", path, *options, "--out=pictures")
     assert (code, err) == (0, "")
     for words in ("Hann window", "vertical bending 1", "Orders of drive1 and drive3", "Orders of drive2"):

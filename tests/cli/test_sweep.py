@@ -33,7 +33,7 @@ def table(path, parameter):
 
 
 def test_table_summary_and_report_agree_with_simulate(run, tmp_path):
-    code, out, err = run("sweep", ARM, *SHORT, *VARY, "--limit=10")
+    code, out, err = run("sweep", ARM, *SHORT, *VARY, "--limit=10", "--details")
     assert (code, err) == (0, "")
     assert files(tmp_path) == [f"{NAME}.{end}" for end in ("csv", "json", "png")]
     present = float(lcd_arm().get(K))
@@ -61,20 +61,12 @@ def test_table_summary_and_report_agree_with_simulate(run, tmp_path):
         assert f"{sizes[d, 2]:.4f}" in out
     assert {r["unit"] for r in rows(f"{NAME}.csv")} == {"N m/rad", "m"}
     assert {r["q05 [mm]"] for r in rows(f"{NAME}.csv")} == {""}
-    kept = all(sizes.max(0) <= 10)
-    assert ("kept in the whole range" in out) is kept
-    for words in (
-        "[N m/rad]",
-        "3.5982e+05",
-        "present",
-        "torsional stiffness of joint1",
-        "Assumed or calibrated: 41 of the 41",
-    ):
+    for words in ("[N m/rad]", "3.5982e5", "present", "torsional stiffness of joint1", "41 assumed numbers"):
         assert words in out
 
 
 def test_a_map_of_a_number_and_the_speed(run, tmp_path):
-    options = ("--vary=speed=150:200:2", f"--vary={K}=0.5x:2x:2", "--grid", "--measure=rms")
+    options = ("--vary=speed=150:200:2", f"--vary={K}=0.5x:2x:2", "--grid", "--measure=rms", "--details")
     code, out, err = run("sweep", ARM, *SHORT, *options)
     assert (code, err) == (0, "")
     name = f"out/arm.extend-200.speed-by-{K}.sweep"
@@ -90,11 +82,12 @@ def test_a_map_of_a_number_and_the_speed(run, tmp_path):
     assert float(last["amplitude [mm]"]) == pytest.approx(1e3 * found.amplitude[2, 1, 1])
     assert "pauses included" in out
     assert "For each speed: least and largest" in out
+    assert "the mean over the unknown imbalance phases" in " ".join(out.split())
 
 
 def test_draws_give_bands_and_the_probability_of_exceeding(run, tmp_path):
     values = posterior(tmp_path / "draws.nc")
-    options = (f"--vary={K}=0.5x:2x:2", "--posterior=draws.nc", "--draws=3", "--limit=20")
+    options = (f"--vary={K}=0.5x:2x:2", "--posterior=draws.nc", "--draws=3", "--limit=20", "--details")
     code, out, err = run("sweep", ARM, *SHORT, *options)
     assert (code, err) == (0, "")
     assert "5 to 95 %" in out
@@ -107,7 +100,7 @@ def test_draws_give_bands_and_the_probability_of_exceeding(run, tmp_path):
     assert (high > low).all()
     assert len(found.exceeds(study.limit)) == 2
     for share in found.exceeds(study.limit):
-        assert f"{share:.0%}" in out
+        assert f" {100 * share:.0f} %" in out
     assert found.axes[0].present == pytest.approx(np.median(values[K].ravel()[[4, 12, 20]]))
     first = rows(f"{name}.csv")[0]
     assert float(first["q05 [mm]"]) == pytest.approx(1e3 * low[0, 0])
@@ -123,7 +116,7 @@ def test_other_parameters_are_other_files_and_an_arm_without_drives_is_told(run,
     for vary in ("link1.mass=0.9x:1.1x:2", "link2.mass=0.9x:1.1x:2"):
         code, out, err = run("sweep", "bare.toml", *options, f"--vary={vary}")
         assert (code, err) == (0, "")
-        assert "no [[drive]]: only the motion itself shakes the arm" in out
+        assert "no [[drive]]: only the motion itself excites the arm" in out
     names = [f"out/bare.teach.link{n}.mass.sweep.{end}" for n in (1, 2) for end in ("csv", "json")]
     assert files(tmp_path) == ["bare.toml", *names, "teach.csv"]
 

@@ -254,7 +254,7 @@ def test_without_mujoco_the_remedy_is_named(load, monkeypatch):
         return original(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r"pip install 'ident\[mjcf\]'"):
+    with pytest.raises(InputError, match=r"pip install mujoco"):
         load()
 
 

@@ -401,7 +401,7 @@ def test_without_yourdfpy_the_remedy_is_named(load, monkeypatch):
         return original(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r"pip install 'ident\[urdf\]'"):
+    with pytest.raises(InputError, match=r"pip install yourdfpy"):
         load()
 
 

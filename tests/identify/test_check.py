@@ -14,7 +14,7 @@ from scipy.stats import binomtest
 
 from ident.errors import InputError
 from ident.identify.check import check_campaign
-from ident.identify.problem import build_problem, contradictory_repeats, label_doubts
+from ident.identify.problem import contradictory_repeats, label_doubts, pose
 from ident.identify.unknowns import Unknowns, parameter
 from ident.inference.fit import contradicting, cross_predictions, fit
 from ident.inference.identifiability import check, consistency, leverage_of
@@ -377,20 +377,20 @@ def test_other_postures_modes_and_values_without_label_are_no_repeats():
 def test_modes_that_nearly_cross_want_a_label():
     folded = tuple(np.radians([60.0, -120.0, 60.0]))
     plain = (frequency(5.65, posture=folded, sigma=0.01), frequency(5.74, posture=folded, sigma=0.01))
-    doubts = label_doubts(lcd_arm(), Campaign(measurements=plain))
+    doubts = label_doubts(pose(lcd_arm(), Campaign(measurements=plain)))
     assert [d.row for d in doubts] == [0, 1]
     assert [str(d.mode) for d in doubts] == ["lateral torsion 1", "vertical bending 1"]
     assert [[str(n) for n in d.crossing] for d in doubts] == [["vertical bending 1"], ["lateral torsion 1"]]
     assert all(d.alike is None and not d.near_draw for d in doubts)
     named = (dataclasses.replace(plain[0], mode="lateral torsion 1"),)
-    assert label_doubts(lcd_arm(), Campaign(measurements=named)) == ()
+    assert label_doubts(pose(lcd_arm(), Campaign(measurements=named))) == ()
 
 
 def test_one_mode_measured_twice_without_label_is_noticed():
     """At (0, 0, 0) the modes are 4.12 and 4.80 Hz: two values of 4.11 Hz are one mode."""
-    doubts = label_doubts(lcd_arm(), Campaign(measurements=(frequency(4.10), frequency(4.12))))
+    doubts = label_doubts(pose(lcd_arm(), Campaign(measurements=(frequency(4.10), frequency(4.12)))))
     assert [(d.row, d.alike) for d in doubts] == [(0, 1), (1, 0)]
-    assert label_doubts(lcd_arm(), Campaign(measurements=(frequency(4.12), frequency(4.80)))) == ()
+    assert label_doubts(pose(lcd_arm(), Campaign(measurements=(frequency(4.12), frequency(4.80))))) == ()
 
 
 def test_a_name_by_a_near_draw_is_in_doubt():
@@ -399,7 +399,7 @@ def test_a_name_by_a_near_draw_is_in_doubt():
     arm = first_guess_arm()
     arm = arm.replace({path: 1.35 * float(arm.get(path)) for path in paths})
     modes = ("lateral torsion 1", "lateral torsion 2")
-    doubts = label_doubts(arm, Campaign(measurements=tuple(frequency(9.0, mode) for mode in modes)))
+    doubts = label_doubts(pose(arm, Campaign(measurements=tuple(frequency(9.0, mode) for mode in modes))))
     assert [(d.row, str(d.mode), d.near_draw) for d in doubts] == [(1, "lateral torsion 2", True)]
 
 
@@ -407,7 +407,7 @@ def test_the_problem_that_check_and_fit_pose_is_the_same():
     campaign = read_campaign(DATA / "table1.csv")
     fixed = ("joint1.k_bend", "joint3.k_bend", "joint3.k_tors", "joint2.k_tors")
     found = check_campaign(lcd_arm(), campaign, Unknowns(fixed=fixed, prior_sd=0.5))
-    assert found.problem.parameters.names == build_problem(lcd_arm(), campaign, Unknowns(fixed=fixed)).parameters.names
+    assert found.problem.parameters.names == pose(lcd_arm(), campaign, Unknowns(fixed=fixed)).problem.parameters.names
     assert found.verdicts == ("identifiable",) * 2
 
 
@@ -432,3 +432,13 @@ def test_two_rows_with_one_label_may_be_a_wrong_label():
     rows[4] = dataclasses.replace(rows[4], unit="by eye")
     with pytest.raises(InputError, match=r"got 0.2658 m, 10.1 times"):
         check_campaign(lcd_arm(), dataclasses.replace(campaign, measurements=tuple(rows)))
+
+
+def test_a_wrong_length_is_named_before_the_rows_that_it_makes_implausible():
+    wrong = lcd_arm().replace({"joint2.offset.x": 1000.0})
+    with pytest.raises(InputError) as refused:
+        check_campaign(wrong, read_campaign(DATA / "campaign.csv"))
+    first, *rows = refused.value.problems
+    assert (first.where, first.column, first.got) == ("arm file", "joint2.offset", "1000 m")
+    assert "`ident show`" in first.remedy
+    assert all("what the arm file predicts" in row.got for row in rows)

@@ -11,7 +11,7 @@ from ident import InputError, read_campaign
 from ident.arm.arm import stiffness_paths
 from ident.identify.compare import compare_fits
 from ident.identify.fit import fit_campaign
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 
 pytestmark = pytest.mark.slow
@@ -22,7 +22,7 @@ NAMES = stiffness_paths(lcd_arm())
 def fitted(seed, unknowns=None, **factors):
     """A fit to a campaign that is simulated with the arm's stiffnesses, some of them multiplied."""
     campaign = read_campaign(DATA / "lcd_arm" / "campaign.csv")
-    problem = build_problem(lcd_arm(), campaign)
+    problem = pose(lcd_arm(), campaign).problem
     stiffness = np.array([float(lcd_arm().get(name)) * factors.get(name.replace(".", "_"), 1.0) for name in NAMES])
     scatter = np.asarray(problem.sigma) * np.random.default_rng(seed).standard_normal(len(campaign))
     values = predicted(problem, np.log(stiffness)) + scatter

@@ -9,9 +9,10 @@ import pytest
 from arms import DATA, lcd_arm
 
 from ident.errors import InputError
-from ident.identify.conditions import bind, repeats, roomy
+from ident.identify.conditions import bind, repeats
 from ident.identify.modal_analysis import modal_analysis
-from ident.identify.problem import build_problem
+from ident.identify.padding import bucket
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.problem import Data
 from ident.inference.search import evaluate
@@ -37,7 +38,7 @@ def shuffled(labels=True):
 
 @pytest.mark.parametrize("unknowns", [Unknowns(), DISCREPANT], ids=["plain", "discrepancy"])
 def test_a_padded_problem_says_the_same_where_its_own_values_are(unknowns):
-    problem = build_problem(lcd_arm(), shuffled(), unknowns)
+    problem = pose(lcd_arm(), shuffled(), unknowns).problem
     padded, places, scatter = problem.padded()
     assert scatter == 0
     theta = problem.parameters.theta(problem.parameters.column("start")) + 0.1
@@ -62,10 +63,10 @@ def again(campaign, most=70):
 
 @pytest.mark.parametrize("unknowns", [Unknowns(), DISCREPANT], ids=["plain", "discrepancy"])
 def test_repeated_rows_are_predicted_once_and_cost_what_each_of_them_costs(unknowns):
-    once, problem = shuffled(), build_problem(lcd_arm(), again(shuffled()), unknowns)
+    once, problem = shuffled(), pose(lcd_arm(), again(shuffled()), unknowns).problem
     assert len(problem.kinds) > 20 * len(once)
     padded, places, scatter = problem.padded()
-    assert len(padded.kinds) == len(build_problem(lcd_arm(), once, unknowns).padded().problem.kinds)
+    assert len(padded.kinds) == len(pose(lcd_arm(), once, unknowns).problem.padded().problem.kinds)
     theta = problem.parameters.theta(problem.parameters.column("start")) + 0.1
     own, more = (np.asarray(jax.jit(lambda t, p=p: p.predict(t))(theta)) for p in (problem, padded))
     np.testing.assert_allclose(more[places], own, rtol=1e-12)
@@ -99,14 +100,14 @@ def test_a_campaign_that_is_too_large_is_refused_by_its_size_and_many_repeats_ar
     row = Measurement(kind="deflection", posture=(0.0, 0.0, 0.0), value=0.02, sigma=0.001, point="tip")
     many = [replace(row, posture=(i * 1e-5, 0.0, 0.0)) for i in range(20001)]
     with pytest.raises(InputError, match=r"20001 different values in 20001 states.*at most 20000 different values"):
-        bind(lcd_arm(), Campaign(measurements=tuple(many)))
+        pose(lcd_arm(), Campaign(measurements=tuple(many)))
     assert bind(lcd_arm(), Campaign(measurements=(row,) * 20001)).count == 1
 
 
 def program(rows):
     """What tells one program from another: static parts, shapes and types."""
-    padded = build_problem(lcd_arm(), Campaign(measurements=rows)).padded().problem
-    leaves, structure = jax.tree.flatten((padded, padded.unheld()))
+    padded = pose(lcd_arm(), Campaign(measurements=rows)).problem.padded().problem
+    leaves, structure = jax.tree.flatten((padded, padded.first_matching()))
     return structure, [(np.shape(x), np.asarray(x).dtype) for x in leaves]
 
 
@@ -120,7 +121,7 @@ def test_a_campaign_of_other_rows_and_postures_has_the_same_program():
 
 
 def test_sizes_are_few_and_never_much_larger():
-    sizes = [roomy(count) for count in range(5001)]
+    sizes = [bucket(count) for count in range(5001)]
     assert sizes[0] == 0
     assert all(count <= size < max(2 * count, 5) for count, size in enumerate(sizes) if count)
     assert all(size <= 1.5 * count for count, size in enumerate(sizes) if count > 16)
@@ -139,7 +140,7 @@ def frequencies(values, labels=()):
 
 
 def test_equal_values_without_a_label_are_of_two_modes():
-    problem = build_problem(lcd_arm(), frequencies([13.5, 4.4, 4.4]))
+    problem = pose(lcd_arm(), frequencies([13.5, 4.4, 4.4])).problem
     lowest = modal_analysis(lcd_arm(), (0.0, 0.0, 0.0)).modes.frequency[:3]
     np.testing.assert_allclose(evaluate(problem).predicted, lowest[[2, 0, 1]], rtol=1e-9)
 
@@ -152,9 +153,9 @@ def test_equal_values_without_a_label_are_of_two_modes():
 def test_more_frequencies_than_modes_are_refused(labels, left):
     """An arm of three joints has nine modes; a label of half a name may be of the mode of another label."""
     values = [float(i) for i in range(1, 1 + len(labels) + left)]
-    bind(lcd_arm(), frequencies(values, labels))
+    pose(lcd_arm(), frequencies(values, labels))
     refused = f"mode: got {left + 1} frequencies without a label at this posture and load, expected at most {left},"
     with pytest.raises(InputError, match=refused):
-        bind(lcd_arm(), frequencies([*values, 99.0], labels))
+        pose(lcd_arm(), frequencies([*values, 99.0], labels))
     elsewhere = replace(frequencies([99.0]).measurements[0], load=Load.parse("5 kg @ tip"))
-    bind(lcd_arm(), Campaign(measurements=(*frequencies(values, labels), elsewhere)))
+    pose(lcd_arm(), Campaign(measurements=(*frequencies(values, labels), elsewhere)))

@@ -13,9 +13,10 @@ from ident.assess.explore import exploration
 from ident.errors import InputError
 from ident.identify.check import check_campaign, check_springs
 from ident.identify.fit import fit_campaign
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, Load, Measurement
-from ident.present.text.basis import springs_in_words
+from ident.present.basis import springs_in_words
 
 pytestmark = pytest.mark.slow
 
@@ -110,11 +111,12 @@ def test_check_tells_whether_the_data_can_tell_the_spring_from_a_straight_one():
     # the load at rest by statics: 20 kg at half the bar, and 50 kg at its end, less what it sinks
     assert spring.at_rest[1] == pytest.approx(9.80665 * 60, rel=0.01)
     far = true_arm().replace({"s.torque1": 7e3, "s.torque2": 2e4})
-    (spring,) = check_springs(far, campaign())
+    (spring,) = check_springs(pose(far, campaign()))
     assert not spring.told
     assert spring.unloaded
     assert spring.chi_squared < 1e-6
-    said = "\n".join(springs_in_words([spring]))
+    (section,) = springs_in_words([spring])
+    said = "\n".join(section.parts)
     assert "s: NO" in said
     assert "K1 alone" in said
 
@@ -131,7 +133,9 @@ def test_a_straight_springs_cost_is_that_of_the_best_straight_arm():
 
     twists = tuple(m for m in campaign() if m.kind == "twist")
     cubic = bar(CubicSpring("s", "j", "torsion", 3e6))
-    (spring,) = check_springs(cubic, Campaign(measurements=twists), Unknowns(fixed=("j.k_bend",)))
+    (spring,) = check_springs(
+        pose(cubic, Campaign(measurements=twists), Unknowns(fixed=("j.k_bend",))), Unknowns(fixed=("j.k_bend",))
+    )
 
     def twist(m: Measurement, k: float, c: float) -> float:
         weight = 9.80665 * (10.0 + sum(mass for mass, _ in m.load.masses))

@@ -7,7 +7,7 @@ import pytest
 from arms import DATA, lcd_arm
 from one_program import predicted
 
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.fit import contradicting, cross_predictions
 from ident.inference.search import solve
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 def test_damping_ratios_are_compared_at_the_modes_that_all_data_choose():
     """Alone they would lead to stiffnesses where another naming is more probable, and fit no better than with all."""
     rows = _rows()
-    problem = build_problem(lcd_arm(), Campaign(measurements=rows), Unknowns())
+    problem = pose(lcd_arm(), Campaign(measurements=rows), Unknowns()).problem
     rng = np.random.default_rng(9)
     start = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     truth = start + rng.standard_normal(len(start)) * np.minimum(problem.parameters.normal_sd, 0.15)
@@ -29,7 +29,7 @@ def test_damping_ratios_are_compared_at_the_modes_that_all_data_choose():
     sigma = np.array([RELATIVE[m.kind] for m in rows]) * values
     values = values + sigma * rng.standard_normal(len(values))
     measured = (replace(m, value=float(v), sigma=float(s)) for m, v, s in zip(rows, values, sigma, strict=True))
-    problem = build_problem(lcd_arm(), Campaign(measurements=tuple(measured)), Unknowns())
+    problem = pose(lcd_arm(), Campaign(measurements=tuple(measured)), Unknowns()).problem
     found, _ = cross_predictions(problem, [np.asarray(solve(problem, truth).theta)])
     assert {each.kind for each in found} == set(RELATIVE)
     assert all(each.statistic > 0.1 for each in found)

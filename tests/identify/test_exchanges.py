@@ -9,7 +9,7 @@ from arms import DATA, lcd_arm
 
 from ident.identify.fit import CampaignFit, exchangeable, fit_campaign, moves_of
 from ident.measure import Campaign, read_campaign
-from ident.present.text.fit import fit_report
+from ident.present.fit import fit_sections
 
 pytestmark = pytest.mark.slow
 
@@ -48,10 +48,10 @@ def test_two_values_that_were_taken_for_each_other_are_named_with_what_the_fit_w
     assert found.exchanges[0].rows == rows
     assert found.exchanges[0].chi_squared == pytest.approx(right.chi_squared, rel=1e-4)
     names = " and ".join(SHIPPED.measurements[i].where.rpartition(":")[2] for i in rows)
-    report = fit_report(found)
-    assert f"REMARK: rows {names}, their values exchanged, would fit (chi-squared " in report
-    assert f"-> {right.chi_squared:.3g})" in report
-    assert "is nearly fixed by masses and lengths" not in report, "no reason to look there"
+    (finding,) = [each.text for each in fit_sections(found).findings if "swapped" in each.text]
+    what = "values" if SHIPPED.measurements[rows[0]].mode is None else "labels"
+    assert f"the {what} of rows {names} are probably swapped" in finding
+    assert "Masses and lengths alone" not in " ".join(each.text for each in fit_sections(found).findings)
 
 
 def test_what_is_right_or_wrong_otherwise_names_none(right):

@@ -14,7 +14,7 @@ from ident.codec import decode, encode
 from ident.identify.explanations import MARGIN, Explanations, explain
 from ident.identify.fit import CampaignFit, fit_campaign
 from ident.measure import Campaign, Load, read_campaign
-from ident.present.text.warnings import explanations_in_words
+from ident.present.warnings import explanation_section
 
 ARM = lcd_arm()
 CAMPAIGN = read_campaign(DATA / "lcd_arm" / "campaign.csv")
@@ -100,12 +100,13 @@ def test_table_1_asks_for_what_would_give_all_three_numbers():
     assert found.items
     assert all(item.cost + item.off**2 <= found.cost + found.said - MARGIN for item in found.items)
     assert found.telling
-    text = "\n".join(explanations_in_words(found, fit.campaign))
+    (section,) = explanation_section(found, fit.campaign)
     again = decode(json.loads(json.dumps(encode(found))))
-    assert "\n".join(explanations_in_words(again, fit.campaign)) == text
-    assert "WRONG SIGN" not in text
-    assert "by 2 at least against the data as they are" in " ".join(text.split())
-    nothing = "\n".join(explanations_in_words(replace(found, items=(), telling=()), fit.campaign))
-    assert "Nothing that was tried is more probable than the data as they are" in nothing
-    assert "glass was on in rows 5, 6" in text
-    assert "to tell the first ones apart" in text
+    assert explanation_section(again, fit.campaign) == (section,)
+    causes = [row[3] for row in section.parts[0].rows]
+    assert "glass was on in rows 5, 6" in causes
+    assert not [cause for cause in causes if "WRONG SIGN" in cause]
+    assert "must fall by 2 or more" in section.parts[0].note
+    assert section.parts[-1].head[0] == "To tell them apart, measure"
+    (nothing,) = explanation_section(replace(found, items=(), telling=()), fit.campaign)
+    assert nothing.parts[0].startswith("No single cause that was tried")

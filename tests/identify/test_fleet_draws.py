@@ -8,7 +8,7 @@ from ident.description.file import read_arm
 from ident.identify.compare import sample_campaign
 from ident.identify.fit import fit_campaign
 from ident.identify.fleet import draws_under
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.population import Under, Weights
 from ident.inference.priors import Prior
@@ -22,7 +22,7 @@ FEW = Campaign(measurements=read_campaign(DATA / "lcd_arm" / "campaign.csv").mea
 
 
 def case(unknowns, width):
-    names = [name for name in build_problem(ARM, FEW, unknowns).parameters.names if ".k_" in name]
+    names = [name for name in pose(ARM, FEW, unknowns).problem.parameters.names if ".k_" in name]
     nominal = np.log([float(ARM.get(name)) for name in names])
     return names, nominal + width / 2 * np.random.default_rng(1).standard_normal(len(names)), np.full(len(names), width)
 

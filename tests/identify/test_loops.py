@@ -14,15 +14,14 @@ from scipy.stats import binom
 from ident.arm.arm import stiffness_paths
 from ident.errors import InputError
 from ident.identify.compare import validate_fit
-from ident.identify.conditions import ramps
 from ident.identify.fit import fit_campaign
 from ident.identify.plan import PlanSettings, plan_campaign
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose, ramps
 from ident.measure import Campaign, Load, Measurement
 from ident.measure.reading import format_campaign, parse_campaign
-from ident.present.text.check import validate_report
-from ident.present.text.fit import fit_report
-from ident.present.text.warnings import ramps_told
+from ident.present.fit import fit_sections
+from ident.present.validate import validate_sections
+from ident.present.warnings import expected_hysteresis, hysteresis
 from ident.programs import jit
 
 pytestmark = pytest.mark.slow
@@ -110,7 +109,7 @@ def test_intervals_hold_the_truth():
 
 
 def test_the_derivatives_are_those_of_finite_differences():
-    problem = build_problem(lcd_arm(), measured(WIDTHS))
+    problem = pose(lcd_arm(), measured(WIDTHS)).problem
     theta = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     theta = theta + 0.1 * np.random.default_rng(1).standard_normal(len(theta))
     exact = jit(jax.jacfwd(problem.predict))(theta)
@@ -125,30 +124,30 @@ def test_one_way_alone_tells_slopes_and_no_width():
     fit = fit_campaign(lcd_arm(), Campaign(measurements=rows), starts=1)
     assert fit.best.values[3] == pytest.approx(float(lcd_arm().get("joint1.k_tors")), rel=1e-4)
     assert all(loop.sd > 1e-5 for loop in fit.loops)
-    assert "only loading" in fit_report(fit)
+    (section,) = hysteresis(fit)
+    assert "only loading" in section.parts[1]
 
 
 def test_the_report_says_each_width():
-    text = fit_report(fit_campaign(lcd_arm(), measured(WIDTHS, 1.0), starts=1))
-    section = text[text.index("Loops of ramps") :]
-    assert "twist joint1 at (0, 0, 0) deg" in section
-    assert "0.295 +- 0.0071 mrad" in section.splitlines()[1]
-    assert "8 loops of ramps" in text.splitlines()[1]
+    fit = fit_campaign(lcd_arm(), measured(WIDTHS, 1.0), starts=1)
+    (section,) = hysteresis(fit)
+    assert section.parts[0].rows[0][:2] == ("twist joint1 at (0, 0, 0) deg", "0.295 +- 0.0071 mrad")
+    assert fit_sections(fit).subject.endswith("8 hysteresis loops")
 
 
 def test_before_a_fit_it_is_said_how_well_each_width_will_be_told():
     """By the closed form above; of one way alone the width is no more than how far its rows are off together."""
     campaign = measured(WIDTHS, 1.0)
-    found = ramps(campaign, build_problem(lcd_arm(), campaign))
+    found = ramps(pose(lcd_arm(), campaign))
     assert [len(ramp.rows) for ramp in found] == 8 * [2 * len(FORCES)]
     for ramp in found:
         assert ramp.sd == pytest.approx(ramp.of.sigma * np.sqrt(2 / len(FORCES)), rel=1e-6)
-    text = "\n".join(ramps_told(campaign, found))
-    assert "twist joint1 at (0, 0, 0) deg" in text
-    assert "0.0071 mrad     8" in text
-    assert "only" not in text
+    (section,) = expected_hysteresis(campaign, found)
+    assert section.parts[0].rows[0] == ("twist joint1 at (0, 0, 0) deg", "0.0071 mrad", 8)
+    assert len(section.parts) == 1
     one_way = replace(campaign, measurements=tuple(m for m in campaign if m.ramp == "loading"))
-    assert "only loading" in "\n".join(ramps_told(one_way, ramps(one_way, build_problem(lcd_arm(), one_way))))
+    (section,) = expected_hysteresis(one_way, ramps(pose(lcd_arm(), one_way)))
+    assert "only loading" in section.parts[1]
 
 
 def test_a_loop_that_is_left_out_whole_is_not_predicted():
@@ -157,7 +156,10 @@ def test_a_loop_that_is_left_out_whole_is_not_predicted():
     assert not whole.told
     assert len(parts.told) == len(parts.parts)
     assert parts.covered >= binom.ppf(0.001, len(fit.campaign), 0.95)
-    assert "Loops of ramps: 8. What is left out" in validate_report(whole)
+    report = validate_sections(whole)
+    assert report.verdict.word == "NOT TESTED"
+    assert report.findings[-1].text.startswith("8 hysteresis loops")
+    assert report.findings[-1].remedy == "try --leave row"
 
 
 def test_a_plan_goes_on_from_ramps():

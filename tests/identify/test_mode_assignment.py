@@ -21,7 +21,7 @@ from ident.identify.fit import fit_campaign
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.mode_matching import NAMING_SD, most_probable
 from ident.identify.predict import chains
-from ident.identify.problem import build_problem, changing_labels
+from ident.identify.problem import changing_labels, pose
 from ident.inference.search import End, solve
 from ident.measure import Campaign, Measurement, read_campaign
 
@@ -45,7 +45,7 @@ def two_states():
 
 @filter_jit
 def five_lowest(arm, conditions):
-    chain = chains(arm, {}, conditions)
+    chain = chains(arm, conditions)
     return modes_about(chain, static_equilibrium(chain), 5)
 
 
@@ -80,9 +80,9 @@ def test_the_best_of_all_ways_to_name_the_modes_is_found(state):
 
 def shipped(*words):
     rows = read_campaign(DATA / "lcd_arm" / "campaign.csv")
-    return build_problem(
+    return pose(
         lcd_arm(), Campaign(measurements=tuple(m for m in rows if any(w in (m.mode or "") for w in words)))
-    )
+    ).problem
 
 
 def step_length(problem, end):
@@ -103,7 +103,7 @@ def test_no_start_is_lost_where_only_vertical_modes_were_measured():
 
 def test_labels_lead_every_start_to_the_optimum_of_the_file():
     """One of these 8 starts was stuck where a label was a rule that jumps."""
-    problem = build_problem(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv"))
+    problem = pose(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv")).problem
     start = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     ends = [solve(problem, start)]
     for noise in np.random.default_rng(2).standard_normal((8, len(start))):
@@ -115,7 +115,7 @@ def test_labels_lead_every_start_to_the_optimum_of_the_file():
 def test_data_do_not_overrule_clear_names():
     rows = tuple(m for m in read_campaign(DATA / "lcd_arm" / "campaign.csv") if m.kind == "frequency")[:2]
     swapped = (dataclasses.replace(rows[0], mode=rows[1].mode), dataclasses.replace(rows[1], mode=rows[0].mode))
-    problem = build_problem(lcd_arm(), Campaign(measurements=swapped))
+    problem = pose(lcd_arm(), Campaign(measurements=swapped)).problem
     start = problem.parameters.theta(problem.parameters.column("start"))
     hertz = predicted(problem, start)
     assert hertz[0] > hertz[1], "vertical bending 1 is the second mode there, whatever was measured"
@@ -158,7 +158,7 @@ def test_right_labels_leave_nothing_to_remark():
 def test_labels_that_change_within_the_prior_are_those_of_modes_near_one_half():
     """By the shares of torsion and of vertical motion at the same points, straight from the modes."""
     campaign = read_campaign(DATA / "lcd_arm" / "campaign.csv")
-    problem = build_problem(lcd_arm(), campaign)
+    problem = pose(lcd_arm(), campaign).problem
     often = changing_labels(problem, points=8, seed=3)
     parameters, start = problem.parameters, np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     points = [start, *(start + np.random.default_rng(3).standard_normal((8, len(start))))]

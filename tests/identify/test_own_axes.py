@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
 from ident.identify.binding import loads_of
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.measure import Campaign, Load, Measurement
 
 POSTURE = (0.4, -1.1, 0.3)
@@ -25,7 +25,7 @@ def moved(load: Load) -> np.ndarray:
         )
         for d in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     )
-    problem = build_problem(lcd_arm(), Campaign(measurements=rows))
+    problem = pose(lcd_arm(), Campaign(measurements=rows)).problem
     return predicted(problem, problem.parameters.theta(problem.parameters.column("start")))
 
 

@@ -10,8 +10,8 @@ from arms import lcd_arm
 from scipy.optimize import least_squares
 
 from ident.identify.fit import fit_campaign
-from ident.identify.parts import LARGE, SEVERAL
-from ident.identify.problem import build_problem
+from ident.identify.padding import LARGE, SEVERAL
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.search import SHORT, evaluate
 from ident.measure import Campaign, Load, Measurement
@@ -57,7 +57,7 @@ def unseen(problem):
 
 
 def test_parts_predict_what_the_whole_does(campaign):
-    problem = build_problem(lcd_arm(), campaign, Unknowns(discrepancy={"deflection": 0.1}))
+    problem = pose(lcd_arm(), campaign, Unknowns(discrepancy={"deflection": 0.1})).problem
     large, start = problem.in_parts(), problem.parameters.theta(problem.parameters.column("start"))
     assert len(large.problems) > 3
     assert len({jax.tree.structure(each) for each in large.problems}) == 1, "one program serves all"
@@ -68,7 +68,7 @@ def test_parts_predict_what_the_whole_does(campaign):
 
 
 def test_the_first_part_has_some_of_all_that_was_measured(campaign):
-    problem = build_problem(lcd_arm(), campaign)
+    problem = pose(lcd_arm(), campaign).problem
     first = problem.in_parts().problems[0]
     counts = dict(zip(*np.unique(np.array(first.kinds)[np.isfinite(first.sigma)], return_counts=True), strict=True))
     for kind in set(problem.kinds):

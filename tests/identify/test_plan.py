@@ -13,10 +13,12 @@ from scipy.stats import multivariate_normal
 from ident.arm.arm import Arm, Workspace
 from ident.arm.parts import Body, Joint, Point
 from ident.errors import InputError, ModelError
-from ident.identify.candidates import COSTS, MOST, candidate_predictions, posture_grid, sigmas
+from ident.identify.binding import bind_loads
+from ident.identify.candidates import candidate_predictions, sigmas
 from ident.identify.fit import fit_campaign
+from ident.identify.instruments import COSTS, MOST, posture_grid
 from ident.identify.plan import PlanSettings, plan_campaign
-from ident.identify.problem import arm_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.design import (
     Experiments,
@@ -38,7 +40,7 @@ from ident.inference.problem import InverseProblem
 from ident.inference.search import solve
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
 from ident.measure.covariance_and_frames import Covariance
-from ident.present.text.plan import plan_report
+from ident.present.plan import plan_sections
 from ident.programs import jit
 
 pytestmark = pytest.mark.slow
@@ -184,7 +186,7 @@ def test_promised_and_realised_standard_deviations_agree():
     """600 campaigns as planned from an empty one, with noise, each fitted: a standard deviation is known to 3 %."""
     plan = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(60.0), draws=0, count=3))
     campaign = plan.campaign()
-    problem = arm_problem(loose_arm(), campaign, plan.parameters)
+    problem = pose(loose_arm(), campaign).problem
     start = plan.parameters.theta(plan.parameters.column("start"))
     value, sigma = (np.array([getattr(m, name) for m in campaign]) for name in ("value", "sigma"))
     rng = np.random.default_rng(11)
@@ -213,7 +215,7 @@ def test_the_plan_of_a_measured_campaign_promises_what_the_next_fit_says():
     more = then.campaign()
     groups = Covariance((*first.covariance.groups, *more.covariance.groups))
     again = Campaign(measurements=(*first, *more), covariance=groups)
-    found = fit(arm_problem(loose_arm(), again, then.parameters), starts=1)
+    found = fit(pose(loose_arm(), again).problem, starts=1)
     np.testing.assert_allclose(found.information.sd, then.sd[-1], rtol=1e-4)
 
 
@@ -258,7 +260,7 @@ def test_visits_to_one_state_are_entered_once_as_means():
             share, n = plan.instruments.common, times[m.kind]
             of_mean = plan.instruments.sigma[m.kind] * math.sqrt(share + (1 - share) / n)
             assert m.sigma / m.value == pytest.approx(of_mean, rel=1e-3)
-    found = fit(arm_problem(loose_arm(), campaign, plan.parameters), starts=1)
+    found = fit(pose(loose_arm(), campaign).problem, starts=1)
     np.testing.assert_allclose(found.information.sd, plan.sd[-1], rtol=1e-3)
 
 
@@ -302,13 +304,14 @@ def test_candidate_predictions_are_what_predict_says():
     parameters, loads = stiffness_parameters(loose_arm()), (OWN_WEIGHT, Load.parse("glass + 20 N -z @ tip"))
     points = prior_information(parameters, draws=1).points
     postures = np.deg2rad([[10.0, 40.0, -70.0], [0.0, 0.0, 0.0], [-20.0, 110.0, 30.0]])
-    predictions = candidate_predictions(loose_arm(), parameters, points, postures, loads, 4)
+    cases = bind_loads(loose_arm(), loads)
+    predictions = candidate_predictions(loose_arm(), parameters, points, postures, cases, 4)
     rows = [
         Measurement(kind=kind, posture=tuple(postures[g]), load=loads[s], value=value, sigma=1.0, point=point)
         for g, s in ((0, 0), (2, 1))
         for kind, point, value in (*(("frequency", None, float(i)) for i in range(1, 5)), ("deflection", "tip", 1.0))
     ]
-    problem = arm_problem(loose_arm(), Campaign(measurements=tuple(rows)), parameters)
+    problem = pose(loose_arm(), Campaign(measurements=tuple(rows))).problem
     there = [[*predictions.frequency[:, g, s, 1], predictions.deflection[g, s, 1]] for g, s in ((0, 0), (2, 1))]
     predict = jit(problem.predict)
     np.testing.assert_allclose(predict(jnp.asarray(points[1])), np.ravel(there), rtol=1e-9)
@@ -461,15 +464,17 @@ def test_a_missed_target_is_named():
 
 
 def test_whether_a_target_is_reached_is_said_and_what_stays_loose():
-    """At the best estimate and at the other draws; a parameter that is known to a factor only is named."""
+    """At the best estimate and on the other plausible arms; an unknown that is known to a factor only is named."""
     settings = PlanSettings(step=math.radians(90.0), draws=4, count=1, target=0.05)
     one = plan_campaign(loose_arm(), settings=settings)
-    report = " ".join(plan_report(one).split())
-    assert "The target of 5.13 % is MISSED for" in report
+    report = plan_sections(one)
+    assert report.verdict.word == "TARGET MISSED"
+    assert f"The target of 5.13 % is missed for {len(one.missed)} of 6 unknowns." in report.verdict.reason
+    assert all(name in report.findings[0].text for name in one.missed)
     loose = [name for name, sd in zip(one.known.sought, one.sd[-1], strict=True) if sd >= 0.3]
     assert loose
     for name in loose:
-        assert f"After the batch {name} is still known to a factor" in report
+        assert any(f"{name} " in each.text and "factor" in each.text for each in report.findings[1:])
     best, after = one.best_for(one.known.sought.index(loose[0]))
     more = [*(step.experiment for step in one.steps), best]
     information = one.known.information[0] + one.candidates.together(more)[0]
@@ -477,13 +482,14 @@ def test_whether_a_target_is_reached_is_said_and_what_stays_loose():
     assert math.sqrt(np.linalg.inv(information)[place, place]) == pytest.approx(after)
     widest = max(one.at_draws.max(), one.sd[-1].max()) + 1
     reached = dataclasses.replace(one, settings=dataclasses.replace(settings, target=widest))
-    words = "reached at the best estimate It is reached at each of 4 other draws"
-    assert words in " ".join(plan_report(reached).split())
+    verdict = plan_sections(reached).verdict
+    assert verdict.word == "TARGET REACHED"
+    assert "at the best estimate and on all 4 other plausible arms" in verdict.reason
     limit = float(one.sd[-1].max()) + 1e-9
     at_best = dataclasses.replace(one, settings=dataclasses.replace(settings, target=limit))
     assert not at_best.missed
-    said = "At other draws of what is not known it is MISSED" in plan_report(at_best)
-    assert said == bool((one.at_draws > limit).any())
+    risky = plan_sections(at_best).verdict.word == "TARGET AT RISK"
+    assert risky == bool((one.at_draws > limit).any())
 
 
 def with_limits(*limits):

@@ -17,8 +17,9 @@ from ident.arm.modes import damped_eigenvalues, linearize, mode_labels, modes, p
 from ident.errors import InputError
 from ident.identify.conditions import bind, frequencies_of_pole
 from ident.identify.fit import fit_campaign
+from ident.identify.padding import padded
 from ident.identify.predict import predict
-from ident.identify.problem import contradictory_repeats
+from ident.identify.problem import contradictory_repeats, pose
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.problem import Data
 from ident.measure import DEFINITIONS, Campaign, Load, Measurement
@@ -179,7 +180,7 @@ def test_other_labels_are_not(text):
 def test_what_does_not_fit_the_arm_is_named(measurement, column, words):
     placed = dataclasses.replace(measurement, where="c.csv:7")
     with pytest.raises(InputError) as error:
-        bind(lcd_arm(), Campaign(measurements=(placed,)))
+        pose(lcd_arm(), Campaign(measurements=(placed,)))
     assert str(error.value).startswith(f"c.csv:7, {column}: ")
     assert words in str(error.value)
     assert "\n" not in str(error.value)
@@ -187,7 +188,7 @@ def test_what_does_not_fit_the_arm_is_named(measurement, column, words):
 
 def test_motors_that_turn_freely_are_refused():
     with pytest.raises(InputError, match=r"file\.csv:2.*drives.*turn freely, expected motors that are held"):
-        bind(lcd_arm(), Campaign(measurements=(frequency(4.1, drives="off", where="file.csv:2"),)))
+        pose(lcd_arm(), Campaign(measurements=(frequency(4.1, drives="off", where="file.csv:2"),)))
 
 
 def test_frequencies_without_a_label_are_counted_in_each_drive_state():
@@ -205,7 +206,7 @@ def test_rows_of_different_drive_states_do_not_contradict_each_other():
 
 def test_an_empty_campaign_is_refused():
     with pytest.raises(InputError, match="no measurement"):
-        bind(lcd_arm(), Campaign())
+        pose(lcd_arm(), Campaign())
 
 
 HEAVY = "lateral torsion 2"
@@ -345,9 +346,9 @@ def test_padded_campaigns_keep_what_their_frequencies_are():
     rows = [frequency(20.0, mode=HEAVY, of="damped"), frequency(4.8, of="pole"), frequency(4.1, of="damped")]
     rows += [Measurement(kind="damping_ratio", posture=UNFOLDED, value=0.03, sigma=0.01, mode=HEAVY)]
     arm, conditions = lcd_arm(), bind(lcd_arm(), Campaign(measurements=tuple(rows)))
-    padded, _, places = conditions.padded()
-    more = np.asarray(jax.jit(lambda: predict(arm, {}, padded))())
+    few, _, places = padded(conditions)
+    more = np.asarray(jax.jit(lambda: predict(arm, {}, few))())
     np.testing.assert_allclose(more[places], predicted(*rows), rtol=1e-12)
     plain = bind(arm, Campaign(measurements=tuple(dataclasses.replace(row, of=None) for row in rows)))
     assert plain.definitions is None
-    assert plain.padded()[0].definitions is None
+    assert padded(plain)[0].definitions is None

@@ -11,7 +11,7 @@ from scipy.stats import binom
 from ident.errors import InputError
 from ident.identify.conditions import shared_error
 from ident.identify.fit import fit_campaign
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.measure import Campaign, parse_campaign
 
 HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,value,unit,sigma,resolution,repeat\n"
@@ -28,12 +28,12 @@ def sd_of_mean(sigma):
 
 @pytest.mark.parametrize("count", [1, 5, 500])
 def test_equal_hits_are_no_surer_than_the_display(count):
-    sigma = build_problem(lcd_arm(), hits(count)).sigma
+    sigma = pose(lcd_arm(), hits(count)).problem.sigma
     assert sd_of_mean(sigma) == pytest.approx(np.hypot(0.002 / np.sqrt(count), 0.01 / np.sqrt(12)), rel=1e-12)
 
 
 def test_without_a_resolution_they_count_as_they_did():
-    sigma = build_problem(lcd_arm(), hits(5, resolution="")).sigma
+    sigma = pose(lcd_arm(), hits(5, resolution="")).problem.sigma
     assert np.asarray(sigma).tolist() == [0.002] * 5
 
 
@@ -44,7 +44,7 @@ def test_equal_hits_are_no_sign_of_large_sigmas_where_a_display_has_rounded_them
     campaign = Campaign(measurements=tuple(replace(m, value=value) for m in campaign))
     found = fit_campaign(arm, campaign, starts=1)
     assert found.degrees_of_freedom == 39
-    assert any("sigmas too large" in remark for remark in found.remarks) == remarked
+    assert any("sigmas are too large" in remark for remark in found.remarks) == remarked
 
 
 def test_equal_hits_that_nothing_tells_apart_are_duplicates():

@@ -21,10 +21,12 @@ from ident.errors import InputError
 from ident.identify.conditions import bind
 from ident.identify.fit import CampaignFit, fit_campaign
 from ident.identify.modal_analysis import modal_analysis
-from ident.identify.parts import LARGE, in_parts
+from ident.identify.padding import LARGE, in_parts
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, Measurement
-from ident.present.text.fit import fit_report
+from ident.present.fit import fit_sections
+from ident.present.report import text_of
 
 sys.path.append(str(Path(__file__).parents[1] / "arm"))
 from test_servo import held, matrices, with_servo
@@ -105,12 +107,12 @@ def test_damping_ratios_contain_the_servo():
 
 def test_modes_beyond_the_motors_are_refused():
     with pytest.raises(InputError, match="vertical bending 1"):
-        bind(arm(), Campaign(measurements=(frequency("lateral 10"),)))
-    bind(arm(), Campaign(measurements=(frequency("lateral 10", drives="servo"),)))
+        pose(arm(), Campaign(measurements=(frequency("lateral 10"),)))
+    pose(arm(), Campaign(measurements=(frequency("lateral 10", drives="servo"),)))
     rows = tuple(replace(frequency(None, drives="servo"), value=4.0 + i) for i in range(11))
-    bind(arm(), Campaign(measurements=rows[:10]))
+    pose(arm(), Campaign(measurements=rows[:10]))
     with pytest.raises(InputError, match="at most 10"):
-        bind(arm(), Campaign(measurements=rows))
+        pose(arm(), Campaign(measurements=rows))
 
 
 def campaign() -> Campaign:
@@ -138,8 +140,8 @@ def test_a_servo_is_fitted_with_the_stiffnesses():
     for path in ("servo1.k_servo", "joint1.k_tors", "joint2.k_tors", "joint3.k_tors"):
         assert float(best[path]) == pytest.approx(float(arm().get(path)), rel=0.02), path
     assert not fitted().contradictory
-    report = fit_report(fitted())
-    assert "servo on in" not in report
+    report = text_of(fit_sections(fitted()), details=True)
+    assert "servo was on in" not in report
     assert "nan" not in report
     assert np.isfinite([item.test.shift for item in fitted().assumptions.items]).all()
 

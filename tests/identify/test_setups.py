@@ -17,7 +17,7 @@ from ident.errors import InputError
 from ident.identify.binding import loads_of
 from ident.identify.fit import fit_campaign
 from ident.identify.plan import PlanSettings, plan_campaign
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.measure import Campaign, Load, Measurement, parse_campaign, read_campaign, write_campaign
 from ident.measure.covariance_and_frames import Setup, Setups
 
@@ -75,7 +75,7 @@ def parameters_of(problem):
 @pytest.mark.parametrize("kind", ["position", "deflection_difference"])
 def test_the_frame_is_found_and_exact_data_are_predicted(kind):
     """Started by triads; at the truth, what SciPy's frame gives, to rounding."""
-    problem = build_problem(lcd_arm(), tracked(kind))
+    problem = pose(lcd_arm(), tracked(kind)).problem
     names = [name for name in problem.parameters.names if name.startswith("setup:")]
     assert len(names) == (6 if kind == "position" else 3)
     start = parameters_of(problem)
@@ -90,7 +90,7 @@ def test_the_frame_is_found_and_exact_data_are_predicted(kind):
 def test_the_derivatives_are_those_of_finite_differences():
     """By the frame's place and turns and by the stiffnesses, of positions and differences alike."""
     rows = (*tracked("position"), *tracked("deflection_difference"))
-    problem = build_problem(lcd_arm(), Campaign(measurements=rows))
+    problem = pose(lcd_arm(), Campaign(measurements=rows)).problem
     theta = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     theta = theta + 0.1 * np.random.default_rng(1).standard_normal(len(theta))
     exact = jax.jit(jax.jacfwd(problem.predict))(theta)
@@ -128,7 +128,7 @@ def test_a_known_frame_is_no_unknown_and_one_with_a_prior_is_one_of_six():
     """And the data find the truth within that prior."""
     rows = tracked("position").measurements
     known = Setups((Setup("tracker", tuple(ORIGIN), tuple(TURN), 0.0, 0.0),))
-    problem = build_problem(lcd_arm(), Campaign(measurements=rows, setups=known))
+    problem = pose(lcd_arm(), Campaign(measurements=rows, setups=known)).problem
     assert not any(name.startswith("setup:") for name in problem.parameters.names)
     theta = problem.parameters.theta(problem.parameters.column("start"))
     np.testing.assert_allclose(predicted(problem, theta), problem.measured, atol=1e-12)
@@ -142,7 +142,7 @@ def test_rows_that_do_not_tell_how_a_frame_is_turned_are_refused():
     """One vector leaves the turn about itself; the remedy is to say it."""
     rows = tuple(replace(m, posture=POSTURES[0]) for m in tracked("deflection_difference").measurements[:3])
     with pytest.raises(InputError, match="not known how it is turned"):
-        build_problem(lcd_arm(), Campaign(measurements=rows))
+        pose(lcd_arm(), Campaign(measurements=rows))
 
 
 def test_setups_are_written_and_read_back(tmp_path):

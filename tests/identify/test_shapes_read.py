@@ -13,8 +13,8 @@ from scipy.stats import binom, chi2
 
 from ident.assess.modal import _ratios
 from ident.errors import InputError
-from ident.identify.conditions import _compared, bind
-from ident.identify.problem import build_problem
+from ident.identify.conditions import _compared
+from ident.identify.problem import pose
 from ident.inference.search import evaluate, solve
 from ident.measure import Campaign, Measurement
 from ident.measure.reading import format_campaign, parse_campaign
@@ -35,7 +35,7 @@ def of_poles(campaign):
 def posed(arm):
     both = {"": lambda each: each, "pole": of_poles}
     return {
-        (posture, of): build_problem(arm, Campaign(measurements=change(rows(arm, posture))))
+        (posture, of): pose(arm, Campaign(measurements=change(rows(arm, posture)))).problem
         for posture in (SKEW, CROSSING)
         for of, change in both.items()
     }
@@ -104,7 +104,7 @@ def test_a_prediction_stays_bounded_where_its_mode_does_not_move_the_reference(a
     named = {m.mode for m in campaign}
     moved = tuple(replace(m, mode=dict(zip(named, [*named][1:] + [*named][:1], strict=True))[m.mode]) for m in campaign)
     exchanged = tuple(m if m.kind == "frequency" else n for m, n in zip(campaign, moved, strict=True))
-    predicted = evaluate(build_problem(arm, Campaign(measurements=exchanged))).predicted
+    predicted = evaluate(pose(arm, Campaign(measurements=exchanged)).problem).predicted
     for m, value in zip(exchanged, predicted, strict=True):
         if m.kind == "shape":
             own = [n.value for n in exchanged if n.kind == "shape" and n.mode == m.mode]
@@ -152,7 +152,7 @@ def test_what_is_no_shape_is_refused(change, said):
 
 def test_a_reference_that_the_arm_has_not_is_refused(arm):
     with pytest.raises(InputError, match="reference_point"):
-        bind(arm, Campaign(measurements=(Measurement(**{**BLANK, "reference_point": "wrist"}),)))
+        pose(arm, Campaign(measurements=(Measurement(**{**BLANK, "reference_point": "wrist"}),)))
 
 
 def test_the_slopes_of_measured_ratios_are_those_of_differences():
@@ -174,7 +174,7 @@ def test_fits_of_noisy_shapes_hold_the_truth_as_often_as_they_say(arm, posed):
     for _ in range(12):
         noise = sigma * rng.standard_normal(len(sigma))
         made = tuple(replace(m, value=m.value + float(e)) for m, e in zip(campaign, noise, strict=True))
-        problem = build_problem(arm, Campaign(measurements=made))
+        problem = pose(arm, Campaign(measurements=made)).problem
         end = solve(problem, truth)
         residuals, slope = problem.weigh(np.asarray(end.predicted), np.asarray(end.jacobian), np.asarray(end.theta))
         sd = np.sqrt(np.diag(np.linalg.inv(slope.T @ slope)))

@@ -10,7 +10,7 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from ident.errors import InputError
-from ident.identify.conditions import bind
+from ident.identify.problem import pose
 from ident.measure import Campaign, Load, Measurement
 from ident.measure.reading import format_campaign, parse_campaign
 
@@ -107,4 +107,4 @@ def test_a_joint_that_the_arm_has_not_is_named():
     arm = random_arm(np.random.default_rng(0), JOINTS)
     odd = Campaign(measurements=(replace(CAMPAIGN.measurements[0], joint="j7"),))
     with pytest.raises(InputError, match="'j7'"):
-        bind(arm, odd)
+        pose(arm, odd)

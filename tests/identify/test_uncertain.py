@@ -13,7 +13,7 @@ from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.check import check_campaign
 from ident.identify.fit import fit_campaign
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.search import evaluate
 from ident.measure import Campaign, Load, Measurement, read_campaign
@@ -46,7 +46,7 @@ def campaign():
 def predicted(arm, rows, **unknowns):
     """What a problem predicts at the arm's own numbers, but for those given."""
     values = unknowns.pop("at", {})
-    problem = build_problem(arm, rows, Unknowns(**unknowns))
+    problem = pose(arm, rows, Unknowns(**unknowns)).problem
     start = dict(zip(problem.parameters.names, np.asarray(problem.parameters.column("start")), strict=True))
     theta = problem.parameters.theta(np.array([(start | values)[name] for name in problem.parameters.names]))
     return at_theta(problem, theta)
@@ -87,7 +87,7 @@ def test_the_fit_knows_what_generalised_least_squares_knows():
 
 def test_nothing_uncertain_is_the_same_problem():
     """Same structure, to the bit the same predictions."""
-    bare, none = (build_problem(lcd_arm(), campaign(), u) for u in (Unknowns(), Unknowns(uncertain={})))
+    bare, none = (pose(lcd_arm(), campaign(), u).problem for u in (Unknowns(), Unknowns(uncertain={})))
     assert jax.tree.structure(bare) == jax.tree.structure(none)
 
 
@@ -107,7 +107,7 @@ BAD = [
 def test_bad_widths_are_refused_in_one_line(widths, others, said):
     """Each with what was expected."""
     with pytest.raises(InputError) as refused:
-        build_problem(lcd_arm(), campaign(), Unknowns(uncertain=widths, **others))
+        pose(lcd_arm(), campaign(), Unknowns(uncertain=widths, **others))
     assert len(refused.value.problems) == 1
     assert said in str(refused.value)
 
@@ -115,7 +115,7 @@ def test_bad_widths_are_refused_in_one_line(widths, others, said):
 def test_a_scale_of_loads_needs_a_load():
     """The shipped campaign has none."""
     with pytest.raises(InputError, match="no row with a mass, force or moment"):
-        build_problem(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv"), Unknowns(uncertain={"load": "1%"}))
+        pose(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv"), Unknowns(uncertain={"load": "1%"}))
 
 
 @cache

@@ -12,7 +12,7 @@ from ident import InputError, read_campaign
 from ident.arm.arm import stiffness_paths
 from ident.identify.compare import parts_of, validate_fit
 from ident.identify.fit import fit_campaign
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 
 pytestmark = pytest.mark.slow
 
@@ -27,7 +27,7 @@ def with_values(values):
 
 def simulated(rng, arm=None):
     """The shipped campaign with other stiffnesses, of the arm or of one that is unlike the model."""
-    problem = build_problem(arm or lcd_arm(), CAMPAIGN)
+    problem = pose(arm or lcd_arm(), CAMPAIGN).problem
     theta = np.log([float(lcd_arm().get(name)) for name in NAMES]) + 0.2 * rng.standard_normal(len(NAMES))
     return with_values(predicted(problem, theta) + np.asarray(problem.sigma) * rng.standard_normal(len(CAMPAIGN)))
 

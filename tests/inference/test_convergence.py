@@ -95,9 +95,9 @@ def straight(p):
         ([0.0, 0.1, -0.2, 0.2, 0.1, -0.1], None),
         (
             [0.0, 0.1, -0.2, 9.0, 0.1, -0.1],
-            "1 of 6 measurements lie too far from the fit (standardised residual beyond 3.5)",
+            "1 of 6 measurements lie too far from the fit (standardised residual above 3.5)",
         ),
-        ([2.9, -2.9, 2.9, -2.9, 2.9, -2.9], "so large a chi-squared has a chance of"),
+        ([2.9, -2.9, 2.9, -2.9, 2.9, -2.9], "chi-squared is too large for these sigmas (p = "),
     ],
 )
 def test_a_generic_fit_says_its_doubts_and_withholds(off, doubt):
@@ -116,7 +116,7 @@ def test_contradicting_kinds_of_a_generic_model_are_told():
 
 def test_so_small_a_chi_squared_is_remarked_but_withholds_nothing():
     found = fit(problem(straight, 50 + 1e-3 * np.arange(6)))
-    assert any("sigmas too large, or rows copied" in remark for remark in found.remarks)
+    assert any("sigmas are too large, or rows copied" in remark for remark in found.remarks)
     assert found.supported.all()
     assert fit(problem(straight, 50 + np.array([0.5, -1.0, 0.7, -0.3, 1.1, -0.6]))).remarks == ()
 

@@ -74,7 +74,7 @@ def test_a_better_optimum_that_is_met_on_the_way_to_an_end_is_the_answer():
 
 def test_no_interval_is_quoted_where_the_cost_is_less_elsewhere():
     found = replace(fit(two_wells(-1.0), starts=1), beaten=np.array([-1.1]))
-    assert found.doubts == ("the cost is less elsewhere, so there is a better optimum: fit again with more starts",)
+    assert found.doubts == ("a better optimum exists: fit again with more --starts",)
     assert not found.supported.any()
     assert with_stretch(found).doubts == (), "for it is not"
 

@@ -14,8 +14,8 @@ from one_program import shown
 
 from ident.errors import InputError, ModelError
 from ident.identify.fit import fit_campaign
-from ident.identify.problem import arm_problem, check_values
-from ident.identify.unknowns import Unknowns, parameter, stiffness_parameters
+from ident.identify.problem import check_values, pose
+from ident.identify.unknowns import Unknowns, parameter
 from ident.inference.fit import fit
 from ident.inference.optima import Optimum, unmet
 from ident.inference.parameters import Parameter, Parameters
@@ -69,7 +69,7 @@ def started_at(problem, factor):
 
 def test_exact_data_give_all_six_from_any_of_six_starts():
     """Within a factor of ten: all soft, all stiff, soft and stiff by turns, and two at random; each with few beside."""
-    problem = arm_problem(lcd_arm(), exact(shipped()), stiffness_parameters(lcd_arm(), Unknowns(prior_sd=math.inf)))
+    problem = pose(lcd_arm(), exact(shipped()), Unknowns(prior_sd=math.inf)).problem
     truth = np.asarray(problem.parameters.column("start"))
     turns = (-1.0) ** np.arange(6)
     far = [-np.ones(6), np.ones(6), turns, -turns]
@@ -91,7 +91,7 @@ def test_the_noisy_campaign_gives_all_six_within_three_standard_deviations():
 
 
 def test_three_numbers_are_three_directions_of_six():
-    found = fit(arm_problem(lcd_arm(), exact(table_1()), stiffness_parameters(lcd_arm())))
+    found = fit(pose(lcd_arm(), exact(table_1())).problem)
     assert found.information.rank == 3
     assert len(found.information.trade_offs()) == 3
     assert np.isinf(found.information.data_sd).all()
@@ -100,7 +100,7 @@ def test_three_numbers_are_three_directions_of_six():
 
 
 def test_without_prior_three_numbers_fit_exactly_and_no_interval_is_finite():
-    problem = arm_problem(lcd_arm(), exact(table_1()), stiffness_parameters(lcd_arm(), Unknowns(prior_sd=math.inf)))
+    problem = pose(lcd_arm(), exact(table_1()), Unknowns(prior_sd=math.inf)).problem
     found = fit(started_at(problem, [1.3, 0.8, 1.1, 0.9, 1.2, 1.0]), starts=4, spread=0.2)
     assert found.best.cost < 1e-12
     assert found.information.rank == 3
@@ -138,7 +138,7 @@ def test_a_flat_prior_does_not_switch_the_comparison_of_kinds_off(name, prior):
 
 
 def test_consistent_numbers_do_not():
-    found = fit(arm_problem(lcd_arm(), exact(table_1()), stiffness_parameters(lcd_arm())))
+    found = fit(pose(lcd_arm(), exact(table_1())).problem)
     assert [each.kind for each in found.cross_predictions] == ["deflection", "frequency"]
     assert max(t.statistic for t in found.cross_predictions) < 0.01
     assert not found.contradictory
@@ -174,7 +174,7 @@ def test_radians_per_second_taken_for_hertz_are_questioned():
     )
     campaign = Campaign(measurements=wrong)
     with pytest.raises(InputError, match="rad/s written as Hz") as error:
-        check_values(arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm())), campaign, lcd_arm())
+        check_values(pose(lcd_arm(), campaign))
     assert [p.where for p in error.value.problems] == ["t.csv:2", "t.csv:3"]
 
 
@@ -184,23 +184,23 @@ def test_only_the_rows_named_are_trusted():
         for row, v in ((2, 0.15), (3, 0.26))
     )
     campaign = Campaign(measurements=(right, typing_error))
-    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
+    posed = pose(lcd_arm(), campaign)
     with pytest.raises(InputError, match=r"say that it is right \(`trust_values` 3\)") as error:
-        check_values(problem, campaign, lcd_arm(), ("2",))
+        check_values(posed, ("2",))
     assert [p.where for p in error.value.problems] == ["t.csv:3"]
     for trusted in (("2", "3"), ("all",)):
-        check_values(problem, campaign, lcd_arm(), trusted)
+        check_values(posed, trusted)
     with pytest.raises(InputError, match=r"trust_values: got '4', expected rows of the campaign \(2 to 3\), or all"):
-        check_values(problem, campaign, lcd_arm(), ("4",))
+        check_values(posed, ("4",))
 
 
 @pytest.mark.parametrize(("sigma", "refused"), [(0.02, True), (0.05, False)])
 def test_a_value_is_far_off_only_beyond_its_own_uncertainty(sigma, refused):
     far = Measurement(kind="deflection", posture=(0.0, 0.0, 0.0), value=0.24, sigma=sigma, point="tip", where="t.csv:2")
     campaign = Campaign(measurements=(far,))
-    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
+    posed = pose(lcd_arm(), campaign)
     with pytest.raises(InputError, match=r"9\.13 times") if refused else nullcontext():
-        check_values(problem, campaign, lcd_arm())
+        check_values(posed)
 
 
 def test_one_mistyped_frequency_is_an_outlier_and_no_interval_is_quoted():
@@ -258,12 +258,12 @@ def test_a_chain_of_four_has_several_exact_solutions_and_all_are_listed():
 
 
 def test_evaluate_predicts_at_the_start():
-    problem = arm_problem(lcd_arm(), table_1(), stiffness_parameters(lcd_arm()))
+    problem = pose(lcd_arm(), table_1()).problem
     assert np.asarray(evaluate(problem).predicted) == pytest.approx([4.80, 4.12, 0.0263], rel=1e-3)
 
 
 def test_the_same_seed_gives_the_same_fit():
-    problem = arm_problem(lcd_arm(), table_1(), stiffness_parameters(lcd_arm()))
+    problem = pose(lcd_arm(), table_1()).problem
     first, second = (fit(problem, starts=6, seed=5) for _ in range(2))
     np.testing.assert_array_equal(first.best.theta, second.best.theta)
     assert [o.starts for o in first.optima] == [o.starts for o in second.optima]

@@ -12,8 +12,8 @@ from arms import DATA, lcd_arm
 from scipy.optimize import brentq, minimize
 
 from ident.errors import InputError
-from ident.identify.problem import arm_problem
-from ident.identify.unknowns import Unknowns, stiffness_parameters
+from ident.identify.problem import pose
+from ident.identify.unknowns import Unknowns
 from ident.inference.fit import Fit, fit
 from ident.inference.information import half_width
 from ident.inference.optima import EDGE, ConstrainedFit, Ending, Point, profile_path
@@ -277,7 +277,7 @@ def test_names_levels_and_reach_are_chosen_and_checked():
 def arm_profiles(name: str, prior_sd: float) -> tuple[Fit, tuple[Profile, ...]]:
     """Profiles of the paper's arm; without prior, of Table 1's computed values, which contradict nothing."""
     campaign = read_campaign(DATA / "lcd_arm" / f"{name}.csv")
-    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm(), Unknowns(prior_sd=prior_sd)))
+    problem = pose(lcd_arm(), campaign, Unknowns(prior_sd=prior_sd)).problem
     if math.isinf(prior_sd):
         problem = dataclasses.replace(problem, measured=jnp.asarray([4.80, 4.12, 0.0263]))
     found = fit(problem, starts=1)

@@ -736,5 +736,5 @@ def test_an_empty_file_and_another_ending(tmp_path):
 def test_a_missing_extra_is_said_in_one_line(tmp_path, monkeypatch):
     files(tmp_path)
     monkeypatch.setitem(__import__("sys").modules, "nptdms", None)
-    expected = "got a file that needs the package npTDMS, expected npTDMS to read it; pip install 'ident[modal]'"
+    expected = "got a file that needs the package npTDMS, expected npTDMS to read it; pip install npTDMS"
     assert refused(tmp_path / "a.tdms").endswith(expected)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import pyuff
 from arms import DATA
+from reports import assert_one_screen
 
 import ident
 from ident.description.file import read_arm
@@ -86,6 +87,8 @@ def test_modes_of_a_csv_file_are_named_and_become_a_campaign(folder, known, tmp_
         assert m.value == pytest.approx(expected, abs=1e-9)
         assert m.sigma == pytest.approx(0.02 * np.hypot(1, expected), rel=1e-3)
     assert "finished modes" in result.report().lower()
+    assert result.sections().verdict.word == "NOT CHECKED"
+    assert_one_screen(result.report())
     again = ident.load(next((tmp_path / "out").glob("*.modal.nc")))
     assert again.report() == result.report()
     assert again.campaign == result.campaign
@@ -105,7 +108,7 @@ def test_repeated_files_of_a_posture_show_the_reproducibility(folder, known, tmp
     scatter = 3 * (np.log([0.99, 1.0, 1.01]).var(ddof=1) - within) * 2
     assert found.share["frequency"] == pytest.approx(np.sqrt((4 * 0.002**2 + scatter) / (4 + 6)), rel=1e-3)
     assert found.freedom["frequency"] == 6
-    assert "of each frequency (from repeated tests, 6 d.o.f.)" in " ".join(result.report().split())
+    assert "of each frequency (from repeated tests, 6 d.o.f.)" in " ".join(result.report(details=True).split())
     assert len(result.campaign.correlated) == 3, "each test has a common part of its own"
     said = modal(folder, frequency_is="pole", reproducibility={"frequency": 0.003})
     assert said.reproducibility.share["frequency"] == 0.003

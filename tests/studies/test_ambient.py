@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from ambient_records import shaken, write_folder
+from reports import assert_one_screen
 
 import ident
 from ident.errors import InputError
@@ -42,11 +43,13 @@ def test_modes_have_the_names_that_the_arm_gives_them(values, result):
 
 
 def test_the_report_names_harmonics_and_what_shapes_are(result):
-    text = result.report()
+    text = result.report(details=True)
     assert "Ambient test at 1 posture: 599 s of responses without a force" in text
-    assert "shapes are not scaled" in text
-    assert "HARMONIC pulley 1 at 8 Hz, no mode" in text
+    assert "Shapes are not scaled" in text
+    assert "Harmonic, not a mode: pulley 1 at 8 Hz" in text
     assert "no line of pump at 24.17 Hz or its multiples is seen" in text
+    assert result.sections().verdict.word == ("DOUBTFUL" if result.doubtful else "GOOD")
+    assert_one_screen(result.report())
     assert (result.hits, result.rejected) == (0, ())
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from arms import DATA
+from reports import assert_one_screen
 from results import assert_comes_back, assert_plain
 
 import ident
@@ -46,10 +47,13 @@ def result(files):
 
 
 def test_what_it_says(result, files):
-    report = result.report()
-    assert report.startswith("LCD transfer arm: campaign, then later\n")
-    assert "CHANGED" in report
-    assert "has become softer" in report
+    report = result.sections()
+    assert_one_screen(result.report(), files=2)
+    assert result.report().splitlines()[0] == "LCD transfer arm: campaign, then later"
+    assert result.report().splitlines()[2].startswith("RESULT: CHANGED. ")
+    assert any("has become softer" in finding.text and "belt" in finding.remedy for finding in report.findings)
+    (table,) = report.answer
+    assert [row[-1] == "changed" for row in table.rows] == list(result.changed.values())
     assert result.name == "campaign-later.compare"
     assert [source.path for source in result.inputs.values()] == [str(path) for path in files]
     softer = [row for row in result.table() if row["changed"]]
@@ -67,7 +71,8 @@ def test_values_and_files_say_the_same(result, before, files):
 
 def test_no_change_where_nothing_has_changed(before):
     same = compare(before, before)
-    assert "No change is seen: T = 0 on 6.0 degrees of freedom, p = 1." in same.report()
+    verdict = same.sections().verdict
+    assert (verdict.word, verdict.reason) == ("NO CHANGE", "T = 0 on 6.0 degrees of freedom, p = 1.")
     assert [row["ratio"] for row in same.table()] == pytest.approx([1.0] * 6, abs=1e-6)
 
 
@@ -134,10 +139,14 @@ def test_folders_are_compared_file_by_file(files, result, before, tmp_path):
     assert [any(each.change.changed) for each in found.comparisons] == [False, True]
     assert found.name == "before-after.compare"
     assert found.unpaired == (str(folders[0] / "robot3.fit.json"),)
-    overview, *_ = found.report().split("\n\n")
-    assert overview.startswith("2 pairs of campaigns")
-    assert "CHANGED" in overview
-    assert "robot3.fit.json" in overview
+    report = found.sections()
+    assert report.subject == "Comparison of 2 pairs of campaigns"
+    assert report.verdict.word == "1 OF 2 CHANGED"
+    table, unpaired = report.answer
+    assert [row[2].startswith("CHANGED: ") for row in table.rows] == [False, True]
+    assert "robot3.fit.json" in unpaired
+    assert len(report.details) == 1 + 2
+    assert_one_screen(found.report(), files=3)
     assert len(found.table()) == 2 * len(result.table())
     assert len(found.figures()) == 2
     assert_comes_back(found, tmp_path)

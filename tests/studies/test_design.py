@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 from commands import log, posterior
+from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
 
 from ident.assess.design import unchanged
@@ -77,21 +78,40 @@ def test_with_a_limit_the_least_change_that_keeps_it_is_proposed_and_verified(re
     assert limit * 0.99 < found.best.max() <= limit
     np.testing.assert_allclose(found.study.verification.after.amplitude, found.best, atol=3e-3 * limit)
     assert (design.settled, found.short) == (True, False)
-    report = found.report()
-    assert f"Design: the least change within the bounds that keeps {1e3 * limit:g} mm" in report
-    assert "after the change: kept" in report
-    assert "Minimum change that keeps" not in report
-    assert replace(found, study=replace(found.study, design=replace(design, settled=False))).short
+    report = found.sections()
+    assert (report.verdict.word, report.verdict.kind) == ("MET", "good")
+    assert "it is the least change that keeps it" in report.verdict.reason
+    changes, effect = report.answer
+    assert [row[0] for row in changes.rows] == [K1, K2]
+    assert [row[0] for row in effect.rows][:3] == ["peak in x [mm]", "peak in y [mm]", "peak in z [mm]"]
+    assert_one_screen(found.report(), files=5)
+    assert_one_screen(found.report(width=80), files=5)
+    assert not too_wide(found.report(details=True))
     loud = replace(design, present=replace(design.present, amplitude=design.best.amplitude / 1.5))
-    report = replace(found, study=replace(found.study, design=loud)).report()
-    assert "NOTE: peak in z rises by 50%, from" in report
+    findings = with_design(found, loud).sections().findings
+    assert any("peak in z rises by 50 %" in finding.text for finding in findings)
+
+
+def test_a_design_that_has_not_settled_or_misses_its_limit_says_so(result):
+    found = limited(result, float(result.present.max() + result.best.max()) / 2)
+    open_ended = with_design(found, replace(found.study.design, settled=False))
+    assert (open_ended.short, open_ended.sections().verdict.word) == (True, "NOT SETTLED")
+    missed = with_design(found, replace(found.study.design, limit=float(found.best.max()) / 2))
+    assert (missed.short, missed.sections().verdict.word) == (True, "NOT MET")
+    assert result.sections().verdict is None, "no limit, nothing to judge"
+
+
+def with_design(result, design):
+    return replace(result, study=replace(result.study, design=design))
 
 
 def test_a_limit_that_is_kept_needs_no_change(result):
     found = limited(result, 1.0)
     assert unchanged(found.study.design.best)
     assert not found.short
-    assert "none is needed: the arm as it is keeps it" in found.report()
+    report = found.sections()
+    assert (report.verdict.word, report.answer) == ("MET", ())
+    assert "no change is needed" in report.verdict.reason
 
 
 def test_its_arm_file_has_the_changed_numbers(result, tmp_path):
@@ -123,6 +143,9 @@ def test_sensitivities_alone_are_those_of_the_library(alone):
     strongest = direct.order[0]
     assert first["number"] == direct.paths[strongest]
     np.testing.assert_allclose([first[way] for way in "xyz"], direct.elasticity[strongest], rtol=1e-6)
+    assert_one_screen(alone.report(), files=2)
+    assert not too_wide(alone.report(details=True))
+    assert alone.sections().verdict is None
 
 
 def test_an_arm_of_python_has_no_file_to_write(path, tmp_path):

@@ -10,10 +10,12 @@ import pytest
 from arms import DATA
 from commands import files
 from diagnose_small import CAMPAIGN, OPTIONS, SMALL
+from reports import assert_one_screen, too_wide
 from results import assert_plain, contents
 
 import ident
 from ident.assess.diagnose import Diagnosis, ResonanceAssessment
+from ident.present.basis import assumed
 from ident.present.files.document import NAMES
 from ident.studies.diagnose import STAGES, DiagnoseOptions, DiagnoseResult, diagnose, discard_stages
 from ident.vibrate.evaluator import BinomialEstimate
@@ -21,6 +23,7 @@ from ident.vibrate.evaluator import BinomialEstimate
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 ARM = ident.read_arm(DATA / "lcd_arm" / "arm.toml")
 MEASURED = ident.read_campaign(CAMPAIGN)
+TESTED = "the model is not tested there"
 
 
 @pytest.fixture(scope="module")
@@ -70,11 +73,19 @@ def test_each_stage_is_a_value(result):
     assert result.advised in diagnosis.remedies
 
 
-def test_the_report_has_every_stage_and_the_verdict(result):
-    report = str(result)
-    assert [line[0] for line in report.splitlines() if not line.startswith(" ")][:7] == list("1234567")
-    assert " ".join(report.split()).endswith(result.advice)
-    assert "before" not in report.splitlines()[0]
+def test_the_report_is_one_screen_with_a_section_for_every_stage_in_its_details(result):
+    report = result.sections()
+    assert len(report.details) == len(STAGES)
+    assert report.verdict.word == "NOT OK"
+    assert [part.partition(":")[0] for part in report.answer][:2] == ["Cause", "Remedy"]
+    assert_one_screen(result.report(), files=3)
+    assert not too_wide(result.report(details=True))
+
+
+def test_a_caution_counts_the_assumed_numbers_that_are_not_drawn(result):
+    basis = result.diagnosis.task.basis
+    count = len(set(assumed(basis)[0]) - set(basis.unknown.phases))
+    assert any(finding.text.startswith(f"{count} numbers of drives") for finding in result.sections().findings)
 
 
 def test_it_comes_back_as_it_was(result, tmp_path):
@@ -82,7 +93,7 @@ def test_it_comes_back_as_it_was(result, tmp_path):
     assert files(tmp_path) == [f"campaign.diagnose.{end}" for end in ("html", "json", "nc")]
     loaded = ident.load(tmp_path / "campaign.diagnose.nc")
     assert isinstance(loaded, DiagnoseResult)
-    assert loaded.report() == result.report()
+    assert loaded.sections() == result.sections()
     assert loaded.options == result.options
     np.testing.assert_equal(loaded.table(), result.table())
     assert list(loaded.figures()) == list(result.figures())
@@ -96,7 +107,7 @@ def test_it_comes_back_as_it_was(result, tmp_path):
     assert first == second
     created = [json.loads(path.read_text())["created"] for path in (paths[1], document)]
     assert page.read_text().replace(created[1], created[0]) == paths[0].read_text()
-    assert ident.load(posterior).report() == result.report()
+    assert ident.load(posterior).sections() == result.sections()
 
 
 def test_its_posterior_is_one_for_other_studies(result, tmp_path):
@@ -143,10 +154,12 @@ def test_a_limit_that_is_kept_needs_no_remedy(result):
     fine = accepted(result)
     assert fine.verdict == "accept"
     assert fine.advised is None
-    assert fine.table() == []
-    assert "the limit of 1000 mm is kept by 10 of 10 draws" in fine.advice
-    assert "nothing needs to be changed" in fine.report()
-    assert 'class="verdict accept"' in fine.html()
+    assert (fine.table(), fine.advice) == ([], "")
+    report = fine.sections()
+    assert (report.verdict.word, len(report.details)) == ("OK", 5)
+    assert "is within the limit of 1000 mm" in report.verdict.reason
+    assert [part.partition(":")[0] for part in report.answer] == ["Cause"]
+    assert 'class="verdict good"' in fine.html()
     assert "verification" not in fine.figures()
 
 
@@ -156,29 +169,31 @@ def test_it_says_how_far_to_trust_postures_that_were_not_measured(result):
     assert {kind: scope.half for kind, scope in ours.items()} == pytest.approx(
         {kind: scope.half for kind, scope in own.items()}, rel=0.05
     )
-    report = " ".join(result.report().split())
-    assert f"within {100 * ours['frequency'].half:.2g} % in frequency" in report
-    assert "the motion turns joint1 62 deg, joint2 124 deg, joint3 62 deg beyond all postures" in report
+    report = result.sections()
+    assert f"within {100 * ours['frequency'].half:.2g} % in frequency" in report.remark
+    beyond = "The motion turns joint1 62 deg, joint2 124 deg, joint3 62 deg beyond all measured postures."
+    assert beyond in report.details[1].parts
+    worst = "the motion turns joint2 124 deg (and 2 other joints less) beyond all measured postures"
+    assert any(finding.text.startswith(worst) for finding in report.findings)
 
 
 def test_without_other_postures_nothing_is_predicted_and_a_motion_within_them_is_no_caution(result):
     untold = with_stage(result, "trust", ())
-    assert "Nothing is left out and predicted" in untold.report()
+    assert "No posture can be predicted from others" in untold.report(details=True)
     assert "trust" not in untold.figures()
-    assert "Where it was not measured" not in untold.html()
-    assert "where the model is not tested" in untold.html()
+    assert TESTED in untold.html()
     first, *rest = MEASURED
     folded = replace(first, posture=tuple(np.radians([142.0, -284.0, 142.0])))
     identification = result.diagnosis.identification
     fitted = replace(identification.sampled.fitted, campaign=replace(MEASURED, measurements=(folded, *rest)))
     narrow = replace(identification, sampled=replace(identification.sampled, fitted=fitted))
-    assert "where the model is not tested" not in with_stage(result, "stiffness", narrow).html()
+    assert TESTED not in with_stage(result, "stiffness", narrow).html()
 
 
 def test_where_nothing_turns_there_is_no_chart_of_resonance(result, page):
     undriven = with_stage(result, "resonance", ResonanceAssessment())
     assert "resonance" not in undriven.figures()
-    assert "no turning mass does" in undriven.report()
+    assert any("no [[drive]]" in part for part in undriven.sections().details[2].parts)
     assert undriven.html().count("<figure>") == page.count("<figure>") - 1
 
 
@@ -213,7 +228,7 @@ def test_an_interrupted_one_goes_on_and_comes_to_the_same(diagnosed, tmp_path):
     resumed = diagnose(ARM, MEASURED, OPTIONS, folder=part, on_stage=reports.append)
     assert [(report.number, report.resumed) for report in reports] == [(i, i < 6) for i in range(1, 8)]
     assert items(part) == items(behind / "whole")
-    assert resumed.report() == result.report()
+    assert resumed.sections() == result.sections()
     np.testing.assert_equal(resumed.table(), result.table())
     for one, other in zip(resumed.diagnosis.remedies, result.diagnosis.remedies, strict=True):
         assert one.values == other.values
@@ -228,7 +243,7 @@ def test_without_a_folder_nothing_is_kept(result, tmp_path, monkeypatch):
     known = {stage: lambda job, diagnosis, value=value: value for stage, value in result.diagnosis.stages.items()}
     monkeypatch.setattr("ident.studies.diagnose.STAGES", known)
     monkeypatch.chdir(tmp_path)
-    assert diagnose(ARM, MEASURED, OPTIONS).report() == result.report()
+    assert diagnose(ARM, MEASURED, OPTIONS).sections() == result.sections()
     assert not list(tmp_path.iterdir())
 
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -77,6 +78,12 @@ def test_masses_and_a_base_that_gives_are_read_again_as_fitted(with_more, tmp_pa
     assert abs(masses[0] / masses[1] - 1) > 1e-4
     assert [joint.driven for joint in again.arm.joints] == [False, True, True, True]
     assert [again.origins[f"base.{k}"] for k in ("k_bend", "k_tors")] == ["calibrated", "assumed"]
+
+
+def test_without_a_path_it_goes_to_out_under_the_name_of_the_description(with_more, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path, _, saved = with_more
+    assert ident.export(saved)[0] == Path("out") / f"{path.stem}.fitted{path.suffix}"
 
 
 def test_the_comment_and_json_say_what_else_was_fitted(with_more, tmp_path):

@@ -16,6 +16,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 from arms import DATA
+from reports import assert_one_screen
 from results import TIME, assert_comes_back, assert_plain
 
 from ident import InputError
@@ -107,12 +108,14 @@ def forget(robots, kept, name):
 
 def test_what_it_says(result, robots):
     (worn,) = robots[1]
-    report = result.report()
-    assert report.startswith("Fleet of 9 robots\n  8 make the population; left out: 1 failed\n")
+    report = result.sections()
+    assert report.subject.endswith("8 in the population, 1 failed")
+    assert report.verdict.word == "1 OF 8 STANDS OUT"
+    assert_one_screen(result.report(), files=5, extra=1)
     assert list(result.standing_out) == [worn]
     change = 100 * result.standing_out[worn][robots[1][worn]]
     assert list(result.standing_out[worn]) == [robots[1][worn]]
-    assert f"STANDS OUT: {worn} (joint2 in torsion {change:+.1f} %)" in report
+    assert f"{worn} (joint2 in torsion {change:+.1f} %)" in report.verdict.reason
     assert list(result.failed) == ["broken"]
     assert "broken.csv" in result.failed["broken"]
     assert result.short
@@ -133,14 +136,15 @@ def test_its_draws_can_be_trusted_and_agree_with_normal_data_where_these_are_goo
     ours, population = result.fleet.population, again.fleet.population
     assert len(ours.trusted) == 8
     assert ours.log_likelihood_variance < 0.01
-    assert f"effective draws of each: {min(each.effective for each in ours.trusted):.0f} or more" in result.report()
+    effective = min(each.effective for each in ours.trusted)
+    assert f"Effective draws of each robot: {effective:.0f} or more" in result.report(details=True)
     np.testing.assert_array_equal(population.mean, ours.mean)
     before = {path: path.stat().st_mtime_ns for path in folder.glob("*.draws")}
     assert len(before) == 8
     fleet(robots[0], options=FleetOptions(starts=4), folder=folder)
     assert {path: path.stat().st_mtime_ns for path in folder.glob("*.draws")} == before
     normal = fleet(robots[0], options=QUICK, folder=folder)
-    assert "effective draws" not in normal.report()
+    assert "Effective draws" not in normal.report(details=True)
     rough = normal.fleet.population
     assert rough.normal == tuple(range(8))
     assert (np.abs(rough.robot_mean - ours.robot_mean) < 0.5 * ours.robot_sd).all()
@@ -159,7 +163,8 @@ def test_its_page_leads_to_one_of_each_robot(result, robots, tmp_path):
         own = (tmp_path / unquote(address)).read_text()
         assert f"<h1>Robot {name}</h1>" in own
         assert f'href="../{page.name}"' in own
-    assert re.search(rf"{worn} \(joint2 in torsion -\d+\.\d %\) stands out", text)
+    assert "1 OF 8 STANDS OUT" in text
+    assert re.search(rf"{worn} \(joint2 in torsion -\d+\.\d %\)", text)
     assert "kind,value" not in text
     assert "The arm that all of them are fitted to" in text
     assert "It has no fit" in (tmp_path / f"{result.name}.pages" / "broken.html").read_text()
@@ -229,7 +234,7 @@ def test_what_is_done_is_not_done_again(robots, fitted, kept):
     after = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in kept.iterdir()}
     assert {path for path in before if before[path][0] != after[path][0]} == {damaged}
     assert {path: text for path, (_, text) in before.items()} == {path: text for path, (_, text) in after.items()}
-    assert again.report() == fitted[1].report()
+    assert again.report(details=True) == fitted[1].report(details=True)
     fleet(robots[0], options=FleetOptions(starts=1, normal=True), folder=kept)
     assert len(list(kept.iterdir())) == 18, "other options, other files"
 
@@ -251,7 +256,7 @@ def test_an_error_that_nobody_expected_costs_one_robot(robots, kept, monkeypatch
     result = fleet(robots[0], options=QUICK, folder=kept)
     assert set(result.failed) == {"broken", "robot003"}
     assert "(ZeroDivisionError: of a library)" in result.failed["robot003"]
-    assert "robot003" in result.report()
+    assert "robot003" in result.sections().verdict.reason
     assert result.short
     assert len(list(kept.iterdir())) == 8
     monkeypatch.setattr(module, "fit", right)
@@ -301,11 +306,11 @@ def test_the_command(run, robots, kept, tmp_path):
     shutil.copytree(kept, tmp_path / "out" / f"{robots[0].name}.fleet.robots")
     code, out, _ = run("fleet", robots[0], "--starts=4", "--normal", "--out", tmp_path / "out")
     assert code == 3, "a robot failed"
+    assert_one_screen(out, extra=1)
     name = robots[0].name
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert written == {f"{name}.fleet{end}" for end in (".json", ".prior", ".png", ".html", ".pages", ".robots")}
     flags = (tmp_path / "out" / f"{name}.fleet.prior").read_text().split()
-    assert all(flag in out for flag in flags)
     code, out, err = run("fit", robots[0] / "robot002.csv", "--starts=4", "--no-figure", *flags)
     assert code == 0, err
 

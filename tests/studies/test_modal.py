@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from equinox import filter_jit
 from hammer_files import FOLDER, HAMMER_TEST, generator
+from reports import assert_one_screen
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
@@ -19,7 +20,7 @@ from ident.assess.modal import modal_campaign
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.binding import loads_of
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.inference.search import evaluate
 from ident.measure import Load
 from ident.measure.channels import read_channels
@@ -183,14 +184,19 @@ def test_sigmas_are_repeatability_and_reproducibility(result):
     for before, after in zip(repeatable, result.campaign, strict=True):
         share = {"frequency": 0.002, "damping_ratio": 0.05}[after.kind]
         assert after.sigma == pytest.approx(np.hypot(before.sigma, share * after.value), rel=1e-12)
-    assert "0.2 % of each frequency (assumed), 5 % of each damping ratio (assumed)" in " ".join(result.report().split())
-    assert " repeat  reprod" in result.report()
+    words = " ".join(result.report(details=True).split())
+    assert "0.2 % of each frequency (assumed), 5 % of each damping ratio (assumed)" in words
+    (table,) = result.sections().answer
+    by_name = {(row.mode, row.kind, row.posture): row.sigma for row in result.campaign}
+    posture = result.tests[0].posture
+    assert table.rows[0][3] == pytest.approx(by_name[(table.rows[0][1], "frequency", posture)], rel=1e-12)
+    assert table.rows[0][5] == pytest.approx(100 * by_name[(table.rows[0][1], "damping_ratio", posture)], rel=1e-12)
 
 
 def test_intervals_cover_what_a_mounting_error_common_to_a_posture_moves(result):
     """2000 tests along a straight line at the truth, mounted again at each posture: 95 % by the new sigmas alone."""
     repeatable = modal_campaign("hammer.modal", result.tests, result.identified)
-    problem = build_problem(result.arm.arm, result.campaign)
+    problem = pose(result.arm.arm, result.campaign).problem
     J = np.asarray(evaluate(problem).jacobian)
     values, kinds = np.array([(m.value) for m in result.campaign]), np.array([m.kind for m in result.campaign])
     covariances = []
@@ -253,7 +259,23 @@ def test_the_figures_and_the_table_have_each_mode(result):
     rows = result.table()
     assert len(rows) == sum(len(each.modes.frequency) for each in result.identified)
     assert rows[0]["label"] == "lateral torsion 1"
-    assert "REJECTED alpha30_z.unv, hit 3: a double hit" in result.report()
+    assert "Rejected: alpha30_z.unv, hit 3: a double hit" in result.report(details=True)
+
+
+def test_the_first_screen_has_a_line_for_each_mode_and_says_what_is_in_doubt(result):
+    said = result.sections()
+    (table,) = said.answer
+    assert len(table.rows) == len(result.table())
+    assert (said.verdict.word, said.verdict.kind) == ("GOOD", "good")
+    assert (result.doubtful, result.short) == (False, False)
+    unnamed = [row for row in result.table() if not row["label"]]
+    assert sum(finding.text.startswith("no certain name") for finding in said.findings) == len(unnamed)
+    assert_one_screen(result.report(), files=16, extra=len(table.rows))
+    first, *others = result.identified
+    short = replace(first, modes=replace(first.modes, converged=False))
+    unfinished = replace(result, identified=(short, *others))
+    assert unfinished.short
+    assert unfinished.sections().verdict.word == "NOT CONVERGED"
 
 
 def test_the_campaign_and_its_covariance_are_written_beside_each_other(result, tmp_path):

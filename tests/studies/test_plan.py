@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from reports import assert_one_screen
 from results import assert_comes_back, assert_plain
 
 import ident
@@ -54,7 +55,7 @@ def test_it_is_the_plan_of_the_arm(arm_file):
 
 def test_an_arm_that_was_made_in_python_will_do(arm_file):
     result = plan(lcd_arm(), options=PlanOptions(**COARSE))
-    assert result.report() == plan(arm_file, options=PlanOptions(**COARSE)).report()
+    assert result.sections().answer == plan(arm_file, options=PlanOptions(**COARSE)).sections().answer
     assert result.name == f"{lcd_arm().name}.plan"
 
 
@@ -62,7 +63,11 @@ def test_what_is_measured_already_counts(measured, table_1):
     assert measured.name == "table1.plan"
     assert measured.plan.fit.campaign == table_1
     assert measured.plan.instruments.costs["dial"] == 1.0
-    assert "mean variance" in measured.report()
+    report = measured.sections()
+    assert "mean variance" in report.details[0].parts[0]
+    assert report.verdict.word == "PROVISIONAL"
+    assert report.next == f"ident fit {table_1.path}"
+    assert_one_screen(measured.report(), files=3)
 
 
 def test_it_comes_back_as_it_was(measured, arm_file, tmp_path):
@@ -78,6 +83,7 @@ def test_its_files_are_a_document_and_a_campaign_to_fill_in(measured, tmp_path):
     assert [path.name for path in written] == ["table1.plan.json", "table1.plan.csv"]
     rows = [line for line in written[1].read_text().splitlines() if line[0] != "#"]
     assert len(rows) == 1 + len(measured.campaign.measurements)
+    assert rows[0].split(",")[4] == "mode"
 
 
 def test_a_form_that_was_filled_in_is_left_alone_and_so_is_the_document(measured, tmp_path):
@@ -93,7 +99,8 @@ def test_an_empty_batch_has_no_form(arm_file, tmp_path):
     result = plan(arm_file, options=PlanOptions(**{**COARSE, "draws": 0}, target=1e4))
     assert [path.name for path in result.save(tmp_path)] == ["arm.plan.json"]
     assert result.table() == []
-    assert "The batch of 0" in result.report()
+    assert result.sections().subject.startswith("Plan of 0 experiments")
+    assert result.sections().verdict.word == "TARGET REACHED"
     assert set(result.sd_at_draws.values()) == {()}
 
 

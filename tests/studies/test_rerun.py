@@ -5,12 +5,15 @@ import shutil
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from reports import assert_one_screen
 
 import ident
 from ident import InputError, read_campaign, rerun
 from ident.assess.repetition import differences
+from ident.present.export import SHOWN_OF_RERUN
+from ident.present.report import text_of
 from ident.studies.fit import FitOptions, fit
-from ident.studies.rerun import found
+from ident.studies.rerun import Rerun, found
 from ident.studies.sample import SampleOptions, sample
 
 pytestmark = pytest.mark.slow
@@ -29,8 +32,10 @@ def test_a_fit_comes_out_the_same_and_says_so(fitted, tmp_path):
     assert again.same
     assert again.now.options == fitted.options
     assert again.now.report() == fitted.report()
-    assert str(again).startswith(fitted.report().rstrip())
-    assert str(again).rstrip().endswith("The same as in the file: 6 rows of numbers agree to 1e-09.")
+    said = again.sections()
+    assert (said.verdict.word, said.verdict.reason) == ("SAME", "6 rows of numbers agree with the file to 1e-9.")
+    assert str(again).rstrip().endswith(said.verdict.reason)
+    assert again.report(details=True).startswith(fitted.report(details=True))
 
 
 def test_a_number_that_differs_is_named(fitted):
@@ -40,6 +45,10 @@ def test_a_number_that_differs_is_named(fitted):
     each = unlike[0]
     assert each.before == fitted.table()[each.row][each.column]
     assert each.now == other.table()[each.row][each.column]
+    said = Rerun(fitted, other, tuple(unlike)).sections()
+    assert said.verdict.word == "DIFFERENT"
+    assert len(said.answer[0].rows) == min(len(unlike), SHOWN_OF_RERUN)
+    assert_one_screen(text_of(said))
 
 
 def test_posteriors_by_other_seeds_are_the_same_within_their_standard_errors(fitted):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 from commands import posterior
+from reports import assert_one_screen, too_wide
 
 from ident import InputError, load, read_arm
 from ident.studies.motion import drawn_values
@@ -43,7 +44,10 @@ def test_the_result_has_the_numbers_of_the_library(plain):
     groups = max(row["number"] for row in rows)
     meet = len({row["number"] for row in rows if row["distance"] == 0})
     assert (groups, meet) == (4, 4)
-    assert "4 resonance crossings: 4 meet, 0 come near." in plain.report()
+    verdict = plain.sections().verdict
+    assert verdict.word == "RESONANCE"
+    assert "4 crossings in all: 4 met, 0 near" in verdict.reason
+    assert_one_screen(plain.report(), files=2)
 
 
 @pytest.mark.parametrize("case", ["plain", "drawn"])
@@ -70,7 +74,9 @@ def test_draws_may_be_a_value_or_a_file(drawn, tmp_path):
     values = drawn_values(tmp_path / "draws.nc", lcd_arm(), 4)
     again = resonance(FILE, drawn.options, posterior=values)
     np.testing.assert_array_equal(again.branches.frequency, drawn.branches.frequency)
-    assert "% of 4 draws" in again.report()
+    assert "% of 4 draws" in again.report(details=True)
+    assert_one_screen(again.report(), files=2)
+    assert not too_wide(again.report(details=True))
     assert all(0 < row["probability"] <= 1 for row in again.table())
 
 
@@ -80,7 +86,7 @@ def test_the_options_reach_the_library():
     assert result.excitation.frequency.max() == pytest.approx(32.0, rel=1e-3)
     assert min(crossing.margin for crossing in result.crossings) == pytest.approx(0.03)
     assert len(result.branches.labels) < 3
-    assert "within 3 % of the natural frequency" in result.report()
+    assert "within 3 % of the natural frequency" in result.report(details=True)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import arviz
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from reports import assert_one_screen
 from results import assert_comes_back, assert_plain
 
 import ident
@@ -16,6 +17,9 @@ from ident.errors import InputError
 from ident.files import claimed
 from ident.identify.compare import sample_campaign
 from ident.inference.sample import Settings
+from ident.present.fit import fit_sections
+from ident.present.report import Table, text_of
+from ident.present.sample import sample_sections
 from ident.studies.fit import FitOptions, fit
 from ident.studies.motion import drawn_groups, drawn_values, fitted_values
 from ident.studies.sample import SampleOptions, SampleResult, sample
@@ -140,33 +144,74 @@ def test_draws_of_a_result_and_of_its_file_are_the_same(result, file):
     assert drawn_values(None, lcd_arm(), 3) is None
 
 
-def test_contradictory_data_withhold_every_interval_as_in_a_fit(arm_file, table_1, result, tmp_path):
-    """Table 1 contradicts itself; a factor on its deflection, which is inferred, is what reconciles it."""
+def test_contradictory_data_withhold_every_interval_as_in_a_fit(arm_file, table_1, tmp_path):
+    """Table 1 contradicts itself; a factor on its deflection, which is inferred, would reconcile it."""
     options = {"starts": 1, "fix": FIT["fix"]}
     doubted = sample(arm_file, table_1, SampleOptions(**options, steps=500, walkers=14))
     fitted = fit(arm_file, table_1, FitOptions(**options, no_explain=True))
     assert doubted.doubts == fitted.doubts != ()
     assert doubted.doubtful
     assert not any(fitted.supported.values())
-    report = doubted.report()
-    parameters = report[report.index("Parameters") : report.index("Measurements")]
-    names = doubted.sample.sample.posterior.parameters.names
-    assert parameters.count("  withheld ") == len(names)
-    assert " to " not in parameters.partition("  of prior:")[0]
-    assert "Combinations" not in report
-    assert "see below" not in report
-    assert "see ident fit" in report
-    assert "--discrepancy deflection:0.2 (20%)" in report
+    report = doubted.sections()
+    assert report.verdict == replace(fit_sections(fitted.fit).verdict, reason=report.verdict.reason)
+    assert report.verdict.word == "NOT USABLE"
+    assert report.verdict.reason.endswith("No interval is reported. The chains are too short as well.")
+    assert intervals(report) == ["not reported"] * len(doubted.sample.sample.posterior.parameters.names)
+    assert not combinations(report)
+    assert "--discrepancy deflection:0.2` (20 %)" in report.findings[1].remedy
+    assert_one_screen(doubted.report(), files=5)
     assert "No interval is to be quoted" in doubted.figures()["posterior"].get_suptitle()
     assert doubted.document()["summary"]["doubts"] == list(fitted.doubts)
     for source in (doubted, doubted.save(tmp_path)[0]):
-        assert drawn_values(source, arm_file, 5).remark.startswith("the fit is in doubt: the kinds of measurement")
-    wide = fit(arm_file, table_1, FitOptions(**options, no_explain=True, discrepancy={"deflection": 0.2}))
-    assert wide.doubts == ()
-    settled = replace(result, sample=replace(result.sample, fitted=wide.fit))
+        assert drawn_values(source, arm_file, 5).remark.startswith(f"the fit is in doubt: {fitted.doubts[0]}")
+
+
+@pytest.fixture(scope="module")
+def settled(result, arm_file, table_1):
+    """The posterior as if the model factor had been wide enough."""
+    options = FitOptions(starts=1, fix=FIT["fix"], no_explain=True, discrepancy={"deflection": 0.2})
+    return replace(result, sample=replace(result.sample, fitted=fit(arm_file, table_1, options).fit))
+
+
+def test_without_doubt_intervals_are_reported(settled):
     assert settled.doubts == ()
-    assert "withheld" not in settled.report()
-    assert "Combinations" in settled.report()
+    assert "not reported" not in intervals(settled.sections())
+    assert combinations(settled.sections())
+
+
+def intervals(report):
+    """The 95 % intervals of the first screen."""
+    table = next(part for part in report.answer if isinstance(part, Table))
+    column = table.head.index("95 % interval")
+    return [row[column] for row in table.rows]
+
+
+def combinations(report):
+    return [section for section in report.details if section.title.startswith("Combinations")]
+
+
+def test_its_verdict_follows_the_chains_the_fit_and_the_prior(settled):
+    """Of one posterior, with what each rule asks replaced."""
+
+    def judged(posterior, **changes):
+        report = sample_sections(replace(posterior, sample=replace(posterior.sample, **changes)))
+        assert_one_screen(text_of(report), files=5)
+        return report.verdict.word, report
+
+    fine = replace(settled.sample, fitted=replace(settled.sample.fitted, assumptions=None))
+    chains, settings = fine.sample.diagnosis[0], replace(fine.sample.settings, target_ess=100.0)
+    agreeing = replace(chains, steps=10_000, bulk=np.full_like(chains.bulk, 900.0), rhat=np.full_like(chains.rhat, 1.0))
+    word, report = judged(fine)
+    assert word == "TOO SHORT"
+    assert report.next.startswith("the same command with --steps ")
+    enough = {"diagnosis": (agreeing,), "settings": settings}
+    word, report = judged(fine, **enough)
+    assert word == "PARTLY 2 OF 6"
+    assert "R-hat at most 1.0000, 900 effective samples" in report.verdict.reason
+    two = replace(fine, fitted=replace(fine.fitted, optima=fine.fitted.optima[:1] * 2))
+    word, report = judged(two, **enough | {"diagnosis": (agreeing,) * 2, "basin": (0, 0, 1, 1)})
+    assert word == "SEVERAL OPTIMA"
+    assert "--weights" in report.findings[0].remedy
 
 
 def test_a_posterior_of_another_robot_is_refused_unless_forced(result, file):

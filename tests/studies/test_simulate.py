@@ -8,6 +8,7 @@ import pytest
 import xarray
 from arms import DATA, lcd_arm
 from commands import posterior
+from reports import assert_one_screen, too_wide
 
 from ident import InputError, load, read_arm, read_log, read_trace
 from ident.studies.motion import drawn_values
@@ -114,7 +115,9 @@ def test_draws_may_be_a_value_or_a_file(drawn, tmp_path):
     values = drawn_values(tmp_path / "draws.nc", lcd_arm(), 5)
     again = simulate(FILE, drawn.options, posterior=values)
     np.testing.assert_array_equal(again.draws.vibration, drawn.draws.vibration)
-    assert "5 to 95 % of 5 draws" in again.report()
+    assert any(section.title.startswith("5 to 95 % of 5 draws") for section in again.sections().details)
+    assert_one_screen(again.report(), files=5)
+    assert not too_wide(again.report(details=True))
     assert [row["peak_q95"] for row in again.table()] == pytest.approx(
         np.quantile(drawn.draws.sizes.peak, 0.95, axis=1)
     )

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from arms import DATA
+from reports import assert_one_screen, too_wide
 
 from ident import InputError, load, read_arm, read_trace
 from ident.assess.spectrum import MarkedModes
@@ -72,7 +73,9 @@ def test_a_simulated_motion_is_analysed_as_its_file_is(motion, full, tmp_path):
     given = spectrum(trace, FULL, arm=ARM, pulleys=read_pulleys(csv, trace), path=csv)
     assert given.report() == full.report()
     assert set(full.figures()) == {"spectrum", "orders", "x", "z"}
-    assert "Orders of drive1 and drive3" in full.report()
+    assert any(section.title.startswith("Orders of drive1 and drive3") for section in full.sections().details)
+    assert_one_screen(full.report(), files=5)
+    assert not too_wide(full.report(details=True))
 
 
 def test_an_order_is_tracked_where_a_pulley_turns():
@@ -87,6 +90,8 @@ def test_an_order_is_tracked_where_a_pulley_turns():
 def test_acceleration_beside_displacement_is_compared_as_acceleration():
     result = spectrum(sine(4e-4, 5.0), against=sine(0.7, 7.0, "acceleration"))
     assert list(result.spectra.traces) == ["a", "a.csv"]
+    assert "differentiated twice" in result.sections().remark
+    assert_one_screen(result.report(), files=6)
     assert result.spectra.kind == "acceleration"
     amplitudes = {row["trace"]: row["amplitude"] for row in result.table() if row["direction"] == "x"}
     assert amplitudes == pytest.approx({"a": 4e-4 * (10 * np.pi) ** 2, "a.csv": 0.7}, rel=2e-3)
@@ -100,7 +105,7 @@ def test_modes_of_an_arm_are_marked():
     assert len(modes.bands) == 6
     assert modes.held
     assert result.table()[0]["mode"] == min(modes.bands, key=lambda label: abs(modes.bands[label][0] - 4.1))
-    assert "glass,\n  at (0, 0, 0) deg\n" in result.report()
+    assert any("glass, at (0, 0, 0) deg" in section.title for section in result.sections().details)
 
 
 def test_modes_along_the_motion_are_those_of_the_arm_held_at_its_postures(motion, full):
@@ -115,7 +120,7 @@ def test_modes_along_the_motion_are_those_of_the_arm_held_at_its_postures(motion
     first = sorted(along[0] for along in modes.frequencies.values())
     assert first[:3] == pytest.approx(sorted(band[0] for band in held[0].bands.values())[:3], rel=1e-5)
     assert not modes.held
-    assert f"along the motion from ({ends[0, 0]:.4g}," in full.report()
+    assert any(f"along the motion from ({ends[0, 0]:.4g}," in section.title for section in full.sections().details)
 
 
 def test_a_peak_is_named_by_what_is_longest_near_it_in_its_direction():
@@ -145,7 +150,11 @@ def test_an_order_that_another_pulley_makes_by_a_lower_one_is_attributed_to_that
     result = spectrum(trace, SpectrumOptions(orders=(1.0, 2.0), revolutions=8), pulleys=pulleys)
     places = [(name, o) for name in pulleys for o in (0, 1)]
     assert [result.spectra.elsewhere(*place) for place in places] == [None, "1 x fast", None, None]
-    assert "is 1 x fast" in result.report()
+    slow, fast = (section.parts[0] for section in result.sections().details[-2:])
+    assert [row[-1] for row in slow.rows] == ["", "1 x fast"]
+    assert [row[1] for row in fast.rows] == ["1 x fast", "2 x fast"]
+    (strongest,) = result.sections().answer[1].rows
+    assert strongest[:2] == ("y", "1 x fast"), "what belongs to another pulley is not the slow one's"
     (key,) = result.figures()["orders"].legends
     assert "order 2 of slow" not in [text.get_text() for text in key.get_texts()]
     assert "not drawn: order 2 of slow, as fast as 1 x fast" in key.get_title().get_text()

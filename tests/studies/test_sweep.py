@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 from commands import posterior
+from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
 
 from ident.description.file import read_arm
@@ -74,6 +75,13 @@ def test_it_comes_back_as_it_was(name, request, tmp_path):
     result = request.getfixturevalue(name)
     loaded = assert_comes_back(result, tmp_path)
     assert [path.name for path in loaded.save_figures(tmp_path)] == [f"{result.name}.png"]
+
+
+@pytest.mark.parametrize("name", ["both", "chart"])
+def test_it_fits_one_screen(name, request):
+    result = request.getfixturevalue(name)
+    assert_one_screen(result.report(), files=3)
+    assert not too_wide(result.report(details=True))
 
 
 def test_the_ranges_of_the_command_line_and_of_python_are_the_same(both):

@@ -1,11 +1,15 @@
 """`ident.validate` from Python: report, table, figure and file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arms import DATA
+from reports import assert_one_screen
 from results import assert_comes_back, assert_plain
 
 from ident import InputError
+from ident.present.validate import validate_sections
 from ident.studies.validate import ValidateOptions, validate
 
 pytestmark = pytest.mark.slow
@@ -19,10 +23,15 @@ def result():
 
 
 def test_what_it_says(result):
-    report = result.report()
-    assert report.startswith("Validation of LCD transfer arm by campaign\n  4 postures, each left out in turn")
-    assert "NOT to be trusted" not in report
-    assert "postures [deg]: joint1 0 to 80" in report
+    report = result.sections()
+    assert report.subject.startswith("Cross-validation of LCD transfer arm on campaign: 4 postures, each predicted")
+    assert report.verdict.word == "VALID"
+    assert_one_screen(result.report(), files=2)
+    scopes, parts = report.answer
+    assert [row[0] for row in scopes.rows] == ["frequency", "deflection"]
+    assert [row[0] for row in parts.rows] == [part.name for part in result.validation.parts]
+    joints = report.details[-1].parts[0]
+    assert joints.texts[0] == ("joint1", "0", "80")
     assert not result.doubtful
     scope = result.scopes["frequency"]
     assert scope.half == max(scope.seen, scope.expected)
@@ -52,7 +61,28 @@ def test_the_figure_shows_each_measurement_and_its_quantile(result):
 def test_contradicting_data_are_not_to_be_trusted():
     table_1 = validate(ARM, DATA / "lcd_arm" / "table1.csv", ValidateOptions(starts=1, leave="row"))
     assert table_1.doubtful
-    assert "NOT to be trusted: too far from the prediction: row 1, row 3" in table_1.report()
+    verdict = table_1.sections().verdict
+    assert verdict.word == "NOT VALID"
+    assert verdict.reason.startswith("Too far from the prediction: row 1, row 3 (p = ")
+
+
+def test_a_kind_with_a_value_near_zero_has_its_errors_in_its_unit(result):
+    """Of 0.01 mm an error of 0.1 mm is 1000 %, which says nothing."""
+    validation = result.validation
+    measured = tuple(
+        replace(m, value=1e-5) if m.kind == "deflection" and i < 5 else m
+        for i, m in enumerate(validation.fit.campaign.measurements)
+    )
+    fit = replace(validation.fit, campaign=replace(validation.fit.campaign, measurements=measured))
+    scopes, parts = validate_sections(replace(validation, fit=fit)).answer
+    (frequency, deflection) = scopes.texts
+    assert frequency[1].endswith("%")
+    assert all(cell.endswith(" mm") for cell in deflection[1:4])
+    scope = validation.scope("deflection", relative=False)
+    largest = max(m.value for m in validation.fit.campaign if m.kind == "deflection")
+    assert 0 < scope.half < 2 * largest * validation.scope("deflection").half
+    assert float(deflection[1].split()[0]) == pytest.approx(1e3 * scope.half, rel=0.05)
+    assert [row[2] for row in parts.texts] == 4 * ["frequency", "deflection"]
 
 
 def test_another_word_is_refused():

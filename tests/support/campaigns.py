@@ -19,7 +19,7 @@ from ident.arm.arm import Arm, on_soft_base
 from ident.identify.conditions import Conditions, bind
 from ident.identify.fit import Assumptions, assumptions
 from ident.identify.predict import predict
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.inference.fit import Fit, fit
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
@@ -124,7 +124,7 @@ def outcome(name: str, fault: str, draw: int, seed: int) -> Outcome:
     missed, alarms = fault == "none" and cost < found.best.cost - 1e-3, list(_alarms(found))
     if not (case(name).arm and found.best.converged):
         return Outcome(draw, alarms, p, shown, held, missed)
-    granted = assumptions(found, case(name).arm, case(name).campaign)
+    granted = assumptions(found, pose(case(name).arm, case(name).campaign))
     asked = [f"{item.kind} {item.joint}".strip() for item in granted.asked_for]
     holds = []
     for stated in (True, False):
@@ -192,7 +192,7 @@ def _paper() -> Case:
     """The shipped campaign's rows without labels, in ascending order: they exist for every truth."""
     arm, campaign = lcd_arm(), _rows()
     more = [replace(m, load=Load.parse("2 kg @ tip")) if m.kind == "deflection" else m for m in campaign]
-    told, loaded = build_problem(arm, campaign), build_problem(arm, Campaign(measurements=tuple(more)))
+    told, loaded = pose(arm, campaign).problem, pose(arm, Campaign(measurements=tuple(more))).problem
     models = {fault: OnBase(on_soft_base(arm, HEIGHT), bind(arm, campaign), jnp.array(x)) for fault, x in BASES.items()}
     heavier = {path: 1.1 * arm.get(path) for path in arm.paths() if path.startswith(("link2.mass", "link2.inertia"))}
     models |= {"mass": eqx.tree_at(lambda model: model.arm, told.model, arm.replace(heavier))}
@@ -205,7 +205,7 @@ def _paper() -> Case:
 def _soft() -> Case:
     """The same rows of the arm on a base that gives and is fitted."""
     arm, campaign = on_soft_base(lcd_arm(), HEIGHT), _rows()
-    told = build_problem(arm, campaign)
+    told = pose(arm, campaign).problem
     return Case(told, RELATIVE, (0, 1), _ascending(campaign), arm=arm, campaign=campaign, faults=("none",))
 
 
@@ -239,7 +239,7 @@ def _six_axes() -> Case:
         rows += [*modal, static]
         more += [*modal, replace(static, load=payload)]
     campaign, heavier = (Campaign(measurements=tuple(each)) for each in (rows, more))
-    told, loaded = build_problem(arm, campaign), build_problem(arm, heavier)
+    told, loaded = pose(arm, campaign).problem, pose(arm, heavier).problem
     return Case(told, RELATIVE, (0, 1), _ascending(campaign), loaded, least={"deflection": 2e-5})
 
 

@@ -9,8 +9,7 @@ from arms import DATA, lcd_arm
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from ident.identify.fit import CampaignFit
-from ident.identify.problem import arm_problem
-from ident.identify.unknowns import stiffness_parameters
+from ident.identify.problem import pose
 from ident.inference.fit import fit
 from ident.inference.information import information
 from ident.inference.optima import Optimum, fixed_combinations
@@ -27,7 +26,7 @@ HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
 def fitted(name):
     """One start and no cross-predictions: a figure needs no more."""
     campaign = read_campaign(DATA / "lcd_arm" / f"{name}.csv")
-    problem = arm_problem(lcd_arm(), campaign, stiffness_parameters(lcd_arm()))
+    problem = pose(lcd_arm(), campaign).problem
     found = replace(fit(problem, starts=1), cross_predictions=())
     found = replace(found, combinations=fixed_combinations(found.problem, found.end, found.information))
     return CampaignFit(**vars(found), arm=lcd_arm(), campaign=campaign)

@@ -3,7 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from ident.present.html.page import Page, Picture, Section, Table, Verdict, picture
+from ident.present.html.page import Page, Picture, Section, picture
+from ident.present.report import Table, Verdict
 
 HOSTILE = (
     "<script>window.ran = 1; alert(1)</script>",
@@ -34,30 +35,28 @@ def drawing(points=50):
 def table(columns=7, rows=12):
     head = ("parameter", *(f"quantity {j} [N mm/deg]" for j in range(1, columns)))
     cells = tuple((f"joint{i}.k_tors", *(f"{1e5 * (i + j):.4g}" for j in range(1, columns))) for i in range(rows))
-    return Table("Joint stiffnesses", head, cells, "Emphasised: not supported by the data.", (3, 7))
+    return Table("Joint stiffnesses", head, cells, note="Emphasised: not supported by the data.", strong=(3, 7))
 
 
-def sample_page(kind="warn"):
+def sample_page(kind="caution"):
     words = Table(
         "Explanations that were tried",
         ("explanation", "chi-squared", "verdict"),
         (("elastic joints", "48.2", "dropped"), ("slack of joint 2", "33.9", "kept, for its evidence is much larger")),
     )
     sections = (
-        Section("Noise", ("Repeats scatter as stated.", "Nothing drifts."), "Sigma may be trusted."),
+        Section("Noise", ("Repeats scatter as stated.", "Nothing drifts.")),
         Section(
             "Elastic joints",
-            ("Chi-squared is 48.2 on 31 degrees of freedom.",),
-            "The residuals have structure.",
-            (table(), words),
+            ("Chi-squared is 48.2 on 31 degrees of freedom.", table(), words),
             (picture(drawing(), "A decaying oscillation", "The stop."), picture(drawing(9), "A ring", "Residuals.")),
         ),
     )
     return Page(
         "Diagnosis of lcd_arm",
         "43 measurements",
-        Verdict(kind, "The model holds once joint 2 has slack."),
-        ("Joints 1 to 3 are known within 6 %.",),
+        Verdict("NOT DECIDED", "The model holds once joint 2 has slack.", kind),
+        (("Cause", "Slack of joint 2."), ("Caution", "Joints 1 to 3 are known within 6 %.")),
         sections,
         Table("Files", ("what", "file", "SHA-256"), (("arm", "arm.toml", "9f86d081884c7d65" * 4),)),
         ("Links are rigid. " * 30, "Gravity acts along -z."),
@@ -67,13 +66,13 @@ def sample_page(kind="warn"):
 
 def hostile_page():
     """Each of the texts in each place where a text can stand."""
-    cells = Table(HOSTILE[0], HOSTILE, (HOSTILE, HOSTILE[::-1]), HOSTILE[1], (1,))
+    cells = Table(HOSTILE[0], HOSTILE, (HOSTILE, HOSTILE[::-1]), note=HOSTILE[1], strong=(1,))
     pictures = (Picture(HOSTILE_SVG, HOSTILE[1], HOSTILE[7]), picture(titled(), HOSTILE[6], HOSTILE[0]))
-    section = Section(HOSTILE[7], HOSTILE, HOSTILE[4], (cells,), pictures)
-    sections = tuple(Section(text, (text,), text) for text in HOSTILE)
+    section = Section(HOSTILE[7], (*HOSTILE, cells), pictures)
+    sections = tuple(Section(text, (text,)) for text in HOSTILE)
     pairs = tuple((text, text) for text in HOSTILE)
-    verdict = Verdict("reject", HOSTILE[0] + HOSTILE[7])
-    return Page(HOSTILE[0] + HOSTILE[7], HOSTILE[1], verdict, HOSTILE, (section, *sections), cells, HOSTILE, pairs)
+    verdict = Verdict(HOSTILE[0] + HOSTILE[7], HOSTILE[0] + HOSTILE[7], "caution")
+    return Page(HOSTILE[0] + HOSTILE[7], HOSTILE[1], verdict, pairs, (section, *sections), cells, HOSTILE, pairs)
 
 
 def titled():

@@ -5,6 +5,8 @@ import re
 WIDTH = 100
 """Columns of a terminal; those of a path, which is never broken, do not count."""
 LONGEST_NAME = 40
+SCREEN = 25
+"""Lines of a first screen."""
 
 
 def too_wide(report):
@@ -21,3 +23,10 @@ def without_number(report):
 
 def _columns(word):
     return 0 if "/" in word and len(word) > LONGEST_NAME else len(word)
+
+
+def assert_one_screen(report, files=0, extra=0):
+    """Assert that a first screen, with a line for each file written, has 25 lines of 100 columns, and `extra` more."""
+    lines = report.splitlines()
+    assert len(lines) + files <= SCREEN + extra, f"{len(lines)} lines and {files} files"
+    assert not too_wide(report)

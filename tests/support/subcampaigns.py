@@ -18,7 +18,7 @@ from arms import DATA, lcd_arm
 import ident
 from ident.arm.arm import Arm
 from ident.errors import InputError, ModelError
-from ident.identify.problem import build_problem
+from ident.identify.problem import pose
 from ident.inference.search import evaluate
 from ident.measure import Campaign, Measurement, read_campaign
 from ident.studies.result import Result
@@ -124,7 +124,7 @@ def _of_simulated(
 def simulated(part: str, factor: float, draw: int, seed: int, arm: Arm | None = None) -> tuple[np.ndarray, Campaign]:
     """Return a truth from the prior at which the model has an answer, and its campaign."""
     campaign = parts()[part]
-    problem = build_problem(arm or lcd_arm(), campaign)
+    problem = pose(arm or lcd_arm(), campaign).problem
     rng = np.random.default_rng([seed, list(parts()).index(part), draw])
     for _ in range(100):
         truth = np.asarray(

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from ident.arm.arm import Arm
 from ident.arm.parts import Body, CubicSpring, Joint, Point, Spring
 from ident.errors import InputError
-from ident.present.text.basis import passages_in_words
+from ident.present.basis import passage_findings
 from ident.vibrate.fast import passages
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import Response
@@ -99,8 +99,8 @@ def test_passing_t1_is_told():
     (passage,) = passages(pendulum(CASES["broken"][0]), exact("broken"))
     assert passage.spring == "s"
     assert passage.low < 90.0 < passage.high
-    said = " ".join(passages_in_words([passage]))
-    assert "the load of s passes T1 = 90 N m" in said
+    (finding,) = passage_findings([passage])
+    assert "the load of s passes T1 = 90 N m" in finding.text
     assert passages(pendulum(CASES["cubic"][0]), exact("cubic")) == ()
     far = Spring("s", "j", "torsion", **BROKEN | {"torque1": 600.0, "torque2": 900.0})
     assert passages(pendulum(far), exact("broken")) == ()

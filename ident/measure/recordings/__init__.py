@@ -6,10 +6,19 @@ import warnings
 from pathlib import Path
 
 from ident.errors import InputError, Problem
-from ident.measure.recordings.recording import Channel, NoChannelError, Recording, Shape
+from ident.measure.recordings.recording import Channel, LackingError, NoChannelError, Recording, Shape
 from ident.text import LARGEST_BINARY, LARGEST_SAMPLES, one_line, read_bytes
 
-__all__ = ["ENDINGS", "Channel", "NoChannelError", "Recording", "Shape", "is_recording", "read_recording"]
+__all__ = [
+    "ENDINGS",
+    "Channel",
+    "LackingError",
+    "NoChannelError",
+    "Recording",
+    "Shape",
+    "is_recording",
+    "read_recording",
+]
 
 ENDINGS = {
     **dict.fromkeys((".uff", ".unv", ".uf", ".bunv"), "universal"),

@@ -192,10 +192,14 @@ def quotient(unit: str) -> tuple[str, str]:
     )
 
 
+class LackingError(InputError):
+    """A file needs a package that is not installed: others like it need the same one."""
+
+
 def lacking(path: Path, package: str) -> NoReturn:
     """Refuse a file that needs a package which is not installed."""
     got = f"a file that needs the package {package}"
-    raise InputError(Problem(one_line(str(path)), got, f"{package} to read it", "pip install 'ident[modal]'")) from None
+    raise LackingError(Problem(one_line(str(path)), got, f"{package} to read it", f"pip install {package}")) from None
 
 
 def damaged(path: Path, kind: str, why: Exception | str) -> NoReturn:

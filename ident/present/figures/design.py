@@ -10,6 +10,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import NullLocator
 
 from ident.assess.design import DesignStudy, unchanged
+from ident.present.design import UNSURE
 from ident.present.figures.style import (
     BLUE,
     GREEN,
@@ -25,8 +26,8 @@ from ident.present.figures.style import (
     rows,
     titled,
 )
-from ident.present.text.design import UNSURE
-from ident.present.text.words import MM, cut, value_in_words
+from ident.present.report import cut
+from ident.present.words import MM, value_in_words
 from ident.vibrate.design import Design, Place, Verification
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import NEARBY

@@ -8,11 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.assess.diagnose import Diagnosis
+from ident.present.diagnose import change_words
 from ident.present.figures.fit import validate_figure
 from ident.present.figures.resonance import resonance_figure
 from ident.present.figures.style import BLUE, note, plain, ratio_axis, rows
-from ident.present.text.diagnose import change_words
-from ident.present.text.words import MM, cut
+from ident.present.report import cut
+from ident.present.words import MM
 
 RED = "#C1432B"
 """Colour of the limit."""

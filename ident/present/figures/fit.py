@@ -15,11 +15,11 @@ from matplotlib.lines import Line2D
 
 from ident.identify.compare import Comparison, Validation
 from ident.identify.fit import CampaignFit
-from ident.inference.fit import contradicting
 from ident.inference.information import WEAK_ABOVE, Direction
 from ident.inference.optima import Ending
 from ident.inference.parameters import Parameter
 from ident.inference.profile import Profile, threshold
+from ident.present.compare import level_words
 from ident.present.figures.style import (
     BLUE,
     FILLED,
@@ -40,10 +40,10 @@ from ident.present.figures.style import (
     rows,
     titled,
 )
-from ident.present.text.check import level_in_words, level_words
-from ident.present.text.fit import why_no_interval
-from ident.present.text.warnings import chance, in_words
-from ident.present.text.words import MM, cut, direction_name, in_read_unit, is_length, read_unit, short
+from ident.present.fit import fit_sections, why_no_interval
+from ident.present.profile import level_in_words
+from ident.present.report import cut
+from ident.present.words import MM, direction_name, is_length, read_unit, short
 
 KIND_STYLES: dict[str, Style] = {
     "frequency": {"color": BLUE, "marker": "o"},
@@ -71,30 +71,27 @@ REACH = 30.0
 
 
 def fit_figure(fit: CampaignFit) -> Figure:
-    """Draw a fit at one glance: parameters, what the data fix, measured against predicted, contradictions.
+    """Draw a fit at one glance: values, the combinations that the data determine, residuals; the verdict is its title.
 
-    Filled markers are what the data support, hollow ones what they leave open.
+    Filled markers are what the data determine, hollow ones what they do not.
     """
     items = fit.problem.parameters.items
     own = [i for i, item in enumerate(items) if not item.nuisance]
     moved = [i for i in own if not items[i].positive and is_length(items[i].name)]
     scaled = [i for i in own if i not in moved]
-    notes = list(_notes(fit))
-    left = [len(group) for group in (scaled, moved, fit.information.directions) if group]
-    right = [min(len(fit.campaign), DENSE), 0.8 * len(notes)]
-    heights = [[PANEL + ROW * count for count in column] for column in (left, right)]
-    total = max(map(sum, heights))
-    heights[1][1] = total - heights[1][0]
-    title = f"Fit of {cut(fit.arm.name, 50)} to {cut(fit.campaign.name, 50) or 'measurements'}"
+    left = [PANEL + ROW * len(group) for group in (scaled, moved, fit.information.directions) if group]
+    total = max(sum(left), PANEL + ROW * min(len(fit.campaign), DENSE))
+    verdict = fit_sections(fit).verdict
+    assert verdict is not None
+    title = f"Fit of {cut(fit.arm.name, 50)} to {cut(fit.campaign.name, 50) or 'measurements'}: {verdict.word}"
     figure = titled((_width(fit), total + 0.5), title, (0.1, 0.06), wspace=0.04)
     columns = figure.add_gridspec(1, 2)
-    *values, directions = _stack(figure, columns[0], heights[0])
+    *values, directions = _stack(figure, columns[0], left)
     for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
         _values(axes, fit, group, shift=group is moved)
     _directions(directions, fit)
-    residuals, words = _stack(figure, columns[1], heights[1])
+    (residuals,) = _stack(figure, columns[1], [total])  # nested as the left column is: else labels take its width
     _residuals(residuals, fit)
-    _write(words, notes)
     return figure
 
 
@@ -103,7 +100,7 @@ def _width(fit: CampaignFit) -> float:
     known = fit.information
     left = max(len(direction_name(direction, known.names, known.sd)) for direction in _shown(fit))
     right = max(len(cut(short(m), LABEL)) for m in fit.campaign)
-    return 8.6 + LETTER * (max(left, 20) + max(right, 20) + 20)
+    return 8.6 + LETTER * (max(left, 20) + max(right, 20) + 24)
 
 
 def _stack(figure: Figure, cell: SubplotSpec, heights: Sequence[float]) -> list[Axes]:
@@ -150,10 +147,10 @@ def _values(axes: Axes, fit: CampaignFit, group: Sequence[int], *, shift: bool) 
 def _hollow(why: Sequence[str]) -> str:
     """Say why a value has no interval, and what its bar is all the same."""
     reasons = {
-        "withheld": "withheld, as the fit is in doubt: what data and prior would tell",
-        "": "no interval by the data; shown with the prior",
+        True: "not reported, as the fit is in doubt: by data and prior",
+        False: "not determined by the data alone: with the prior",
     }
-    return "\n".join(reasons[word] for word in dict.fromkeys("withheld" * (each == "withheld") for each in why if each))
+    return "\n".join(reasons[hidden] for hidden in dict.fromkeys(each == "not reported" for each in why if each))
 
 
 def _row(item: Parameter, value: float, interval: np.ndarray, supported: bool, shift: bool) -> _Row:
@@ -190,7 +187,7 @@ def _value_text(name: str, value: float, interval: np.ndarray, why_not: str) -> 
 
 
 def _directions(axes: Axes, fit: CampaignFit) -> None:
-    """Draw the standard deviation of each direction; open ones, and all where the fit is in doubt, have none."""
+    """Draw the std. error of each combination; undetermined ones, and all where the fit is in doubt, have none."""
     known, doubts = fit.information, bool(fit.doubts)
     directions = _shown(fit)
     widths = [d.sd for d in fit.combinations if np.isfinite(d.sd) and not doubts]
@@ -206,7 +203,7 @@ def _directions(axes: Axes, fit: CampaignFit) -> None:
         style = HOLLOW if is_open else {**FILLED, "markerfacecolor": PALE_BLUE} if direction.weak else FILLED
         place = direction.sd if drawn else edge
         axes.plot([place], [y], linestyle="", **style)
-        word = "open" if is_open else ("weak" if direction.weak else "") if drawn else "no width"
+        word = "" if is_open else ("weak" if direction.weak else "") if drawn else "not reported"
         note(axes, word, (place, y), (7, 0), va="center", color="black")
     ticks = {WEAK_ABOVE: f"factor {math.exp(WEAK_ABOVE):.2g}"}
     for power in range(-1, -9, -1):
@@ -216,8 +213,8 @@ def _directions(axes: Axes, fit: CampaignFit) -> None:
     axes.set_xticks([], minor=True)
     axes.set_xlabel("standard deviation of ln(value) [-]", fontsize=9)
     fixed = [i < len(fit.combinations) for i in range(len(directions))]
-    keys = _key(fixed, "seen by the data", "open: only the prior fills it")
-    heading(axes, f"Directions: the data fix {known.fixed} of {len(directions)}", keys)
+    keys = _key(fixed, "determined by the data", "by the prior alone")
+    heading(axes, f"Combinations determined: {known.fixed} of {len(directions)}", keys)
 
 
 def _shown(fit: CampaignFit) -> tuple[Direction, ...]:
@@ -233,7 +230,7 @@ def _key(filled: Sequence[bool], solid: str, hollow: str) -> dict[str, Style]:
 def _residuals(axes: Axes, fit: CampaignFit) -> None:
     """Draw measured minus predicted in its standard deviations, a row for each measurement, sorted by kind.
 
-    What lies too far off has a black rim; what cannot be checked is hollow.
+    Outliers have a black rim; what no other measurement checks is hollow.
     """
     campaign, outliers, unchecked = fit.campaign, fit.suspicious, fit.row_tests.unchecked
     kinds = [kind for kind in KIND_STYLES if any(m.kind == kind for m in campaign)]
@@ -257,13 +254,13 @@ def _residuals(axes: Axes, fit: CampaignFit) -> None:
             axes.plot([z[i]], [y], linestyle="", **{**mark, **(RIMMED if outliers[i] else {"markersize": 5})})
     else:
         _cloud(axes, [campaign.measurements[i].kind for i in order], z[order], outliers[order])
-    axes.set_xlabel("(measured - predicted) / its own sd [-]; shaded: within ±2", fontsize=9)
+    axes.set_xlabel("z = (measured - predicted) / its own sd [-]; shaded: within ±2", fontsize=9)
     keys: dict[str, Style] = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
     if outliers.any():
-        keys["too far off"] = {"marker": "o", "markerfacecolor": "white", **RIMMED}
+        keys["outlier"] = {"marker": "o", "markerfacecolor": "white", **RIMMED}
     if unchecked.any():
-        keys["cannot be checked"] = {**HOLLOW, "markersize": 5}
-    heading(axes, "Measured against predicted", keys, columns=3)
+        keys["unchecked"] = {**HOLLOW, "markersize": 5}
+    heading(axes, "Residuals", keys, columns=3)
 
 
 def _cloud(axes: Axes, kinds: Sequence[str], z: np.ndarray, outliers: np.ndarray) -> None:
@@ -272,43 +269,6 @@ def _cloud(axes: Axes, kinds: Sequence[str], z: np.ndarray, outliers: np.ndarray
         for far in (False, True):
             at = np.flatnonzero((np.array(kinds) == kind) & (outliers == far))
             axes.plot(z[at], at, linestyle="", **{**KIND_STYLES[kind], **(RIMMED if far else {"markersize": 1.5})})
-
-
-def _notes(fit: CampaignFit) -> Iterator[tuple[str, bool]]:
-    """Yield what must be said in words, each line with whether it is a warning."""
-    p = f", p = {fit.p_value:.2g}" if fit.degrees_of_freedom > 0 else ": nothing is left to test the model with"
-    yield f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}", False
-    yield from ((f"{doubt[0].upper()}{doubt[1:]}", True) for doubt in fit.doubts if "(see below)" not in doubt)
-    if fit.assumptions and fit.assumptions.asked_for and not fit.doubts:
-        yield f"The data ask for an assumption to be dropped: {in_words(fit.assumptions.asked_for[0])}", True
-    for each in fit.exchanges[:1]:
-        one, other = (cut(short(fit.campaign.measurements[row]), 60) for row in each.rows)
-        yield f"With two values exchanged chi-squared would be {each.chi_squared:.3g}:", True
-        yield f"   {one}", False
-        yield f"   {other}", False
-    if rivals := len(fit.rivals):
-        others = "Another optimum is" if rivals == 1 else f"{rivals} other optima are"
-        yield f"{others} not ruled out: each interval reaches over all that were found", True
-    if fit.contradictory:
-        yield "CONTRADICTION: the kinds disagree; the fit joins them only by implausible values.", True
-    elif fit.cross_predictions:
-        worst = min(fit.cross_predictions, key=lambda t: t.p_value)
-        yield f"The kinds of measurement agree with each other: {chance(worst)} at worst", False
-    doubts = contradicting(fit.cross_predictions)
-    rows = [(z, t, i) for t in doubts if t.z is not None for i, z in enumerate(np.abs(t.z).tolist())]
-    for z, t, i in sorted(rows, key=lambda row: -row[0])[:4]:
-        m = fit.campaign.measurements[t.rows[i]]
-        value, unit = in_read_unit(m.kind, float(t.predicted[i]))
-        yield f"   {cut(short(m), 60)}:", False
-        yield f"      the other kinds lead to {value:.3g} {unit}, {z:.1f} sd away", False
-
-
-def _write(axes: Axes, notes: Sequence[tuple[str, bool]]) -> None:
-    """Write lines on empty axes, from the top down."""
-    axes.set_axis_off()
-    for i, (line, warning) in enumerate(notes):
-        style = {"va": "top", "fontsize": 9, "color": ORANGE if warning else "black"}
-        note(axes, line, (0.0, 1.0), (-150, -14 * i), xycoords="axes fraction", **style)
 
 
 # -------- Compare
@@ -325,9 +285,9 @@ def compare_figure(comparison: Comparison) -> Figure:
     figure = titled((WIDTH, COMPARE_ROW * len(change.names) + 1.9), f"Stiffness, {after} over {before}")
     axes = figure.subplots()
     low, high = np.exp(change.interval).T
-    marks = {"changed": {**FILLED, "color": ORANGE}, "not changed": FILLED, "open": HOLLOW}
-    kinds = np.where(change.open, "open", np.where(change.changed, "changed", "not changed")).tolist()
-    colours = {"changed": ORANGE, "not changed": BLUE, "open": GREY}
+    marks = {"changed": {**FILLED, "color": ORANGE}, "not changed": FILLED, "not determined": HOLLOW}
+    kinds = np.where(change.open, "not determined", np.where(change.changed, "changed", "not changed")).tolist()
+    colours = {"changed": ORANGE, "not changed": BLUE, "not determined": GREY}
     for i, kind in enumerate(kinds):
         axes.hlines(i, low[i], high[i], color=colours[kind], linewidth=2.0)
         axes.plot(np.exp(change.change[i]), i, linestyle="", **marks[kind])
@@ -337,8 +297,8 @@ def compare_figure(comparison: Comparison) -> Figure:
     axes.set_xlabel("ratio after / before [-], with 95 % interval", fontsize=9)
     rows(axes, [cut(name, 24) for name in change.names])
     handles = [Line2D([], [], label=kind, linestyle="", **marks[kind]) for kind in marks if kind in kinds]
-    verdict = "changed" if change.seen else "no change is seen"
-    note = f"together: {verdict}, p = {change.p_value:.2g}; changed: p below {level_words()} by Holm's procedure"
+    verdict = "changed" if change.seen else "no change"
+    note = f"all stiffnesses together: {verdict}, p = {change.p_value:.2g}; changed: p below {level_words()} (Holm)"
     key_below(figure, handles, note)
     return figure
 
@@ -397,9 +357,9 @@ def _profile_key(figure: Figure, warnings: Sequence[str], linear: bool, columns:
 
 def _warnings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
     if fit.doubts:
-        yield f"No interval is to be quoted: {fit.doubts[0]}".replace("see below", "see ident fit")
+        yield f"Use no interval: {fit.doubts[0][:1].lower()}{fit.doubts[0][1:]}"
     if any(profile.beaten for profile in profiles):
-        yield "The cost falls below the fit's: this was not the best optimum"
+        yield "Chi-squared falls below the fit's: the fit is not the best optimum"
 
 
 def _panel(axes: Axes, profile: Profile, bottom: float) -> None:
@@ -508,12 +468,12 @@ def validate_figure(validation: Validation) -> Figure:
     _quantiles(right, validation.z)
     handles = [
         Line2D([], [], color=BLUE, marker="o", linestyle="", label="measured less predicted"),
-        Line2D([], [], color=PALE_BLUE, alpha=0.5, linewidth=6, label="95 % of right predictions"),
+        Line2D([], [], color=PALE_BLUE, alpha=0.5, linewidth=6, label="95 % interval of the prediction"),
     ]
     if validation.missed:
-        handles.append(Line2D([], [], color=ORANGE, marker="o", linestyle="", label="of a part too far off"))
-    farthest = f"; left: the {MOST} of {count} that are farthest off" if count > MOST else ""
-    key_below(figure, handles, f"standard deviations: noise, and what the others leave open{farthest}")
+        handles.append(Line2D([], [], color=ORANGE, marker="o", linestyle="", label="part too far from its prediction"))
+    farthest = f"; left: the {MOST} of {count} farthest off" if count > MOST else ""
+    key_below(figure, handles, f"std. errors: noise, and what the other data leave undetermined{farthest}")
     return figure
 
 
@@ -534,7 +494,7 @@ def _off(axes: Axes, validation: Validation) -> None:
     axes.scatter(off, np.arange(len(off)), c=colours or BLUE, s=26, zorder=3)
     reach = max(3.0, 1.1 * float(np.abs(off).max(initial=0.0)))
     axes.set_xlim(-reach, reach)
-    axes.set_xlabel("off [standard deviations]", fontsize=9)
+    axes.set_xlabel("measured less predicted [std. errors]", fontsize=9)
     rows(axes, names)
 
 

@@ -14,7 +14,8 @@ from ident.modal.frf import ModalTest, Place
 from ident.modal.modes import Modes
 from ident.modal.parameters import PhasePlane, phase_planes
 from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, PINK, Style, key_below, plain, titled
-from ident.present.text.words import cut, degrees, place_in_words
+from ident.present.report import cut
+from ident.present.words import degrees, place_in_words
 
 # -------- Ambient
 # Figure of an ambient test: singular values of the spectral density, with lines of what turns.

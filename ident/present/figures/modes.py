@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from ident.assess.predict import Prediction
 from ident.identify.modal_analysis import ModalAnalysis
 from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, heading, plain
-from ident.present.text.words import MM, cut, degrees
+from ident.present.report import cut
+from ident.present.words import MM, degrees
 from ident.vibrate.response import Outline, Response
 
 # -------- Motion

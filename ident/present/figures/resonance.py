@@ -14,8 +14,8 @@ from matplotlib.transforms import Transform
 from ident.arm.modes import Label
 from ident.present.figures.modes import NAME_STYLES
 from ident.present.figures.style import GREY, key_below, note, plain, titled
-from ident.present.text.resonance import band_words, grouped, same_lines, sources_words
-from ident.present.text.words import cut
+from ident.present.report import cut
+from ident.present.resonance import band_words, grouped, same_lines, sources_words
 from ident.vibrate.branches import Branches
 from ident.vibrate.resonance import Excitation, ResonanceCrossing
 

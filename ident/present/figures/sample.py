@@ -14,9 +14,9 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocat
 
 from ident.identify.candidates import main_joints
 from ident.identify.compare import CampaignSample
-from ident.identify.conditions import is_of_loop
 from ident.identify.fleet import Fleet
 from ident.identify.plan import CampaignPlan
+from ident.identify.unknowns import is_of_loop
 from ident.inference.draws import (
     LEARNED,
     LEVELS,
@@ -49,9 +49,10 @@ from ident.present.figures.style import (
     rows,
     titled,
 )
-from ident.present.text.plan import criterion_in_words, experiment_in_words
-from ident.present.text.sample import of_first
-from ident.present.text.words import SETUP, cut, degrees, direction_name, in_shown_unit, short
+from ident.present.plan import criterion_in_words, experiment_in_words
+from ident.present.report import cut
+from ident.present.sample import of_first
+from ident.present.words import SETUP, degrees, direction_name, in_shown_unit, short
 
 CORNER_DRAWS = 20000
 """Draws, at most, in the corner plot."""
@@ -348,7 +349,7 @@ def _limits(shrunk: np.ndarray, sd: np.ndarray, middle: float, spread: float) ->
 
 
 # -------- Plan
-# The figure of a plan: gain over posture, and what the standard deviations will become.
+# The figure of a plan: gain over posture, and the expected std. errors.
 
 COLOURS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's, one for each joint or other part."""
@@ -393,7 +394,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
             axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not scattered else MaxNLocator(9))
     plain(axes)
     _mark(axes, plan, places)
-    entries: dict[str, Any] = {"chosen, in this order; from 2 on for what is then still open": _badge()}
+    entries: dict[str, Any] = {"chosen, in this order; from 2 on for what is not yet known then": _badge()}
     if plan.measured.any():
         entries["measured before"] = _cross()
     others = [] if listed else [joint.name for i, joint in enumerate(plan.arm.driven) if i not in shown]
@@ -504,7 +505,7 @@ def _sd_over_experiments(axes: Axes, plan: CampaignPlan) -> None:
         axes.plot(experiments, sd[:, i], marker="o", markersize=4, **style)
         entries[cut(name, 28)] = style
     axes.set_yscale("log")
-    axes.set_ylabel("standard deviation of ln(value) x 100, at the best estimate", fontsize=9)
+    axes.set_ylabel("std. error of ln(value) x 100, at the best estimate", fontsize=9)
     top, bottom = sd.max() * 1.3, min(sd.min() * 0.7, 4.0)
     axes.set_ylim(bottom, top)
     if bottom < 5.0 < top:
@@ -530,4 +531,4 @@ def _sd_over_experiments(axes: Axes, plan: CampaignPlan) -> None:
         rotation_mode="anchor",
     )
     plain(axes)
-    heading(axes, "What the standard deviations will become", entries, columns=3)
+    heading(axes, "Expected std. errors", entries, columns=3)

@@ -18,8 +18,9 @@ from ident.assess.show import ArmView, Hinge, Run, Solid
 from ident.identify.modal_analysis import ModalAnalysis
 from ident.present.figures.modes import NAME_STYLES, SWING
 from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, plain
-from ident.present.text.show import sums
-from ident.present.text.words import cut, degrees
+from ident.present.report import cut
+from ident.present.show import sums
+from ident.present.words import degrees
 
 # -------- Arm drawing
 # One view of an arm to scale: bodies with mass centres, joints, points, drives and belts, frames.
@@ -430,12 +431,12 @@ def _draw_mode(axes: Axes, analysis: ModalAnalysis, i: int, views: tuple[View, V
 
 
 def _findings(view: ArmView) -> list[str]:
-    """Return what looks odd, folded."""
+    """Return the numbers that look wrong, folded."""
     found = [f"no modes: {view.failure}"] if view.failure else []
     found += [str(odd) for odd in view.oddities]
     more = [f"and {len(found) - MOST} more, in the report"] if len(found) > MOST else []
     lines = [line for each in (*found[:MOST], *more) for line in textwrap.wrap(each, 150, subsequent_indent="    ")]
-    return ["What looks odd", *lines] if found else ["Nothing looks odd."]
+    return ["Numbers that look wrong", *lines] if found else ["All numbers are plausible."]
 
 
 def key_of(figure: Figure, view: ArmView, at: tuple[float, float]) -> None:

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ident.assess.scenario import Basis
-from ident.present.text.words import cut
+from ident.present.report import cut
 
 BLUE, ORANGE, GREEN, PINK = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 """Colours that a colour-blind reader tells apart (Okabe and Ito, 2002)."""

@@ -25,8 +25,9 @@ from ident.present.figures.style import (
     power_of,
     titled,
 )
-from ident.present.text.sweep import axis_in_words
-from ident.present.text.words import MM, cut, in_shown_unit
+from ident.present.report import cut
+from ident.present.sweep import axis_in_words
+from ident.present.words import MM, in_shown_unit
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import Axis, Sweep, curve, has_present
 

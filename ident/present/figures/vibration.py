@@ -30,8 +30,9 @@ from ident.present.figures.style import (
     plain,
     titled,
 )
-from ident.present.text.spectrum import UNITS, hertz, where
-from ident.present.text.words import MM, cut
+from ident.present.report import cut
+from ident.present.spectrum import UNITS, hertz, where
+from ident.present.words import MM
 from ident.vibrate.orders import OrderTrack, Spectrogram
 from ident.vibrate.spectra import Spectrum
 from ident.vibrate.study import DIRECTIONS
@@ -153,7 +154,7 @@ def _entries(simulation: Simulation) -> Iterator[Line2D | Patch]:
     if simulation.draws is not None:
         yield Patch(color=PALE_BLUE, label=f"5 to 95 % of {simulation.draws.vibration.shape[2]} draws")
     if simulation.phases is not None:
-        yield Patch(color=PALE, label="worst over all phases of the turning masses")
+        yield Patch(color=PALE, label="worst case over the imbalance phases")
     if simulation.comparisons:
         yield Line2D([], [], label="measured", **THEIRS)
     if any(_near_limit(simulation, i) for i in range(len(DIRECTIONS))):
@@ -169,7 +170,7 @@ def _notes(simulation: Simulation) -> Iterator[str]:
     if any(_by_acceleration(simulation, direction) for direction in DIRECTIONS):
         yield "where an acceleration was measured: the simulated displacement differentiated twice; no bands"
     if simulation.study.interrupted is not None:
-        yield f"interrupted: the exact method came to {simulation.study.interrupted:.4g} s"
+        yield f"interrupted: exact method up to {simulation.study.interrupted:.4g} s"
 
 
 def _drive_panels(simulation: Simulation) -> Iterator[tuple[str, Mapping[str, np.ndarray]]]:

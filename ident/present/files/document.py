@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-LIBRARIES = ("ident", "jax", "optimistix", "emcee", "arviz", "diffrax", "ruckig", "xarray", "numpy", "scipy")
+LIBRARIES = ("ident-arm", "jax", "optimistix", "emcee", "arviz", "diffrax", "ruckig", "xarray", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
 RERUN = "run the command again; files of older versions are not read"
 WIDTH = 160
@@ -61,7 +61,7 @@ def provenance(form: str, inputs: Mapping[str, Any], options: Mapping[str, Any])
 
 @cache
 def _versions() -> dict[str, str]:
-    return {name: version(name) for name in LIBRARIES}
+    return {name.removesuffix("-arm"): version(name) for name in LIBRARIES}
 
 
 def write_json(document: Mapping[str, Any], path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Draws as ArviZ InferenceData, which other tools for posteriors read; rows of diagnoses and fleets."""
+"""Draws of samples and diagnoses as ArviZ InferenceData, which other tools for posteriors read."""
 
 import hashlib
 import json
@@ -12,13 +12,10 @@ import numpy as np
 
 from ident.assess.diagnose import Diagnosis
 from ident.identify.compare import CampaignSample
-from ident.identify.fleet import Fleet
 from ident.identify.values import BEST_ONLY, Draws, Robot, scaled_by
-from ident.inference.draws import LEVELS, chains, quantiles
+from ident.inference.draws import LEVELS
 from ident.present.files.document import check_format, plain, read_group, whole
 from ident.present.files.fit import rows
-from ident.present.text.diagnose import change_words
-from ident.present.text.words import unit_of
 from ident.text import LARGEST_BINARY, one_line, read_bytes
 
 if TYPE_CHECKING:
@@ -41,7 +38,7 @@ def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.In
     import arviz
 
     drawn, posterior = result.posterior_predictive, result.sample.posterior
-    by_chain = chains(result.sample)
+    by_chain = result.sample.by_chain()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "More chains")  # every walker is one, and few steps may be enough
         data = arviz.from_dict(
@@ -74,31 +71,8 @@ def groups_of(data: "arviz.InferenceData") -> "dict[str, xarray.Dataset]":
     return groups
 
 
-def sample_rows(result: CampaignSample) -> list[dict[str, Any]]:
-    """Return a row for each unknown about each optimum: median, intervals [SI], and how far to trust them."""
-    sample = result.sample
-    return [
-        {
-            "parameter": name,
-            "optimum": basin + 1,
-            "unit": unit_of(name),
-            **dict(zip(("low_95", "low_50", "median", "high_50", "high_95"), map(float, own), strict=True)),
-            "effective_samples": float(bulk),
-            "r_hat": float(rhat),
-        }
-        for basin, diagnosis in zip(sample.basins, sample.diagnosis, strict=True)
-        for name, own, bulk, rhat in zip(
-            sample.posterior.parameters.names,
-            quantiles(sample, basin).T,
-            diagnosis.bulk,
-            diagnosis.rhat,
-            strict=True,
-        )
-    ]
-
-
 def sample_errors(result: CampaignSample) -> list[dict[str, float]]:
-    """Return Monte Carlo standard errors of what `sample_rows` has [SI]; infinite for what tells of the chains.
+    """Return Monte Carlo standard errors of the numbers of `sample_rows` [SI]; infinite for diagnostics of the chains.
 
     References:
         Vehtari et al., "Rank-normalization, folding, and localization: an improved R-hat", Bayesian Analysis 16 (2021):
@@ -106,7 +80,7 @@ def sample_errors(result: CampaignSample) -> list[dict[str, float]]:
     """
     import arviz
 
-    sample, by_chain = result.sample, chains(result.sample)
+    sample, by_chain = result.sample, result.sample.by_chain()
     levels = dict(zip(("low_95", "low_50", "median", "high_50", "high_95"), LEVELS, strict=True))
     own = [by_chain.values[:, by_chain.optimum == basin] for basin in sample.basins]
     return [
@@ -165,69 +139,10 @@ def _best(path: str | Path) -> tuple[slice | np.ndarray, str]:
 
 
 # -------- Diagnose
-# The remedies of a diagnosis as rows, and its posterior as a file.
-
-
-def diagnose_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Return a row for each remedy, the best first: what it changes and what comes of it [SI]."""
-    verifications = diagnosis.verifications
-    return [
-        {
-            "rank": rank,
-            "kind": remedy.kind,
-            "change": change_words(remedy),
-            "speed_percent": remedy.percent,
-            "amplitude": remedy.largest,
-            "probability": remedy.keeps.share,
-            "first_frequency": remedy.frequency,
-            "deflection": remedy.deflection,
-            "change_norm": remedy.change_norm,
-            "meets_limit": remedy.meets_limit,
-            "verified": verifications[rank - 1].holds if rank <= len(verifications) else None,
-        }
-        for rank, remedy in enumerate(diagnosis.remedies, 1)
-    ]
+# The posterior of a diagnosis as a file.
 
 
 def posterior_groups(diagnosis: Diagnosis, head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
     """Return the posterior as the groups of a file of `ident sample`; `head` is the provenance."""
     sampled = diagnosis.identification.sampled
     return groups_of(inference_data(sampled, {**head, "trust": plain(sampled.trust)}))
-
-
-# -------- Fleet
-# A fleet as rows, and as priors for the next robot.
-
-
-def fleet_rows(fleet: Fleet) -> list[dict[str, Any]]:
-    """Return a row for each member and stiffness: own and shrunk estimate, and how far it is from the others."""
-    population, judged = fleet.population, fleet.deviations
-    if population is None or judged is None:
-        return []
-    middle = population.next_mean
-    return [
-        {
-            "robot": fleet.robots[place].name,
-            "parameter": name,
-            "unit": unit_of(name),
-            "own": float(np.exp(fleet.robots[place].theta[i])),
-            "own_sd_log": float(fleet.robots[place].sd[i]),
-            "shrunk": float(np.exp(population.robot_mean[r, i])),
-            "shrunk_sd_log": float(population.robot_sd[r, i]),
-            "against_fleet_log": float(population.robot_mean[r, i] - middle[i]),
-            "against_others_log": float(judged.difference[r, i]),
-            "healthy_sd_log": float(judged.sd[r, i]),
-            "chance_if_healthy": float(judged.p[r, i]),
-            "stands_out": i in fleet.standing_out.get(r, ()),
-        }
-        for r, place in enumerate(fleet.members)
-        for i, name in enumerate(fleet.names)
-    ]
-
-
-def fleet_priors(fleet: Fleet) -> dict[str, str]:
-    """Return the population's prediction of the next healthy robot as log-normal priors [SI], by stiffness."""
-    if fleet.population is None:
-        return {}
-    ends = zip(fleet.names, np.exp(fleet.population.next_mean), fleet.population.next_sd, strict=True)
-    return {name: f"log-normal:{median:.6g}:{sd:.3g}" for name, median, sd in ends}

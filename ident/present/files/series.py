@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.assess.modal import IdentifiedModes, Labelled, NamedModes
 from ident.assess.simulate import Simulation
 from ident.files import replace_file
 from ident.measure import Campaign, write_campaign
 from ident.measure.covariance_and_frames import Reproducibility, covariance_path
 from ident.modal.ambient import AmbientTest
 from ident.modal.frf import ModalTest
-from ident.modal.sources import FinishedTest
 from ident.present.files.document import PACKED
-from ident.present.text.modal import reproducibility_in_words
-from ident.present.text.words import MM, place_in_words
+from ident.present.modal import reproducibility_in_words
+from ident.present.words import MM, place_in_words
 from ident.text import one_line
 from ident.vibrate.study import DIRECTIONS
 
@@ -27,33 +25,7 @@ if TYPE_CHECKING:
 
 
 # -------- Modal
-# Modes as rows and as a campaign with covariance, frequency responses as netCDF for other tools.
-
-
-def modal_rows(
-    tests: Sequence[ModalTest | AmbientTest],
-    identified: Sequence[IdentifiedModes],
-    finished: Sequence[FinishedTest],
-    named: Sequence[NamedModes],
-    campaign: Campaign | None,
-) -> list[dict[str, Any]]:
-    """Return a row for each mode: posture [deg], load, frequency [Hz], damping ratio [-], sd of both, label."""
-    pairs: list[tuple[ModalTest | AmbientTest | FinishedTest, Labelled]] = [*zip(tests, identified, strict=False)]
-    pairs += zip(finished, named, strict=False)
-    return [
-        {
-            "posture": " ".join(f"{math.degrees(angle) + 0.0:.6g}" for angle in test.posture),
-            "load": str(test.load),
-            "frequency": float(each.modes.frequency[i]),
-            "frequency_sd": float(each.modes.sigma[0, i]),
-            "damping_ratio": float(each.modes.damping[i]),
-            "damping_ratio_sd": float(each.modes.sigma[1, i]),
-            "label": str(label or ""),
-            "probability": float(each.labels.probability[i].max(initial=0.0)),
-        }
-        for test, each in pairs
-        for i, label in enumerate(each.labels.given)
-    ]
+# Modes as a campaign with covariance, frequency responses as netCDF for other tools.
 
 
 def write_campaign_file(
@@ -109,7 +81,7 @@ def _densities(number: int, test: AmbientTest) -> _Written:
 
 
 # -------- Simulate
-# The files of a simulated motion: series as CSV and netCDF, with where they come from; its sizes as rows.
+# The files of a simulated motion: series as CSV and netCDF, with where they come from.
 
 LESS = "displacement of the end point less the quasi-static deflection"
 SPANS = ("upper", "lower")
@@ -184,29 +156,6 @@ def simulate_groups(simulation: Simulation, head: Mapping[str, Any]) -> "dict[st
     for part in data.data_vars.values():
         part.encoding = PACKED if part.dtype == float else {}
     return {"/": data}
-
-
-def simulate_rows(simulation: Simulation) -> list[dict[str, Any]]:
-    """Return the sizes of the vibration as rows, one for each direction [m, s]; NaN for what does not apply."""
-    sizes, place = simulation.sizes, np.argmax(np.abs(simulation.vibration), axis=1)
-    columns = {
-        "peak": sizes.peak,
-        "time_of_peak": simulation.time[place],
-        "rms": sizes.rms,
-        "residual": sizes.residual,
-        "settling_time": sizes.settling,
-        "late_peak": sizes.late,
-    }
-    if simulation.phases:
-        low, high = simulation.phases.band
-        columns |= {"peak_phases_q05": low, "peak_phases_q95": high, "peak_worst_phases": simulation.phases.worst}
-    if simulation.draws:
-        low, high = np.quantile(simulation.draws.sizes.peak, (0.05, 0.95), axis=1)
-        columns |= {"peak_q05": low, "peak_q95": high}
-        if simulation.limit is not None:
-            columns["exceedance"] = simulation.draws.exceeds(simulation.limit)[0]
-    rows = zip(*(np.asarray(column, float).tolist() for column in columns.values()), strict=True)
-    return [{"direction": d} | dict(zip(columns, row, strict=True)) for d, row in zip(DIRECTIONS, rows, strict=True)]
 
 
 def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:

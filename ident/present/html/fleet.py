@@ -3,23 +3,32 @@
 import re
 import shlex
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 
 from ident.assess.show import ArmView
-from ident.identify.fleet import FEWEST, Fleet, Robot
+from ident.identify.fleet import Fleet, Robot
 from ident.inference.population import FALSE_ALARM, Population
+from ident.present.compare import stiffness_words
 from ident.present.figures.sample import stiffness_figure
-from ident.present.files.sample import fleet_priors
+from ident.present.fleet import (
+    AGAINST_NOTE,
+    against_median,
+    fleet_sections,
+    outlying,
+    population_table,
+    priors_section,
+    robots_in_order,
+    trust_in,
+    what_stands_out,
+)
 from ident.present.html.diagnose import arm_section
-from ident.present.html.page import Page, Picture, Section, Table, Verdict, picture
-from ident.present.text.check import stiffness_words
-from ident.present.text.sample import known_by, outlying
-from ident.present.text.words import cut, in_shown_unit, percent
-
-Kind = Literal["accept", "warn", "reject"]
+from ident.present.html.page import Page, Picture, Section, picture
+from ident.present.report import Finding, Table, Verdict, cut
+from ident.present.words import in_shown_unit, percent, sentence
 
 
 def file_name(robot: Robot) -> str:
@@ -37,73 +46,49 @@ def fleet_page(fleet: Fleet, label: str, head: Mapping[str, Any], pages: str, vi
         pages: address of the folder with the robots' pages, relative to this one.
         view: the arm of all of them, as it is drawn.
     """
-    population, count = fleet.population, len(fleet.robots)
+    said, population = fleet_sections(fleet), fleet.population
+    assert said.verdict is not None
     sections = [_robots(fleet, pages)]
-    sections += [_population(fleet, population), _next(fleet)] if population else []
+    if population:
+        sections += [_population(fleet, population), _next(fleet)]
     sections += [arm_section(view, "The arm that all of them are fitted to")] if view else []
-    odd = len(fleet.failed) + len(fleet.doubted) + len(fleet.standing_out)
-    kind: Kind = "reject" if population is None else "warn" if odd else "accept"
     arms = sorted({(robot.arm.path, robot.arm.sha256) for robot in fleet.robots})
     return Page(
         f"Fleet {cut(label, 60)}",
-        f"{count} robots; {head['created'][:10]}",
-        Verdict(kind, _verdict(fleet)),
-        (),
+        f"{said.subject}; {head['created'][:10]}",
+        said.verdict,
+        tuple(("Caution", _caution(each)) for each in said.findings),
         tuple(sections),
         Table(
             "Arms; each robot's own page has its files", ("what", "file", "SHA-256"), tuple(("arm", *a) for a in arms)
         ),
-        (
-            "Robots are of one design; a stiffness is log-normal from robot to robot, but for the few that are off.",
-            *([" ".join(map(str.strip, known_by(fleet, population)))] if population else []),
-        ),
+        ("Robots are of one design; a stiffness is log-normal from robot to robot, except for outliers.",),
         tuple(_provenance(head)),
     )
 
 
-def _verdict(fleet: Fleet) -> str:
-    if fleet.population is None:
-        return f"No population: it takes {FEWEST} robots whose data fit, and there are {len(fleet.members)}."
-    counts = {
-        "stands out": [f"{fleet.robots[fleet.members[r]].name} ({said})" for r, said in outlying(fleet).items()],
-        "failed": [robot.name for robot in fleet.failed],
-        "has data in doubt": [robot.name for robot in fleet.doubted],
-    }
-    said = [f"{_some(names)} {_of(words, len(names))}" for words, names in counts.items() if names]
-    return f"{'; '.join(said)}." if said else "No robot stands out, and none failed."
-
-
-def _of(words: str, count: int) -> str:
-    several = {"stands out": "stand out", "has data in doubt": "have data in doubt"}
-    return words if count == 1 else several.get(words, words)
-
-
-def _some(names: list[str], most: int = 5) -> str:
-    shown, more = ", ".join(cut(name, 90) for name in names[:most]), len(names) - most
-    return f"{shown} and {more} more" if more > 0 else shown
+def _caution(finding: Finding) -> str:
+    return " ".join(sentence(words) for words in (finding.text, finding.remedy) if words)
 
 
 def _robots(fleet: Fleet, pages: str) -> Section:
     """Return the table of all robots: those that are odd first."""
     population = fleet.population
     place = {robot: r for r, robot in enumerate(fleet.members)}
-    odd = [fleet.members[r] for r in fleet.standing_out]
-    odd += [i for i, robot in enumerate(fleet.robots) if robot.failed or robot.doubts]
-    rest = [i for i in range(len(fleet.robots)) if i not in set(odd)]
-    names = fleet.names if population else ()
+    order, names = robots_in_order(fleet), fleet.names if population else ()
     rows = tuple(
-        (cut(fleet.robots[i].name, 30), _state(fleet, i, place.get(i)), *_against(population, place.get(i), len(names)))
-        for i in (*odd, *rest)
+        (
+            cut(fleet.robots[i].name, 30),
+            _state(fleet, i, place.get(i)),
+            *(against_median(population, place[i]) if population and i in place else ("",) * len(names)),
+        )
+        for i in order
     )
-    note = "Against the fleet's median, by the robot's own data and the fleet's, ± standard deviation. A robot's name "
-    head = ("robot", "", *(f"{stiffness_words(name)} [%]" for name in names))
-    links = tuple(f"{pages}/{quote(file_name(fleet.robots[i]))}" for i in (*odd, *rest))
-    said = (
-        "A robot stands out where a stiffness differs so much from the other robots' that the chance of it in a fleet "
-        f"of healthy ones is below {percent(FALSE_ALARM)}."
-    )
-    table = Table("The robots", head, rows, note + "leads to its own page.", tuple(range(len(odd))), links)
-    return Section("The robots", (said,), tables=(table,))
+    odd = tuple(range(sum(bool(row[1]) for row in rows)))
+    head = ("robot", "", *map(stiffness_words, names))
+    links = tuple(f"{pages}/{quote(file_name(fleet.robots[i]))}" for i in order)
+    note = f"Against the fleet's median. {AGAINST_NOTE} A robot's name leads to its own page."
+    return Section("The robots", (what_stands_out(), Table("The robots", head, rows, (), note, odd, links)))
 
 
 def _state(fleet: Fleet, i: int, r: int | None) -> str:
@@ -115,30 +100,10 @@ def _state(fleet: Fleet, i: int, r: int | None) -> str:
     return f"stands out: {outlying(fleet)[r]}" if r is not None and r in fleet.standing_out else ""
 
 
-def _against(population: Population | None, r: int | None, count: int) -> tuple[str, ...]:
-    if population is None or r is None:
-        return ("",) * count
-    away = np.exp(population.robot_mean[r] - population.next_mean) - 1
-    each = zip(away, (1 + away) * population.robot_sd[r], strict=True)
-    return tuple(f"{100 * x:+.1f} ± {100 * sd:.1f}" for x, sd in each)
-
-
 def _population(fleet: Fleet, population: Population) -> Section:
-    unit = in_shown_unit(fleet.names[0], 1.0)[1]
-    rows = []
-    for i, name in enumerate(fleet.names):
-        low, middle, high = (
-            f"{in_shown_unit(name, float(np.exp(x)))[0]:#.4g}"
-            for x in np.quantile(population.mean[:, i], [0.025, 0.5, 0.975])
-        )
-        least, spread, most = map(percent, np.quantile(population.sd[:, i], [0.025, 0.5, 0.975]).tolist())
-        rows.append((stiffness_words(name), middle, f"{low} to {high}", spread, f"{least} to {most}"))
-    head = (f"stiffness [{unit}]", "median", "95 % interval", "spread", "95 % interval of that")
-    note = "Spread: standard deviation of ln(stiffness) from robot to robot, without those that are off."
-    table = Table("The population", head, tuple(rows), note)
     drawn = tuple(_picture(fleet, population, i) for i in range(len(fleet.names)))
-    low, high = map(percent, np.quantile(population.share, [0.025, 0.975]).tolist())
-    return Section("The population", (f"{low} to {high} of all stiffnesses are off.",), tables=(table,), pictures=drawn)
+    table = replace(population_table(fleet, population), caption="The population")
+    return Section("The population", (*trust_in(fleet, population), table), drawn)
 
 
 def _picture(fleet: Fleet, population: Population, i: int) -> Picture:
@@ -149,10 +114,9 @@ def _picture(fleet: Fleet, population: Population, i: int) -> Picture:
 
 
 def _next(fleet: Fleet) -> Section:
-    rows = tuple(fleet_priors(fleet).items())
-    note = "As --prior=STIFFNESS=PRIOR of ident fit takes them, in SI units; FLEET.fleet.prior holds all."
-    said = "What the fleet says of the next robot before its data: with it, a few measurements are enough."
-    return Section("The next robot", (said,), tables=(Table("Priors", ("stiffness", "prior"), rows, note),))
+    said = priors_section(fleet)
+    tables = (replace(part, caption="Priors") for part in said.parts if isinstance(part, Table))
+    return Section(said.title, ("With these priors a few measurements of the next robot are enough.", *tables))
 
 
 def robot_page(fleet: Fleet, i: int, label: str, head: Mapping[str, Any], above: str) -> Page:
@@ -166,16 +130,14 @@ def robot_page(fleet: Fleet, i: int, label: str, head: Mapping[str, Any], above:
         above: address of the fleet's page, relative to this one.
     """
     robot, r = fleet.robots[i], fleet.members.index(i) if i in fleet.members else None
-    out = r is not None and r in fleet.standing_out
-    kind: Kind = "reject" if robot.failed else "warn" if robot.doubts or out else "accept"
     command = shlex.join(["ident", "fit", robot.campaign.path, "--arm", robot.arm.path])
     sections = [_stiffnesses(fleet, robot, r)] if not robot.failed else []
-    findings = tuple(robot.error.splitlines()) or (f"{robot.measurements} measurements.", *map(_sentence, robot.doubts))
-    sections += [Section("Data", findings, f"what its own data say, with residuals and open directions: {command}")]
+    findings = tuple(robot.error.splitlines()) or (f"{robot.measurements} measurements.", *map(sentence, robot.doubts))
+    sections += [Section("Data", (*findings, f"Its own fit, with all residuals: {command}"))]
     return Page(
         f"Robot {cut(robot.name, 60)}",
         f"of the fleet {cut(label, 60)}; {head['created'][:10]}",
-        Verdict(kind, _of_robot(fleet, robot, r)),
+        _of_robot(fleet, robot, r),
         (),
         tuple(sections),
         Table(
@@ -189,51 +151,44 @@ def robot_page(fleet: Fleet, i: int, label: str, head: Mapping[str, Any], above:
     )
 
 
-def _of_robot(fleet: Fleet, robot: Robot, r: int | None) -> str:
+def _of_robot(fleet: Fleet, robot: Robot, r: int | None) -> Verdict:
     if robot.failed:
-        return "It has no fit: see below."
+        return Verdict("FAILED", "It has no fit; the reason is given under Data.", "bad")
     if robot.doubts:
-        return "Its data contradict the model or each other; it is no part of the population."
+        left_out = "Its data contradict the model or each other: it is left out of the population."
+        return Verdict("DATA IN DOUBT", left_out, "caution")
     judged = fleet.deviations
     if judged is None or r is None:
-        return "There is no population to compare it with."
+        return Verdict("NO POPULATION", "There is no population to compare it with.", "caution")
     if r not in fleet.standing_out:
-        return "Nothing stands out."
+        return Verdict("OK", "Nothing stands out.", "good")
     chance = max(p for place, p in zip(judged.named, judged.chance, strict=True) if place[0] == r)
-    return (
-        f"{outlying(fleet)[r]} against the fleet's median; the chance that a fleet of healthy robots shows as much "
-        f"is {percent(chance)}."
-    )
+    healthy = f"the chance that a fleet of healthy robots shows as much is {percent(chance)}"
+    return Verdict("STANDS OUT", f"{outlying(fleet)[r]} against the fleet's median; {healthy}.", "caution")
 
 
 def _stiffnesses(fleet: Fleet, robot: Robot, r: int | None) -> Section:
     population, judged, unit = fleet.population, fleet.deviations, in_shown_unit(robot.names[0], 1.0)[1]
     own = [f"{in_shown_unit(n, float(np.exp(x)))[0]:#.4g}" for n, x in zip(robot.names, robot.theta, strict=True)]
     words, sd = [stiffness_words(name) for name in robot.names], [percent(float(x)) for x in robot.sd]
-    head: tuple[str, ...] = (f"stiffness [{unit}]", "own fit", "± sd of ln")
+    head: tuple[str, ...] = (f"stiffness [{unit}]", "own fit", "std. error of ln")
     rows = list(zip(words, own, sd, strict=True))
     if population is None or judged is None or r is None:
-        return Section("Stiffnesses", (), tables=(Table("By its own data", head, tuple(rows)),))
+        return Section("Stiffnesses", (Table("By its own data", head, tuple(rows)),))
     shrunk = [
         f"{in_shown_unit(n, float(np.exp(x)))[0]:#.4g}"
         for n, x in zip(robot.names, population.robot_mean[r], strict=True)
     ]
-    against, chance = _against(population, r, len(own)), [percent(float(p)) for p in judged.p[r]]
-    head = (*head, "with the fleet", "against its median [%]", "chance if healthy")
+    against, chance = against_median(population, r), [percent(float(p)) for p in judged.p[r]]
+    head = (*head, "with the fleet", "against its median", "chance if healthy")
     full = tuple((*row, *more) for row, *more in zip(rows, shrunk, against, chance, strict=True))
     note = (
-        "With the fleet: by its own data, in place of a prior what the other robots are like. Chance if healthy: that "
-        "this stiffness of a healthy robot differs as far from the other robots'. "
+        "With the fleet: by its own data, with the fleet as the prior. Chance if healthy: probability that this "
+        "stiffness of a healthy robot differs as much from the other robots. "
         f"{len(own) * len(fleet.members)} are compared, so one stands out below about "
         f"{percent(FALSE_ALARM / len(own) / len(fleet.members))}."
     )
-    return Section(
-        "Stiffnesses", (), tables=(Table("Own fit and fleet", head, full, note, fleet.standing_out.get(r, ())),)
-    )
-
-
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:]}."
+    return Section("Stiffnesses", (Table("Own fit and fleet", head, full, (), note, fleet.standing_out.get(r, ())),))
 
 
 def _provenance(head: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

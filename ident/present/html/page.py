@@ -14,7 +14,7 @@ from importlib.resources import files
 from io import StringIO
 from math import ceil
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -30,6 +30,7 @@ from ident.files import replace_file
 from ident.identify.modal_analysis import ModalAnalysis
 from ident.present.figures.modes import NAME_STYLES, SWING
 from ident.present.figures.show import View, views
+from ident.present.report import Part, Table, Verdict
 from ident.text import one_line
 
 TEMPLATE = "page.html.jinja"
@@ -37,42 +38,6 @@ NARROW = 32
 """Characters up to which a table's cell stays on one line."""
 NUMBER = re.compile(r"\W*\d")
 """How a cell with a number begins."""
-WORDS = {"accept": "Accepted", "warn": "Warning", "reject": "Rejected"}
-"""How a page calls its verdict."""
-
-
-@dataclass(frozen=True)
-class Table:
-    """Rows under a head; the first cell of a row names it, the others are numbers or a few words.
-
-    Attributes:
-        caption: what the table shows.
-        head: names of the columns, with units.
-        rows: cells, as many in each row as there are columns.
-        note: what to know when reading it; may be empty.
-        strong: numbers of the rows to emphasise, from 0.
-        links: address that the name of each row leads to, relative to the page; none for no links.
-
-    Raises:
-        ValueError: a row has another number of cells than the head, an emphasised row is not there, or links are not
-            as many as rows.
-    """
-
-    caption: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ""
-    strong: tuple[int, ...] = ()
-    links: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for i, row in enumerate(self.rows):
-            if len(row) != len(self.head):
-                raise ValueError(f"row {i} of a table has {len(row)} cells under {len(self.head)} heads")
-        if not all(0 <= i < len(self.rows) for i in self.strong):
-            raise ValueError(f"strong rows {self.strong} of a table with {len(self.rows)}")
-        if self.links and len(self.links) != len(self.rows):
-            raise ValueError(f"{len(self.links)} links in a table with {len(self.rows)} rows")
 
 
 @dataclass(frozen=True)
@@ -122,36 +87,19 @@ class Frame:
 
 @dataclass(frozen=True)
 class Section:
-    """One stage: what it has come to, and why the next one follows.
+    """A part of the page.
 
     Attributes:
         title: heading.
-        findings: paragraphs.
-        onward: why it goes on, or why not; may be empty.
-        tables: tables, below the paragraphs.
-        pictures: figures, below the tables.
+        parts: paragraphs and tables.
+        pictures: figures, below them.
         frame: a page that computes, below the figures.
     """
 
     title: str
-    findings: tuple[str, ...]
-    onward: str = ""
-    tables: tuple[Table, ...] = ()
+    parts: tuple[Part, ...]
     pictures: tuple[Picture, ...] = ()
     frame: Frame | None = None
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What the whole comes to.
-
-    Attributes:
-        kind: colour and word of the box.
-        text: one or two sentences.
-    """
-
-    kind: Literal["accept", "warn", "reject"]
-    text: str
 
 
 @dataclass(frozen=True)
@@ -162,8 +110,8 @@ class Page:
         title: heading of the page.
         subtitle: what it is about: arm, campaign, date.
         verdict: what the whole comes to.
-        summary: paragraphs below the verdict.
-        sections: the stages, in order.
+        summary: what stands with the verdict, each with its label: Cause, Remedy, Caution.
+        sections: the parts, in order.
         inputs: what went in, as a table: name, file, hash.
         assumptions: what was taken for granted, a sentence each.
         provenance: names and values that say how the page came about: versions, options, seeds.
@@ -173,7 +121,7 @@ class Page:
     title: str
     subtitle: str
     verdict: Verdict
-    summary: tuple[str, ...]
+    summary: tuple[tuple[str, str], ...]
     sections: tuple[Section, ...]
     inputs: Table
     assumptions: tuple[str, ...] = ()
@@ -184,7 +132,7 @@ class Page:
 def render(page: Page) -> str:
     """Return a page as HTML; the same page gives the same text."""
     scripts = [section.frame.script for section in page.sections if section.frame]
-    return _template().render(page=page, words=WORDS, scripts=scripts) + "\n"
+    return _template().render(page=page, scripts=scripts) + "\n"
 
 
 @cache
@@ -212,7 +160,7 @@ def shown(value: object) -> object:
 
 def columns(table: Table) -> list[str]:
     """Return how each column is set: `wide` text on several lines, a `number` to the right, or `words`."""
-    cells = [[one_line(row[j]) for row in table.rows] for j in range(len(table.head))]
+    cells = [[one_line(row[j]) for row in table.texts] for j in range(len(table.head))]
     return [_look(column, names=j == 0) for j, column in enumerate(cells)]
 
 

@@ -2,17 +2,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import first_guess_arm
+from arms import DATA, first_guess_arm
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Annotation
+from reports import assert_one_screen, too_wide
 
+from ident.assess.scenario import Basis
+from ident.description.file import read_arm
 from ident.present.figures.resonance import resonance_figure
-from ident.present.files.vibration import resonance_rows
-from ident.present.text.resonance import grouped, resonance_report, same_lines, sources_words, verdict
+from ident.present.report import text_of
+from ident.present.resonance import grouped, passage, resonance_rows, resonance_sections, same_lines, sources_words
 from ident.vibrate.branches import branches
 from ident.vibrate.motion import stroke
 from ident.vibrate.resonance import Source, excitation, resonance_crossings
 
+FILE = read_arm(DATA / "lcd_arm" / "first_guess.toml")
 MOTION = stroke(first_guess_arm().stroke, percent=10)
 TIMES = np.linspace(0, float(MOTION.breaks[-1]), 401)
 
@@ -74,37 +78,51 @@ def test_sets_have_bands(plain, with_sets):
     assert counts == [0, 3]
 
 
+def sections(found, driven, met):
+    return resonance_sections(Basis(FILE, first_guess_arm(), MOTION, 10.0), found, driven, met)
+
+
 def test_report_names_drive_mode_time_and_posture(plain):
-    text = resonance_report(*plain, title="extension")
+    report = sections(*plain)
     first = grouped(plain[2])[0][0]
-    assert "pulley 2 (drive2) meets vertical bending 1 at 2.06 s, 6.22 Hz, (72.49, -145, 72.49) deg" in text
-    assert "pulleys 1 and 3 (drive1, drive3) come within 5.6%" in text
-    assert "passes too fast to build up" in text
-    assert "is called lateral torsion 2 until" in text
     assert first.source.drive == "drive2"
+    assert report.verdict.word == "RESONANCE"
+    assert "Pulley 2 (drive2) meets vertical bending 1 at 2.06 s, 6.22 Hz" in report.verdict.reason
+    (table,) = report.answer
+    assert table.rows[0][:3] == ("1", "pulley 2", "vertical bending 1")
+    assert ("pulleys 1 and 3", "5.6 %") in [(row[1], row[5]) for row in table.rows]
+    _, crossings, branches, *_ = report.details
+    assert crossings.parts[0].rows[0][2] == "(72.49, -145, 72.49)"
+    assert "passes too fast" in [row[5] for row in crossings.parts[0].rows]
+    assert "lateral torsion 2" in [row[1] for row in branches.parts[1].rows], "called so until then"
+    text = text_of(report, details=True)
     assert "draws" not in text
+    assert not too_wide(text)
+    assert_one_screen(text_of(report), files=2)
 
 
 def test_report_of_sets_tells_the_probability(with_sets):
-    text = resonance_report(*with_sets)
-    assert "near in 100% of 5 draws" in text
-    assert "5 to 95 % of 5 draws" in text
+    report = sections(*with_sets)
+    assert "near in 100 % of 5 draws" in report.verdict.reason
+    assert "5 to 95 % of 5 draws" in text_of(report, details=True)
+    assert_one_screen(text_of(report), files=2)
 
 
 def test_report_without_a_crossing_says_so(plain):
-    found, driven, _ = plain
-    text = resonance_report(found, driven, ())
-    assert "No pulley comes near a natural frequency." in text
-    assert "Lewis" not in text
+    found, driven, met = plain
+    report = sections(found, driven, ())
+    assert report.verdict.word == "CLEAR"
+    assert report.answer == ()
+    near = tuple(crossing for crossing in met if not crossing.crossings)
+    assert sections(found, driven, near).verdict.word == "NEAR"
 
 
 def test_the_words_follow_the_share_that_builds_up(plain):
-    found, _, met = plain
-    crossing = next(e for e in met if e.crossings)
+    crossing = next(e for e in plain[2] if e.crossings)
     steady = 1 / (2 * crossing.damping_ratio)
-    words = [verdict(found, [replace(crossing, magnification=share * steady)]) for share in (0.95, 0.6, 0.2)]
-    for text, expected in zip(words, ("dwells and builds up", "in part", "too fast"), strict=True):
-        assert expected in text
+    words = [passage(replace(crossing, magnification=share * steady)) for share in (0.95, 0.6, 0.2)]
+    assert words == ["dwells, builds up", "builds up in part", "passes too fast"]
+    assert passage(replace(crossing, crossings=())) == "does not cross"
 
 
 def test_rows_are_numbered_as_in_the_report(with_sets):

@@ -13,7 +13,8 @@ from ident.arm.parts import Point
 from ident.assess.show import arm_view
 from ident.description.file import ArmFile, parse_arm, read_arm
 from ident.present.figures.show import Mark, fitting, show_figure, spread
-from ident.present.text.show import show_report
+from ident.present.report import text_of
+from ident.present.show import show_sections
 
 jax.config.update("jax_enable_x64", True)
 
@@ -49,7 +50,7 @@ def test_hostile_names_are_drawn_as_they_are():
     arm = read_arm(ARMS[1]).arm
     view = arm_view(ArmFile(Arm(HOSTILE, arm.joints, arm.points, arm.payloads), "", "", {}))
     assert inside(show_figure(view))
-    assert max(map(len, show_report(view).splitlines())) <= 100
+    assert max(map(len, text_of(show_sections(view), details=True).splitlines())) <= 100
 
 
 @pytest.mark.parametrize("turned", [False, True])

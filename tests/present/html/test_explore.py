@@ -294,7 +294,8 @@ def test_what_is_on_the_screen_is_what_the_command_prints(lcd_page, browser_page
     assert words[:2] == ["ident", "predict"]
     code, out, err = run(*(word.strip("'") for word in words[1:]))
     assert (code, err) == (0, "")
-    printed = [float(line.split()[1]) for line in out.splitlines() if re.match(r" +\d +\d+\.\d{4} ", line)]
+    modes = re.findall(r"^ +\d +[a-z]+ (?:bending|torsion) \d +(\d+\.\d{4}) ", out, re.MULTILINE)
+    printed = [float(frequency) for frequency in modes]
     assert printed == pytest.approx(frequencies, abs=5e-5)
     assert command[1].startswith("ident resonance")
     assert "--speed=25" in command[1]

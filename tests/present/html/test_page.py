@@ -13,13 +13,12 @@ from ident.present.html.page import (
     LARGEST,
     Page,
     Picture,
-    Table,
-    Verdict,
     columns,
     picture,
     render,
     write_page,
 )
+from ident.present.report import Table, Verdict
 from ident.text import one_line
 
 VOID = {"meta", "img"}
@@ -107,15 +106,18 @@ def test_emphasised_rows_and_columns_of_numbers(sample):
     assert columns(Table("", ("a", "b"), ())) == ["words", "words"]
 
 
-@pytest.mark.parametrize(("kind", "word"), [("accept", "Accepted"), ("warn", "Warning"), ("reject", "Rejected")])
-def test_the_verdict_is_a_word_as_well_as_a_colour(kind, word):
-    page = Outline(render(sample_page(kind)))
-    assert {"class": f"verdict {kind}", "aria-label": "Verdict"} in page.named("section")
-    assert word in page.texts_in("p")
+def test_the_verdict_is_a_word_and_a_shape_as_well_as_a_colour():
+    shapes = set()
+    for kind in ("good", "caution", "bad"):
+        page = Outline(render(sample_page(kind)))
+        assert {"class": f"verdict {kind}", "aria-label": "Verdict"} in page.named("section")
+        assert "NOT DECIDED" in page.texts_in("p")
+        shapes.add(tuple(path["d"] for path in page.named("path")))
+    assert len(shapes) == 3
 
 
 def test_what_is_empty_leaves_no_heading():
-    bare = Page("Bare", "", Verdict("accept", "Fine."), (), (), Table("Files", ("file",), ()))
+    bare = Page("Bare", "", Verdict("OK", "Fine.", "good"), (), (), Table("Files", ("file",), ()))
     assert Outline(render(bare)).texts_in("h2") == ["Inputs"]
 
 
@@ -182,8 +184,8 @@ def test_a_figure_of_very_many_points_is_bounded():
     ("make", "what"),
     [
         (lambda: Table("", ("a", "b"), (("1", "2"), ("short",))), "row 1 of a table has 1 cells under 2 heads"),
-        (lambda: Table("", ("a",), (("1",),), "", (1,)), "strong rows"),
-        (lambda: Table("", ("a",), (("1",),), "", (-1,)), "strong rows"),
+        (lambda: Table("", ("a",), (("1",),), strong=(1,)), "strong rows"),
+        (lambda: Table("", ("a",), (("1",),), strong=(-1,)), "strong rows"),
         (lambda: Picture("", "alt", ""), "no SVG"),
         (lambda: Picture("<svg></svg>", " ", ""), "without an alternative text"),
     ],

@@ -24,8 +24,8 @@ from ident.description.file import ArmFile
 from ident.identify.values import Values
 from ident.measure import Measurement
 from ident.measure.load import DIFFERENCES
+from ident.present.basis import changes_in_words, values_in_words
 from ident.present.html.page import shown
-from ident.present.text.basis import changes_in_words, values_in_words
 from ident.text import one_line
 from ident.units import stiffness_unit
 
@@ -225,7 +225,7 @@ def explore_page(
     text = environment.from_string(_source("page.html.jinja")).render(
         title=exploration.arm.name,
         remarks=[line.strip() for line in _remarks(exploration, start, fit, posterior)],
-        version=version("ident"),
+        version=version("ident-arm"),
         files=_files({"arm": arm_file, **sources, "campaign": exploration.measured}),
         data=Markup(_json(data)),
         script=Markup(script),

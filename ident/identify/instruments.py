@@ -1,0 +1,202 @@
+"""What there is to measure with: instruments, how exact they are and what they cost; and postures that may be held."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ident.arm.arm import Arm
+from ident.arm.chain import at_posture
+from ident.arm.mechanics import forward_kinematics, point_positions
+from ident.errors import InputError, Problem
+from ident.measure import OWN_WEIGHT, Campaign, Load
+from ident.measure.covariance_and_frames import COMMON
+from ident.programs import jit
+from ident.text import did_you_mean
+
+# -------- Instruments
+
+SIGMA = {"frequency": 0.005, "deflection": 0.02}
+"""Standard deviations as shares of the value, where a campaign does not say; assumed."""
+RESOLUTION = 1e-5
+"""Standard deviation [m] that a dial gauge has however small the deflection; assumed."""
+COSTS = {"posture": 10.0, "hammer": 10.0, "labels": 10.0, "dial": 10.0, "load": 20.0}
+"""Minutes for each part of an experiment; assumed."""
+MOST_COMMON = 0.99
+"""Common share of a variance at most: what is left is noise, which every reading has."""
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """What is at hand to measure with.
+
+    Attributes:
+        modes: frequencies that a hammer test gives, from the lowest.
+        loads: the load cases.
+        sigma: by kind, the standard deviation as a share of the value.
+        costs: of the parts of an experiment, in one unit, see `COSTS`.
+        common: share of the variance that all frequencies of a posture have in common, and all deflections: a repeat
+            there makes it no smaller.
+    """
+
+    modes: int = 4
+    loads: tuple[Load, ...] = (OWN_WEIGHT,)
+    sigma: Mapping[str, float] = field(default_factory=lambda: SIGMA)
+    costs: Mapping[str, float] = field(default_factory=lambda: COSTS)
+    common: float = COMMON
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sigma", _complete("sigma", self.sigma, SIGMA, above=0.0))
+        object.__setattr__(self, "costs", _complete("cost", self.costs, COSTS))
+        object.__setattr__(self, "loads", tuple(dict.fromkeys(self.loads)))
+        if not 0 <= self.common <= MOST_COMMON:
+            expected = f"a share from 0 to {MOST_COMMON:g}"
+            raise InputError(Problem("common_share", f"{self.common:g}", expected, "0.5 for half of the variance"))
+        if self.modes < 1:
+            raise InputError(Problem("modes", f"{self.modes}", "at least one", "ask for more"))
+
+
+def relative_sigma(campaign: Campaign, given: Mapping[str, float] | None = None) -> dict[str, float]:
+    """Return the relative standard deviation by kind: as given, or as in the campaign (the median), or as assumed."""
+    measured = {}
+    for kind in SIGMA:
+        shares = [m.sigma / abs(m.value) for m in campaign.of_kind(kind) if m.value]
+        if shares:
+            measured[kind] = float(np.median(shares))
+    return SIGMA | measured | dict(given or {})
+
+
+def common_share(campaign: Campaign, given: float | None = None) -> float:
+    """Return the common share of the frequencies' variance: as given, as in the campaign (the median), or assumed."""
+    if given is not None:
+        return given
+    rows = campaign.measurements
+    shares = [
+        matrix[i][j]
+        for places, matrix in campaign.correlated
+        for i, a in enumerate(places)
+        for j, b in enumerate(places[:i])
+        if rows[a].kind == rows[b].kind == "frequency"
+    ]
+    return float(np.clip(np.median(shares), 0.0, MOST_COMMON)) if shares else COMMON
+
+
+def _complete(what: str, given: Mapping[str, float], known: Mapping[str, float], above: float = -1e-300) -> dict:
+    for name, value in given.items():
+        if name not in known:
+            remedy = did_you_mean(name, known, "name one of them")
+            raise InputError(Problem(what, f"'{name}'", f"one of {', '.join(known)}", remedy))
+        if not above < value < np.inf:
+            expected = "a finite number above 0" if above == 0 else "a finite number >= 0"
+            raise InputError(Problem(what, f"{name}={value:g}", expected, "correct it"))
+    return {**known, **given}
+
+
+# -------- Posture grid
+# The postures that an arm's limits and workspace admit: a grid over the driven joints, thinned out where too large.
+
+STEP = math.radians(30.0)
+SLACK = 1e-9
+"""Rounding [rad] that is forgiven at a limit."""
+MOST = 2048
+"""Postures at most; a power of two, as Sobol's sequence likes."""
+
+
+def ranges(arm: Arm) -> list[tuple[float, float]]:
+    """Return for each driven joint the angles [rad] worth looking at: its limits, or one full turn."""
+    return [(max(low, -math.pi), min(high, math.pi)) for low, high in (joint.limits for joint in arm.driven)]
+
+
+def posture_grid(arm: Arm, step: float = STEP, *, seed: int = 0) -> tuple[Float[np.ndarray, "G joints"], bool]:
+    """Return postures [rad] that may be held, and whether they are a sample of a grid that would be too large.
+
+    The angles of a joint, or the factor of a line of postures, are the multiples of `step` within the limits. Where
+    that makes more than `MOST` postures, as many are drawn from Sobol's sequence and rounded to whole degrees; a first
+    joint about the vertical, which makes no difference to weights, is held near zero in these.
+
+    Raises:
+        InputError: the step is none, a joint's limits are beyond a full turn altogether, or no posture may be held.
+    """
+    postures, sampled = all_postures(arm, step, seed)
+    admitted = postures[may_be_held(arm, postures)]
+    if not len(admitted):
+        expected, remedy = "one posture at least", "check limits and [workspace], or take a smaller step (`step`)"
+        raise InputError(Problem(arm.name, "no posture that may be held", expected, remedy, "workspace"))
+    return admitted, sampled
+
+
+def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G joints"], bool]:
+    """Return the postures [rad] of `posture_grid` before the workspace thins them out; nothing is compiled for it.
+
+    Raises:
+        InputError: the step is none, or a joint's limits are beyond a full turn altogether.
+    """
+    if not 0 < step <= 2 * math.pi:
+        got = f"a step of {math.degrees(step):g} deg"
+        raise InputError(Problem("", got, "a step above 0 and up to 360 deg", "give another step"))
+    spans = ranges(arm)
+    for joint, (low, high) in zip(arm.driven, spans, strict=True):
+        if low > high:
+            got = f"limits of {joint.name} that leave -180 to 180 deg out"
+            raise InputError(Problem(arm.name, got, "limits about zero", "shift the zero of the joint", "limits"))
+    listed, line = arm.workspace.postures, arm.workspace.line
+    if listed:
+        return np.array(listed), False
+    if line is not None:
+        return np.outer(_on_line(spans, line, step), line) + 0.0, False
+    if math.prod(max((high - low) / step - 1, 1.0) for low, high in spans) <= MOST:
+        axes = [_multiples(low, high, step) for low, high in spans]
+        if math.prod(map(len, axes)) <= MOST:
+            return np.array(list(product(*axes))), False
+    from scipy.stats import qmc  # long to import, and seldom needed
+
+    low, high = np.array(spans).T
+    u = qmc.Sobol(len(spans), rng=np.random.default_rng(seed)).random(MOST)
+    postures = np.clip(np.deg2rad(np.round(np.rad2deg(low + u * (high - low)))), low, high)
+    if _turns_about_vertical(arm):
+        postures[:, 0] = np.clip(0.0, low[0], high[0])
+    return postures, True
+
+
+def _turns_about_vertical(arm: Arm) -> bool:
+    """Tell whether the first joint of all turns the whole arm about the vertical."""
+    first, gravity = arm.joints[0], np.asarray(arm.gravity)
+    return first.driven and not np.cross(np.asarray(first.axis), gravity).any()
+
+
+def _on_line(spans: Sequence[tuple[float, float]], line: Sequence[float], step: float) -> list[float]:
+    """Return the multiples of a step by which a line's shares stay within the limits."""
+    pairs = [sorted((low / share, high / share)) for (low, high), share in zip(spans, line, strict=True) if share]
+    low, high = max(low for low, _ in pairs), min(high for _, high in pairs)
+    if high - low > MOST * step:
+        got = f"a step of {math.degrees(step):g} deg, {(high - low) / step:.3g} postures on the line"
+        raise InputError(Problem("", got, f"{MOST} postures at most", "give a larger step", "step"))
+    return _multiples(low, high, step)
+
+
+def may_be_held(arm: Arm, postures: Float[np.ndarray, "G joints"]) -> Bool[np.ndarray, "G"]:
+    """Tell in which postures an arm is within its limits and keeps above its lowest height, were it rigid."""
+    low, high = np.array([joint.limits for joint in arm.driven]).T
+    within = np.logical_and(low - SLACK <= postures, postures <= high + SLACK).all(1)
+    if not math.isfinite(arm.workspace.lowest):
+        return np.asarray(within)
+    return np.logical_and(within, np.asarray(_least_height(arm, jnp.asarray(postures.T))) >= arm.workspace.lowest)
+
+
+@jit
+def _least_height(arm: Arm, posture: Float[Array, "driven G"]) -> Float[Array, "G"]:
+    """Return the height of the lowest bushing or named point of the rigid arm [m]."""
+    chain = at_posture(arm, posture)
+    phi = jnp.zeros((3, len(arm.joints), posture.shape[1]))
+    return jnp.concatenate([forward_kinematics(chain, phi).centre[2], point_positions(chain, phi)[2]]).min(0)
+
+
+def _multiples(low: float, high: float, step: float) -> list[float]:
+    """Return the multiples of a step between two limits, the middle if there is none; a full turn only once."""
+    first, last = math.ceil((low - SLACK) / step), math.floor((high + SLACK) / step)
+    angles = [i * step for i in range(first, last + 1)] or [(low + high) / 2]
+    return angles[1:] if len(angles) > 1 and angles[-1] - angles[0] > 2 * math.pi - SLACK else angles

@@ -1,0 +1,236 @@
+"""What was simulated and what that rests on: motion, values taken over or set, and assumed numbers."""
+
+import math
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from ident.arm.plausibility import belt_mismatches
+from ident.assess.scenario import Basis
+from ident.identify.check import SpringCheck
+from ident.identify.values import Values
+from ident.present.report import Finding, Section, cut
+from ident.present.words import degrees, sentence
+from ident.text import one_line
+from ident.vibrate.fast import Passage
+
+TWICE = "Elastic belts count twice where k_bend or k_tors were measured with them, as by a hammer test."
+GUESSED = ("assumed", "calibrated")
+"""Origins of numbers that were not measured: assumed, or set so that a result comes out."""
+PARTS = {
+    "Drive": "drives",
+    "Belt": "belts",
+    "Servo": "servos",
+    "Spring": "springs",
+    "CubicSpring": "springs",
+    "Stroke": "stroke",
+}
+USUAL_SPEED = 10.0
+"""Percent of full speed of a stroke unless `--speed` is given."""
+
+
+def subject(basis: Basis) -> str:
+    """Name the arm and its motion: `LCD transfer arm, extension, cycloid, 10 %`."""
+    return f"{cut(basis.arm.name, 36)}, {cut(basis.motion.name, 36)}"
+
+
+def same_motion(basis: Basis) -> str:
+    """Return the options with which another command takes the same motion, load and values; each after a space."""
+    values = [("--fit", basis.fit), ("--posterior", basis.posterior), ("--path", basis.log)]
+    words = [f"{option} {shlex.quote(one_line(given.path))}" for option, given in values if given and given.path]
+    if not basis.log and basis.percent != USUAL_SPEED:
+        words.append(f"--speed {basis.percent:g}")
+    words += ["--retract"] * (not basis.log and basis.motion.name.startswith("retraction"))
+    words += [f"--load {shlex.quote(one_line(str(basis.load)))}"] * bool(basis.load)
+    return "".join(f" {word}" for word in words).replace("{", "{{").replace("}", "}}")
+
+
+def motion_section(
+    basis: Basis, *, elastic_belts: bool, rate: float, method: str, more: Sequence[str] = (), varied: bool = False
+) -> Section:
+    """Return what was simulated, how, and with which values.
+
+    Args:
+        basis: arm, motion and values.
+        elastic_belts: whether belts stretch.
+        rate: samples a second.
+        method: of simulation, in words.
+        more: further sentences about the motion.
+        varied: whether numbers are varied, those of the draws with them.
+    """
+    motion, belts = basis.motion, ("elastic" if elastic_belts else "rigid") if basis.arm.belts else "none"
+    start, end = (degrees(np.round(motion(motion.breaks[i])[0], 9).tolist()) for i in (0, -1))
+    held = float(motion.breaks[-1]) - motion.arrival
+    sentences = [
+        f"From {start} to {end} in {motion.arrival:.4g} s" + (f", then held for {held:.4g} s." if held else "."),
+        *more,
+        f"Load: {basis.load}. Belts: {belts}. {rate:.4g} samples a second. Method: {method}.",
+    ]
+    sentences += [TWICE] * (belts == "elastic")
+    sentences += map(sentence, _taken_over(basis.fit, basis.posterior))
+    sentences += _excitation(basis, varied=varied)
+    sentences += (sentence(words.strip()) for words in changes_in_words(basis.changed))
+    return Section("Simulated motion", tuple(sentences))
+
+
+def _excitation(basis: Basis, *, varied: bool) -> Iterator[str]:
+    """Say what is unknown of the excitation, and what the draws have."""
+    for low, high in sorted(set(basis.unknown.errors.values())):
+        ends = " to ".join(f"{2 * np.rad2deg(end) * 3600:g}" for end in (low, high))
+        yield f"Transmission error: {ends} arc seconds peak to peak, twice a turn; the nominal arm has the largest."
+    if basis.unknown.phases and varied:
+        yield "The imbalance phases are unknown: amplitudes are the largest over all phases (rms: the mean over them)."
+    if basis.unknown.phases and basis.posterior:
+        yield "Each draw has random phases of its own."
+    if basis.posterior and varied:
+        yield "A varied number changes by the same factor, or difference, in the nominal arm and in every draw."
+
+
+def basis_findings(basis: Basis) -> Iterator[Finding]:
+    """Yield what casts doubt on a simulation: an arm without drives, belts that do not fit, contradicting values."""
+    if not basis.arm.drives:
+        yield Finding("the arm file has no [[drive]]: only the motion itself excites the arm", "add its drives")
+    yield from (Finding(str(mismatch)) for mismatch in belt_mismatches(basis.arm))
+    yield from (Finding(values.remark) for values in (basis.fit, basis.posterior) if values and values.remark)
+    if outside := _outside(basis.fit, basis.posterior):
+        text = f"fit and draws exclude each other: the fitted {', '.join(outside)} lies outside all draws"
+        yield Finding(text, "sample and fit the same campaign")
+
+
+def assumption_findings(basis: Basis) -> Iterator[Finding]:
+    """Yield how many numbers of drives, belts and stroke are assumed."""
+    names, _ = assumed(basis)
+    if names:
+        scaling = any(path.endswith((".eccentric_mass", ".eccentricity")) for path in names)
+        remedy = "measure the imbalance first" if scaling else "measure them"
+        yield Finding(f"amplitudes rest on {len(names)} assumed numbers ({', '.join(_fields(basis, names))})", remedy)
+
+
+def transmission_finding(basis: Basis) -> Iterator[Finding]:
+    """Yield that the drives are taken to have no transmission error, where they are."""
+    if without_transmission_error(basis):
+        yield Finding("transmission error is set to 0, real drives have some", "try --errors 30:60 (arc seconds)")
+
+
+def without_transmission_error(basis: Basis) -> bool:
+    """Tell whether there are drives, and none has a transmission error."""
+    return bool(basis.arm.drives) and not any(np.any(np.asarray(drive.error)) for drive in basis.arm.drives)
+
+
+def values_in_words(fit: Values | None, posterior: Values | None) -> Iterator[str]:
+    """Say which numbers an arm has taken over."""
+    yield from (f"  {words}" for words in _taken_over(fit, posterior))
+    yield from (f"  REMARK: {values.remark}" for values in (fit, posterior) if values and values.remark)
+    if outside := _outside(fit, posterior):
+        yield f"  WARNING: fit and draws exclude each other: {', '.join(outside)} of the fit beyond all draws"
+
+
+def changes_in_words(changed: Mapping[str, float]) -> Iterator[str]:
+    """Say which numbers were set."""
+    for path, value in changed.items():
+        yield f"  set: {path} = {value:g}"
+
+
+def _taken_over(fit: Values | None, posterior: Values | None) -> Iterator[str]:
+    """Say which values were taken over, and from which files."""
+    for values, what in ((fit, "fitted values"), (posterior, "draws of the posterior")):
+        if values is None:
+            continue
+        count = next(iter(values.values.values())).size
+        number = f"{count} {what}" if count > 1 else what
+        of = f"{len(values.values)} number{'s' * (len(values.values) != 1)}"
+        yield f"{number} of {of}" + (f", from {values.path}" if values.path else "")
+        if values.left_out:
+            yield f"not used, as the arm has no such number: {', '.join(values.left_out)}"
+    if posterior and not fit:
+        yield "the nominal arm has the medians of these draws"
+
+
+def _outside(fit: Values | None, posterior: Values | None) -> tuple[str, ...]:
+    return fit.outside(posterior) if fit and posterior else ()
+
+
+# -------- Assumed numbers
+
+
+def assumed(basis: Basis) -> tuple[list[str], int]:
+    """Return the assumed or calibrated numbers of drives, belts and stroke, and how many such numbers there are.
+
+    Left out are numbers that the user has set, and the stroke where a log is replayed.
+    """
+    kinds = {part.name: type(part).__name__ for part in basis.arm.parts()}
+    origins = {
+        path: origin
+        for path, origin in basis.arm_file.origins.items()
+        if kinds.get(path.split(".")[0]) in PARTS and not (basis.log and path.split(".")[0] == "stroke")
+    }
+    names = [path for path, origin in origins.items() if origin in GUESSED and path not in basis.changed]
+    return names, len(origins)
+
+
+def assumed_section(basis: Basis) -> Iterator[Section]:
+    """Yield which numbers of the excitation are assumed or calibrated, where any are."""
+    names, count = assumed(basis)
+    if not names:
+        return
+    guessed, others = _guessed(basis)
+    fields = _fields(basis, names)
+    share = f"{len(names)} of the {count} numbers below are assumed or calibrated"
+    if guessed:
+        share += f", and {guessed} of the arm's {others} other numbers (lengths, masses, ...)"
+    lists = (f"{kind}: {', '.join(words)}." for kind, words in fields.items())
+    yield Section("Assumed or calibrated numbers", (f"{share}. No amplitude is better known than these.", *lists))
+
+
+def _fields(basis: Basis, names: Sequence[str]) -> dict[str, dict[str, None]]:
+    """Return what is named of drives, belts and stroke, by kind: `{"drives": {"ratio": None, ...}, ...}`."""
+    kinds = {part.name: PARTS.get(type(part).__name__, "") for part in basis.arm.parts()}
+    fields: dict[str, dict[str, None]] = {}
+    for path in names:
+        part, _, field = path.partition(".")
+        fields.setdefault(kinds[part], {})[field.replace("_", " ")] = None
+    return fields
+
+
+def _guessed(basis: Basis) -> tuple[int, int]:
+    """Return how many of the arm's other numbers are assumed or calibrated, and how many are given at all."""
+    driving = {part.name for part in basis.arm.parts() if type(part).__name__ in PARTS}
+    origins = [o for path, o in basis.arm_file.origins.items() if path.split(".")[0] not in driving and o != "derived"]
+    return sum(origin in GUESSED for origin in origins), len(origins)
+
+
+# -------- Springs
+# Curved springs in words: what a campaign can tell of them, and where vibration passes T1.
+
+
+def springs_in_words(springs: Sequence[SpringCheck]) -> Iterator[Section]:
+    """Yield of each spring whether the data can tell it from a linear one, and how it is loaded meanwhile."""
+    lines = []
+    for each in springs:
+        cost = f"a linear one would fit with a chi-squared of {each.chi_squared:.2g}"
+        cost = "with a linear one the arm has no equilibrium" if math.isnan(each.chi_squared) else cost
+        lines.append(f"{each.spring}: {'yes' if each.told else 'NO'}, {cost}. Load {_loads(each)}.")
+        if each.unloaded:
+            lines.append("Hardly loaded wherever modes were measured: frequencies depend on K1 alone.")
+        if not each.told:
+            lines.append("Fix its numbers, or measure under loads on both sides of T1.")
+    if lines:
+        title = "Curved springs: can the data (as predicted at the arm file's values) tell them from linear ones?"
+        yield Section(title, tuple(lines))
+
+
+def passage_findings(passages: Sequence[Passage]) -> Iterator[Finding]:
+    """Yield which springs change their stiffness within a motion, as their load passes T1."""
+    for each in passages:
+        yield Finding(
+            f"the load of {each.spring} passes T1 = {each.torque1:.3g} N m (from {each.low:.3g} to {each.high:.3g} "
+            "N m): its stiffness changes within the motion"
+        )
+
+
+def _loads(check: SpringCheck) -> str:
+    parts = [("at rest", check.at_rest), ("where modes were measured", check.vibrating)]
+    given = [f"{low:.3g} to {high:.3g} N m {what}" for what, (low, high) in parts if not math.isnan(high)]
+    limit = "" if math.isnan(check.torque1) else f"; T1 = {check.torque1:.3g} N m"
+    return ", ".join(given) + limit

@@ -1,0 +1,383 @@
+"""A check before any solving: what is said of it, and its rows for programs."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ident.identify.check import CampaignCheck
+from ident.identify.problem import LabelDoubt
+from ident.inference.identifiability import Leverage
+from ident.inference.information import WEAK_ABOVE, Information
+from ident.inference.optima import Optimum, is_tie
+from ident.inference.parameters import Parameter
+from ident.measure import Measurement
+from ident.present.basis import springs_in_words
+from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut
+from ident.present.warnings import (
+    agreement,
+    contradiction,
+    dependence_on_priors,
+    drive_states,
+    expected_hysteresis,
+    explanation_section,
+    leading_explanations,
+    odd_numbers,
+)
+from ident.present.words import (
+    balance,
+    correlated_errors,
+    counted,
+    describe,
+    in_read_unit,
+    in_words,
+    kinds_in_words,
+    parameter_in_words,
+    spread_in_words,
+    unit_of,
+)
+
+CORRELATED = 0.9
+"""Correlation from which a pair of parameters is named."""
+SLIGHT = 0.05
+"""Change, relative to the parameter that leads, below which another one hardly takes part in a trade-off."""
+FEW = 24
+"""Measurements up to which all are listed; beyond, only those that matter or do not."""
+LISTED = 40
+"""Measurements, or doubts, that are listed at most."""
+MOST = 6
+"""Rows named, at most, whose label may change."""
+ENORMOUS = 1e3
+"""Factor beyond which it is no longer told how large."""
+WORDS = {"identifiable": "identifiable", "weak": "weak", "open": "not determined", "not seen": "not measured"}
+"""How a report calls the verdict on a parameter."""
+
+
+def check_sections(check: CampaignCheck) -> Report:
+    """Return all that is said of a check."""
+    causes = leading_explanations(check.explanations, check.campaign)
+    conflict = contradiction(check.cross_predictions, check.campaign.measurements) if check.contradictory else ""
+    name = cut(check.campaign.name or "a campaign", 30)
+    return Report(
+        f"Check of {name} on {cut(check.arm.name, 40)} before any fit: "
+        f"{counted(len(check.campaign), 'measurement')}, {counted(len(check.verdicts), 'unknown')}",
+        _verdict(check),
+        (*([conflict] if conflict else []), *causes, _parameters(check)),
+        tuple(_findings(check, explained=bool(causes))),
+        _consistency(check),
+        "ident fit {campaign}" if check.verdicts.count("identifiable") else "ident plan {campaign}",
+        tuple(_details(check)),
+    )
+
+
+def _verdict(check: CampaignCheck) -> Verdict:
+    """Judge a campaign: READY TO FIT, PARTLY where some unknowns are identifiable, NOT READY for none or conflict."""
+    count, fine = len(check.verdicts), check.verdicts.count("identifiable")
+    if check.missing.any():
+        text = f"The model has no answer for {int(check.missing.sum())} rows at the arm file's values."
+        return Verdict("NOT READY", f"{text} The arm has no stable equilibrium there.", "bad")
+    known = f"The data alone determine {fine} of {count} unknowns"
+    if check.repeats or check.contradictory:
+        what = (
+            "The measurements contradict each other" if check.repeats else f"{_conflict(check)} contradict each other"
+        )
+        return Verdict("NOT READY", f"{what}. {known}.", "bad")
+    if check.others and check.others.exact:
+        others = counted(len(check.others.exact), "other set")
+        return Verdict("NOT READY", f"Not unique: {others} of values would give the same data. {known}.", "bad")
+    if not fine:
+        return Verdict("NOT READY", f"The data alone determine none of the {count} unknowns.", "bad")
+    if fine < count:
+        return Verdict(f"PARTLY {fine} OF {count}", f"{known}.", "caution")
+    return Verdict("READY TO FIT", f"The data determine all {count} unknowns; {_search(check)}.", "good")
+
+
+def _conflict(check: CampaignCheck) -> str:
+    worst = min(cross.p_value for cross in check.cross_predictions)
+    return f"{kinds_in_words([cross.kind for cross in check.cross_predictions])} (p = {worst:.2g})".capitalize()
+
+
+def _search(check: CampaignCheck) -> str:
+    others = check.others
+    return "no second solution was found" + (f" in {counted(others.starts, 'start')}" if others else "")
+
+
+def _parameters(check: CampaignCheck) -> Table:
+    rows = tuple(
+        (_names(item), WORDS.get(verdict, verdict), _reason(check, i))
+        for i, (item, verdict) in enumerate(zip(check.items, check.verdicts, strict=True))
+    )
+    return Table("", ("Unknown", "verdict", "known by the data alone to"), rows)
+
+
+def _names(item: Parameter) -> str:
+    return item.name if len(item.paths) == 1 else f"{item.name} (and {', '.join(item.paths[1:])})"
+
+
+def _reason(check: CampaignCheck, i: int) -> str:
+    if check.information is None:
+        return "-"
+    if check.verdicts[i] == "unknown":
+        return "the model has no answer at most of the points"
+    if check.verdicts[i] == "not seen":
+        return "no measurement depends on it"
+    sd, fine = check.data_sd[:, i], int(check.supported[:, i].sum())
+    here = _within(sd[0]) if np.isfinite(sd[0]) else "only in combination with others"
+    worst = f"; {_within(sd.max())} at worst" if np.isfinite(sd).all() and sd.max() > 1.3 * sd[0] else ""
+    lucky = f"; identifiable at {fine} of {check.answered} points" if 0 < fine < check.answered else ""
+    return here + worst + lucky
+
+
+def _within(sd: float) -> str:
+    return spread_in_words(sd) if sd < math.log(ENORMOUS) else f"a factor of more than {ENORMOUS:g}"
+
+
+def _consistency(check: CampaignCheck) -> str:
+    """Say in a line whether the data agree."""
+    agree = check.consistency
+    if agree is None or check.contradictory:
+        return ""
+    if check.cross_predictions:
+        least = min(cross.p_value for cross in check.cross_predictions)
+        kinds = kinds_in_words([cross.kind for cross in check.cross_predictions]).capitalize()
+        return f"{kinds} agree (p = {least:.2g})."
+    return "There is one kind of measurement only, so that no other can check it."
+
+
+def _findings(check: CampaignCheck, *, explained: bool) -> Iterator[Finding]:
+    """Yield what bears on the verdict, the weightiest first."""
+    measured = check.campaign.measurements
+    yield from odd_numbers(check.arm)
+    if check.missing.any():
+        rows = ", ".join(_number(measured[i], i) for i in np.flatnonzero(check.missing)[:MOST].tolist())
+        yield Finding(
+            f"no equilibrium at the postures of rows {rows}", "raise the stiffnesses, or check loads and masses"
+        )
+    for i, j in check.repeats:
+        values = " and ".join(f"{in_read_unit(m.kind, m.value)[0]:.4g}" for m in (measured[i], measured[j]))
+        unit = in_read_unit(measured[i].kind, 0.0)[1]
+        rows = f"rows {_number(measured[i], i)} and {_number(measured[j], j)}"
+        yield Finding(f"{rows} measured the same and differ: {values} {unit}", "measure it again")
+    if check.contradictory and not explained:
+        yield Finding(dependence_on_priors(check.cross_predictions), "check values, labels, units and load cases first")
+    yield from drive_states(check.arm, check.campaign)
+    if check.tried > check.answered:
+        yield Finding(f"the model has no answer at {check.tried - check.answered} of {check.tried} points tried")
+    part = check.leverage
+    if part is not None and part.dominant.any():
+        rows = ", ".join(_number(measured[i], i) for i in np.flatnonzero(part.dominant)[:MOST].tolist())
+        yield Finding(
+            f"nothing cross-checks rows {rows}: an error there would go unnoticed", "repeat them, or add others"
+        )
+    for doubt in check.labels[:MOST]:
+        yield Finding(f"row {_number(measured[doubt.row], doubt.row)}: {'; '.join(_doubt(check, doubt))}")
+
+
+# -------- Details
+
+
+def _details(check: CampaignCheck) -> Iterator[Section]:
+    yield Section("What the verdicts mean", (_meaning(check),))
+    yield from _others(check)
+    yield from _combinations(check)
+    yield from springs_in_words(check.springs)
+    yield from _measurements(check)
+    yield from expected_hysteresis(check.campaign, check.ramps)
+    yield from _labels(check)
+    yield from _agreement(check)
+    yield from explanation_section(check.explanations, check.campaign)
+
+
+def _meaning(check: CampaignCheck) -> str:
+    return (
+        f"identifiable: the std. error is below a factor of {math.exp(WEAK_ABOVE):.2g} at all {check.tried} points "
+        "tried: the arm file's values and others about them, since one point may mislead. Priors do not count. not "
+        "determined: the data alone do not determine it at any of these points."
+    )
+
+
+def _others(check: CampaignCheck) -> Iterator[Section]:
+    """Yield which other values give the same data, or that none were found."""
+    others, items = check.others, check.problem.parameters.items
+    if others is None:
+        return
+    rows = tuple(
+        (", ".join(map(_changed, items, optimum.values.tolist())), _cost(optimum))
+        for optimum in (*others.exact, *others.near)
+    )
+    note = (
+        "chi-squared: of exact data at these values; below 3.84 the data hardly rule them out." if others.near else ""
+    )
+    table = (Table("", ("values relative to the arm file's", "chi-squared"), rows, note=note),) if rows else ()
+    text = (
+        f"{others.ended} of {others.starts} starts ended in an optimum. The search is not exhaustive: finding none "
+        "does not prove uniqueness. Data: as predicted at the arm file's values; priors do not count."
+    )
+    yield Section("Other values that give the same data" + ("" if rows else ": none found"), (*table, text))
+
+
+def _cost(optimum: Optimum) -> str:
+    return "0" if is_tie(0.0, optimum.cost) else f"{optimum.cost:.2g}"
+
+
+def _changed(item: Parameter, value: float) -> str:
+    start = float(item.start)
+    change = f"{value / start:.3g} times" if item.positive and start else f"{value:.4g} {unit_of(item.name)}"
+    return f"{item.name} {change}"
+
+
+def _combinations(check: CampaignCheck) -> Iterator[Section]:
+    known = check.information
+    if known is None:
+        return
+    items, count = check.items, len(known.names)
+    rows = []
+    for trade in known.trade_offs():
+        alone = np.count_nonzero(np.abs(trade.change) > SLIGHT) == 1
+        such = "any value fits equally well" if alone else f"not determined, such as {in_words(trade, items)}"
+        rows.append((balance(trade.change.tolist(), items, SLIGHT), such))
+    rows += [
+        (balance(direction.weights.tolist(), items), f"known to {_within(direction.sd)} only")
+        for direction in known.directions
+        if direction.weak
+    ]
+    parts: list[Part] = [Table("", ("combination", "from these data"), tuple(rows))] if rows else []
+    seen = [d.sd for d in known.directions if not d.open]
+    if len(seen) > 1:
+        infinite = f" (of all {count}: infinite)" if known.fixed < count else ""
+        parts.append(f"Condition number of the {known.fixed} determined: {seen[-1] / seen[0]:.3g}{infinite}.")
+    yield Section(
+        f"Determined by the data: {known.fixed} of {count} combinations", (*parts, *_correlations(check, known))
+    )
+
+
+def _correlations(check: CampaignCheck, known: Information) -> Iterator[str]:
+    items = check.items
+    correlation = np.triu(np.nan_to_num(known.correlation), 1)
+    pairs = [tuple(map(int, pair)) for pair in np.argwhere(np.abs(correlation) > CORRELATED)]
+    for i, j in sorted(pairs, key=lambda pair: -abs(correlation[pair]))[:10]:
+        yield f"Correlation {correlation[i, j]:+.3f} {_pair(items[i], items[j])}."
+    if not pairs and correlation.any():
+        i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape))
+        yield f"Largest correlation {correlation[i, j]:+.2f}, {_pair(items[i], items[j])}."
+
+
+def _pair(one: Parameter, other: Parameter) -> str:
+    return f"between {parameter_in_words(one)} and {parameter_in_words(other)}"
+
+
+def _measurements(check: CampaignCheck) -> Iterator[Section]:
+    part = check.leverage
+    if part is None:
+        return
+    every, measured = len(check.campaign) <= FEW, check.campaign.measurements
+    names = [item.name for item in check.items]
+    empty, dominant = part.empty, part.dominant
+    places = np.arange(len(measured)) if every else np.flatnonzero(empty | dominant)
+    rows = []
+    for i in places[:LISTED].tolist():
+        remark = "carries no information" if empty[i] else _dominates(part, i) if dominant[i] else ""
+        most = names[part.sees[i]] if part.sees[i] >= 0 else "nothing"
+        shared = 1 - min(part.leverage[i], 1)
+        rows.append((_number(measured[i], i), describe(measured[i]), float(part.share[i]), float(shared), most, remark))
+    head = ("row", "measurement", "information", "redundancy", "depends most on", "")
+    note = (
+        "information: share of all. redundancy: share of its information that other measurements also provide "
+        "(0 % = cannot be cross-checked)."
+    )
+    if len(places) > LISTED:
+        note += f" {len(places) - LISTED} more carry no information or dominate."
+    if not every:
+        note += f" The other measurements of {len(measured)} have normal influence."
+    yield Section(
+        "Influence of each measurement", (Table("", head, tuple(rows), ("", "", ".1%", ".0%", "", ""), note),)
+    )
+
+
+def _dominates(part: Leverage, i: int) -> str:
+    lost = f"; without it {', '.join(part.lost[i])} not identifiable" if part.lost[i] else ""
+    opened = "; one combination not determined without it" if part.opened[i] and not part.lost[i] else ""
+    return f"dominates{lost or opened}"
+
+
+def _number(m: Measurement, i: int) -> str:
+    return m.where.rpartition(":")[2] or str(i + 1)
+
+
+def _labels(check: CampaignCheck) -> Iterator[Section]:
+    measured = check.campaign.measurements
+    modal = any(m.kind in ("frequency", "damping_ratio") for m in measured)
+    if not modal or check.missing.any():
+        return
+    doubts = tuple(
+        f"Row {_number(measured[doubt.row], doubt.row)}, {describe(measured[doubt.row])}: "
+        f"{'; '.join(_doubt(check, doubt))}."
+        for doubt in check.labels[:LISTED]
+    )
+    more = (f"{len(check.labels) - LISTED} more.",) if len(check.labels) > LISTED else ()
+    yield Section(
+        "Mode labels" + ("" if check.labels else ": none is in doubt at the arm file's values"), (*doubts, *more)
+    )
+    rows = sorted(check.changing.items(), key=lambda each: -each[1])
+    if rows:
+        table = Table(
+            "",
+            ("row", "mode", "ambiguous on"),
+            tuple(
+                (_number(measured[i], i), str(measured[i].mode), f"{often:.0%} of the arms") for i, often in rows[:MOST]
+            ),
+            note=(f"{len(rows) - MOST} more. " if len(rows) > MOST else "")
+            + "The fit matches these modes by frequency as well. If you are not sure of a word, leave it out of the "
+            "label (`torsion 2`), or leave the label out.",
+        )
+        yield Section("Mode names that become ambiguous for other stiffnesses within the prior", (table,))
+
+
+def _doubt(check: CampaignCheck, doubt: LabelDoubt) -> Iterator[str]:
+    if doubt.near_draw:
+        yield f"its mode, {doubt.mode}, is named by a narrow margin: a small change may rename it"
+    if doubt.crossing:
+        others = " and ".join(map(str, doubt.crossing))
+        yield f"no label, and taken for {doubt.mode}, which nearly has the frequency of {others}: label it"
+    if doubt.alike is not None:
+        other = _number(check.campaign.measurements[doubt.alike], doubt.alike)
+        yield f"no label, and taken for {doubt.mode}, although row {other}, for another mode, is equal: label both"
+
+
+def _agreement(check: CampaignCheck) -> Iterator[Section]:
+    agree = check.consistency
+    if agree is None:
+        return
+    if not math.isnan(agree.p_value):
+        fit = f"chi-squared {agree.chi_squared:.3g} on {agree.degrees_of_freedom} degrees of freedom"
+        note = f"All together, by linearisation: {fit}, p = {agree.p_value:.2g}."
+    else:
+        note = "Overall consistency cannot be tested by linearisation (start values too far off): see `ident fit`."
+    correlated = correlated_errors(check.campaign)
+    if check.cross_predictions:
+        yield agreement(
+            check.cross_predictions, check.campaign.measurements, " ".join(filter(None, (note, correlated)))
+        )
+    else:
+        yield Section("Agreement between kinds of measurement", (note, *([correlated] if correlated else [])))
+
+
+# -------- Rows
+
+
+def check_rows(check: CampaignCheck) -> list[dict[str, Any]]:
+    """Return a row for each parameter: verdict, and standard deviations of theta by the data alone [-].
+
+    NaN where the model has no answer.
+    """
+    sd = check.data_sd
+    return [
+        {
+            "parameter": name,
+            "verdict": verdict,
+            "data_sd": float(sd[0, i]) if len(sd) else float("nan"),
+            "worst_data_sd": float(sd[:, i].max()) if len(sd) else float("nan"),
+        }
+        for i, (name, verdict) in enumerate(zip((item.name for item in check.items), check.verdicts, strict=True))
+    ]

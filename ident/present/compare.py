@@ -1,0 +1,215 @@
+"""A comparison of two campaigns: what is said of it, and its rows for programs."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from ident.identify.compare import Comparison
+from ident.identify.fit import CampaignFit
+from ident.inference.change import LEVEL
+from ident.inference.information import holm
+from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut
+from ident.present.words import counted, in_shown_unit, percent, sentence, unit_of
+
+KINDS = {"k_bend": "bending", "k_tors": "torsion"}
+NUMBERS_LISTED = 5
+"""Numbers that differ between the arm files that are named."""
+PAIRS = 8
+"""Pairs of campaigns on the first screen without a change, at most."""
+
+
+def compare_sections(comparisons: Sequence[Comparison], unpaired: Sequence[str] = ()) -> Report:
+    """Return all that is said: of one pair a verdict, its stiffnesses and what to check; of many an overview first."""
+    if len(comparisons) == 1 and not unpaired:
+        (one,) = comparisons
+        subject = f"{_campaigns(one)}\n  {_counts(one)}"
+        notes = Section("How to read it", (_meaning(one),))
+        return Report(subject, _verdict(one), (_table(one),), tuple(_findings(one)), details=(notes,))
+    return _overview(comparisons, unpaired)
+
+
+def _campaigns(comparison: Comparison) -> str:
+    before, after = (cut(name, 30) for name in comparison.names)
+    arms = [f"{cut(fit.arm.name, 40)}: " for fit in comparison.fits[:1]]
+    return f"{''.join(arms)}{before}, then {after}"
+
+
+def _counts(comparison: Comparison) -> str:
+    if comparison.independent:
+        count = len(comparison.change.names)
+        return f"{count} stiffness{'es' * (count != 1)} compared"
+    counts = " and ".join(str(len(fit.campaign)) for fit in comparison.fits)
+    return f"{counts} measurements fitted together, {counted(len(comparison.change.names), 'change')} free"
+
+
+def _verdict(comparison: Comparison) -> Verdict:
+    """Judge a pair: CHANGED where chi-squared falls by more than chance with free changes, else NO CHANGE."""
+    change = comparison.change
+    test = f"T = {round(change.statistic, 6):.3g} on {change.mean:.1f} degrees of freedom, p = {change.p_value:.2g}"
+    if not change.seen:
+        return Verdict("NO CHANGE", f"{test}.", "good")
+    reason = f"{', '.join(_changed(comparison)) or 'The data do not show which stiffness'} ({test})."
+    if alone := [stiffness_words(name) for name, p in zip(change.names, change.alone, strict=True) if p > LEVEL]:
+        reason += f" One change alone would explain it: {' or '.join(alone)}."
+    return Verdict("CHANGED", reason, "caution")
+
+
+def _changed(comparison: Comparison) -> list[str]:
+    change = comparison.change
+    return [stiffness_words(name) for name, is_so in zip(change.names, change.changed, strict=True) if is_so]
+
+
+def stiffness_words(name: str) -> str:
+    """Say which stiffness a path names: `joint2 in torsion`."""
+    joint, _, field = name.rpartition(".")
+    return f"{cut(joint, 24)} in {KINDS[field]}" if field in KINDS else cut(name, 30)
+
+
+def _table(comparison: Comparison) -> Table:
+    change = comparison.change
+    rows = []
+    for i, name in enumerate(change.names):
+        before, after = (in_shown_unit(name, float(part[i]))[0] for part in (change.first, change.second))
+        verdict = "not determined" if change.open[i] else "changed" if change.changed[i] else ""
+        interval = " to ".join(map(ratio_words, change.interval[i]))
+        row: tuple[Cell, ...] = (
+            name,
+            before,
+            after,
+            ratio_words(change.change[i]),
+            interval,
+            float(change.p_values[i]),
+        )
+        rows.append((*row, verdict))
+    head = (f"Stiffness [{in_shown_unit(change.names[0], 1.0)[1]}]", "before", "after", "change", "95 % interval", "p")
+    width = len(head) + any(row[-1] for row in rows)
+    forms = ("", ".4g", ".4g", "", "", ".2g", "")
+    changed = tuple(np.flatnonzero(change.changed).tolist())
+    return Table("", (*head, "")[:width], tuple(row[:width] for row in rows), forms[:width], strong=changed)
+
+
+def ratio_words(log: float) -> str:
+    """Write a change of a logarithm in percent, or as a factor where it is large: `-12 %`, `x 2.5`."""
+    ratio = float(np.exp(log))
+    return f"{100 * (ratio - 1):+.1f} %" if 0.5 < ratio < 2 else f"x {ratio:.3g}"
+
+
+def _meaning(comparison: Comparison) -> str:
+    together = "" if comparison.independent else " All values are fitted to both campaigns together."
+    return (
+        "T: fall of the minimum chi-squared when all changes are free; p: probability of a larger one if nothing has "
+        "changed. In the table p is that of so large a change of one stiffness (Holm); changed: p below "
+        f"{level_words()}. not determined: the value leans on the prior of the change, a factor of e.{together}"
+    )
+
+
+def _findings(comparison: Comparison) -> Iterator[Finding]:
+    """Yield what may feign a change, then what to look at, the weightiest first."""
+    change = comparison.change
+    if comparison.independent:
+        yield Finding(
+            "INDEPENDENCE ASSUMED: the measurements are not available, so what both have in common, such as a prior, "
+            "counts twice; logarithms of the stiffnesses are taken as normal"
+        )
+    for which, fit in zip(_told_apart(comparison), (comparison.first, comparison.second), strict=True):
+        if isinstance(fit, CampaignFit) and fit.doubts:
+            yield Finding(f"{which}: {' '.join(map(sentence, fit.doubts))}", "see `ident fit`")
+    if comparison.unlike:
+        more = len(comparison.unlike) - NUMBERS_LISTED
+        named = ", ".join(comparison.unlike[:NUMBERS_LISTED]) + (f" and {more} more" if more > 0 else "")
+        yield Finding(f"the arm files differ in {named}: a change may come from there", "fit both with one arm file")
+    changed = np.flatnonzero(change.changed)
+    if len(changed) == len(change.names) > 1 and len(set(np.sign(change.change[changed]))) == 1:
+        yield Finding(
+            "all stiffnesses have changed the same way",
+            "look first for another payload, mass or base, or another calibration",
+        )
+    for i in changed:
+        name = stiffness_words(change.names[i])
+        if change.change[i] < 0:
+            look = "check bolts, bearing, gear and belt there; look for a crack"
+            yield Finding(f"{name} has become softer", look)
+        else:
+            look = "was something exchanged or tightened there, does something rub?"
+            yield Finding(f"{name} has become stiffer", look)
+    if comparison.priors_differ:
+        yield Finding("the fits have different priors: those of the first count")
+
+
+def _told_apart(comparison: Comparison) -> tuple[str, str]:
+    """Return the campaigns' names; where they have one name, which of the two it is."""
+    before, after = (cut(name, 30) for name in comparison.names)
+    return (before, after) if before != after else (f"{before} (before)", f"{after} (after)")
+
+
+# -------- Several pairs
+
+
+def _overview(comparisons: Sequence[Comparison], unpaired: Sequence[str]) -> Report:
+    together = holm([each.change.p_value for each in comparisons])
+    rows = []
+    for each, p in zip(comparisons, together, strict=True):
+        said = f"CHANGED: {', '.join(_changed(each)) or 'not clear which stiffness'}" if p < LEVEL else "no change"
+        rows.append((cut(each.name, 50), float(p), said))
+    count, changed = len(rows), int((together < LEVEL).sum())
+    alike = [i for i in range(count) if together[i] >= LEVEL]
+    shown = [i for i in range(count) if i not in alike[PAIRS:]]
+    word, least = f"{changed} OF {count} CHANGED" if changed else "NO CHANGE", float(together.min())
+    verdict = Verdict(word, f"Smallest p of {counted(count, 'pair')}: {least:.2g}.", "caution" if changed else "good")
+    more = len(unpaired) - NUMBERS_LISTED
+    named = ", ".join(cut(path, 60) for path in unpaired[:NUMBERS_LISTED]) + (f" and {more} more" if more > 0 else "")
+    head, forms = ("Pair", "p", ""), ("", ".2g", "")
+    note = "p: probability of so much change anywhere in the pair if nothing has changed (Holm, over all pairs)."
+    every = Section("All pairs", (Table("", head, tuple(rows), forms, note),))
+    return Report(
+        f"Comparison of {counted(count, 'pair')} of campaigns",
+        verdict,
+        (
+            Table("", head, tuple(rows[i] for i in shown), forms),
+            *([f"In one folder only: {named}"] if unpaired else []),
+        ),
+        details=(every, *map(_pair, comparisons)),
+    )
+
+
+def _pair(comparison: Comparison) -> Section:
+    """Return a pair of several: its verdict, its stiffnesses and what to check."""
+    verdict = _verdict(comparison)
+    findings = (f"{each.text} -> {each.remedy}" if each.remedy else each.text for each in _findings(comparison))
+    words = f"{_counts(comparison)}. {verdict.word}: {verdict.reason}"
+    return Section(_campaigns(comparison), (words, _table(comparison), *findings, _meaning(comparison)))
+
+
+def level_words() -> str:
+    """Return the probability below which a change counts."""
+    return percent(LEVEL)
+
+
+# -------- Rows
+
+
+def compare_rows(comparisons: Sequence[Comparison], unpaired: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """Return a row for each stiffness: both values [SI], their ratio with its 95 % interval, p, and the verdict."""
+    several = len(comparisons) > 1
+    return [({"campaigns": each.name} if several else {}) | row for each in comparisons for row in _rows(each)]
+
+
+def _rows(comparison: Comparison) -> list[dict[str, Any]]:
+    change = comparison.change
+    low, high = np.exp(change.interval).T
+    return [
+        {
+            "parameter": name,
+            "unit": unit_of(name),
+            "before": float(change.first[i]),
+            "after": float(change.second[i]),
+            "ratio": float(np.exp(change.change[i])),
+            "low_95": float(low[i]),
+            "high_95": float(high[i]),
+            "p": float(change.p_values[i]),
+            "changed": bool(change.changed[i]),
+            "open": bool(change.open[i]),
+        }
+        for i, name in enumerate(change.names)
+    ]

@@ -1,0 +1,590 @@
+"""A diagnosis: what is said of it, what each stage says when it is finished, and its rows for programs."""
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.assess.diagnose import Diagnosis
+from ident.assess.remedies import CONFIDENT, MOVED, STIFFER, VERIFIED, Remedy
+from ident.identify.compare import Validation
+from ident.present.basis import (
+    assumed,
+    basis_findings,
+    same_motion,
+    subject,
+    transmission_finding,
+    without_transmission_error,
+)
+from ident.present.design import UNSURE, unsure_words
+from ident.present.report import Cell, Finding, Part, Report, Section, Table, Verdict, short_power
+from ident.present.resonance import caused_words, grouped, sources_words
+from ident.present.words import MM, beside, counted, in_shown_unit, is_stiffness, percent, rounded, sentence
+from ident.vibrate.evaluator import BinomialEstimate
+from ident.vibrate.resonance import ResonanceCrossing
+
+# -------- Remedy words
+# A remedy in words: something to do.
+
+SMALL = 0.005
+"""Relative change of a stiffness that is not worth a word."""
+SMALL_MOVE = 0.0005
+"""Change of a mass centre [m] that is not worth a word."""
+
+
+def change_words(remedy: Remedy) -> str:
+    """Say what a remedy changes, as something to do."""
+    if remedy.kind == "speed":
+        return f"run at {remedy.percent:.3g} % of full speed instead of {remedy.percent_before:.3g} %"
+    stiffer, moved = list(_stiffer(remedy)), list(_moved(remedy))
+    words = [f"make {joined(stiffer)} in torsion"] if stiffer else []
+    words += [f"move {joined(moved)}"] if moved else []
+    return joined(words) or "change nothing"
+
+
+def _stiffer(remedy: Remedy) -> Iterator[str]:
+    """Say how each stiffness changes, by more than is worth a word."""
+    for path, value in remedy.values.items():
+        more = value / remedy.before[path] - 1
+        if is_stiffness(path) and abs(more) > SMALL:
+            yield f"{spaced(path)} {100 * abs(more):.0f} % {'stiffer' if more > 0 else 'softer'}"
+
+
+def _moved(remedy: Remedy) -> Iterator[str]:
+    """Say how far each mass centre moves, if that is worth a word."""
+    for path, value in remedy.values.items():
+        further = value - remedy.before[path]
+        if not is_stiffness(path) and abs(further) > SMALL_MOVE:
+            yield f"the mass centre of {spaced(path)} by {MM * further:+.0f} mm in {path[-1]}"
+
+
+def spaced(path: str) -> str:
+    """Return the name of a part, by a path, as one says it: joint 1."""
+    return re.sub(r"(?<=[a-z])(?=\d+$)", " ", path.split(".")[0])
+
+
+def joined(words: Sequence[str]) -> str:
+    """Return words as a list: a, b and c."""
+    return " and ".join([*([", ".join(words[:-1])] if words[1:] else []), *words[-1:]])
+
+
+# -------- Diagnose
+
+LITTLE = 0.005
+"""Share of a vibration that is negligible."""
+ALTERNATIVES = 2
+"""Other remedies on the first screen, at most."""
+SENSITIVITIES = 12
+"""Sensitivities that are listed."""
+
+
+def diagnose_sections(diagnosis: Diagnosis) -> Report:
+    """Return all that is said of a finished diagnosis; the details have a section for each stage."""
+    basis, fit = diagnosis.task.basis, diagnosis.identification.sampled.fitted
+    verdict = judged(diagnosis)
+    return Report(
+        f"Diagnosis of {subject(basis)}",
+        verdict,
+        tuple(f"{label + ':':8s} {sentence(text)}" for label, text in cause_and_remedies(diagnosis)),
+        tuple(_cautions(diagnosis)),
+        f"Model: {of_model(diagnosis)}.",
+        _next(diagnosis, in_doubt=bool(fit.doubts), good=verdict.kind == "good"),
+        tuple(Section(_STAGES[stage].title, tuple(_STAGES[stage].details(diagnosis))) for stage in diagnosis.stages),
+    )
+
+
+def judged(diagnosis: Diagnosis) -> Verdict:
+    """Judge the arm: OK where it is accepted, NOT DECIDED where data or draws leave it open, else NOT OK."""
+    vibration = diagnosis.vibration
+    peak, limit, within = float(vibration.peak.max()), vibration.limit, float(vibration.peak.max()) <= vibration.limit
+    size = f"{beside(MM * peak, MM * limit)} mm"
+    chance = f"chance of keeping it: {chance_words(vibration.keeps)}"
+    compared = f"{size} {'is within' if within else 'exceeds'} the limit of {MM * limit:g} mm"
+    if diagnosis.identification.sampled.fitted.doubts:
+        reason = f"The fit is in doubt, and all that follows with it. With the fitted values {compared} ({chance})."
+        return Verdict("NOT DECIDED", reason, "caution")
+    if vibration.accepted:
+        return Verdict("OK", f"{compared} ({chance}).", "good")
+    if within:
+        asked = f"{100 * CONFIDENT:g} % is required"
+        return Verdict("NOT DECIDED", f"{compared}, but not safely ({chance}; {asked}).", "caution")
+    return Verdict("NOT OK", f"{compared} ({chance}).", "bad")
+
+
+def chance_words(estimate: BinomialEstimate) -> str:
+    """Write the 95 % interval of a probability, rounded outwards: `96 to 100 %`."""
+    return f"{math.floor(100 * estimate.interval[0])} to {math.ceil(100 * estimate.interval[1])} %"
+
+
+def cause_and_remedies(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
+    """Yield what makes most of the vibration and what helps, each with its label: Cause, Remedy, or."""
+    yield "Cause", _cause(diagnosis)
+    best, verified = diagnosis.advised, diagnosis.verified
+    if best is None or verified is None:
+        return
+    size = beside(MM * verified.largest, MM * verified.limit)
+    outcome = f"{size} mm, limit kept with probability {chance_words(verified.keeps)}"
+    if not (best.meets_limit and verified.holds):
+        tried, count = len(diagnosis.remedies), len(diagnosis.verifications)
+        held = f"none of the {count} remedies verified holds" if count > 1 else "the one remedy verified does not hold"
+        none = held if best.meets_limit else f"none of the {tried} remedies tried keeps the limit"
+        yield "Remedy", f"{none}; the best: {change_words(best)}: {outcome}"
+        return
+    yield "Remedy", f"{change_words(best)}{_numbers(diagnosis, best)}: {outcome} (verified)"
+    for other in [each for each in diagnosis.remedies[len(diagnosis.verifications) :] if each.meets_limit][
+        :ALTERNATIVES
+    ]:
+        size = (
+            f"{rounded(MM * other.largest)} mm, limit kept with probability {chance_words(other.keeps)} (not verified)"
+        )
+        yield "or", f"{change_words(other)}{_numbers(diagnosis, other)}: {size}"
+
+
+def _cause(diagnosis: Diagnosis) -> str:
+    groups = grouped(diagnosis.resonance.crossings)
+    if not groups:
+        return contribution_words(diagnosis) or "the motion itself; no drive comes near a natural frequency"
+    first, kinds = groups[0][0], ("imbalance", "transmission error")
+    drives: dict[str, list[str]] = {}
+    for crossing in groups[0]:
+        order = crossing.source.order
+        kind = kinds[order - 1] if order <= len(kinds) else f"order {order}"
+        drives.setdefault(kind, []).append(spaced(crossing.source.drive))
+    who = joined([f"{kind} of {joined(names)}" for kind, names in drives.items()])
+    does = "crosses" if first.crossings else f"comes within {percent(first.relative_distance)} of"
+    when = f"{first.time:.1f} s into the motion"
+    return f"{who} {does} {first.label} ({first.natural:.2f} Hz) {when}, {caused_words(groups[0])} by itself"
+
+
+def _numbers(diagnosis: Diagnosis, remedy: Remedy) -> str:
+    """Write the number that a remedy changes, or how long the motion takes with it; nothing of several numbers."""
+    if remedy.kind == "speed":
+        before = diagnosis.task.basis.motion.arrival
+        return f" ({before * remedy.percent_before / remedy.percent:.3g} s instead of {before:.3g} s)"
+    if len(remedy.values) != 1:
+        return ""
+    ((path, value),) = remedy.values.items()
+    (before, unit), (after, _) = (in_shown_unit(path, number) for number in (remedy.before[path], value))
+    return short_power(f" ({before:.3g} to {after:.3g} {unit})")
+
+
+def of_model(diagnosis: Diagnosis) -> str:
+    """Say how well the model is determined, and how well it predicts postures that were not measured."""
+    fit, validation = diagnosis.identification.sampled.fitted, diagnosis.validation
+    fixed = f"{fit.information.fixed} of {len(fit.information.names)} combinations determined"
+    far = f"; unmeasured postures predicted {scope_words(validation)}" if validation.told else ""
+    return f"{fixed} (chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom}){far}"
+
+
+def _next(diagnosis: Diagnosis, *, in_doubt: bool, good: bool) -> str:
+    known = diagnosis.identification.sampled.fitted.information
+    if in_doubt:
+        return "ident fit {campaign}"
+    if known.fixed < len(known.names) or diagnosis.beyond or diagnosis.validation.missed:
+        return "ident plan {campaign}"
+    limit = f"--limit {MM * diagnosis.task.limit:g}"
+    return "" if good else f"ident design {{arm}} {limit}{same_motion(diagnosis.task.basis)}"
+
+
+def _cautions(diagnosis: Diagnosis) -> Iterator[Finding]:
+    """Yield how far a diagnosis holds where the measurements do not bear it, the weightiest first."""
+    basis, known = diagnosis.task.basis, diagnosis.identification.sampled.fitted.information
+    for doubt in diagnosis.identification.sampled.fitted.doubts:
+        yield Finding(doubt.replace("; see below", "").replace("see below", "see ident fit"), "see `ident fit`")
+    if diagnosis.validation.missed:
+        named = ", ".join(part.name for part in diagnosis.validation.missed)
+        yield Finding(f"the other postures do not predict {named}", "check these measurements, then the arm file")
+    if diagnosis.identification.short:
+        yield Finding("the sampler's chains are too short", "take intervals and probabilities as rough")
+    if known.fixed < len(known.names):
+        text = f"{known.fixed} of {len(known.names)} combinations are determined; the prior fills the rest"
+        yield Finding(text, "measure what `ident plan` proposes")
+    if diagnosis.beyond:
+        *others, worst = sorted(diagnosis.beyond, key=lambda name: diagnosis.beyond[name])
+        who = f"{worst} {np.degrees(diagnosis.beyond[worst]):.0f} deg"
+        who += f" (and {counted(len(others), 'other joint')} less)" if others else ""
+        text = f"the motion turns {who} beyond all measured postures; the model is not tested there"
+        yield Finding(text, "measure in a posture of the motion")
+    yield from basis_findings(basis)
+    drawn = {*basis.unknown.phases, *basis.unknown.errors}
+    taken = [path for path in assumed(basis)[0] if path not in drawn]
+    if taken:
+        text = f"{counted(len(taken), 'number')} of drives, belts and stroke are assumed and not varied"
+        yield Finding(text, _to_measure(diagnosis, taken))
+    yield from transmission_finding(basis)
+
+
+def _to_measure(diagnosis: Diagnosis, taken: Sequence[str]) -> str:
+    """Name the assumed number on which the vibration depends most."""
+    each = diagnosis.sensitivities
+    first = next((i for i in each.order if each.paths[i] in taken), None)
+    if first is None:
+        return "measure them"
+    share = each.elasticity[first, int(np.argmax(each.amplitude))]
+    return f"measure {each.paths[first]} first (vibration {share:+.2g} % per percent)"
+
+
+# -------- Stages
+
+
+@dataclass(frozen=True)
+class StageReport:
+    """What a stage says when it is finished.
+
+    Attributes:
+        number: of the stage, from 1.
+        count: of stages, as far as is known: remedies are sought where the vibration is not accepted.
+        name: of the stage.
+        result: what it has come to, in a line.
+        resumed: whether an earlier run had finished it.
+    """
+
+    number: int
+    count: int
+    name: str
+    result: str
+    resumed: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count} {self.name}: {self.result}{' (from an earlier run)' * self.resumed}"
+
+
+def stage_report(diagnosis: Diagnosis, stage: str, *, resumed: bool = False) -> StageReport:
+    """Return what a finished stage of a diagnosis says."""
+    stages = [each for each in _STAGES if each not in ("remedies", "verification")]
+    count = len(stages if "vibration" in diagnosis.stages and diagnosis.vibration.accepted else _STAGES)
+    return StageReport(list(_STAGES).index(stage) + 1, count, stage, _STAGES[stage].result(diagnosis), resumed)
+
+
+def _stiffness_result(diagnosis: Diagnosis) -> str:
+    fit = diagnosis.identification.sampled.fitted
+    doubt = "; IN DOUBT" if fit.doubts else ""
+    return f"{fit.information.fixed} of {len(fit.information.names)} combinations determined{doubt}"
+
+
+def _stiffness(diagnosis: Diagnosis) -> Iterator[Part]:
+    identified = diagnosis.identification
+    fit, names = identified.sampled.fitted, identified.sampled.fitted.problem.parameters.names
+    rank, count = fit.information.fixed, len(fit.information.names)
+    yield (
+        f"{counted(len(fit.campaign), 'measurement')} determine {rank} of {count} combinations of the unknowns; "
+        f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom."
+    )
+    yield from (sentence(doubt.replace("see below", "see ident fit")) for doubt in fit.doubts)
+    if rank < count:
+        yield "The prior fills the others: what follows is no better than the prior."
+    rows = []
+    for name, ends in zip(names, identified.quantiles.T, strict=True):
+        low, median, high = (short_power(f"{in_shown_unit(name, float(end))[0]:#.4g}") for end in ends)
+        interval = "not reported" if identified.sampled.withheld else f"{low} to {high}"
+        rows.append((name, median, interval, in_shown_unit(name, 1.0)[1]))
+    note = "The chains are too short: the intervals are rough." if identified.short else ""
+    note += " No interval is reported, as the fit is in doubt." * bool(identified.sampled.withheld)
+    yield Table("Posterior", ("number", "median", "95 % interval", "unit"), tuple(rows), note=note.strip())
+
+
+def _trust_result(diagnosis: Diagnosis) -> str:
+    validation = diagnosis.validation
+    if not validation.told:
+        return "no posture can be predicted from others"
+    return f"{validation.covered} of {len(validation.z)} measurements within the interval predicted from other postures"
+
+
+def _trust(diagnosis: Diagnosis) -> Iterator[Part]:
+    validation = diagnosis.validation
+    if not validation.told:
+        yield "No posture can be predicted from others: that takes two postures or more, one with enough information."
+        return
+    yield (
+        f"Each of {len(validation.parts)} postures is predicted from the others: {validation.covered} of "
+        f"{len(validation.z)} measurements lie in the 95 % interval of their prediction."
+    )
+    yield f"Postures that were not measured are predicted {scope_words(validation)}."
+    if validation.missed:
+        yield f"Too far from the prediction: {', '.join(part.name for part in validation.missed)}."
+    if diagnosis.beyond:
+        yield f"The motion turns {beyond_words(diagnosis)}."
+    rows = tuple(
+        (s.kind.replace("_", " "), percent(s.half), percent(s.seen), percent(s.expected), s.count)
+        for s in validation.scopes
+    )
+    note = (
+        "Error: half width of the 95 % interval, relative to the value. Seen: from the errors of the predicted "
+        "postures; expected: from the model's own standard deviations. The larger one counts."
+    )
+    head = ("kind", "error", "seen", "expected", "measurements")
+    yield Table("Prediction error in postures that were not measured (95 %)", head, rows, note=note)
+
+
+def beyond_words(diagnosis: Diagnosis) -> str:
+    """Say how far a motion leaves the measured postures: `joint1 62 deg beyond all measured postures`."""
+    joints = (f"{name} {np.degrees(by):.0f} deg" for name, by in diagnosis.beyond.items())
+    return f"{', '.join(joints)} beyond all measured postures"
+
+
+def scope_words(validation: Validation) -> str:
+    """Say how well each kind of measurement is predicted: `within 1.5 % in frequency`."""
+    return ", ".join(f"within {percent(s.half)} in {s.kind.replace('_', ' ')}" for s in validation.scopes)
+
+
+def _resonance_result(diagnosis: Diagnosis) -> str:
+    return _cause(diagnosis) if diagnosis.resonance.crossings else "no drive comes near a natural frequency"
+
+
+def _resonance(diagnosis: Diagnosis) -> Iterator[Part]:
+    resonance, changed = diagnosis.resonance, diagnosis.task.basis.changed
+    yield from (f"Set from here on: {path} = {value:g}." for path, value in changed.items())
+    if not resonance.crossings:
+        undriven = "The arm file has no [[drive]]: only the motion itself excites the arm."
+        yield undriven if resonance.branches is None else "No pulley comes near a natural frequency along this motion."
+        return
+    rows = tuple(_crossing_row(number, group) for number, group in enumerate(grouped(resonance.crossings), 1))
+    head = (
+        *("no.", "excited by", "mode", "time [s]", "at [Hz]", "closest"),
+        *("vibration caused", "build-up [-]", "probability"),
+    )
+    note = (
+        "Vibration caused: of the end point along the mode's motion, by these pulleys alone with the worst phases. "
+        "Build-up: amplitude of the mode over its static response to the same force, estimated."
+    )
+    yield Table("Resonance along the motion, by the vibration caused", head, rows, note=note)
+
+
+def _crossing_row(number: int, group: Sequence[ResonanceCrossing]) -> tuple[Cell, ...]:
+    first = group[0]
+    return (
+        str(number),
+        sources_words([crossing.source for crossing in group]),
+        str(first.label),
+        f"{first.start:.2f} to {first.end:.2f}",
+        f"{first.natural:.2f}",
+        "crosses" if first.crossings else f"{100 * first.relative_distance:.1f} % off",
+        caused_words(group),
+        f"{first.magnification:.1f}",
+        f"{100 * first.probability:.0f} %",
+    )
+
+
+def _vibration_result(diagnosis: Diagnosis) -> str:
+    vibration = diagnosis.vibration
+    kept = f"kept by {vibration.keeps.count} of {vibration.keeps.draws} draws"
+    return f"{beside(MM * vibration.peak.max(), MM * vibration.limit)} mm, limit {MM * vibration.limit:g} mm, {kept}"
+
+
+def _vibration(diagnosis: Diagnosis) -> Iterator[Part]:
+    vibration, peak = diagnosis.vibration, diagnosis.vibration.peak
+    yield (
+        f"By the exact equations the end point vibrates by up to {MM * peak.max():.3g} mm ({'xyz'[int(peak.argmax())]})"
+        f"; the limit is {MM * vibration.limit:g} mm."
+    )
+    if vibration.phases is not None:
+        over = vibration.phases.peaks[int(vibration.phases.worst.argmax())]
+        yield (
+            f"The imbalance phases are unknown: over random phases the peak is {MM * over.min():.3g} to "
+            f"{MM * over.max():.3g} mm; {100 * CONFIDENT:g} % of them do not exceed the peak above."
+        )
+        yield f"{sentence(contribution_words(diagnosis))}"
+    yield f"The limit is kept by {binomial_words(vibration.keeps, vibration.phases is not None)}."
+    if vibration.accepted:
+        yield "Nothing needs to be changed."
+    rows = tuple(
+        (direction, MM * at, f"{MM * low:.3f} to {MM * high:.3f}")
+        for direction, at, low, high in zip("xyz", peak, *vibration.band, strict=True)
+    )
+    note = "Displacement of the end point from its quasi-static position. Draws: by the fast method."
+    if vibration.phases is not None:
+        note += " Each draw has random phases; the exact peak has phases that " + (
+            f"{100 * CONFIDENT:g} % of all phases do not exceed."
+        )
+    head = ("direction", "exact", "5 to 95 % of the draws")
+    yield Table("Largest vibration [mm]", head, rows, ("", ".3f", ""), note)
+
+
+def contribution_words(diagnosis: Diagnosis) -> str:
+    """Say what makes the vibration at the worst phases; nothing where all phases are known."""
+    over = diagnosis.vibration.phases
+    if over is None:
+        return ""
+    way = int(over.worst.argmax())
+    least = LITTLE * over.worst[way]
+    motion, imbalance, error = (
+        f"below {rounded(MM * least, 1)} mm" if part < least else f"{rounded(MM * part)} mm"
+        for part in over.division[:, way]
+    )
+    errors = "not modelled (set to 0)" if without_transmission_error(diagnosis.task.basis) else error
+    worst = beside(MM * over.worst[way], MM * diagnosis.vibration.limit)
+    return (
+        f"contributions to the {worst} mm at the worst phases: drive imbalance {imbalance}, motion {motion}, "
+        f"transmission error {errors}"
+    )
+
+
+def _sensitivities_result(diagnosis: Diagnosis) -> str:
+    sensitivities = diagnosis.sensitivities
+    return f"most on {joined([sensitivities.paths[i] for i in sensitivities.order[:3]])}"
+
+
+def _sensitivities(diagnosis: Diagnosis) -> Iterator[Part]:
+    sensitivities = diagnosis.sensitivities
+    column = int(np.argmax(sensitivities.amplitude))
+    order = sensitivities.order[:3]
+    percents = ", ".join(f"{sensitivities.elasticity[i, column]:+.2g}" for i in order)
+    yield (
+        f"The vibration is largest in {'xyz'[column]}. It depends most on "
+        f"{joined([sensitivities.paths[i] for i in order])}: {percents} % per percent of the number."
+    )
+    yield "Drive ratios and masses shift a resonance along the path; they can rarely be chosen."
+    shown = sensitivities.order[:SENSITIVITIES]
+    rows = tuple(
+        (
+            sensitivities.paths[i],
+            sensitivities.present[i],
+            *(
+                f"{value:+.2f}{UNSURE * bool(unsure)}"
+                for value, unsure in zip(sensitivities.elasticity[i], sensitivities.unsure[i], strict=True)
+            ),
+        )
+        for i in shown
+    )
+    head = ("number", "now [SI]", "x [% per %]", "y [% per %]", "z [% per %]")
+    note = "At the present values, for small changes."
+    note += f" {UNSURE}: {unsure_words()}." if sensitivities.unsure[shown].any() else ""
+    yield Table("Sensitivities, the strongest first", head, rows, ("", ".4g", "", "", ""), note)
+
+
+def _remedies_result(diagnosis: Diagnosis) -> str:
+    good = sum(remedy.meets_limit for remedy in diagnosis.remedies)
+    return f"{good} of {len(diagnosis.remedies)} remedies keep the limit with probability {100 * CONFIDENT:g} % or more"
+
+
+def _remedies(diagnosis: Diagnosis) -> Iterator[Part]:
+    yield f"{_remedies_result(diagnosis)}."
+    moved = (
+        f" mass centres of the last joint's bodies moved by {100 * MOVED:g} % of their length,"
+        if diagnosis.task.centres
+        else ""
+    )
+    yield (
+        f"Tried: torsional stiffness from 1/{STIFFER:g} to {STIFFER:g} times,{moved} speeds from half to one and a "
+        "half times, not above full speed. These ranges are assumed."
+    )
+    rows = tuple(
+        (
+            str(rank),
+            change_words(remedy),
+            MM * remedy.largest,
+            f"{100 * remedy.keeps.share:.3g} %",
+            remedy.frequency,
+            MM * remedy.deflection,
+            remedy.change_norm,
+        )
+        for rank, remedy in enumerate(diagnosis.remedies, 1)
+    )
+    head = ("rank", "change", "vibration [mm]", "keeps limit", "first mode [Hz]", "deflection [mm]", "size [-]")
+    note = (
+        "Ranking: what keeps the limit first (torsion, then mass centres, then speed; the smallest change of each), "
+        "then what vibrates least. Size: change relative to the largest allowed; of speed, in powers of two. First "
+        "mode and deflection are side effects, the worse of both ends of the motion."
+    )
+    strong = tuple(i for i, remedy in enumerate(diagnosis.remedies) if remedy.meets_limit)
+    yield Table("Remedies", head, rows, ("", "", ".3f", "", ".2f", ".1f", ".2f"), note, strong)
+
+
+def _verification_result(diagnosis: Diagnosis) -> str:
+    assert diagnosis.advised is not None
+    assert diagnosis.verified is not None
+    size = f"{beside(MM * diagnosis.verified.largest, MM * diagnosis.verified.limit)} mm"
+    kept = f"kept by {diagnosis.verified.keeps.count} of {diagnosis.verified.keeps.draws} fresh draws"
+    return f"{change_words(diagnosis.advised)}: {size}, limit {kept}"
+
+
+def _verification(diagnosis: Diagnosis) -> Iterator[Part]:
+    remedy, verified, verifications = diagnosis.advised, diagnosis.verified, diagnosis.verifications
+    assert remedy is not None
+    assert verified is not None
+    yield (
+        "The first remedy is simulated by the exact equations, and with fresh draws that had no part in choosing it; "
+        f"if it does not hold, the next one, {VERIFIED} at most."
+    )
+    rows = tuple(
+        (
+            change_words(tried),
+            f"{MM * check.largest:.3g}",
+            "kept" if check.largest <= check.limit else "NOT kept",
+            f"{check.keeps.count} of {check.keeps.draws}",
+            chance_words(check.keeps),
+        )
+        for tried, check in zip(diagnosis.remedies, verifications, strict=False)
+    )
+    note = f"Probability: 95 % interval; {100 * CONFIDENT:g} % is required of the draws."
+    if len(verifications) > 1:
+        note += " All were verified with the same draws, so the draws have had a part in choosing among them."
+    head = ("change", "exact [mm]", "limit", "kept by draws", "probability")
+    yield Table("Verified remedies", head, rows, note=note)
+    changes: tuple[tuple[Cell, ...], ...] = tuple(
+        (
+            path,
+            *(in_shown_unit(path, number)[0] for number in (remedy.before[path], value)),
+            f"x {value / remedy.before[path]:.3f}"
+            if is_stiffness(path)
+            else f"{MM * (value - remedy.before[path]):+.1f} mm",
+            in_shown_unit(path, 1.0)[1],
+        )
+        for path, value in remedy.values.items()
+    )
+    if changes:
+        title = "What to change" if verified.holds else "What the first of them changes"
+        yield Table(title, ("number", "now", "after", "change", "unit"), changes, ("", ".4g", ".4g", "", ""))
+
+
+def binomial_words(estimate: BinomialEstimate, phases: bool = False) -> str:
+    """Say how many draws keep a limit, with the interval of the probability, and whether phases are drawn as well."""
+    kept = f"{estimate.count} of {estimate.draws} draws of the posterior{' and of the phases' * phases}"
+    return f"{kept} (95 % interval of the probability: {chance_words(estimate)})"
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """How a stage is told: its title, its result in a line, and its details."""
+
+    title: str
+    result: Callable[[Diagnosis], str]
+    details: Callable[[Diagnosis], Iterator[Part]]
+
+
+_STAGES: Mapping[str, _Stage] = {
+    "stiffness": _Stage("How stiff are the joints?", _stiffness_result, _stiffness),
+    "trust": _Stage("How far can the model be trusted?", _trust_result, _trust),
+    "resonance": _Stage("Does a drive meet a natural frequency?", _resonance_result, _resonance),
+    "vibration": _Stage("How much does the arm vibrate?", _vibration_result, _vibration),
+    "sensitivities": _Stage("What matters most?", _sensitivities_result, _sensitivities),
+    "remedies": _Stage("Which change keeps the limit?", _remedies_result, _remedies),
+    "verification": _Stage("Does it hold?", _verification_result, _verification),
+}
+
+
+# -------- Rows
+
+
+def diagnose_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Return a row for each remedy, the best first: what it changes and what comes of it [SI]."""
+    verifications = diagnosis.verifications
+    return [
+        {
+            "rank": rank,
+            "kind": remedy.kind,
+            "change": change_words(remedy),
+            "speed_percent": remedy.percent,
+            "amplitude": remedy.largest,
+            "probability": remedy.keeps.share,
+            "first_frequency": remedy.frequency,
+            "deflection": remedy.deflection,
+            "change_norm": remedy.change_norm,
+            "meets_limit": remedy.meets_limit,
+            "verified": verifications[rank - 1].holds if rank <= len(verifications) else None,
+        }
+        for rank, remedy in enumerate(diagnosis.remedies, 1)
+    ]

@@ -1,0 +1,547 @@
+"""A fit: what is said of it, its rows for programs, and fitted values out of its result file."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ident.identify.fit import CampaignFit
+from ident.identify.problem import row_names
+from ident.identify.unknowns import is_of_loop
+from ident.inference.fit import Fit
+from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information
+from ident.inference.optima import unmet
+from ident.inference.parameters import Parameter
+from ident.measure import KINDS
+from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power, written
+from ident.present.warnings import (
+    agreement,
+    asked_for,
+    assumption_section,
+    contradiction,
+    dependence_on_priors,
+    drive_states,
+    explanation_section,
+    hysteresis,
+    leading_explanations,
+    odd_numbers,
+    untestable,
+    weighty_assumptions,
+    what_may_be_wrong,
+)
+from ident.present.words import (
+    MM,
+    SETUP,
+    correlated_errors,
+    counted,
+    describe,
+    in_percent,
+    in_read_unit,
+    in_shown_unit,
+    is_length,
+    is_stiffness,
+    kinds_in_words,
+    percent,
+    priors_in_words,
+    read_unit,
+    scatter,
+    sentence,
+    shares,
+    unit_of,
+    what_is_fixed,
+    what_is_open,
+)
+from ident.units import QUANTITIES
+
+EVERY = 200
+"""Measurements up to which all are listed."""
+FARTHEST = 24
+"""Those that are listed of more."""
+LISTED = 12
+"""Optima that are listed at most."""
+LEAST_COST = 0.01
+"""Share by which an interval is widened that is worth a word."""
+FAR_OFF, OWN = 2.5, 0.1
+"""Standard deviations off from which what was said of a number is doubted; the prior's share below which it is idle."""
+IMPLAUSIBLE = 1.96
+"""Prior standard deviations from which a fitted value is called implausible: outside the prior's 95 % interval."""
+
+
+def fit_sections(fit: CampaignFit) -> Report:
+    """Return all that is said of a fit."""
+    causes = leading_explanations(fit.explanations, fit.campaign)
+    conflict = contradiction(fit.cross_predictions, fit.campaign.measurements) if fit.contradictory else ""
+    tables = (_values_table(fit), *weighty_assumptions(fit))
+    return Report(
+        _subject(fit),
+        _verdict(fit),
+        (*([conflict] if conflict else []), *causes, *tables),
+        tuple(_findings(fit, explained=bool(causes))),
+        _residuals(fit),
+        _next(fit, explained=bool(causes)),
+        tuple(_details(fit)),
+    )
+
+
+def _next(fit: CampaignFit, *, explained: bool) -> str:
+    if explained:
+        return "check these causes, then: ident fit {campaign}"
+    incomplete = _determined(fit) < _unknown_count(fit) or fit.doubts
+    return "ident plan {campaign}" if incomplete else "ident validate {campaign}"
+
+
+def _subject(fit: CampaignFit) -> str:
+    items = [item for item in fit.problem.parameters.items if not item.nuisance]
+    word = "unknown stiffness" if all(is_stiffness(item.name) for item in items) else "unknown"
+    plural = "es" if word.endswith("ss") else "s"
+    beside, loops = int(fit.problem.parameters.nuisance.sum()), len(fit.loops)
+    more = [f", {counted(beside - loops, 'uncertain number')}"] if beside > loops else []
+    more += [f", {counted(loops, 'hysteresis loop')}"] if loops else []
+    more += [", robust weights"] if fit.weights is not None else []
+    return (
+        f"Fit of {cut(fit.arm.name, 40)} to {cut(fit.campaign.name, 30)}: {counted(len(fit.campaign), 'measurement')}, "
+        f"{len(items)} {word}{plural * (len(items) != 1)}{''.join(more)}"
+    )
+
+
+# -------- Verdict
+
+
+def _verdict(fit: CampaignFit) -> Verdict:
+    """Judge a fit: NOT USABLE in doubt or where nothing is determined, GOOD where all is, PARTLY between."""
+    if refusal := refused(fit):
+        return refusal
+    count, determined = _unknown_count(fit), _determined(fit)
+    quality = f"{_chi_squared(fit)}; {_uniqueness(fit)}."
+    if not determined:
+        of = "the unknown" if count == 1 else f"any of the {count} unknowns"
+        return Verdict("NOT USABLE", f"The data alone do not determine {of}; {quality}", "bad")
+    items = fit.problem.parameters.items
+    errors = [fit.information.sd[i] for i in _own(fit) if _is_determined(fit, i) and items[i].positive]
+    known = f"determined{f' (std. error at most {scatter(float(max(errors)))})' if errors else ''}; {quality}"
+    if determined < count:
+        return Verdict(f"PARTLY {determined} OF {count}", f"{determined} of {count} unknowns {known}", "caution")
+    assumed = untestable(fit)
+    every = f"All {count} unknowns" if count > 1 else "The unknown is"
+    return Verdict(f"GOOD if {assumed}" if assumed else "GOOD", f"{every} {known}", "good")
+
+
+def refused(fit: CampaignFit) -> Verdict | None:
+    """Return why a fit is not usable: it is in doubt, or the data contradict an assumption; else None."""
+    if fit.doubts:
+        rank, own = fit.information.rank, len(fit.information.directions)
+        reasons = [f"Check the arm file first: {odd[0].text}."] if (odd := odd_numbers(fit.arm)) else []
+        reasons += [sentence(doubt) for doubt in fit.doubts]
+        if rank < own:
+            reasons.append(f"{counted(len(fit.campaign), 'measurement')} cannot determine {counted(own, 'unknown')}.")
+        return Verdict("NOT USABLE", f"{' '.join(reasons)} No interval is reported.", "bad")
+    asked = asked_for(fit)
+    return Verdict("NOT USABLE", sentence(asked.text), "bad") if asked else None
+
+
+def _own(fit: CampaignFit) -> list[int]:
+    """Return the places of the unknowns that are no nuisances."""
+    return np.flatnonzero(~fit.problem.parameters.nuisance).tolist()
+
+
+def _unknown_count(fit: CampaignFit) -> int:
+    return len(_own(fit))
+
+
+def _is_determined(fit: CampaignFit, i: int) -> bool:
+    """Tell whether an unknown has an interval that holds one optimum alone."""
+    half = _HALF * fit.information.sd[i]
+    single = all(abs(each.theta[i] - fit.best.theta[i]) < half for each in fit.rivals)
+    return bool(fit.supported[i]) and single
+
+
+_HALF = 1.96
+
+
+def _determined(fit: CampaignFit) -> int:
+    return sum(_is_determined(fit, i) for i in _own(fit))
+
+
+def _chi_squared(fit: CampaignFit) -> str:
+    p = "" if math.isnan(fit.p_value) else f" (p = {fit.p_value:.2g})"
+    return f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"
+
+
+def _uniqueness(fit: CampaignFit) -> str:
+    starts = sum(optimum.starts for optimum in fit.optima) + fit.failed
+    if fit.rivals:
+        return f"{len(fit.rivals) + 1} optima fit the data, met in {counted(starts, 'start')}"
+    return f"one optimum fits, found in {counted(starts, 'start')}"
+
+
+def _residuals(fit: CampaignFit) -> str:
+    """Name the largest standardised residual, and say whether the kinds of measurement agree."""
+    if not fit.farthest_off:
+        return ""
+    far, z = fit.farthest_off[0], np.abs(fit.standardised)
+    row = row_names(fit.campaign)[far]
+    count = len(fit.farthest_off)
+    within = f"All {count} residuals within {z[far]:.1f} sigma (largest: row {row})."
+    several = int(fit.suspicious.sum())
+    if several and fit.weights is not None:
+        within = f"{several} of {count} values count for less than half (farthest off: row {row}, {z[far]:.1f} sigma)."
+    elif several:
+        within = f"{several} of {count} residuals too large, most of all row {row} ({z[far]:.1f} sigma)."
+    if fit.contradictory or not fit.cross_predictions:
+        return within
+    kinds = kinds_in_words([cross.kind for cross in fit.cross_predictions])
+    least = min(cross.p_value for cross in fit.cross_predictions)
+    return f"{within} {kinds.capitalize()} agree (p = {least:.2g})."
+
+
+def _findings(fit: CampaignFit, *, explained: bool) -> Iterator[Finding]:
+    """Yield what bears on the verdict, the weightiest first."""
+    yield from odd_numbers(fit.arm)
+    if (asked := asked_for(fit)) and not fit.doubts:
+        yield asked
+    if fit.weights is not None and fit.suspicious.any():
+        names = [row_names(fit.campaign)[i] for i in np.flatnonzero(fit.suspicious).tolist()]
+        yield Finding(f"robust weights: rows {', '.join(names[:LISTED])} count for less than half", "check these rows")
+    if fit.contradictory and not explained and len(fit.blamed) != 1 and not fit.exchanges:
+        yield Finding("the kinds of measurement contradict each other", "check values, labels, units and load cases")
+    yield from drive_states(fit.arm, fit.campaign)
+    yield from _competing(fit)
+    blamed = fit.blamed_in_words
+    yield from (Finding(remark) for remark in fit.remarks if not (explained and remark == blamed))
+    if not fit.doubts and (trades := fit.information.trade_offs()):
+        filler = (
+            "the prior fills them" if np.isfinite(fit.information.sd).all() else "they stay where the search stopped"
+        )
+        text = f"the data do not determine {len(trades)} of {len(fit.information.directions)} combinations; {filler}"
+        yield Finding(text, "measure what `ident plan` proposes")
+
+
+def _competing(fit: Fit) -> Iterator[Finding]:
+    """Yield that other optima fit as well, or nearly."""
+    costs = [optimum.score - fit.best.score for optimum in fit.rivals[fit.ties :]]
+    if fit.ties:
+        text = f"not unique: {fit.ties + 1} optima fit exactly as well; the one nearest to the prior's centre is shown"
+        yield Finding(text, "measure what tells them apart (`ident plan`)")
+    if costs:
+        others = "another optimum" if len(costs) == 1 else f"{len(costs)} other optima"
+        yield Finding(f"the data do not rule out {others}: chi-squared is {min(costs):.2g} larger there")
+    if fit.rivals:
+        expected = unmet(fit.optima)
+        if np.isfinite(expected):
+            yield Finding(
+                f"{expected:.1f} more optima like them are expected; intervals reach over all that were found"
+            )
+        else:
+            yield Finding("the optima were met too seldom to say how many more there are", "try more --starts")
+
+
+# -------- Values
+
+
+def _values_table(fit: CampaignFit) -> Table:
+    """Return each value with its interval, or why it has none."""
+    items, own = fit.problem.parameters.items, _own(fit)
+    units = {in_shown_unit(items[i].name, 1.0)[1] for i in own}
+    single = f" [{units.pop()}]" if len(units) == 1 else ""
+    head = ("Stiffness" if all(is_stiffness(items[i].name) for i in own) else "Unknown", f"value{single}")
+    rows = tuple(_value_row(fit, i, with_unit=not single) for i in own)
+    every = (*head, "95 % interval", "std. error", "arm file")
+    shown = [j for j in range(len(every)) if any(row[j] for row in rows)]
+    return Table("", tuple(every[j] for j in shown), tuple(tuple(row[j] for j in shown) for row in rows))
+
+
+def _value_row(fit: CampaignFit, i: int, *, with_unit: bool) -> tuple[Cell, ...]:
+    item, value = fit.problem.parameters.items[i], float(fit.best.values[i])
+    number, unit = in_shown_unit(item.name, value)
+    after = f" {unit}" if with_unit else ""
+    word = why_no_interval(fit, i)
+    low, high = (in_shown_unit(item.name, float(end))[0] for end in fit.interval()[i])
+    digits = "#.3g" if item.positive else "#.4g"
+    interval = word or f"{written(low, digits)} to {written(high, digits)}"
+    error = (
+        ""
+        if word
+        else scatter(float(fit.information.sd[i]))
+        if item.positive
+        else _own_unit(item, fit.information.sd[i])
+    )
+    names = item.name if len(item.paths) == 1 else f"{item.name} (and {', '.join(item.paths[1:])})"
+    return names, written(number, "#.4g") + after, interval, error, _start(item, value)
+
+
+def _start(item: Parameter, value: float) -> str:
+    """Write the arm file's value, with how far the fitted one is from it."""
+    start = float(item.start)
+    number = short_power(f"{in_shown_unit(item.name, start)[0]:.4g}")
+    if not item.positive or not start:
+        return number
+    wide = math.isfinite(item.prior_sd) and abs(math.log(value / start)) > IMPLAUSIBLE * float(item.prior_sd)
+    ratio = value / start
+    change = percent(ratio - 1, "+") if 0.5 < ratio < 2 else f"x {ratio:.2g}"
+    return f"{number} ({change}{', implausible' * bool(wide)})"
+
+
+def _own_unit(item: Parameter, sd: float) -> str:
+    factor, unit = (MM, "mm") if is_length(item.name) else (1.0, unit_of(item.name))
+    return f"{factor * float(sd) * float(item.scale):.2g} {unit}"
+
+
+def why_no_interval(fit: Fit, i: int) -> str:
+    """Return why a parameter has no interval; nothing where it has one."""
+    known = fit.information
+    if known.supported[i] or fit.problem.parameters.nuisance[i]:
+        return "" if fit.supported[i] else "not reported"
+    return "weakly determined" if known.data_sd[i] < OPEN_ABOVE else "not determined"
+
+
+# -------- Details
+
+
+def _details(fit: CampaignFit) -> Iterator[Section]:
+    yield _intervals_section(fit)
+    if fit.contradictory:
+        hint = what_may_be_wrong(fit.cross_predictions)
+        words = (dependence_on_priors(fit.cross_predictions), hint, _compromise(fit))
+        yield Section("Contradiction", tuple(filter(None, words)))
+    yield from explanation_section(fit.explanations, fit.campaign)
+    yield from _uncertain_numbers(fit)
+    yield assumption_section(fit)
+    yield _measurements(fit)
+    yield from hysteresis(fit)
+    yield what_is_fixed(fit)
+    if trades := what_is_open(fit.information, fit.problem.parameters.items):
+        yield trades
+    if fit.cross_predictions:
+        parameters = fit.problem.parameters
+        flat = not (parameters.proper | parameters.nuisance).all()
+        note = "Where there is no prior on a stiffness, the default one was taken for this comparison." if flat else ""
+        yield agreement(fit.cross_predictions, fit.campaign.measurements, note)
+    yield _origins(fit)
+    yield _optima(fit)
+    if correlated := correlated_errors(fit.campaign):
+        yield Section("Correlated errors", (correlated,))
+
+
+def _compromise(fit: Fit) -> str:
+    """Name the value that a contradiction takes farthest from the arm file's; nothing where none can be compared."""
+    items = fit.problem.parameters.items
+    ratios = {item.name: v / float(item.start) for v, item in zip(fit.best.values, items, strict=True) if item.positive}
+    if not ratios:
+        return ""
+    name = max(ratios, key=lambda name: abs(math.log(ratios[name])))
+    return f"The fit is a compromise that takes {name} to {ratios[name]:.2g} times the arm file's value."
+
+
+def _intervals_section(fit: CampaignFit) -> Section:
+    """Return each value with the ends of its interval relative to it."""
+    rows = []
+    for i in _own(fit):
+        item, value = fit.problem.parameters.items[i], float(fit.best.values[i])
+        number, unit = in_shown_unit(item.name, value)
+        ends = ("", "") if why_no_interval(fit, i) else (_end(item, value, end) for end in fit.interval()[i])
+        rows.append((item.name, number, unit, *ends, why_no_interval(fit, i) or "95 %"))
+    head = ("unknown", "value", "unit", "low end", "high end", "interval")
+    meaning = (
+        "not determined: the data alone do not determine it; the value leans on the prior. weakly determined: known by "
+        f"the data alone to no better than a factor of {math.exp(WEAK_ABOVE):.2g} (std. error). not reported: data and "
+        "model would give an interval, but the fit is in doubt."
+    )
+    named = any(why_no_interval(fit, i) for i in _own(fit))
+    table = Table("", head, tuple(rows), ("", ".4g", "", "", "", ""), meaning if named else "")
+    return Section("Fitted values", (table, sentence(_chi_squared(fit))))
+
+
+def _end(item: Parameter, value: float, end: float) -> str:
+    """Write how far an interval reaches to one side, as `-3.7 %`."""
+    if item.positive:
+        return in_percent(float(end) / value - 1)
+    factor, unit = (MM, "mm") if is_length(item.name) else (1.0, unit_of(item.name))
+    return f"{factor * (float(end) - value):+.2g} {unit}"
+
+
+def _measurements(fit: CampaignFit) -> Section:
+    """Return each measurement next to its prediction; of many, those that are farthest off."""
+    count, off, z, many = len(fit.campaign), fit.off, fit.standardised, len(fit.campaign) > EVERY
+    shown = sorted(fit.farthest_off[:FARTHEST]) if many else range(count)
+    outliers, unchecked, names = fit.suspicious, fit.row_tests.unchecked, row_names(fit.campaign)
+    rows = []
+    for i in shown:
+        m = fit.campaign.measurements[i]
+        measured, unit = in_read_unit(m.kind, m.value)
+        predicted, _ = in_read_unit(m.kind, float(fit.predicted[i]))
+        weight = "" if fit.weights is None else f" (weight {fit.weights[i]:.2g})"
+        mark = f"outlier{weight}" if outliers[i] else "unchecked" if unchecked[i] else ""
+        rows.append((names[i], describe(m), unit, measured, predicted, -float(off[i]), -float(z[i]), mark))
+    head = ("row", "measurement", "unit", "measured", "predicted", "off [sigma]", "z", "")
+    limit = f"Outlier limit for {fit.row_tests.tested} values: {fit.row_tests.limit:.1f} sigma"
+    limit += "; vectors are judged as a whole." if fit.problem.vectors is not None else "."
+    if fit.weights is not None:
+        limit = f"Robust weights: {int(outliers.sum())} of {count} values count for less than half."
+    note = (
+        "off: measured less predicted, in sigma. z: the same in its own standard deviation, which is smaller because "
+        f"the fit follows the value; values are judged by z. {limit}"
+    )
+    if unchecked.any():
+        note += " unchecked: no other measurement depends on the same, so that an error would go unnoticed."
+    forms = ("", "", "", ".4g", ".4g", ".2f", ".2f", "")
+    title = f"Measurements: the {FARTHEST} of {count} farthest from the fit" if many else "Measurements"
+    by_kind = (_by_kind(fit),) if many else ()
+    return Section(title, (Table("", head, tuple(rows), forms, note), *by_kind))
+
+
+def _by_kind(fit: CampaignFit) -> Table:
+    """Return for each kind how far its values are off."""
+    kinds, outliers = np.array([m.kind for m in fit.campaign]), fit.suspicious
+    rows = []
+    for kind in dict.fromkeys(kinds.tolist()):
+        z = -fit.off[kinds == kind]
+        far = int(outliers[kinds == kind].sum())
+        rows.append((kind.replace("_", " "), len(z), float(z.mean()), float(np.sqrt((z**2).mean())), far))
+    head = ("kind", "values", "mean [sigma]", "rms [sigma]", "too far off")
+    return Table("Residuals by kind; all are in the result file", head, tuple(rows), ("", "d", "+.2f", ".2f", "d"))
+
+
+def _uncertain_numbers(fit: CampaignFit) -> Iterator[Section]:
+    """Yield for each number that is not exactly known what the fit makes of it, and what knowing it would gain."""
+    parameters, known = fit.problem.parameters, fit.information
+    places = [i for i, item in enumerate(parameters.items) if item.nuisance and not is_of_loop(item.name)]
+    if not places:
+        return
+    rows, advice = [], []
+    for i in places:
+        item, off = parameters.items[i], float(parameters.prior_residuals(fit.best.theta)[0][i])
+        size, _ = read_unit(item.name)
+        said, now = (_known_to(item, float(sd)) for sd in (item.prior_sd, known.sd[i]))
+        shift = f"{off:+.1f} sd" if np.isfinite(item.prior_sd) else "-"
+        rows.append((item.name, float(item.start) / size, said, fit.best.values[i] / size, shift, now, _cost(fit, i)))
+        if words := _advice(item, known, i, off):
+            advice.append(f"{item.name}: {words}")
+    head = ("number", "given", "within", "fitted", "off by", "known to", "widens most")
+    note = "widens most: how much wider an interval is than it would be if this number were known exactly."
+    if any(item.name.startswith(SETUP) for item in parameters.items):
+        note += " setup: place [mm] and further turn [mrad] of its frame; what was free was found from the data first."
+    table = Table("", head, tuple(rows), ("", ".4g", "", ".4g", "", "", ""), note)
+    yield Section("Numbers that are not exactly known", (table, *advice))
+
+
+def _known_to(item: Parameter, sd: float) -> str:
+    if not np.isfinite(sd):
+        return "free"
+    if item.positive:
+        return f"{100 * sd:.2g} %"
+    size, unit = read_unit(item.name)
+    return f"{sd * float(item.scale) / size:.2g} {unit}"
+
+
+def _cost(fit: CampaignFit, i: int) -> str:
+    """Name the unknown whose interval a number widens most."""
+    known, own = fit.information, ~fit.problem.parameters.nuisance
+    shared = np.where(own, np.nan_to_num(known.correlation[i]), 0.0)
+    worst = int(np.argmax(np.abs(shared)))
+    wider = (1 - shared[worst] ** 2) ** -0.5 - 1
+    return f"{known.names[worst]} by {100 * wider:.2g} %" if wider >= LEAST_COST else "hardly anything"
+
+
+def _advice(item: Parameter, known: Information, i: int, off: float) -> str:
+    """Say whether the data contradict what was said of a number, or know it better."""
+    if not np.isfinite(item.prior_sd):
+        return ""
+    if abs(off) > FAR_OFF:
+        return "the data contradict the given value: either it is wrong, or something else is (masses, loads, labels)"
+    if known.prior_share[i] < OWN:
+        return f"the data alone determine it: it may as well be an unknown (`free` {known.names[i]})"
+    return ""
+
+
+def _origins(fit: CampaignFit) -> Section:
+    """Return for each unknown the arm file's value, the fitted one, and where the information comes from."""
+    known, items = fit.information, fit.problem.parameters.items
+    rows = []
+    for i in _own(fit):
+        (now, unit), (start, _) = (
+            in_shown_unit(items[i].name, number) for number in (float(fit.best.values[i]), float(items[i].start))
+        )
+        rows.append((items[i].name, now, start, unit, now / start if start else None, *shares(known, i)))
+    head = ("unknown", "fitted", "arm file", "unit", "ratio", "data", "own prior", "data with other priors")
+    notes = [f"Prior: {prior}." for prior in priors_in_words([items[i] for i in _own(fit)])]
+    if not any(item.name.endswith((".tau_bend", ".tau_tors")) for item in items):
+        times = [float(tau) for j in fit.arm.joints for tau in (j.tau_bend, j.tau_tors)]
+        span = f"{min(times):.2g} to {max(times):.2g} s"
+        notes.append(f"Damping was not fitted; the arm file's is {span} times the stiffness.")
+    if worst := _worst_correlation(known):
+        notes.append(f"Largest correlation: {worst}.")
+    table = Table("", head, tuple(rows), ("", ".5g", ".4g", "", ".3g", ".0%", ".0%", ".0%"))
+    return Section("Where the information comes from", (table, *notes))
+
+
+def _worst_correlation(known: Information) -> str:
+    correlation = np.triu(np.nan_to_num(known.correlation), 1)
+    i, j = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
+    return f"{correlation[i, j]:+.2f} between {known.names[i]} and {known.names[j]}" if correlation[i, j] else ""
+
+
+def _optima(fit: Fit) -> Section:
+    """Return the optima, the answer first."""
+    tried = sum(o.starts for o in fit.optima) + fit.failed
+    failed = f"; {fit.failed} starts reached none" if fit.failed else ""
+    first = f"; the first {LISTED} of them" if len(fit.optima) > LISTED else ""
+    rows = []
+    for i, optimum in enumerate(fit.optima[:LISTED]):
+        note = ("undetermined" if len(optimum.open) else "") if optimum.converged else "not converged"
+        values = " ".join(short_power(f"{value:.4g}") for value in optimum.values)
+        name = "answer" if i == 0 else "other"
+        rows.append((name, optimum.score, round(optimum.said, 3) + 0.0, optimum.starts, note, values))
+    head = ("optimum", "score", "label cost", "starts", "", "values [SI], in the order of the unknowns")
+    note = "score: chi-squared of data and priors plus label cost."
+    if fit.best.converged and len(fit.best.open):
+        count = f"{len(fit.best.open)} of {len(fit.best.theta)} combinations"
+        note += f" Along {count} the score stays flat, or still falls, over several e-folds."
+    table = Table("", head, tuple(rows), ("", "#.4g", ".3g", "d", "", ""), note)
+    return Section(f"Optima: {len(fit.optima)} found from {counted(tried, 'start')}{failed}{first}", (table,))
+
+
+# -------- Rows
+
+
+def fit_rows(fit: CampaignFit) -> list[dict[str, Any]]:
+    """Return a row for each parameter: value, interval [SI] and whether the data support it."""
+    names = fit.problem.parameters.names
+    return [
+        {
+            "parameter": name,
+            "value": float(value),
+            "unit": unit_of(name),
+            "low_95": float(low),
+            "high_95": float(high),
+            "supported": bool(supported),
+        }
+        for name, value, (low, high), supported in zip(
+            names, fit.best.values, fit.interval(), fit.supported, strict=True
+        )
+    ]
+
+
+def measurement_rows(fit: CampaignFit) -> list[dict[str, Any]]:
+    """Return a row for each measurement: what it is, measured, predicted and sigma [SI], and how far it is off.
+
+    `residual` is (measured - predicted) / sigma [-], as reports have it; `too_far_off` marks what they mark. Angles are
+    in degrees.
+    """
+    names = row_names(fit.campaign)
+    return [
+        {
+            "row": names[i],
+            "kind": m.kind,
+            "posture": " ".join(f"{math.degrees(angle) + 0.0:.10g}" for angle in m.posture),
+            "load": str(m.load),
+            "place": m.mode or m.point or m.joint or "",
+            "unit": QUANTITIES[KINDS[m.kind]].si,
+            "measured": m.value,
+            "predicted": float(fit.predicted[i]),
+            "sigma": m.sigma,
+            "residual": -float(fit.off[i]),
+            "too_far_off": bool(far),
+        }
+        for i, (m, far) in enumerate(zip(fit.campaign, fit.suspicious, strict=True))
+    ]

@@ -1,0 +1,415 @@
+"""A plan: the batch, what it will give, what it assumes; its rows, and the campaign to fill in."""
+
+import csv
+import io
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ident.arm.arm import ANYWHERE
+from ident.errors import InputError, Problem
+from ident.files import replace_file
+from ident.identify.candidates import CLOSE, PARTS, RESOLUTION, Experiment, HammerPlan
+from ident.identify.plan import CampaignPlan
+from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
+from ident.inference.parameters import Parameter
+from ident.measure import format_campaign
+from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, kept
+from ident.present.warnings import drive_states
+from ident.present.words import counted, degrees, percent, scatter, unit_of
+from ident.text import one_line
+
+RANKED = 8
+"""Postures that are listed."""
+LISTED = 6
+"""Experiments of the batch on the first screen, at most."""
+LOOSE = 0.3
+"""Standard deviation of ln(value) from which a parameter is known to a factor only."""
+LITTLE = 0.9
+"""Share of its standard deviation above which the best further experiment tells little of a parameter."""
+COLUMNS = 4
+"""Standard deviations that are shown of each parameter, from now on; the last one always is."""
+
+
+def plan_sections(plan: CampaignPlan, hammer: Sequence[HammerPlan] = ()) -> Report:
+    """Return all that is said of a plan."""
+    batch = _batch_table(plan, LISTED) if plan.steps else "No experiment is needed."
+    into = "append it to the campaign" if plan.fit else "fit it"
+    return Report(
+        _subject(plan),
+        _verdict(plan),
+        (batch, _sd_table(plan, "Expected std. error", [0, len(plan.sd) - 1])),
+        tuple(_findings(plan, hammer)),
+        f"Fill in the plan's CSV file and {into}." if plan.steps and not (plan.fit and plan.fit.doubts) else "",
+        "add the rows to the campaign, then: ident fit {campaign}" if plan.fit else "ident fit CAMPAIGN --arm {arm}",
+        tuple(_details(plan, hammer)),
+    )
+
+
+def _subject(plan: CampaignPlan) -> str:
+    campaign = plan.fit.campaign if plan.fit else None
+    known = f"{counted(len(campaign), 'measurement')} of {cut(campaign.name, 30)}" if campaign else "the prior alone"
+    return f"Plan of {counted(len(plan.steps), 'experiment')} on {cut(plan.arm.name, 40)}, starting from {known}"
+
+
+# -------- Verdict
+
+
+def _verdict(plan: CampaignPlan) -> Verdict:
+    """Judge a batch: PROVISIONAL where the fit is in doubt; else by the target, or by what stays hardly known."""
+    items, loose = plan.sought, _loose(plan)
+    fine = len(items) - len(loose)
+    reached = f"{_target(plan)} {_reached(plan)}".strip()
+    if plan.fit and plan.fit.doubts:
+        doubt = f"{plan.fit.doubts[0][:1].lower()}{plan.fit.doubts[0][1:]}"
+        words = f"The fit that it starts from is in doubt: {doubt}. {_target(plan) or _reached(plan)}"
+        return Verdict("PROVISIONAL", words, "bad")
+    if plan.missed:
+        return Verdict("TARGET MISSED", reached, "bad")
+    if plan.settings.target:
+        risky = bool(plan.missed_at_draws.any())
+        return Verdict("TARGET AT RISK" if risky else "TARGET REACHED", reached, "caution" if risky else "good")
+    if loose:
+        return Verdict(f"PARTLY {fine} OF {len(items)}" if fine else "NOT SUFFICIENT", reached, "caution")
+    return Verdict("SUFFICIENT", reached, "good")
+
+
+def _reached(plan: CampaignPlan) -> str:
+    """Say how well the unknowns will be known at the end of the batch."""
+    items, loose, last = plan.sought, _loose(plan), plan.sd[-1]
+    minutes = sum(step.cost for step in plan.steps)
+    after = f"after {counted(len(plan.steps), 'experiment')} ({minutes:.0f} min)" if plan.steps else "now"
+    if loose:
+        fine = f"{len(items) - len(loose)} of {counted(len(items), 'unknown')}"
+        return f"{fine} will have a std. error below {percent(LOOSE)} {after}."
+    worst = int(np.argmax([sd if item.positive else 0.0 for item, sd in zip(items, last, strict=True)]))
+    return f"Every std. error is at most {sd_in_words(items[worst], float(last[worst]))} {after}."
+
+
+def _target(plan: CampaignPlan) -> str:
+    """Say whether the target is reached, at the best estimate and on the other plausible arms; nothing without one."""
+    if not plan.settings.target:
+        return ""
+    target, draws = f"{100 * math.expm1(plan.settings.target):.3g} %", len(plan.at_draws)
+    if plan.missed:
+        return f"The target of {target} is missed for {len(plan.missed)} of {counted(len(plan.sought), 'unknown')}."
+    reached = f"The target of {target} is reached at the best estimate"
+    if plan.missed_at_draws.any():
+        missed = int((plan.at_draws > plan.settings.target).any(1).sum())
+        return f"{reached}, but missed on {missed} of {draws} other plausible arms."
+    return f"{reached} and on all {draws} other plausible arms." if draws else f"{reached}."
+
+
+def _loose(plan: CampaignPlan) -> list[int]:
+    """Return the unknowns that the batch leaves known to a factor only."""
+    return [i for i, item in enumerate(plan.sought) if item.positive and plan.sd[-1, i] >= LOOSE]
+
+
+def _findings(plan: CampaignPlan, hammer: Sequence[HammerPlan]) -> Iterator[Finding]:
+    """Yield what bears on the verdict, the weightiest first."""
+    if plan.fit:
+        yield from drive_states(plan.arm, plan.fit.campaign)
+    draws, missed = len(plan.at_draws), plan.missed_at_draws
+    if plan.missed or missed.any():
+        cells = [f"{item.name} {missed[i]}" for i, item in enumerate(plan.sought) if missed[i]]
+        also = [f"on how many of {draws} other plausible arms: {', '.join(map(kept, cells))}"] if cells else []
+        best = [f"at the best estimate: {', '.join(plan.missed)}"] if plan.missed else []
+        yield Finding(f"target missed {'; '.join(best + also)}", "more experiments (--count), --load or --modes")
+    yield from _loose_findings(plan)
+    for each in hammer:
+        for i, j in each.alike:
+            text = f"at {degrees(each.posture)} the sensors cannot tell {each.labels[i]} from {each.labels[j]}"
+            yield Finding(text, "measure at more places (--sensors)")
+    yield Finding("collisions are not considered", "check each posture")
+    if others := plan.fit.doubts[1:] if plan.fit else ():
+        yield Finding(f"further doubts about the fit: {'; '.join(others)}", "see `ident fit` first")
+
+
+def _loose_findings(plan: CampaignPlan) -> Iterator[Finding]:
+    """Yield which unknowns stay known to a factor only, and what would determine each."""
+    hopeless = []
+    for i in _loose(plan):
+        item, sd = plan.sought[i], float(plan.sd[-1, i])
+        best, after = plan.best_for(i)
+        if after > LITTLE * sd:
+            hopeless.append(kept(f"{item.name} ({scatter(sd)})"))
+            continue
+        experiment = plan.experiments[best]
+        where = f"{experiment_in_words(experiment)} at {degrees(experiment.posture)}"
+        text = f"after the batch {item.name} is still known to a {scatter(sd)} only (std. error)"
+        yield Finding(text, f"add {where}: {sd_in_words(item, after)}")
+    if hopeless:
+        text = f"no experiment offered improves {', '.join(hopeless)} much"
+        yield Finding(text, "other loads (--load) or more modes (--modes)")
+
+
+# -------- Tables
+
+
+def criterion_in_words(plan: CampaignPlan) -> tuple[str, str]:
+    """Return what experiments are chosen for, and the unit of the gain."""
+    if plan.criterion.lower() == D_OPTIMAL:
+        return "information on all parameters (D-optimal)", "nat"
+    if plan.criterion.lower() == A_OPTIMAL:
+        return "mean variance of all parameters (A-optimal)", "variance"
+    return f"precision of {plan.criterion}, by ln(sd)", "ln(sd)"
+
+
+def experiment_in_words(experiment: Experiment) -> str:
+    """Say in a few words what is done in an experiment."""
+    parts = (
+        ["hammer"] * experiment.hammer + ["2 accelerometers"] * experiment.labelled + ["dial gauge"] * experiment.dial
+    )
+    return " + ".join(parts) + (f", {experiment.load}" if experiment.load else "")
+
+
+def sd_in_words(item: Parameter, sd: float) -> str:
+    """Write a standard deviation of theta: in percent or as a factor, or in the unit of a quantity of either sign."""
+    if not item.positive:
+        return f"{sd * float(item.scale):.2g} {unit_of(item.name)}"
+    return scatter(sd)
+
+
+def _batch_table(plan: CampaignPlan, most: int) -> Table:
+    """Return the first experiments of the batch with their costs and gains."""
+    unit = criterion_in_words(plan)[1]
+    rows: list[tuple[Cell, ...]] = []
+    for number, (step, each) in enumerate(zip(plan.steps[:most], plan.batch[:most], strict=True), 1):
+        gain = () if unit == "nat" else (step.gain,)
+        rows.append((str(number), degrees(each.posture), experiment_in_words(each), step.cost, *gain, step.nats))
+    own = () if unit == "nat" else (f"gain [{unit}]",)
+    head = ("", "posture", "experiment", "time [min]", *own, "gain [nat]")
+    forms = ("", "", "", ".0f", *(".3g" for _ in own), ".3g")
+    note = f"and {len(plan.steps) - most} more experiments, see --details" if len(plan.steps) > most else ""
+    return Table("", head, tuple(rows), forms, note)
+
+
+def _sd_table(plan: CampaignPlan, title: str, shown: Sequence[int]) -> Table:
+    """Return the std. error of each unknown after some steps of the batch, and its range over plausible arms."""
+    last, items = plan.at_draws, plan.sought
+    steps = list(dict.fromkeys(shown))
+    rows: list[tuple[Cell, ...]] = []
+    for i, item in enumerate(items):
+        ends = (last[:, i].min(), last[:, i].max()) if len(last) else ()
+        spread = _from_to([sd_in_words(item, float(sd)) for sd in ends])
+        rows.append((cut(item.name, 38), *(sd_in_words(item, float(plan.sd[step, i])) for step in steps), spread))
+    head = (title, *(f"after {step}" if step else "now" for step in steps), "on plausible arms")
+    width = len(head) - (not len(last))
+    return Table("", head[:width], tuple(row[:width] for row in rows))
+
+
+def _from_to(ends: Sequence[str]) -> str:
+    """Join the ends of a span; two factors as `factor 2.2 to 4.5`, two of one unit as `5.1 to 8 %`."""
+    if not ends:
+        return ""
+    first, last = (end.split() for end in ends)
+    if first[0] == last[0] == "factor":
+        return f"factor {first[1]} to {last[1]}"
+    return f"{first[0]} to {' '.join(last)}" if first[1:] == last[1:] else " to ".join(ends)
+
+
+def _experiments_table(plan: CampaignPlan, title: str, chosen: Sequence[int], *, with_posture: bool = True) -> Table:
+    """Return experiments as the next one, each with its gain and the unknown that it improves most."""
+    rows: list[tuple[Cell, ...]] = []
+    for rank, i in enumerate(chosen, 1):
+        each = plan.experiments[i]
+        mark = "*" if plan.measured[each.place] else ""
+        improved = plan.known.sd[0] / plan.sd_after(i)
+        place = int(np.argmax(improved))
+        item = plan.sought[place]
+        most = f"{item.name} to {sd_in_words(item, float(plan.sd_after(i)[place]))}"
+        where = (str(rank), f"{degrees(each.posture)}{mark}") if with_posture else ()
+        numbers = (float(plan.gain[i]), float(plan.candidates.cost[i]), float(60 * plan.per_cost[i]))
+        rows.append((*where, experiment_in_words(each), *numbers, most))
+    unit = criterion_in_words(plan)[1]
+    head = ("", "posture", "experiment", f"gain [{unit}]", "time [min]", "gain/h", "improves most")
+    forms = ("", "", "", ".3g", ".0f", ".3g", "")
+    first = 0 if with_posture else 2
+    return Table(title, head[first:], tuple(rows), forms[first:])
+
+
+# -------- Details
+
+
+def _details(plan: CampaignPlan, hammer: Sequence[HammerPlan]) -> Iterator[Section]:
+    yield _candidates(plan)
+    yield from _batch(plan)
+    shown = sorted({*range(min(COLUMNS, len(plan.sd))), len(plan.sd) - 1})
+    note = "A 95 % interval extends 1.96 std. errors to each side, in ln(value)."
+    yield Section("Expected std. errors after each experiment", (_sd_table(plan, "unknown", shown), note))
+    yield from _hammer(hammer)
+    yield _assumptions(plan)
+
+
+def _candidates(plan: CampaignPlan) -> Section:
+    """Return what was compared, the best next experiments, and what else could be done at the best posture."""
+    different = len(np.unique(plan.grid.seen[plan.grid.seen >= 0]))
+    before = len(plan.predictions.postures) - different
+    distinct = f"{different + before} distinct postures"
+    if before:
+        distinct += f" ({different} on the grid, {before} already measured)"
+    sample = ", a sample of the grid" if plan.grid.sampled else ""
+    words, unit = criterion_in_words(plan)
+    best = plan.ranked(RANKED)
+    first = plan.experiments[best[0]]
+    there = sorted(
+        (i for i, each in enumerate(plan.experiments) if each.place == first.place), key=lambda i: -plan.per_cost[i]
+    )
+    repeated = any(plan.measured[plan.experiments[i].place] for i in best)
+    return Section(
+        "Candidates: the best next experiment at each posture",
+        (
+            f"{len(plan.grid.postures)} postures {_where(plan)}{sample}: {distinct}, "
+            f"{counted(len(plan.experiments), 'candidate experiment')}. Chosen for {words}, most gain [{unit}] per "
+            "minute first.",
+            _experiments_table(plan, "", best),
+            *(
+                ["* measured already, there or in an equivalent posture: a repeat averages noise, and gains less."]
+                * repeated
+            ),
+            "improves most: the unknown whose std. error falls most, and its value afterwards.",
+            _experiments_table(plan, f"Other experiments at {degrees(first.posture)}", there, with_posture=False),
+        ),
+    )
+
+
+def _where(plan: CampaignPlan) -> str:
+    """Say which postures were compared."""
+    workspace = plan.arm.workspace
+    if workspace.postures:
+        where = "listed in the arm file"
+    elif workspace.line is not None:
+        where = f"on the line ({', '.join(f'{share:g}' for share in workspace.line)}), within the joint limits"
+    else:
+        where = "within the joint limits"
+    return where + (f", above {workspace.lowest:g} m" if math.isfinite(workspace.lowest) else "")
+
+
+def _batch(plan: CampaignPlan) -> Iterator[Section]:
+    """Yield what each value of the batch gives."""
+    if not plan.steps:
+        return
+    every = [_batch_table(plan, len(plan.steps))] if len(plan.steps) > LISTED else []
+    rows = tuple(
+        (str(number), value, nats)
+        for number in range(1, len(plan.steps) + 1)
+        for value, nats in plan.value_gains(number - 1)
+    )
+    note = (
+        "Information that each value would give as the only one of its experiment. Fewer modes give less, but a hammer "
+        "test measures them all at once."
+    )
+    table = Table("", ("experiment", "value", "gain [nat]"), rows, ("", "", ".2g"), note)
+    total = sum(step.cost for step in plan.steps)
+    title = f"The batch of {len(plan.steps)}, each experiment chosen after those before it: {total:.0f} min"
+    yield Section(title, (*every, table))
+
+
+def _hammer(plans: Sequence[HammerPlan]) -> Iterator[Section]:
+    """Yield where to measure and to hit in each hammer test."""
+    if not plans:
+        return
+    words = []
+    for plan in plans:
+        load = f", {cut(str(plan.load), 40)}" if plan.load else ""
+        each = "each of " * (len(plan.hits) > 1)
+        parts = [
+            f"{degrees(plan.posture)}{load}: accelerometers at {', '.join(plan.sensors)}; "
+            f"{plan.count} hits at {each}{' and '.join(plan.hits)}."
+        ]
+        i, j = plan.most_alike
+        if len(plan.labels) > 1:
+            parts.append(f"Most alike: {plan.labels[i]} and {plan.labels[j]}, auto-MAC {plan.auto_mac[i, j]:.2f}.")
+        parts += [f"NOT DISTINGUISHED: {plan.labels[i]} and {plan.labels[j]}." for i, j in plan.alike]
+        for i, j in plan.coincide:
+            near = f"{plan.frequency[i]:.3g} and {plan.frequency[j]:.3g} Hz"
+            parts.append(f"{plan.labels[i]} and {plan.labels[j]} overlap ({near}): hit at two places.")
+        words.append(" ".join(parts))
+    places = "Places are the arm's points and the pins of its joints, named by the joint."
+    yield Section("Hammer tests: where to measure and to hit, along the base's axes", (*words, places))
+
+
+def _assumptions(plan: CampaignPlan) -> Section:
+    instruments = plan.instruments
+    shares = ", ".join(f"{100 * share:.2g} % of each {kind}" for kind, share in instruments.sigma.items())
+    costs = ", ".join(f"{PARTS[part]} {cost:g}" for part, cost in instruments.costs.items())
+    left = f"; {plan.left_out} more were left out, as the arm has no stable equilibrium there" if plan.left_out else ""
+    lines = [
+        f"Sigma (--sigma): {shares}, and {1e6 * RESOLUTION:.0f} um of a dial gauge.",
+        f"{100 * instruments.common:.3g} % of their variance is common to a posture (--common-share): a repeat there "
+        "does not average it.",
+        f"Time in minutes (--cost): {costs}.",
+        f"A hammer test measures the {len(plan.predictions.frequency)} lowest frequencies (--modes). One nearer than "
+        f"{100 * CLOSE:.0f} % to another counts only with a second accelerometer that identifies it.",
+        f"Loads available (--load): {', '.join(map(str, instruments.loads))}. Joint limits "
+        f"{'only are' if plan.arm.workspace == ANYWHERE else 'and workspace are'} considered.",
+        f"Gains are means over the best estimate and {counted(len(plan.known.points) - 1, 'other plausible arm')} "
+        f"(--draws){left}. The std. errors hold at the best estimate, by linearisation: other optima are not "
+        "considered.",
+    ]
+    if plan.known.nuisance:
+        lines.append(f"Not exactly known, and allowed for: {', '.join(plan.known.nuisance)}.")
+    if not plan.parameters.proper.all():
+        lines.append(f"Where an unknown has no prior, a factor of {math.exp(OPEN_SD):.0f} is taken as its std. error.")
+    return Section("Assumptions", tuple(lines))
+
+
+# -------- Files
+# A plan as rows, and as a campaign with empty values to fill in.
+
+
+def write_form(plan: CampaignPlan, path: Path) -> None:
+    """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes."""
+    _refuse_filled(path)
+    campaign = plan.campaign()
+    rows = tuple(replace(m, group="", member=0) for m in campaign)  # a row may be left out: groups count their rows
+    alone = replace(campaign, measurements=rows, covariance=None)
+    table = list(csv.DictReader(io.StringIO(format_campaign(alone, relative_sigma=True))))
+    text = io.StringIO()
+    text.write("# Made by `ident plan`. Fill in `value`; `expected` in the notes is a prediction, not a measurement.\n")
+    if not any(experiment.labelled for experiment in plan.batch):
+        text.write("# Rows without mode are matched in ascending order within one posture and load: ")
+        text.write("enter them all, or fill in `mode`.\n")
+    names = list(dict.fromkeys([name for row in table for name in row] + ["note"]))
+    if "mode" not in names:
+        names.insert(names.index("value"), "mode")
+    writer = csv.DictWriter(text, names, lineterminator="\n")
+    writer.writeheader()
+    for row in table:
+        note = f"expected {float(row['value']):.4g} {row['unit']}. {row.get('note') or ''}".strip()
+        writer.writerow({**row, "value": "", "note": note, "relative_sigma": f"{float(row['relative_sigma']):.4g}"})
+    replace_file(path, lambda file: file.write(text.getvalue().encode()), make_folders=True)
+
+
+def plan_rows(plan: CampaignPlan) -> list[dict[str, Any]]:
+    """Return a row for each experiment of the batch: posture [deg], load, what is done, cost [min], gain, nat."""
+    return [
+        {
+            "step": number,
+            **{f"{joint.name} [deg]": math.degrees(q) for joint, q in zip(plan.arm.driven, each.posture, strict=True)},
+            "load": str(each.load),
+            "hammer": each.hammer,
+            "labelled": each.labelled,
+            "dial_gauge": each.dial,
+            "minutes": step.cost,
+            "gain": step.gain,
+            "nats": step.nats,
+        }
+        for number, (step, each) in enumerate(zip(plan.steps, plan.batch, strict=True), 1)
+    ]
+
+
+def _refuse_filled(path: Path) -> None:
+    try:
+        lines = [line for line in path.read_text("utf-8").splitlines() if not line.startswith("#")]
+    except (OSError, UnicodeDecodeError):
+        return
+    if any((row.get("value") or "").strip() for row in csv.DictReader(lines)):
+        remedy = "move it away, or choose another folder (`folder`)"
+        raise InputError(
+            Problem(one_line(str(path)), "a form that has been filled in", "none, or an empty one", remedy)
+        )

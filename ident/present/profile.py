@@ -1,0 +1,196 @@
+"""Profiles of a fit: what is said of them, and their rows for programs."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from ident.identify.fit import CampaignFit
+from ident.inference.optima import LINEAR, Ending
+from ident.inference.profile import FLAT, Interval, Profile, threshold
+from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power
+from ident.present.warnings import drive_states
+from ident.present.words import counted, in_shown_unit, percent, priors_in_words, sentence, unit_of
+
+SIDES = ("below", "above")
+
+
+def profile_sections(fit: CampaignFit, profiles: Sequence[Profile]) -> Report:
+    """Return all that is said of profiles."""
+    verdict = _verdict(fit, profiles)
+    following = {"CONFIRMED": "ident validate", "NOT USABLE": "ident fit"}.get(verdict.word)
+    if following is None:
+        following = "ident plan" if any(_open_sides(profile) for profile in profiles) else "ident sample"
+    return Report(
+        f"Profile likelihood of {cut(fit.arm.name, 40)} on {cut(fit.campaign.name, 30)}: "
+        f"{counted(len(fit.campaign), 'measurement')}, {counted(len(fit.problem.parameters.items), 'unknown')}",
+        verdict,
+        (_intervals_table(profiles),),
+        tuple(_findings(fit, profiles)),
+        next=f"{following} {{campaign}}",
+        details=tuple(_details(fit, profiles)),
+    )
+
+
+def _verdict(fit: CampaignFit, profiles: Sequence[Profile]) -> Verdict:
+    """Judge the linear intervals by the profiles: CONFIRMED, PARTLY, NOT CONFIRMED; NOT USABLE where the fit is not."""
+    if fit.doubts:
+        doubts = " ".join(map(sentence, fit.doubts))
+        return Verdict("NOT USABLE", f"{doubts} The curves show the shape of chi-squared; use no interval.", "bad")
+    if fall := max(profile.beaten for profile in profiles):
+        return Verdict("NOT USABLE", f"The fit is not the best optimum: chi-squared falls {fall:.3g} below it.", "bad")
+    count, agreeing = len(profiles), sum(map(_is_confirmed, profiles))
+    limit = f"agree{'s' * (count == 1)} with the linear approximation within {percent(LINEAR)}"
+    if agreeing == count:
+        worst = max(abs(half - 1) for profile in profiles for half in profile.halves)
+        which = f"All {count} intervals" if count > 1 else "The interval"
+        return Verdict("CONFIRMED", f"{which} {limit} (largest difference {percent(worst)}).", "good")
+    reason = f"{agreeing} of {counted(count, 'interval')} {limit}; take the others from the profile."
+    return Verdict(f"PARTLY {agreeing} OF {count}" if agreeing else "NOT CONFIRMED", reason, "caution")
+
+
+def _is_confirmed(profile: Profile) -> bool:
+    """Tell whether a profile is closed, alone, and agrees with the linear interval."""
+    return profile.linear and not _open_sides(profile) and not profile.rivals
+
+
+def _open_sides(profile: Profile) -> list[int]:
+    return [side for side in (0, 1) if profile.widest.endings[side] is Ending.OPEN]
+
+
+def _intervals_table(profiles: Sequence[Profile]) -> Table:
+    units = {in_shown_unit(profile.name, 1.0)[1] for profile in profiles}
+    single = f" [{units.pop()}]" if len(units) == 1 else ""
+    level = level_in_words(profiles[0].widest.level)
+    head = ("Unknown", f"fitted{single}", f"{level} by profile", "linear", "profile / linear", "")
+    rows = tuple(_interval_row(profile, with_unit=not single) for profile in profiles)
+    width = len(head) - (not any(row[-1] for row in rows))
+    return Table("", head[:width], tuple(row[:width] for row in rows))
+
+
+def _interval_row(profile: Profile, *, with_unit: bool) -> tuple[Cell, ...]:
+    value, unit = in_shown_unit(profile.name, float(profile.values([profile.optimum])[0]))
+    names = (
+        profile.name if len(profile.item.paths) == 1 else f"{profile.name} (and {', '.join(profile.item.paths[1:])})"
+    )
+    fitted = short_power(f"{value:.5g}") + f" {unit}".removesuffix(" -") * with_unit
+    ends = (interval_text(profile, interval) for interval in (profile.widest, profile.linear_interval))
+    return names, fitted, *ends, _halves(profile), "" if profile.linear else "differs"
+
+
+def _halves(profile: Profile) -> str:
+    return ", ".join(_half(half, ending) for half, ending in zip(profile.halves, profile.widest.endings, strict=True))
+
+
+def _half(half: float, ending: Ending) -> str:
+    if ending is Ending.OPEN:
+        return "open"
+    return f"{half:.2f}" if half else "closed"
+
+
+def _findings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Finding]:
+    """Yield what is not regular about profiles, the weightiest first."""
+    for profile in sorted(profiles, key=lambda each: -each.beaten):
+        if profile.beaten:
+            text = f"{profile.name}: on the way chi-squared falls {profile.beaten:.3g} below the fit's"
+            yield Finding(text, "fit again with more starts (--starts)")
+    yield from drive_states(fit.arm, fit.campaign)
+    for profile in profiles:
+        if profile.rivals:
+            places = ", ".join(_shown(profile, theta) for theta in profile.rivals)
+            unit = in_shown_unit(profile.name, 1.0)[1]
+            text = f"{profile.name}: another optimum fits about as well outside this interval, at {places} {unit}"
+            yield Finding(text.removesuffix(" -"), "measure what tells them apart (`ident plan`)")
+    for side in (0, 1):
+        names = [profile.name for profile in profiles if side in _open_sides(profile)]
+        if names:
+            bound = ("lower", "upper")[side]
+            yield Finding(
+                f"the data give no {bound} bound for {', '.join(names)}", "measure what `ident plan` proposes"
+            )
+    for profile in profiles:
+        for side, theta in enumerate((profile.widest.low, profile.widest.high)):
+            if profile.widest.endings[side] is Ending.MODEL:
+                end = _shown(profile, theta)
+                yield Finding(f"{profile.name}: bounded {SIDES[side]} by the model, which has no answer beyond {end}")
+    for profile in profiles:
+        inside = profile.converged_inside
+        if not inside.all():
+            lost = f"{int((~inside).sum())} of {counted(len(inside), 'point')}"
+            yield Finding(f"{profile.name}: the search did not converge at {lost}; the profile may lie lower there")
+
+
+# -------- Details
+
+
+def _details(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Section]:
+    level = profiles[0].widest.level
+    method = (
+        f"Each unknown is moved in steps and all others are fitted again at each step. {level_in_words(level)}: "
+        f"chi-squared rises by {threshold(level):.3g} (one degree of freedom). Chi-squared counts data and priors, as "
+        f"in the fit; its minimum is {fit.best.cost:.4g}. profile / linear: lower and upper half of the profile's "
+        f"interval, each over the half of the linear interval; differs: by more than {percent(LINEAR)}."
+    )
+    if any(0.0 in profile.halves for profile in profiles):
+        method += " closed: the profile has an end there, the linear interval has none."
+    priors = tuple(f"Prior: {prior}." for prior in priors_in_words(fit.problem.parameters.items))
+    yield Section("How to read it", (method, *priors))
+    levels = [interval.level for interval in profiles[0].intervals]
+    if len(levels) > 1:
+        rows = tuple((each.name, *(interval_text(each, interval) for interval in each.intervals)) for each in profiles)
+        units = dict.fromkeys(in_shown_unit(profile.name, 1.0)[1] for profile in profiles)
+        head = ("unknown", *map(level_in_words, levels))
+        title = "Intervals at all levels" + (f" [{next(iter(units))}]" if len(units) == 1 else "")
+        yield Section(title, (Table("", head, rows),))
+    sides = tuple(_open_row(profile, side) for profile in profiles for side in _open_sides(profile))
+    if sides:
+        head = ("unknown", "side", "searched to", "chi-squared rises by", "needed", "")
+        note = "flat: the data do not depend on the unknown there."
+        yield Section("Sides without a bound", (Table("", head, sides, ("", "", ".3g", ".2g", ".3g", ""), note),))
+
+
+def _open_row(profile: Profile, side: int) -> tuple[Cell, ...]:
+    """Return how far an open side was searched, and how far chi-squared has risen there."""
+    last = (0, -1)[side]
+    (value,) = profile.values(profile.theta[[last]])
+    rise = float(profile.delta_chi_squared[last])
+    flat = "flat" if profile.flat[side] else ""
+    end = in_shown_unit(profile.name, float(value))[0]
+    return profile.name, SIDES[side], end, 0.0 if rise < FLAT else rise, threshold(profile.widest.level), flat
+
+
+def interval_text(profile: Profile, interval: Interval) -> str:
+    """Write an interval: two numbers, one where a side is open, or `open`."""
+    low, high = (_shown(profile, theta) for theta in (interval.low, interval.high))
+    below, above = (ending is Ending.OPEN for ending in interval.endings)
+    if below or above:
+        return "open" if below and above else f"below {high}" if below else f"above {low}"
+    return f"{low} to {high}"
+
+
+def _shown(profile: Profile, theta: float) -> str:
+    """Write the value at a theta, in the unit that is shown."""
+    (value,) = profile.values([theta])
+    return short_power(f"{in_shown_unit(profile.name, float(value))[0]:.4g}")
+
+
+def level_in_words(level: float) -> str:
+    """Write a level as `95 %`."""
+    return f"{100 * level:.4g} %"
+
+
+# -------- Rows
+
+
+def profile_rows(profiles: Sequence[Profile]) -> list[dict[str, Any]]:
+    """Return a row for each profile: fitted value, unit, ends [SI] of the linear interval and of the profile's.
+
+    An open end is infinite, or zero for a positive number.
+    """
+
+    def row(profile: Profile) -> dict[str, Any]:
+        spans = profile.linear_interval, profile.widest
+        thetas = [profile.optimum, *(theta for span in spans for theta in (span.low, span.high))]
+        names = ("value", "linear_low_95", "linear_high_95", "low_95", "high_95")
+        numbers = zip(names, map(float, profile.values(thetas)), strict=True)
+        return {"parameter": profile.name, "unit": unit_of(profile.name), **dict(numbers)}
+
+    return [row(profile) for profile in profiles]

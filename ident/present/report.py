@@ -1,0 +1,343 @@
+"""What a study has to say, said once: a verdict, tables of numbers, findings and details. Terminal and pages render it.
+
+The first screen has, in this order: what was done to what; the verdict with its reason; the tables that are the
+answer; at most `MOST` findings, by their effect on the verdict, each with what to do; the largest residual; the next
+command. Details follow where they are asked for.
+"""
+
+import math
+import re
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+from itertools import zip_longest
+from typing import Any, Literal
+
+from ident.text import one_line
+
+Cell = str | float | int | None
+"""What stands in a table: words, a number, or nothing."""
+Kind = Literal["good", "caution", "bad"]
+"""How a verdict is coloured."""
+WIDTH = 100
+"""Columns of a terminal that every report fits."""
+KEPT = "\u00a0"
+"""Stands for a space at which no line is broken, until lines are."""
+MOST = 3
+"""Findings on the first screen, at most."""
+GAP = "  "
+"""Between two columns of a printed table."""
+NARROWEST = 12
+"""Characters to which a column of words is cut at most."""
+NUMBER = re.compile(r"[^\w(]*\d")
+"""How a cell with a number begins."""
+LABEL = re.compile(r"\w+: {2,}")
+"""How a paragraph with a label begins, below whose words further lines stand: `Cause:   `."""
+COLOURS: dict[Kind, str] = {"good": "32", "caution": "33", "bad": "31"}
+"""Green, yellow and red of a terminal."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under a head; the first cell of a row names it.
+
+    Attributes:
+        caption: what the table shows; empty where the text above has said it.
+        head: names of the columns, each with its unit in brackets: `value [N m/rad]`.
+        rows: cells (`Cell`), as many in each row as there are columns.
+        forms: how the numbers of each column are written, as `.4g`; empty for words. None are needed without numbers.
+        note: what to know when reading it; may be empty.
+        strong: numbers of the rows to emphasise, from 0.
+        links: address that the name of each row leads to, relative to the page; none for no links.
+
+    Raises:
+        ValueError: a row, or `forms`, has another number of cells than the head, an emphasised row is not there, or
+            links are not as many as rows.
+    """
+
+    caption: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+    forms: tuple[str, ...] = ()
+    note: str = ""
+    strong: tuple[int, ...] = ()
+    links: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for i, row in enumerate((*self.rows, *([self.forms] if self.forms else []))):
+            if len(row) != len(self.head):
+                raise ValueError(f"row {i} of a table has {len(row)} cells under {len(self.head)} heads")
+        if not all(0 <= i < len(self.rows) for i in self.strong):
+            raise ValueError(f"strong rows {self.strong} of a table with {len(self.rows)}")
+        if self.links and len(self.links) != len(self.rows):
+            raise ValueError(f"{len(self.links)} links in a table with {len(self.rows)} rows")
+
+    @property
+    def texts(self) -> tuple[tuple[str, ...], ...]:
+        """The cells as they are shown."""
+        forms = self.forms or ("",) * len(self.head)
+        return tuple(tuple(written(cell, form) for cell, form in zip(row, forms, strict=True)) for row in self.rows)
+
+
+Part = str | Table
+"""A paragraph, or a table."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the whole comes to.
+
+    Attributes:
+        word: one of the study's closed set, in capitals; the rule of each is in docs/answers.md.
+        reason: with the number that carries it.
+        kind: its colour.
+    """
+
+    word: str
+    reason: str
+    kind: Kind
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What bears on the verdict.
+
+    Attributes:
+        text: what was found.
+        remedy: what to do; may be empty.
+    """
+
+    text: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the details.
+
+    Attributes:
+        title: heading.
+        parts: paragraphs and tables.
+    """
+
+    title: str
+    parts: tuple[Part, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """All that a study has to say.
+
+    Attributes:
+        subject: what was done to what, in one line.
+        verdict: what it comes to; None for a study that judges nothing.
+        answer: the tables that are the answer, and sentences beside them.
+        findings: what bears on the verdict, the weightiest first.
+        remark: the largest residual, or what else is worth one line; may be empty.
+        next: the next command; may be empty.
+        details: what is printed where it is asked for.
+    """
+
+    subject: str
+    verdict: Verdict | None = None
+    answer: tuple[Part, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    remark: str = ""
+    next: str = ""
+    details: tuple[Section, ...] = ()
+
+    @property
+    def judged(self) -> dict[str, Any]:
+        """Verdict, reasons and next command, for programs."""
+        said = [*([self.verdict.reason] if self.verdict else []), *(finding.text for finding in self.findings)]
+        reasons = [words.replace(KEPT, " ") for words in said]
+        return {"verdict": self.verdict.word if self.verdict else None, "reasons": reasons, "next": self.next or None}
+
+
+# -------- Terminal
+# A report as lines of text.
+
+
+def text_of(report: Report, *, details: bool = False, width: int = WIDTH, colour: bool = False) -> str:
+    """Return a report as text: the first screen, or all of it.
+
+    Args:
+        report: what is said.
+        details: whether the details follow, with all findings.
+        width: columns.
+        colour: whether the verdict's word is coloured, as a terminal can.
+    """
+    lines = list(_screen(report, details, width, colour))
+    for section in report.details if details else ():
+        lines += ["", *folded(section.title, width).splitlines()]
+        for part in section.parts:
+            lines += _part(part, width, "  ", wrap=True)
+    return "\n".join(line.rstrip() for line in lines) + "\n"
+
+
+def _screen(report: Report, details: bool, width: int, colour: bool) -> Iterator[str]:
+    yield from report.subject.splitlines() if "\n" in report.subject else folded(report.subject, width).splitlines()
+    if report.verdict:
+        word, hang = report.verdict.word, " " * len("RESULT: ")
+        shown = folded(f"RESULT: {word}{'.' * (word[-1] != '.')} {report.verdict.reason}", width, hang)
+        yield from (_coloured(shown, word, report.verdict.kind) if colour else shown).splitlines()
+    for part in report.answer:
+        yield from _part(part, width, "  ", wrap=width < WIDTH)
+    if report.remark:
+        yield from folded(report.remark, width, "  ").splitlines()
+    shown_findings = report.findings if details else report.findings[:MOST]
+    for number, finding in enumerate(shown_findings, 1):
+        words = f"{finding.text} -> {finding.remedy}" if finding.remedy else finding.text
+        yield from folded(f"  {number}. {words}", width, "     ").splitlines()
+    hidden = len(report.findings) - len(shown_findings)
+    further = f"{hidden} more finding{'s' * (hidden > 1)} with " if hidden else ""
+    more = f"More: {further}--details" if (report.details or hidden) and not details else ""
+    following = f"Next: {report.next}" if report.next else ""
+    if following or more:
+        both = f"{following}     {more}" if following and more else following or more
+        yield from [both] if len(both) <= width else [*folded(following, width, "      ").splitlines(), more]
+
+
+def _coloured(text: str, word: str, kind: Kind) -> str:
+    return text.replace(word, f"\x1b[1;{COLOURS[kind]}m{word}\x1b[0m", 1)
+
+
+def _part(part: Part, width: int, indent: str, *, wrap: bool = False) -> Iterator[str]:
+    if isinstance(part, str):
+        label = LABEL.match(part)
+        yield from folded(indent + part, width, indent + " " * (label.end() if label else 0)).splitlines()
+    else:
+        yield from (indent + line for line in table_lines(part, width - len(indent), wrap=wrap))
+
+
+def table_lines(table: Table, width: int = WIDTH, *, wrap: bool = False) -> Iterator[str]:
+    """Yield a table as lines: numbers to the right, words to the left, none wider than the terminal; then its note.
+
+    Columns of words become narrower, the widest first, where a row would be too wide: cells are cut in their middle or,
+    if asked for, continue on further lines. Heads that are wider than their columns are broken.
+    """
+    if table.caption:
+        yield from folded(table.caption, width).splitlines()
+    rows = [tuple(one_line(cell.replace(KEPT, " ")) for cell in row) for row in table.texts]
+    right = [_is_numeric([row[j] for row in rows]) and j > 0 for j in range(len(table.head))]
+    sizes = [max((len(row[j]) for row in rows), default=0) for j in range(len(table.head))]
+    heads = [_broken(head, size) for head, size in zip(table.head, sizes, strict=True)]
+    if _total([max(size, len(head)) for size, head in zip(sizes, table.head, strict=True)]) <= width:
+        heads = [[head] for head in table.head]
+    sizes = [max([size, *map(len, lines)]) for size, lines in zip(sizes, heads, strict=True)]
+    while _total(sizes) > width and any(size > NARROWEST and not r for size, r in zip(sizes, right, strict=True)):
+        widest = max((size, j) for j, size in enumerate(sizes) if not right[j])[1]
+        sizes[widest] -= 1
+    depth = max(map(len, heads))
+    for line in range(depth):
+        cells = [lines[line - depth + len(lines)] if line >= depth - len(lines) else "" for lines in heads]
+        yield _line(cells, sizes, right)
+    for row in rows:
+        if not wrap:
+            yield _line(row, sizes, right)
+            continue
+        wrapped = [textwrap.wrap(cell, max(size, 1)) or [""] for cell, size in zip(row, sizes, strict=True)]
+        yield from (_line(line, sizes, right) for line in zip_longest(*wrapped, fillvalue=""))
+    if table.note:
+        yield from folded(table.note, width).splitlines()
+
+
+def _total(sizes: Sequence[int]) -> int:
+    return sum(sizes) + len(GAP) * (len(sizes) - 1)
+
+
+def _broken(head: str, size: int) -> list[str]:
+    """Break a column's head where that makes it narrower, down to the width of its cells."""
+    words = head.split(" [")
+    unit = [f"[{words[1]}"] if len(words) > 1 else []
+    longest = max(size, *map(len, unit), *map(len, words[0].split()), 1)
+    return [*textwrap.wrap(words[0], longest, break_long_words=False), *unit]
+
+
+def _line(cells: Sequence[str], sizes: Sequence[int], right: Sequence[bool]) -> str:
+    shown = [cut(cell, size) for cell, size in zip(cells, sizes, strict=True)]
+    return GAP.join(
+        cell.rjust(size) if r else cell.ljust(size) for cell, size, r in zip(shown, sizes, right, strict=True)
+    ).rstrip()
+
+
+def _is_numeric(column: Sequence[str]) -> bool:
+    said = [cell for cell in column if cell not in ("", "-")]
+    return bool(said) and all(NUMBER.match(cell) for cell in said)
+
+
+# -------- Notebook
+
+
+def html_of(report: Report) -> str:
+    """Return the first screen as HTML for a notebook."""
+    parts = [f"<p>{escape(report.subject)}</p>"]
+    if report.verdict:
+        parts.append(f"<p><strong>{escape(report.verdict.word)}</strong>: {escape(report.verdict.reason)}</p>")
+    for part in report.answer:
+        parts.append(f"<p>{escape(part)}</p>" if isinstance(part, str) else _html_table(part))
+    findings = [f"{each.text} → {each.remedy}" if each.remedy else each.text for each in report.findings[:MOST]]
+    return "\n".join([*parts, *(f"<p>{escape(words)}</p>" for words in (report.remark, *findings) if words)])
+
+
+def _html_table(table: Table) -> str:
+    head = "".join(f"<th>{escape(name)}</th>" for name in table.head)
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{escape(one_line(cell.replace(KEPT, ' ')))}</td>" for cell in row) + "</tr>"
+        for row in table.texts
+    )
+    caption = f"<caption>{escape(table.caption)}</caption>" if table.caption else ""
+    note = f"<p>{escape(table.note)}</p>" if table.note else ""
+    return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{note}"
+
+
+# -------- Words
+
+
+def written(cell: Cell, form: str = "") -> str:
+    """Return a cell as it is shown: an undefined number as `-`, `7.16e+05` as `7.16e5`."""
+    if isinstance(cell, str):
+        return cell
+    if cell is None or not math.isfinite(cell):
+        return "-" if cell is None or math.isnan(cell) else "infinite"
+    return short_power(re.sub(r"\.(?=$|e)", "", format(cell, form)))
+
+
+def short_power(text: str) -> str:
+    """Write a power of ten without its sign and zeros: `7.16e5` for `7.16e+05`."""
+    return re.sub(r"e([+-])0*(\d)", lambda found: f"e{found[1].strip('+')}{found[2]}", text)
+
+
+def folded(line: str, width: int = WIDTH, hang: str = "") -> str:
+    """Break a line where it would leave a terminal, but not within what is `kept`.
+
+    Args:
+        line: what is said; its indentation stays.
+        width: columns.
+        hang: what further lines begin with.
+    """
+    if len(line) <= width:
+        return line.replace(KEPT, " ")
+    indent = line[: len(line) - len(line.lstrip())]
+    return textwrap.fill(
+        line[len(indent) :],
+        width,
+        initial_indent=indent,
+        subsequent_indent=hang or indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+        replace_whitespace=False,
+    ).replace(KEPT, " ")
+
+
+def kept(text: str) -> str:
+    """Return words between which `folded` breaks no line."""
+    return text.replace(" ", KEPT)
+
+
+def cut(text: str, length: int) -> str:
+    """Return a text on one line, shortened in its middle if it is long."""
+    text = one_line(text)
+    half = (length - 1) // 2
+    return text if len(text) <= length else f"{text[: length - half - 1]}…{text[-half:]}"

@@ -1,1 +1,0 @@
-"""Printed reports; small ones share a file."""

@@ -1,0 +1,518 @@
+"""What several reports say of a fit: agreement of kinds, assumptions, possible causes, hysteresis, odd numbers."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ident.arm.arm import Arm
+from ident.arm.plausibility import oddities
+from ident.identify.explanations import MARGIN, SLIP, Change, Explanation, Explanations, Telling
+from ident.identify.fit import KINDS, Assumption, Assumptions, CampaignFit, of_kind
+from ident.identify.hypotheses import NUMBER_KINDS
+from ident.identify.problem import Ramp, row_names
+from ident.inference.fit import FEW, CrossPrediction, contradicting
+from ident.inference.information import RARE, standard_deviations
+from ident.measure import Campaign, Measurement
+from ident.present.report import Cell, Finding, Part, Section, Table, cut
+from ident.present.words import (
+    MM,
+    MOST_ROWS,
+    describe,
+    in_percent,
+    in_read_unit,
+    is_length,
+    percent,
+    place_read,
+    read_unit,
+    three_digits,
+    unit_of,
+)
+
+# -------- Agreement
+# Whether the kinds of measurement agree.
+
+
+def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement], note: str = "") -> Section:
+    """Return of each kind how far it is off the others and the prior, and of a small kind each value as well.
+
+    Args:
+        predictions: of each kind.
+        measured: the measurements.
+        note: what else to know.
+    """
+    kinds = tuple(
+        (cross.kind.replace("_", " "), len(cross.rows), cross.statistic, cross.degrees_of_freedom, *_chance(cross))
+        for cross in predictions
+    )
+    head = ("kind", "values", "T", "degrees of freedom", "p", "sigma")
+    meaning = (
+        "T: rise of the minimum chi-squared of the joint fit over that of the separate fits; priors count with the "
+        "other kinds."
+    )
+    rows = tuple(
+        (describe(measured[row]), unit, value, predicted, None if cross.z is None else float(cross.z[i]))
+        for cross in predictions
+        for i, row in enumerate(cross.rows if len(cross.rows) <= FEW else ())
+        for predicted, value, unit in [against(cross, i, measured[row])]
+    )
+    each = Table("", ("value", "unit", "measured", "predicted from the other kinds", "difference [sd]"), rows, _VALUES)
+    parts: tuple[Part, ...] = (Table("", head, kinds, ("", "d", "#.3g", ".1f", ".2g", ".1f"), meaning),)
+    return Section(
+        "Agreement between kinds of measurement", (*parts, *([each] if rows else []), *([note] if note else []))
+    )
+
+
+_VALUES = ("", "", ".3g", ".3g", "+.1f")
+
+
+def _chance(cross: CrossPrediction) -> tuple[float, float | None]:
+    return cross.p_value, cross.sd if cross.sd >= 1 else None
+
+
+def chance(cross: CrossPrediction) -> str:
+    """Write how improbable a disagreement is; as standard deviations, too, where these say anything."""
+    return f"p = {cross.p_value:.2g}" + (f" ({cross.sd:.1f} sigma)" if cross.sd >= 1 else "")
+
+
+def against(cross: CrossPrediction, i: int, m: Measurement) -> tuple[float, float, str]:
+    """Return what the other kinds predict for the i-th value of a small kind, what was measured, and the unit."""
+    value, unit = in_read_unit(m.kind, cross.measured[i])
+    return in_read_unit(m.kind, cross.predicted[i])[0], value, unit
+
+
+def contradiction(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement]) -> str:
+    """Say in a sentence which value of a small kind is farthest from what the other kinds predict; empty for none."""
+    small = [
+        (cross, np.abs(cross.z))
+        for cross in contradicting(predictions)
+        if len(cross.rows) <= FEW and cross.z is not None
+    ]
+    if not small:
+        return ""
+    single = [pair for pair in small if len(pair[0].rows) == 1]
+    cross, z = max(single or small, key=lambda pair: float(np.max(pair[1])))
+    i = int(np.argmax(z))
+    m = measured[cross.rows[i]]
+    predicted, value, unit = against(cross, i, m)
+    return f"By the other data, the {describe(m)} is {predicted:#.3g} {unit}; measured: {value:#.3g} {unit}."
+
+
+def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:
+    """Say in a word whether a contradiction would stand with wider priors."""
+    worst = min(contradicting(predictions), key=lambda cross: cross.p_value)
+    word = "hardly depends on" if worst.wider < RARE else "rests on"
+    wider = f"{standard_deviations(worst.wider):.1f} sigma with priors twice as wide"
+    return f"The contradiction {word} the priors: {worst.sd:.1f} sigma, and {wider}."
+
+
+def what_may_be_wrong(predictions: Sequence[CrossPrediction]) -> str:
+    """Say where to look when deflections and frequencies contradict each other; nothing for other kinds.
+
+    A mass on a spring deflects by g / omega^2, whatever the spring; a chain adds a factor that masses and lengths give.
+    A spring that hardens vibrates about its loaded state: tangent above secant, so that omega^2 times deflection grows.
+    """
+    kinds = {cross.kind: cross for cross in predictions}
+    if not {"frequency", "deflection"} <= set(kinds) or kinds.keys().isdisjoint(
+        cross.kind for cross in contradicting(predictions)
+    ):
+        return ""
+    deflection = kinds["deflection"]
+    small = bool(np.mean(deflection.measured / deflection.predicted) < 1)
+    word, load = ("small", "less") if small else ("large", "more")
+    last = (
+        "Then check mass centres and lengths; drives that stiffen under load would make it larger, not smaller."
+        if small
+        else "Then check mass centres and lengths, and whether drives stiffen under load or stick."
+    )
+    return (
+        "Masses and lengths alone nearly fix the deflection times the square of the frequency, and here it is too "
+        f"{word}: check whether the deflection was measured under {load} load or mass than the frequency. {last}"
+    )
+
+
+# -------- Odd numbers
+
+
+def odd_numbers(arm: Arm) -> tuple[Finding, ...]:
+    """Return the numbers of an arm that look wrong: a wrong arm file is the commonest cause of a wrong stiffness."""
+    odd = oddities(arm)
+    more = len(odd) - MOST_ROWS
+    named = [Finding(f"arm file: {each}", "correct it, see `ident show`") for each in odd[:MOST_ROWS]]
+    rest = [Finding(f"arm file: {more} more numbers look wrong", "see `ident show`")] if more > 0 else []
+    return (*named, *rest)
+
+
+def drive_states(arm: Arm, campaign: Campaign) -> tuple[Finding, ...]:
+    """Warn of rows measured with a servo on, where the arm file describes no servo."""
+    own = [m.where.rpartition(":")[2] or str(i) for i, m in enumerate(campaign, 1) if m.drives == "servo"]
+    if arm.servos or not own:
+        return ()
+    if len(own) == len(campaign):
+        text = "the servos were on in all rows and the arm file describes none: each k_tors includes its servo"
+        return (Finding(text, "describe them ([[servo]]), or measure with the brakes on"),)
+    rows = f"row{'s' * (len(own) > 1)} {', '.join(own[:MOST_ROWS])}"
+    rows += f" and {len(own) - MOST_ROWS} more" if len(own) > MOST_ROWS else ""
+    return (Finding(f"rows with brakes and with servos are mixed: the servo was on in {rows}", "fit them separately"),)
+
+
+# -------- Assumptions
+# What a fit assumes, and what that may do to its values.
+
+TITLE = "Sensitivity to modelling assumptions"
+GIVING = {
+    "base rocks": "the base is rigid",
+    "base turns": "the base is rigid",
+    "link bends": "the links are rigid",
+    "link twists": "the links are rigid",
+}
+"""What is assumed of that which may give."""
+UNTESTABLE = "cannot be tested"
+"""Evidence on an assumption that makes no difference which other values would not make."""
+LEAST_SHIFT = 1.0
+"""Shift, in standard errors, from which an assumption weighs more than the noise."""
+
+
+def assumption_section(fit: CampaignFit) -> Section:
+    """Return of each kind of assumption how far it may move a value, and what evidence the data have against it."""
+    found = fit.assumptions
+    if found is None:
+        return Section(TITLE, ("Not tested, as the search has not ended in an optimum.",))
+    kinds = [kind for kind in KINDS if of_kind(found.items, kind)]
+    rows = tuple(_assumption_row(fit, found, of_kind(found.items, kind)) for kind in kinds)
+    head = ("assumption dropped", "assumed error", "shift", "of", "evidence by the data")
+    return Section(TITLE, (Table("", head, rows), *_meaning(fit, found, kinds)))
+
+
+def weighty_assumptions(fit: CampaignFit) -> tuple[Table, ...]:
+    """Return a table of the assumptions that move a reported value by more than its standard error, or nothing."""
+    found = fit.assumptions
+    if found is None or fit.doubts:
+        return ()
+    heavy = []
+    for kind in KINDS:
+        if items := of_kind(found.items, kind):
+            _, which, moved = _most_moved(fit, items)
+            if moved >= LEAST_SHIFT and fit.supported[which]:
+                heavy.append((moved, _assumption_row(fit, found, items)))
+    heavy.sort(key=lambda pair: (pair[1][-1] != UNTESTABLE, -pair[0]))  # what no data test weighs most
+    rows = tuple(row for _, row in heavy[:MOST_ROWS])
+    more = len(heavy) - len(rows)
+    note = f"{more} more: --details" if more else ""
+    head = ("What would weigh more than noise", "size", "shift", "of", "evidence")
+    return (Table("", head, rows, note=note),) if rows else ()
+
+
+def untestable(fit: CampaignFit) -> str:
+    """Name the assumptions that move a value by more than its standard error and that the data cannot test."""
+    items_of_fit = fit.assumptions.items if fit.assumptions else ()
+    words = []
+    for kind in GIVING:
+        items = [item for item in of_kind(items_of_fit, kind) if item.test.seen and not item.test.separable]
+        if items and _most_moved(fit, items)[2] >= LEAST_SHIFT:
+            words.append(GIVING[kind])
+    return " and ".join(dict.fromkeys(words))
+
+
+def asked_for(fit: CampaignFit) -> Finding | None:
+    """Return the assumption that the data contradict most, with what to do; None where they contradict none."""
+    found = fit.assumptions
+    if found is None or not found.asked_for:
+        return None
+    first = found.asked_for[0]
+    share = f"{percent(first.test.z * first.test.sd)} +- {percent(first.test.sd)} of {KINDS[first.kind].of}"
+    text = f"the data contradict an assumption: {in_words(first)} (z = {first.test.z:.1f}; {share} would fit best)"
+    if fit.doubts:
+        return Finding(text, "look for a wrong value first: one may be the cause")
+    remedy = (
+        f"fit again with --soft-base {found.height:.2g}" if first.kind.startswith("base") else "model it, or measure it"
+    )
+    return Finding(text, remedy)
+
+
+def in_words(item: Assumption) -> str:
+    """Name an assumption: `base rocks`, `link of joint2 bends`, `mass of link of joint2`."""
+    if item.kind.startswith("mass"):
+        return f"{item.kind} of link of {cut(item.joint, 12)}"
+    thing, does = item.kind.split(" ")
+    return f"{thing} of {cut(item.joint, 12)} {does}" if item.joint else item.kind
+
+
+def _most_moved(fit: CampaignFit, items: Sequence[Assumption]) -> tuple[Assumption, int, float]:
+    """Return the assumption of a kind that moves a value most, which one, and by how many standard errors."""
+    known = fit.information
+    own = ~fit.problem.parameters.nuisance
+    counted = known.supported & own if (known.supported & own).any() else own
+    moves = [np.where(counted, np.nan_to_num(np.abs(item.test.shift) / known.sd), 0.0) for item in items]
+    worst = int(np.argmax([move.max() for move in moves]))
+    return items[worst], int(np.argmax(moves[worst])), float(moves[worst].max())
+
+
+def _assumption_row(fit: CampaignFit, found: Assumptions, items: tuple[Assumption, ...]) -> tuple[Cell, ...]:
+    """Return a kind: the joint and the value that it moves most, then the evidence of all joints."""
+    item, which, moved = _most_moved(fit, items)
+    shift, name = (_move(fit, item, which), cut(fit.information.names[which], 22)) if moved else ("none", "")
+    return in_words(item), f"{100 * item.test.amount:.0f} %", shift, name, _evidence(found, items)
+
+
+def _move(fit: CampaignFit, item: Assumption, which: int) -> str:
+    """Write how far a value would move: in standard errors where it has an interval; else in percent or its unit."""
+    shift, parameter = item.test.shift[which], fit.problem.parameters.items[which]
+    if fit.supported[which]:
+        return f"{shift / fit.information.sd[which]:+.1f} sd"
+    if parameter.positive:
+        return in_percent(float(np.expm1(shift)))
+    factor, unit = (MM, "mm") if is_length(parameter.name) else (1.0, unit_of(parameter.name))
+    return f"{factor * shift * float(parameter.scale):+.2g} {unit}"
+
+
+def _evidence(found: Assumptions, items: tuple[Assumption, ...]) -> str:
+    """Say what the data say against an assumption, of the joint of the largest score."""
+    asked = [item for item in found.asked_for if item in items]
+    testable = [item for item in items if item.test.separable]
+    if not testable:
+        return UNTESTABLE if any(item.test.seen for item in items) else "does not affect these data"
+    first = asked[0] if asked else max(testable, key=_score)
+    of = f", {cut(first.joint, 12)}" if first.joint else ""
+    return f"{'YES' if asked else 'none'} (z = {first.test.z:.1f}{of})"
+
+
+def _score(item: Assumption) -> float:
+    """Return how strongly the data ask for an amount: for one that can't be negative, upwards only."""
+    return item.test.z if item.test.positive else abs(item.test.z)
+
+
+def _meaning(fit: CampaignFit, found: Assumptions, kinds: Sequence[str]) -> Iterator[str]:
+    """Say what each assumed error is a share of, and where it comes from."""
+    of: dict[str, list[str]] = {}
+    for kind in kinds:
+        of.setdefault(KINDS[kind].of, []).append(kind)
+    shares = "; ".join(f"{', '.join(each)}: {share}" for share, each in of.items())
+    origins = "; ".join(dict.fromkeys(part for kind in kinds for part in KINDS[kind].origin.split("; ")))
+    height = (
+        f" The base is taken to rock about a point {found.height:.2g} m below bushing 1."
+        if fit.arm.joints[0].driven
+        else ""
+    )
+    yield (
+        "Worst joint per row. Shift: of the value that moves most, in its std. errors (sd), or in percent where it has "
+        "no interval. z: test statistic; a compliance cannot be negative, so only z > 0 counts."
+    )
+    yield f"Assumed error as a share of: {shares}. Origin: {origins}.{height}"
+
+
+# -------- Explanations
+# What would reconcile data that are in doubt.
+
+LISTED, OTHERS = 10, 3
+"""Explanations that fit, and that do not, which are listed at most."""
+LEADING = 3
+"""Explanations on the first screen."""
+ROWS = 6
+"""Rows that one names, at most."""
+CHECKS = {
+    "mass": "weigh it",
+    "payload": "weigh it",
+    "mass centre": "balance it",
+    "length": "measure it",
+    "loads": "check the load cell or the scales",
+    "scale": "check the calibration and the unit",
+    "clock": "check the sampling rate",
+    "value": "measure it again",
+    "exchange": "swap them, or check the mode shapes",
+    "on": "check the load",
+    "off": "check the load",
+    "soft base": "put a dial gauge on the foot; `--soft-base`",
+    "spring": "measure deflections under several loads",
+    "link bends": "measure deflections along the link",
+    "link twists": "measure rotations along the link",
+    "servo gives": "compare twists with brakes and with servos on",
+}
+
+
+def leading_explanations(found: Explanations | None, campaign: Campaign) -> tuple[Table, ...]:
+    """Return the most probable causes with what to check, and what to measure to tell them apart; maybe nothing."""
+    if found is None or not found.fitting:
+        return ()
+    leading = found.fitting[:LEADING]
+    rows = tuple(
+        (str(number), _causes(item, campaign), CHECKS[item.changes[0].kind]) for number, item in enumerate(leading, 1)
+    )
+    several = "Each of these would explain the data" if len(leading) > 1 else "This would explain the data"
+    return (Table("", ("", several, "what to do"), rows), *discriminating(found.telling, len(leading)))
+
+
+def explanation_section(found: Explanations | None, campaign: Campaign) -> tuple[Section, ...]:
+    """Return what would reconcile a campaign, most probable first, and what would tell the leading causes apart."""
+    if found is None:
+        return ()
+    labels = f", and {three_digits(found.said)} for the labels" if found.said > MARGIN else ""
+    title = f"Possible causes of the contradiction (chi-squared {three_digits(found.cost)} as it is{labels})"
+    if not found.items:
+        return (
+            Section(
+                title, (f"No single cause that was tried lowers chi-squared left + implausibility by {MARGIN:g}.",)
+            ),
+        )
+    fitting = found.fitting
+    listed = fitting[:LISTED] or [item for item in found.items if not item.fits][:OTHERS]
+    rows = tuple(_explanation_row(item, campaign, i if fitting else 0) for i, item in enumerate(listed, 1))
+    head = ("no.", "chi2 left", "implausibility", "possible cause", "what to do")
+    note = (
+        "chi2 left: sum of squares of data and priors with the smallest change that suffices. Implausibility: size of "
+        f"the change in standard deviations of what is plausible ({_widths(found)}all assumed); an entry error counts "
+        f"as {SLIP:g}. Ranked by chi2 left + implausibility^2, which must fall by {MARGIN:g} or more."
+    )
+    note += " ~: estimated by linearisation." if any(item.linear for item in found.items) else ""
+    none = () if fitting else ("Nothing that was tried explains the data, alone or in pairs; these come nearest:",)
+    more = (f"{len(fitting) - LISTED} less probable causes are not listed.",) if len(fitting) > LISTED else ()
+    parts = (*none, Table("", head, rows, note=note), *more, *discriminating(found.telling, LISTED))
+    return (Section(title, parts),)
+
+
+def _explanation_row(item: Explanation, campaign: Campaign, number: int) -> tuple[Cell, ...]:
+    slip = all(change.off == SLIP for change in item.changes)
+    off = "entry error" if slip else f"{item.off:.1f} sd" if item.off < 100 else "absurd"
+    left = f"{'~' if item.linear else ''}{three_digits(item.cost)}"
+    return str(number) if number else "-", left, off, _causes(item, campaign), CHECKS[item.changes[0].kind]
+
+
+def _causes(item: Explanation, campaign: Campaign) -> str:
+    return " and ".join(_words(change, campaign) for change in item.changes)
+
+
+def _words(change: Change, campaign: Campaign) -> str:
+    """Say what would have to be otherwise, and by how much."""
+    rows, of = _rows(change.rows, campaign), cut(change.of, 24)
+    match change.kind:
+        case "value":
+            m = campaign.measurements[change.rows[0]]
+            value, unit = in_read_unit(m.kind, change.amount)
+            sd, _ = in_read_unit(m.kind, change.sd)
+            was, _ = in_read_unit(m.kind, m.value)
+            return f"{rows}: {_quantity(m)} is {value:.3g} +- {sd:.1g} {unit}, not {was:.4g} {unit}"
+        case "exchange":
+            return f"the labels or values of {rows} are swapped"
+        case "on" | "off":
+            return f"{of} was {change.kind} in {rows}"
+        case "soft base":
+            return "the base is not rigid: it rocks and turns"
+        case "scale" | "clock":
+            return f"every {of.replace('_', ' ')} was read as {_amount(change)} of its true value"
+        case "mass centre":
+            return f"mass centre of the link of {of}: {_amount(change)} of its length further out"
+        case "length":
+            return f"length of the link of {of}: {_amount(change)}"
+        case "mass" | "payload":
+            return f"mass of {of}: {_amount(change)}"
+        case "loads":
+            return f"all masses and forces that were hung on: {_amount(change)}"
+        case "spring":
+            every = of in ("bending", "torsion")
+            name = f"all joints' {of}" if every else " ".join(of.rsplit(".", 1))
+            return f"{name}: torque {_amount(change)} above a linear spring's at the largest load"
+        case _:
+            joint, (thing, does) = of, change.kind.split(" ")
+            return f"{thing} of {joint} {does}: {_amount(change)} of {KINDS[change.kind].of}"
+
+
+def _quantity(m: Measurement) -> str:
+    """Name what a row measured without its posture and load, which its number tells."""
+    if m.kind == "frequency":
+        return m.mode or "the frequency"
+    return f"the {m.kind.replace('_', ' ')} of {m.mode or m.point or m.joint or 'the arm'}"
+
+
+def _amount(change: Change) -> str:
+    kind = NUMBER_KINDS.get(change.kind)
+    if kind is not None and kind.factor:
+        spread = f" +- {percent(change.sd)}" if change.sd < 1 else ""
+        return f"x {change.amount:.3g}{spread}"
+    return f"{percent(change.amount, '+')} +- {percent(change.sd)}"
+
+
+def _rows(rows: Sequence[int], campaign: Campaign) -> str:
+    if len(rows) == len(campaign):
+        return "all rows"
+    names = [row_names(campaign)[i] for i in rows[:ROWS]]
+    more = f" and {len(rows) - ROWS} more" if len(rows) > ROWS else ""
+    return f"row{'s' * (len(rows) > 1)} {', '.join(names)}{more}"
+
+
+def _widths(found: Explanations) -> str:
+    """Name the plausible widths of what is listed."""
+    kinds = dict.fromkeys(change.kind for item in found.items for change in item.changes)
+    widths = {kind: NUMBER_KINDS[kind].plausible for kind in kinds if kind in NUMBER_KINDS}
+    widths |= {kind: KINDS[kind].plausible for kind in kinds if kind in KINDS}
+    return ", ".join(f"{kind} {percent(width)}" for kind, width in widths.items()) + "; " * bool(widths)
+
+
+def discriminating(found: Sequence[Telling], leading: int) -> tuple[Table, ...]:
+    """Return what to measure to tell causes apart, with what each predicts; nothing where nothing would.
+
+    Args:
+        found: the measurements.
+        leading: how many causes are shown.
+    """
+    if not found:
+        return ()
+    numbers = [number for number in found[0].numbers if number <= leading]
+    rows = []
+    for each in found:
+        m = each.measurement
+        sigma, unit = in_read_unit(m.kind, m.sigma)
+        cells = [
+            f"{in_read_unit(m.kind, value)[0]:.3g} +- {in_read_unit(m.kind, sd)[0]:.1g}"
+            if math.isfinite(value)
+            else "-"
+            for number, value, sd in zip(each.numbers, each.predicted, each.sd, strict=True)
+            if number <= leading
+        ]
+        which = {1.0: "lowest ", 2.0: "second "}.get(each.place, "")
+        rows.append((f"{which}{describe(m)} [{unit}]", *cells, f"+- {sigma:.1g}"))
+    head = ("To tell them apart, measure", *(f"if {number}" for number in numbers), "measured to")
+    return (Table("", head, tuple(rows)),)
+
+
+# -------- Hysteresis
+# Ramps of loads and the widths of their hysteresis loops.
+
+
+def hysteresis(fit: CampaignFit) -> tuple[Section, ...]:
+    """Return for each ramp of loads how wide its hysteresis loop is."""
+    if not fit.loops:
+        return ()
+    rows: list[tuple[Cell, ...]] = []
+    one_way: list[str] = []
+    for loop in fit.loops:
+        size, unit = read_unit(loop.name)
+        known = np.isfinite(loop.sd)
+        width = f"{loop.width / size:.3g} +- {loop.sd / size:.2g} {unit}" if known else "not determined"
+        share = f"{100 * abs(loop.width) / loop.largest:.2g} %" if loop.largest and known else "-"
+        rows.append((place_read(loop.of), width, share, len(loop.rows)))
+        one_way += _one_way(fit.campaign, loop)
+    note = "Friction and play: the width determines no stiffness; the mean of loading and unloading does."
+    head = ("loop", "unloading - loading", "of largest", "rows")
+    return (Section("Hysteresis of loading ramps", (Table("", head, tuple(rows), note=note), *one_way)),)
+
+
+def expected_hysteresis(campaign: Campaign, ramps: Sequence[Ramp]) -> tuple[Section, ...]:
+    """Return for each ramp of loads how well the width of its hysteresis loop will be known."""
+    if not ramps:
+        return ()
+    rows: list[tuple[Cell, ...]] = []
+    one_way: list[str] = []
+    for ramp in ramps:
+        size, unit = read_unit(ramp.name)
+        within = f"{ramp.sd / size:.2g} {unit}" if np.isfinite(ramp.sd) else "not determined"
+        rows.append((place_read(ramp.of), within, len(ramp.rows)))
+        one_way += _one_way(campaign, ramp)
+    note = "One sd by the data alone, at the arm file's values. `ident fit` finds the widths."
+    head = ("loop", "width known within", "rows")
+    return (Section("Hysteresis of loading ramps", (Table("", head, tuple(rows), note=note), *one_way)),)
+
+
+def _one_way(campaign: Campaign, ramp: Ramp) -> Iterator[str]:
+    ways = {campaign.measurements[i].ramp for i in ramp.rows}
+    if len(ways) == 1:
+        yield f"{place_read(ramp.of)}: only {ways.pop()}, so these rows determine slopes, not the zero reading."

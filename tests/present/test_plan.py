@@ -1,0 +1,158 @@
+"""The plan in words, as a figure and as files."""
+
+import csv
+import dataclasses
+import math
+import re
+
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm, loose_arm
+from reports import assert_one_screen, too_wide
+
+from ident.arm.arm import Arm, Workspace
+from ident.errors import InputError
+from ident.identify.candidates import main_joints
+from ident.identify.fit import fit_campaign
+from ident.identify.plan import PlanSettings, plan_campaign
+from ident.measure import read_campaign
+from ident.present.figures.sample import plan_figure
+from ident.present.files.document import save
+from ident.present.plan import plan_sections, write_form
+from ident.present.report import text_of
+from ident.present.words import degrees
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_campaign(
+        loose_arm(), settings=PlanSettings(step=math.radians(45.0), draws=2, count=3, costs={"dial": 1.0})
+    )
+
+
+def texts(figure):
+    return [text.get_text() for text in figure.findobj(lambda a: hasattr(a, "get_text")) if text.get_text()]
+
+
+def test_the_report_says_what_to_do_and_what_it_gives(plan):
+    report = plan_sections(plan)
+    assert report.subject.endswith("from the prior alone")
+    batch, expected = report.answer
+    first = plan.experiments[plan.ranked(1)[0]]
+    assert batch.rows[0][1] == degrees(first.posture)
+    assert batch.rows[0][3:] == (plan.steps[0].cost, plan.steps[0].nats)
+    assert [row[:2] for row in expected.rows] == [(name, "factor 2.7") for name in plan.known.names]
+    assert report.details[-1].parts[0].startswith("Sigma (--sigma): 0.5 % of each frequency")
+    assert not too_wide(text_of(report, details=True))
+    assert_one_screen(text_of(report), files=3)
+
+
+def test_a_fit_in_doubt_is_said():
+    table = read_campaign(DATA / "lcd_arm" / "table1.csv")
+    doubtful = plan_campaign(
+        loose_arm(),
+        fit_campaign(loose_arm(), table, starts=2),
+        settings=PlanSettings(step=math.radians(90.0), draws=1, count=1),
+    )
+    verdict = plan_sections(doubtful).verdict
+    assert verdict.word == "PROVISIONAL"
+    assert "contradict each other" in verdict.reason
+
+
+def test_the_ranking_has_each_posture_once_and_falls(plan):
+    best = plan.ranked(100)
+    assert len({plan.experiments[i].place for i in best}) == len(best) == len(plan.predictions.postures)
+    assert (np.diff(plan.per_cost[best]) <= 0).all()
+    assert best[0] == plan.steps[0].experiment
+
+
+def test_the_figure_names_joints_units_and_visits(plan, tmp_path):
+    figure = plan_figure(plan)
+    words = texts(figure)
+    assert {"joint2 [deg]", "joint3 [deg]"} <= set(words)
+    assert any("nat/h" in word for word in words)
+    numbers = [word for word in words if re.fullmatch(r"\d(, \d)*", word)]
+    assert sorted(", ".join(numbers).split(", "))[:3] == ["1", "2", "3"]
+    save(figure, tmp_path / "plan.png")
+    assert (tmp_path / "plan.png").stat().st_size > 20_000
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    return fit_campaign(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv"), starts=2)
+
+
+def test_what_was_measured_beside_the_grid_lies_on_the_curve(shipped):
+    """The shipped campaign was also at 80 deg, which the steps of 30 deg leave out."""
+    plan = plan_campaign(lcd_arm(), shipped, settings=PlanSettings(draws=0, count=1))
+    curve, *crosses = plan_figure(plan).axes[0].lines
+    assert curve.get_xdata().tolist() == pytest.approx([-90, -60, -30, 0, 30, 60, 80, 90])
+    points = dict(zip(curve.get_xdata().round(6).tolist(), curve.get_ydata().tolist(), strict=True))
+    marked = {round(float(line.get_xdata()[0]), 6): float(line.get_ydata()[0]) for line in crosses}
+    assert sorted(marked) == [0.0, 30.0, 60.0, 80.0]
+    assert all(points[angle] == height for angle, height in marked.items())
+    candidates = plan_sections(plan).details[0].parts[0]
+    assert candidates.startswith("7 postures on the line (1, -2, 1), within the joint limits: ")
+    assert "5 distinct postures (4 on the grid, 1 already measured)" in candidates
+
+
+def test_postures_that_were_measured_but_are_not_listed_are_left_out_of_the_bars(shipped):
+    arm = dataclasses.replace(lcd_arm(), workspace=Workspace(postures=((0.0, 0.0, 0.0), (1.0, -2.0, 1.0))))
+    axes = plan_figure(plan_campaign(arm, shipped, settings=PlanSettings(draws=0, count=1))).axes[0]
+    assert len(axes.lines) == 1, "one of four is listed"
+
+
+def test_a_span_of_two_factors_says_factor_once(plan):
+    cells = [row[-1] for row in plan_sections(plan).answer[1].rows]
+    assert not any(re.search(r"factor \S+ to factor", cell) for cell in cells)
+
+
+def test_listed_postures_have_a_bar_each(tmp_path):
+    postures = ((0.0, 0.0, 0.0), (0.0, -0.5, 0.5), (0.0, -1.0, 1.0))
+    arm = dataclasses.replace(loose_arm(), workspace=Workspace(postures=postures))
+    plan = plan_campaign(arm, settings=PlanSettings(draws=0, count=2, modes=2))
+    axes = plan_figure(plan).axes[0]
+    assert [t.get_text() for t in axes.get_yticklabels()] == [degrees(posture) for posture in plan.grid.postures]
+    np.testing.assert_allclose([bar.get_width() for bar in axes.patches], 60 * plan.gain_over_grid)
+    assert len([text for text in axes.texts if text.get_text()[0] in "12"]) >= 1
+
+
+def test_joints_that_do_not_matter_are_not_drawn(plan):
+    assert np.isfinite(plan.gain_over_grid).all()
+    assert main_joints(plan.grid.postures, plan.gain_over_grid) == [1, 2]
+
+
+def test_a_sampled_grid_and_a_single_joint_are_drawn(tmp_path):
+    sampled = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(4.0), draws=0, count=1))
+    assert sampled.grid.sampled
+    assert "a sample of the grid" in plan_sections(sampled).details[0].parts[0]
+    save(plan_figure(sampled), tmp_path / "sampled.png")
+    arm = loose_arm()
+    last = arm.joints[-1]
+    points = [point for point in arm.points if point.joint == last.name]
+    single = Arm("single", (last,), tuple(points))
+    alone = plan_campaign(single, settings=PlanSettings(step=math.radians(45.0), draws=0, count=2, modes=2))
+    assert len(alone.predictions.postures) == 1, "about a vertical axis nothing changes"
+    assert "joint3 [deg]" in texts(plan_figure(alone))
+
+
+def test_the_form_is_refused_empty_and_read_when_filled_in(plan, tmp_path):
+    write_form(plan, tmp_path / "form.csv")
+    with pytest.raises(InputError, match="value"):
+        read_campaign(tmp_path / "form.csv")
+    lines = (tmp_path / "form.csv").read_text().splitlines()
+    comments, table = [line for line in lines if line.startswith("#")], [line for line in lines if line[0] != "#"]
+    rows = list(csv.DictReader(table))
+    for row in rows:
+        row["value"] = re.match(r"expected ([0-9.e+-]+) ", row["note"])[1]
+    with (tmp_path / "filled.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    assert comments
+    filled, expected = read_campaign(tmp_path / "filled.csv"), plan.campaign()
+    assert [m.kind for m in filled] == [m.kind for m in expected]
+    np.testing.assert_allclose([m.value for m in filled], [m.value for m in expected], rtol=1e-3)
+    np.testing.assert_allclose([m.sigma for m in filled], [m.sigma for m in expected], rtol=2e-3)

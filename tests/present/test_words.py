@@ -1,0 +1,93 @@
+"""Numbers in words, the hopeless ones too."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from arms import lcd_arm
+
+from ident.arm.parts import Servo
+from ident.measure import Campaign, Measurement
+from ident.present.warnings import drive_states, odd_numbers
+from ident.present.words import as_factor, beside, in_percent, kinds_in_words, percent, scatter, three_digits
+
+
+@pytest.mark.parametrize(
+    ("sd", "words"),
+    [(0.0213, "2.1 %"), (0.29, "29 %"), (0.7, "factor 2"), (13.0, "factor 4.4e+05"), (14.0, "factor over 1e+06")],
+)
+def test_a_scatter_is_in_percent_or_a_factor(sd, words):
+    assert scatter(sd) == words
+
+
+@pytest.mark.parametrize("log", [1e3, 1e300, math.inf])
+def test_what_nothing_bounds_overflows_nothing(log):
+    assert as_factor(log) == "over 1e+06"
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (-0.0372, "-3.7 %"),
+        (0.031, "+3.1 %"),
+        (-0.999, "0.001 times"),
+        (37.2, "38 times"),
+        (3.2, "+320 %"),
+        (0.00021, "+0.021 %"),
+    ],
+)
+def test_a_difference_in_percent(share, words):
+    assert in_percent(share) == words
+
+
+@pytest.mark.parametrize(
+    ("share", "words"), [(0.0086, "0.86 %"), (0.994, "99 %"), (1.0, "100 %"), (1.12, "112 %"), (-1.5, "-150 %")]
+)
+def test_a_share_has_no_power_of_ten(share, words):
+    assert percent(share) == words
+
+
+@pytest.mark.parametrize(("number", "words"), [(17.0, "17.0"), (184.2, "184"), (0.1239, "0.124"), (0.0, "0.00")])
+def test_three_digits_end_in_no_point(number, words):
+    assert three_digits(number) == words
+
+
+@pytest.mark.parametrize(
+    ("number", "limit", "words"),
+    [
+        (0.7071, 0.5, "0.71"),
+        (0.4987, 0.5, "0.499"),
+        (0.504, 0.5, "0.504"),
+        (0.7065, 0.707, "0.7065"),
+        (124.0, 0.5, "120"),
+    ],
+)
+def test_two_digits_or_as_many_as_tell_the_side_of_a_limit(number, limit, words):
+    assert beside(number, limit) == words
+    assert (float(words) > limit) == (number > limit)
+
+
+def test_kinds_of_measurement_in_the_plural():
+    assert kinds_in_words(["deflection", "frequency"]) == "deflections and frequencies"
+    assert kinds_in_words(["damping_ratio"]) == "damping ratios"
+    assert kinds_in_words(["twist", "shape", "rotation"]) == "twists, shapes and rotations"
+
+
+def test_rows_with_a_servo_on_are_warned_of_unless_the_arm_describes_it():
+    rows = [
+        Measurement(kind="frequency", posture=(0.0,) * 3, value=4.0, sigma=0.1, drives=d) for d in ("servo", "brake")
+    ]
+    mixed, servo = Campaign(measurements=tuple(rows)), Campaign(measurements=tuple(rows[:1]))
+    (finding,) = drive_states(lcd_arm(), mixed)
+    assert finding.text.endswith("the servo was on in row 1")
+    assert finding.remedy == "fit them separately"
+    assert "each k_tors includes its servo" in drive_states(lcd_arm(), servo)[0].text
+    described = replace(lcd_arm(), servos=(Servo("servo1", "joint1", k_servo=100.0),))
+    assert drive_states(described, mixed) == ()
+
+
+def test_a_number_that_looks_wrong_is_warned_of_and_a_sound_arm_is_not():
+    assert odd_numbers(lcd_arm()) == ()
+    odd = odd_numbers(lcd_arm().replace({"drive1.ratio": 1e6}))
+    assert [finding.text.split(": ")[1] for finding in odd] == ["drive1.ratio", "belt1"]
+    assert "ident show" in odd[0].remedy
