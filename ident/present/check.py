@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 
 from ident.identify.check import CampaignCheck
-from ident.identify.problem import LabelDoubt
+from ident.identify.problem import LabelDoubt, row_names
 from ident.inference.identifiability import Leverage
 from ident.inference.information import WEAK_ABOVE, Information
 from ident.inference.optima import Optimum, is_tie
 from ident.inference.parameters import Parameter
-from ident.measure import Measurement
 from ident.present.basis import springs_in_words
 from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut
 from ident.present.warnings import (
@@ -36,6 +35,7 @@ from ident.present.words import (
     parameter_in_words,
     spread_in_words,
     unit_of,
+    with_tied,
 )
 
 CORRELATED = 0.9
@@ -105,14 +105,10 @@ def _search(check: CampaignCheck) -> str:
 
 def _parameters(check: CampaignCheck) -> Table:
     rows = tuple(
-        (_names(item), WORDS.get(verdict, verdict), _reason(check, i))
+        (with_tied(item), WORDS.get(verdict, verdict), _reason(check, i))
         for i, (item, verdict) in enumerate(zip(check.items, check.verdicts, strict=True))
     )
     return Table("", ("Unknown", "verdict", "known by the data alone to"), rows)
-
-
-def _names(item: Parameter) -> str:
-    return item.name if len(item.paths) == 1 else f"{item.name} (and {', '.join(item.paths[1:])})"
 
 
 def _reason(check: CampaignCheck, i: int) -> str:
@@ -147,17 +143,17 @@ def _consistency(check: CampaignCheck) -> str:
 
 def _findings(check: CampaignCheck, *, explained: bool) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
-    measured = check.campaign.measurements
+    measured, names = check.campaign.measurements, row_names(check.campaign)
     yield from odd_numbers(check.arm)
     if check.missing.any():
-        rows = ", ".join(_number(measured[i], i) for i in np.flatnonzero(check.missing)[:MOST].tolist())
+        rows = ", ".join(names[i] for i in np.flatnonzero(check.missing)[:MOST].tolist())
         yield Finding(
             f"no equilibrium at the postures of rows {rows}", "raise the stiffnesses, or check loads and masses"
         )
     for i, j in check.repeats:
         values = " and ".join(f"{in_read_unit(m.kind, m.value)[0]:.4g}" for m in (measured[i], measured[j]))
         unit = in_read_unit(measured[i].kind, 0.0)[1]
-        rows = f"rows {_number(measured[i], i)} and {_number(measured[j], j)}"
+        rows = f"rows {names[i]} and {names[j]}"
         yield Finding(f"{rows} measured the same and differ: {values} {unit}", "measure it again")
     if check.contradictory and not explained:
         yield Finding(dependence_on_priors(check.cross_predictions), "check values, labels, units and load cases first")
@@ -166,12 +162,12 @@ def _findings(check: CampaignCheck, *, explained: bool) -> Iterator[Finding]:
         yield Finding(f"the model has no answer at {check.tried - check.answered} of {check.tried} points tried")
     part = check.leverage
     if part is not None and part.dominant.any():
-        rows = ", ".join(_number(measured[i], i) for i in np.flatnonzero(part.dominant)[:MOST].tolist())
+        rows = ", ".join(names[i] for i in np.flatnonzero(part.dominant)[:MOST].tolist())
         yield Finding(
             f"nothing cross-checks rows {rows}: an error there would go unnoticed", "repeat them, or add others"
         )
     for doubt in check.labels[:MOST]:
-        yield Finding(f"row {_number(measured[doubt.row], doubt.row)}: {'; '.join(_doubt(check, doubt))}")
+        yield Finding(f"row {names[doubt.row]}: {'; '.join(_doubt(check, doubt))}")
 
 
 # -------- Details
@@ -272,15 +268,15 @@ def _measurements(check: CampaignCheck) -> Iterator[Section]:
     if part is None:
         return
     every, measured = len(check.campaign) <= FEW, check.campaign.measurements
-    names = [item.name for item in check.items]
+    unknowns, names = [item.name for item in check.items], row_names(check.campaign)
     empty, dominant = part.empty, part.dominant
     places = np.arange(len(measured)) if every else np.flatnonzero(empty | dominant)
     rows = []
     for i in places[:LISTED].tolist():
         remark = "carries no information" if empty[i] else _dominates(part, i) if dominant[i] else ""
-        most = names[part.sees[i]] if part.sees[i] >= 0 else "nothing"
+        most = unknowns[part.sees[i]] if part.sees[i] >= 0 else "nothing"
         shared = 1 - min(part.leverage[i], 1)
-        rows.append((_number(measured[i], i), describe(measured[i]), float(part.share[i]), float(shared), most, remark))
+        rows.append((names[i], describe(measured[i]), float(part.share[i]), float(shared), most, remark))
     head = ("row", "measurement", "information", "redundancy", "depends most on", "")
     note = (
         "information: share of all. redundancy: share of its information that other measurements also provide "
@@ -301,18 +297,13 @@ def _dominates(part: Leverage, i: int) -> str:
     return f"dominates{lost or opened}"
 
 
-def _number(m: Measurement, i: int) -> str:
-    return m.where.rpartition(":")[2] or str(i + 1)
-
-
 def _labels(check: CampaignCheck) -> Iterator[Section]:
-    measured = check.campaign.measurements
+    measured, names = check.campaign.measurements, row_names(check.campaign)
     modal = any(m.kind in ("frequency", "damping_ratio") for m in measured)
     if not modal or check.missing.any():
         return
     doubts = tuple(
-        f"Row {_number(measured[doubt.row], doubt.row)}, {describe(measured[doubt.row])}: "
-        f"{'; '.join(_doubt(check, doubt))}."
+        f"Row {names[doubt.row]}, {describe(measured[doubt.row])}: {'; '.join(_doubt(check, doubt))}."
         for doubt in check.labels[:LISTED]
     )
     more = (f"{len(check.labels) - LISTED} more.",) if len(check.labels) > LISTED else ()
@@ -324,9 +315,7 @@ def _labels(check: CampaignCheck) -> Iterator[Section]:
         table = Table(
             "",
             ("row", "mode", "ambiguous on"),
-            tuple(
-                (_number(measured[i], i), str(measured[i].mode), f"{often:.0%} of the arms") for i, often in rows[:MOST]
-            ),
+            tuple((names[i], str(measured[i].mode), f"{often:.0%} of the arms") for i, often in rows[:MOST]),
             note=(f"{len(rows) - MOST} more. " if len(rows) > MOST else "")
             + "The fit matches these modes by frequency as well. If you are not sure of a word, leave it out of the "
             "label (`torsion 2`), or leave the label out.",
@@ -341,7 +330,7 @@ def _doubt(check: CampaignCheck, doubt: LabelDoubt) -> Iterator[str]:
         others = " and ".join(map(str, doubt.crossing))
         yield f"no label, and taken for {doubt.mode}, which nearly has the frequency of {others}: label it"
     if doubt.alike is not None:
-        other = _number(check.campaign.measurements[doubt.alike], doubt.alike)
+        other = row_names(check.campaign)[doubt.alike]
         yield f"no label, and taken for {doubt.mode}, although row {other}, for another mode, is equal: label both"
 
 

@@ -10,7 +10,7 @@ from ident.identify.fit import CampaignFit
 from ident.identify.problem import row_names
 from ident.identify.unknowns import is_of_loop
 from ident.inference.fit import Fit
-from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information
+from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information, half_width
 from ident.inference.optima import unmet
 from ident.inference.parameters import Parameter
 from ident.measure import KINDS
@@ -48,9 +48,11 @@ from ident.present.words import (
     scatter,
     sentence,
     shares,
+    size_in_words,
     unit_of,
     what_is_fixed,
     what_is_open,
+    with_tied,
 )
 from ident.units import QUANTITIES
 
@@ -64,8 +66,6 @@ LEAST_COST = 0.01
 """Share by which an interval is widened that is worth a word."""
 FAR_OFF, OWN = 2.5, 0.1
 """Standard deviations off from which what was said of a number is doubted; the prior's share below which it is idle."""
-IMPLAUSIBLE = 1.96
-"""Prior standard deviations from which a fitted value is called implausible: outside the prior's 95 % interval."""
 
 
 def fit_sections(fit: CampaignFit) -> Report:
@@ -151,12 +151,9 @@ def _unknown_count(fit: CampaignFit) -> int:
 
 def _is_determined(fit: CampaignFit, i: int) -> bool:
     """Tell whether an unknown has an interval that holds one optimum alone."""
-    half = _HALF * fit.information.sd[i]
+    half = half_width(0.95) * fit.information.sd[i]
     single = all(abs(each.theta[i] - fit.best.theta[i]) < half for each in fit.rivals)
     return bool(fit.supported[i]) and single
-
-
-_HALF = 1.96
 
 
 def _determined(fit: CampaignFit) -> int:
@@ -259,32 +256,21 @@ def _value_row(fit: CampaignFit, i: int, *, with_unit: bool) -> tuple[Cell, ...]
     low, high = (in_shown_unit(item.name, float(end))[0] for end in fit.interval()[i])
     digits = "#.3g" if item.positive else "#.4g"
     interval = word or f"{written(low, digits)} to {written(high, digits)}"
-    error = (
-        ""
-        if word
-        else scatter(float(fit.information.sd[i]))
-        if item.positive
-        else _own_unit(item, fit.information.sd[i])
-    )
-    names = item.name if len(item.paths) == 1 else f"{item.name} (and {', '.join(item.paths[1:])})"
-    return names, written(number, "#.4g") + after, interval, error, _start(item, value)
+    sd = float(fit.information.sd[i])
+    error = "" if word else scatter(sd) if item.positive else size_in_words(item, sd)
+    return with_tied(item), written(number, "#.4g") + after, interval, error, _start(item, value)
 
 
 def _start(item: Parameter, value: float) -> str:
-    """Write the arm file's value, with how far the fitted one is from it."""
+    """Write the arm file's value, with how far the fitted one is from it: implausible outside the prior's 95 %."""
     start = float(item.start)
     number = short_power(f"{in_shown_unit(item.name, start)[0]:.4g}")
     if not item.positive or not start:
         return number
-    wide = math.isfinite(item.prior_sd) and abs(math.log(value / start)) > IMPLAUSIBLE * float(item.prior_sd)
+    wide = math.isfinite(item.prior_sd) and abs(math.log(value / start)) > half_width(0.95) * item.prior_sd
     ratio = value / start
     change = percent(ratio - 1, "+") if 0.5 < ratio < 2 else f"x {ratio:.2g}"
     return f"{number} ({change}{', implausible' * bool(wide)})"
-
-
-def _own_unit(item: Parameter, sd: float) -> str:
-    factor, unit = (MM, "mm") if is_length(item.name) else (1.0, unit_of(item.name))
-    return f"{factor * float(sd) * float(item.scale):.2g} {unit}"
 
 
 def why_no_interval(fit: Fit, i: int) -> str:
@@ -398,7 +384,7 @@ def _by_kind(fit: CampaignFit) -> Table:
         z = -fit.off[kinds == kind]
         far = int(outliers[kinds == kind].sum())
         rows.append((kind.replace("_", " "), len(z), float(z.mean()), float(np.sqrt((z**2).mean())), far))
-    head = ("kind", "values", "mean [sigma]", "rms [sigma]", "too far off")
+    head = ("kind", "values", "mean [sigma]", "rms [sigma]", "outliers")
     return Table("Residuals by kind; all are in the result file", head, tuple(rows), ("", "d", "+.2f", ".2f", "d"))
 
 
@@ -430,8 +416,7 @@ def _known_to(item: Parameter, sd: float) -> str:
         return "free"
     if item.positive:
         return f"{100 * sd:.2g} %"
-    size, unit = read_unit(item.name)
-    return f"{sd * float(item.scale) / size:.2g} {unit}"
+    return size_in_words(item, sd)
 
 
 def _cost(fit: CampaignFit, i: int) -> str:

@@ -8,7 +8,7 @@ from ident.inference.optima import LINEAR, Ending
 from ident.inference.profile import FLAT, Interval, Profile, threshold
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power
 from ident.present.warnings import drive_states
-from ident.present.words import counted, in_shown_unit, percent, priors_in_words, sentence, unit_of
+from ident.present.words import counted, in_shown_unit, percent, priors_in_words, sentence, unit_of, with_tied
 
 SIDES = ("below", "above")
 
@@ -68,12 +68,9 @@ def _intervals_table(profiles: Sequence[Profile]) -> Table:
 
 def _interval_row(profile: Profile, *, with_unit: bool) -> tuple[Cell, ...]:
     value, unit = in_shown_unit(profile.name, float(profile.values([profile.optimum])[0]))
-    names = (
-        profile.name if len(profile.item.paths) == 1 else f"{profile.name} (and {', '.join(profile.item.paths[1:])})"
-    )
     fitted = short_power(f"{value:.5g}") + f" {unit}".removesuffix(" -") * with_unit
     ends = (interval_text(profile, interval) for interval in (profile.widest, profile.linear_interval))
-    return names, fitted, *ends, _halves(profile), "" if profile.linear else "differs"
+    return with_tied(profile.item), fitted, *ends, _halves(profile), "" if profile.linear else "differs"
 
 
 def _halves(profile: Profile) -> str:

@@ -177,7 +177,7 @@ def text_of(report: Report, *, details: bool = False, width: int = WIDTH, colour
 
 
 def _screen(report: Report, details: bool, width: int, colour: bool) -> Iterator[str]:
-    yield from report.subject.splitlines() if "\n" in report.subject else folded(report.subject, width).splitlines()
+    yield from (line for part in report.subject.splitlines() for line in folded(part, width).splitlines())
     if report.verdict:
         word, hang = report.verdict.word, " " * len("RESULT: ")
         shown = folded(f"RESULT: {word}{'.' * (word[-1] != '.')} {report.verdict.reason}", width, hang)

@@ -1,7 +1,7 @@
 """Resonance along a motion: what is said of the crossings of pulley and natural frequencies; crossings as rows."""
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,17 +26,24 @@ SAME = 1e-6
 """Distance in time [s] or relative in frequency within which two are one."""
 SMALL = 1e-4
 """Vibration [m] from which on it is told in mm."""
+T = TypeVar("T")
+"""What is put into groups."""
 
 
 def grouped(crossings: Sequence[ResonanceCrossing]) -> list[list[ResonanceCrossing]]:
     """Put crossings of one branch in the same interval together, as of pulleys that turn alike; the order stays."""
-    groups: list[list[ResonanceCrossing]] = []
-    for crossing in crossings:
-        same = next((group for group in groups if _together(group[0], crossing)), None)
+    return _alike(crossings, _together)
+
+
+def _alike(items: Iterable[T], alike: Callable[[T, T], bool]) -> list[list[T]]:
+    """Put each item to the first group whose first one is like it, or into a group of its own."""
+    groups: list[list[T]] = []
+    for item in items:
+        same = next((group for group in groups if alike(group[0], item)), None)
         if same is None:
-            groups.append([crossing])
+            groups.append([item])
         else:
-            same.append(crossing)
+            same.append(item)
     return groups
 
 
@@ -48,15 +55,12 @@ def caused_words(group: Sequence[ResonanceCrossing]) -> str:
 
 def same_lines(excitation: Excitation) -> list[list[int]]:
     """Put sources together whose frequencies are the same all the time."""
-    groups: list[list[int]] = []
-    for i, line in enumerate(excitation.frequency):
-        scale = SAME * max(float(line.max()), SAME)
-        same = next((g for g in groups if np.abs(excitation.frequency[g[0]] - line).max() <= scale), None)
-        if same is None:
-            groups.append([i])
-        else:
-            same.append(i)
-    return groups
+    lines = excitation.frequency
+
+    def same(first: int, other: int) -> bool:
+        return bool(np.abs(lines[first] - lines[other]).max() <= SAME * max(float(lines[other].max()), SAME))
+
+    return _alike(range(len(lines)), same)
 
 
 def sources_words(sources: Sequence[Source]) -> str:

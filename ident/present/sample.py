@@ -8,6 +8,7 @@ import numpy as np
 
 from ident.identify.compare import CampaignSample
 from ident.identify.fit import CampaignFit
+from ident.identify.problem import row_names
 from ident.inference.chains import LONG_ENOUGH, MIXED, Diagnosis
 from ident.inference.draws import LEARNED, combinations, quantiles, share_of_prior
 from ident.inference.fit import contradicting
@@ -198,7 +199,7 @@ def _farthest(result: CampaignSample) -> str:
     """Name the measurement that lies farthest out in what the posterior predicts."""
     below = _below(result)
     out, i = _outside(below), int(np.argmax(np.abs(below - 0.5)))
-    row = result.fitted.campaign.measurements[i].where.rpartition(":")[2] or str(i + 1)
+    row = row_names(result.fitted.campaign)[i]
     far = f"farthest out: row {row}, with {100 * below[i]:.1f} % of the simulated values below it."
     if out.any():
         return f"{out.sum()} of {len(out)} measurements lie outside the predicted 99 %; {far}"
@@ -277,14 +278,13 @@ def _combinations(result: CampaignSample) -> Iterator[Section]:
 def _measurements(result: CampaignSample) -> Section:
     """Return each measurement next to what the posterior predicts."""
     below = _below(result)
-    out, rows = _outside(below), []
+    out, rows, names = _outside(below), [], row_names(result.fitted.campaign)
     for i, m in enumerate(result.fitted.campaign):
         drawn = np.quantile(result.posterior_predictive.predicted[:, i], (0.025, 0.975))
         low, high = (in_read_unit(m.kind, float(end))[0] for end in drawn)
         measured, unit = in_read_unit(m.kind, m.value)
-        row = m.where.rpartition(":")[2] or str(i + 1)
         mark = "outside" if out[i] else ""
-        rows.append((row, describe(m), unit, measured, short_power(span(low, high)), 100 * float(below[i]), mark))
+        rows.append((names[i], describe(m), unit, measured, short_power(span(low, high)), 100 * float(below[i]), mark))
     head = ("row", "measurement", "unit", "measured", "predicted 95 %", "below [%]", "")
     note = (
         "Below: share of the measurements simulated by the posterior, with their errors, that are lower than the "

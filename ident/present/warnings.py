@@ -16,17 +16,15 @@ from ident.inference.information import RARE, standard_deviations
 from ident.measure import Campaign, Measurement
 from ident.present.report import Cell, Finding, Part, Section, Table, cut
 from ident.present.words import (
-    MM,
     MOST_ROWS,
     describe,
     in_percent,
     in_read_unit,
-    is_length,
     percent,
     place_read,
     read_unit,
+    size_in_words,
     three_digits,
-    unit_of,
 )
 
 # -------- Agreement
@@ -42,7 +40,14 @@ def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measure
         note: what else to know.
     """
     kinds = tuple(
-        (cross.kind.replace("_", " "), len(cross.rows), cross.statistic, cross.degrees_of_freedom, *_chance(cross))
+        (
+            cross.kind.replace("_", " "),
+            len(cross.rows),
+            cross.statistic,
+            cross.degrees_of_freedom,
+            cross.p_value,
+            cross.sd if cross.sd >= 1 else None,
+        )
         for cross in predictions
     )
     head = ("kind", "values", "T", "degrees of freedom", "p", "sigma")
@@ -56,18 +61,11 @@ def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measure
         for i, row in enumerate(cross.rows if len(cross.rows) <= FEW else ())
         for predicted, value, unit in [against(cross, i, measured[row])]
     )
-    each = Table("", ("value", "unit", "measured", "predicted from the other kinds", "difference [sd]"), rows, _VALUES)
-    parts: tuple[Part, ...] = (Table("", head, kinds, ("", "d", "#.3g", ".1f", ".2g", ".1f"), meaning),)
-    return Section(
-        "Agreement between kinds of measurement", (*parts, *([each] if rows else []), *([note] if note else []))
-    )
-
-
-_VALUES = ("", "", ".3g", ".3g", "+.1f")
-
-
-def _chance(cross: CrossPrediction) -> tuple[float, float | None]:
-    return cross.p_value, cross.sd if cross.sd >= 1 else None
+    parts: list[Part] = [Table("", head, kinds, ("", "d", "#.3g", ".1f", ".2g", ".1f"), meaning)]
+    if rows:
+        of_values = ("value", "unit", "measured", "predicted from the other kinds", "difference [sd]")
+        parts.append(Table("", of_values, rows, ("", "", ".3g", ".3g", "+.1f")))
+    return Section("Agreement between kinds of measurement", (*parts, *([note] if note else [])))
 
 
 def chance(cross: CrossPrediction) -> str:
@@ -95,7 +93,8 @@ def contradiction(predictions: Sequence[CrossPrediction], measured: Sequence[Mea
     i = int(np.argmax(z))
     m = measured[cross.rows[i]]
     predicted, value, unit = against(cross, i, m)
-    return f"By the other data, the {describe(m)} is {predicted:#.3g} {unit}; measured: {value:#.3g} {unit}."
+    by_others, own = three_digits(predicted), three_digits(value)
+    return f"By the other data, the {describe(m)} is {by_others} {unit}; measured: {own} {unit}."
 
 
 def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:
@@ -145,7 +144,7 @@ def odd_numbers(arm: Arm) -> tuple[Finding, ...]:
 
 def drive_states(arm: Arm, campaign: Campaign) -> tuple[Finding, ...]:
     """Warn of rows measured with a servo on, where the arm file describes no servo."""
-    own = [m.where.rpartition(":")[2] or str(i) for i, m in enumerate(campaign, 1) if m.drives == "servo"]
+    own = [name for name, m in zip(row_names(campaign), campaign, strict=True) if m.drives == "servo"]
     if arm.servos or not own:
         return ()
     if len(own) == len(campaign):
@@ -166,9 +165,9 @@ GIVING = {
     "link bends": "the links are rigid",
     "link twists": "the links are rigid",
 }
-"""What is assumed of that which may give."""
+"""What a fit assumes of base and links, by the kind of compliance that it leaves out."""
 UNTESTABLE = "cannot be tested"
-"""Evidence on an assumption that makes no difference which other values would not make."""
+"""Evidence on an assumption whose violation other values of the unknowns would hide."""
 LEAST_SHIFT = 1.0
 """Shift, in standard errors, from which an assumption weighs more than the noise."""
 
@@ -262,8 +261,7 @@ def _move(fit: CampaignFit, item: Assumption, which: int) -> str:
         return f"{shift / fit.information.sd[which]:+.1f} sd"
     if parameter.positive:
         return in_percent(float(np.expm1(shift)))
-    factor, unit = (MM, "mm") if is_length(parameter.name) else (1.0, unit_of(parameter.name))
-    return f"{factor * shift * float(parameter.scale):+.2g} {unit}"
+    return size_in_words(parameter, shift, "+")
 
 
 def _evidence(found: Assumptions, items: tuple[Assumption, ...]) -> str:

@@ -281,6 +281,17 @@ def _prior(item: Parameter) -> str:
     return f"log-normal about {about}, 95 % within a factor of {as_factor(1.96 * sd, 3)}"
 
 
+def size_in_words(item: Parameter, theta: float, sign: str = "") -> str:
+    """Write a change of theta of a number of either sign in the unit that people read it in: `6.4 mm`."""
+    size, unit = read_unit(item.name)
+    return f"{theta * float(item.scale) / size:{sign}.2g} {unit}"
+
+
+def with_tied(item: Parameter) -> str:
+    """Name a parameter with what is tied to it."""
+    return item.name if len(item.paths) == 1 else f"{item.name} (and {', '.join(item.paths[1:])})"
+
+
 def parameter_in_words(item: Parameter) -> str:
     """Name a parameter in physical words: `torsion of joint2`; as it is called, if it is none of an arm's."""
     part, _, rest = item.name.partition(".")
@@ -374,8 +385,7 @@ def in_words(trade: TradeOff, items: tuple[Parameter, ...]) -> str:
 def _change(item: Parameter, theta: float) -> str:
     if item.positive:
         return f"{item.name} by {percent(math.expm1(theta), '+')}"
-    size, unit = read_unit(item.name)
-    return f"{item.name} by {theta * float(item.scale) / size:+.2g} {unit}"
+    return f"{item.name} by {size_in_words(item, theta, '+')}"
 
 
 # -------- Places

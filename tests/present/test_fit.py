@@ -80,7 +80,7 @@ def test_each_value_has_its_interval_on_the_screen_and_in_percent(shipped):
         assert best * (1 + ends[0]) == pytest.approx(low, rel=1e-3)
         assert best * (1 + ends[1]) == pytest.approx(high, rel=1e-3)
         shown = [float(end) for end in screen[name]["95 % interval"].split(" to ")]
-        np.testing.assert_allclose(shown, [low, high], rtol=5e-3)
+        np.testing.assert_allclose(shown, [low, high], rtol=5e-3)  # three digits
 
 
 def test_what_the_data_do_not_determine_is_said_to_lean_on_priors(paper):

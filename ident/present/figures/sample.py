@@ -177,7 +177,8 @@ def _predicted(axes: Axes, result: CampaignSample) -> None:
         axes.plot([median], [y], linestyle="", **{**FILLED, "color": colour, "markersize": 4})
     axes.set_xlabel("(measured - predicted) / sigma [-]", fontsize=9)
     keys: dict[str, Style] = {"prediction with noise, 95 %": BAND, "prediction, 95 %": WIDE, "50 %": NARROW}
-    keys["with noise, 95 % without 0"] = {**WIDE, "color": ORANGE}
+    if ((noisy[:, 0] >= 0) | (noisy[:, 1] <= 0)).any():
+        keys["measured value outside the 95 % band"] = {**WIDE, "color": ORANGE}
     heading(axes, "Measured against predicted", keys)
 
 
