@@ -284,7 +284,9 @@ def fleet_figure(fleet: Fleet) -> Figure:
         else:
             panel.set_visible(False)
     key_below(
-        figure, _handles(), "robots from left to right by name; own fits that leave a stiffness open are not drawn"
+        figure,
+        _handles(),
+        "robots from left to right by name; own fits that do not determine a stiffness are not drawn",
     )
     return figure
 
