@@ -63,8 +63,8 @@ if TYPE_CHECKING:
     from ident.studies.profile import ProfileOptions, ProfileResult, profile
     from ident.studies.rerun import Rerun, rerun
     from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
-    from ident.studies.result import load
     from ident.studies.sample import SampleOptions, SampleResult, sample
+    from ident.studies.saved import Saved, load
     from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
     from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
     from ident.studies.sweep import SweepOptions, SweepResult, sweep
@@ -83,7 +83,7 @@ _PLACES = {
     "studies.export": ("export",),
     "studies.rerun": ("Rerun", "rerun"),
     "studies.arm": ("ArmPicture", "show"),
-    "studies.result": ("load",),
+    "studies.saved": ("Saved", "load"),
 }
 _PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in STUDIES}
 _PLACES["studies.modal"] = ("ModalOptions", "ModalResult", "modal_test")  # `ident.modal` is a room of the house

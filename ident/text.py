@@ -33,6 +33,11 @@ def quoted(text: str) -> str:
     return f"'{one_line(cut)}'" if text else "nothing"
 
 
+def study_of(form: str) -> str:
+    """Return the study that writes a format: `fit` for `ident-fit/10`."""
+    return form.removeprefix("ident-").partition("/")[0]
+
+
 def table_lines(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return rows of cells as lines in columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

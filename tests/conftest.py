@@ -33,6 +33,7 @@ import jax  # noqa: E402
 from reports import too_wide, without_number  # noqa: E402
 
 from ident import cli  # noqa: E402
+from ident.studies.result import Result  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 settings.register_profile("untimed", deadline=None)
@@ -88,6 +89,19 @@ def run(monkeypatch, capsys, tmp_path):
     """Run ident in this process, in an empty folder; return exit code, output and error text."""
     monkeypatch.chdir(tmp_path)
     return lambda *arguments: _called(monkeypatch, capsys.readouterr, arguments)
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """The results that commands have written in this process, by name."""
+    results, save = {}, Result.save
+
+    def kept(self, path):
+        results[self.name] = self
+        return save(self, path)
+
+    monkeypatch.setattr(Result, "save", kept)
+    return results
 
 
 @pytest.fixture(scope="session")

@@ -35,9 +35,10 @@ from ident.identify.unknowns import stiffness_parameters
 from ident.measure import parse_campaign, parse_log, parse_trace
 from ident.measure.channels import read_channels
 from ident.measure.recordings import read_recording
-from ident.studies.motion import basis_of, drawn_values, fitted_values
+from ident.studies.motion import basis_of
 from ident.studies.options import flag_of, specs
 from ident.studies.result import check_place, written_to
+from ident.studies.taken import drawn_values, fitted_values
 from ident.vibrate.simulate import sample_times
 
 CAMPAIGN, TABLE = ARM.with_name("campaign.csv"), ARM.with_name("table1.csv")
@@ -236,16 +237,6 @@ def test_a_name_that_leaves_no_room_for_those_of_files_beside_it(run, tmp_path):
     code, out, err = run("sample", path, f"--arm={ARM}")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert "got file name too long" in err
-
-
-def test_a_result_that_was_changed_is_refused(tmp_path, fit_file):
-    document = json.loads(fit_file.read_text())
-    path = tmp_path / "changed.fit.json"
-    ident.load(fit_file)
-    document["result"]["fit"]["problem"] = 5
-    path.write_text(json.dumps(document))
-    with pytest.raises(InputError, match=r"changed\.fit\.json: got a result that was changed after ident wrote it"):
-        ident.load(path)
 
 
 def test_a_hundred_thousand_bad_rows_are_twenty_lines_and_a_count(tmp_path):

@@ -47,7 +47,6 @@ REDUCED_OPTIONS = {
 }
 """The same for Python."""
 MADE = {
-    'ident.modal_test("data/lcd_arm/hammer")': 'ident.load("out/hammer.modal.nc")',
     "ident.fit(result.arm, result.campaign)": 'ident.load("out/hammer.modal.fit.json")',
 }
 """What commands of the page have made already; `tests/studies/test_modal.py` calls both, with less."""

@@ -11,7 +11,7 @@ import xarray
 
 from ident.errors import InputError
 from ident.files import CLAIM, claimed, remove_file, replace_file, together
-from ident.present.files.document import read_netcdf_result, write_json, write_netcdf_result
+from ident.present.files.document import read_record, write_json, write_netcdf
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def full_disk(monkeypatch):
 
 WRITERS = {
     "bytes": lambda path: replace_file(path, lambda file: file.write(b"new")),
-    "netCDF": lambda path: write_netcdf_result("ident-fit/0", [1], {"a": np.ones(3)}, path, {}),
+    "netCDF": lambda path: write_netcdf(path, {"/": xarray.Dataset({"a": ("n", np.ones(3))})}),
     "json": lambda path: write_json({"new": 1}, path),
 }
 
@@ -58,13 +58,13 @@ from pathlib import Path
 import numpy as np
 import xarray
 from ident.errors import InputError
-from ident.present.files.document import write_netcdf_result
+from ident.present.files.document import write_netcdf
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 draws = np.random.default_rng(1).normal(size=100_000)
 try:
-    write_netcdf_result("ident-fit/0", [1], {"a": draws}, Path(sys.argv[1]), {"/": xarray.Dataset({"x": ("n", draws)})})
+    write_netcdf(Path(sys.argv[1]), {"/": xarray.Dataset({"x": ("n", draws)})})
 except InputError as error:
     print(error)
 """
@@ -83,12 +83,11 @@ def test_a_netcdf_file_that_has_no_room_is_one_line(tmp_path):
 def test_groups_of_a_netcdf_file_come_back(tmp_path):
     path, numbers = tmp_path / "draws.nc", np.arange(1000.0)
     own = {"/": xarray.Dataset(attrs={"by": "us"}), "posterior": xarray.Dataset({"x": ("n", numbers)})}
-    write_netcdf_result("ident-fit/0", ["a", 1], {"a0": numbers}, path, own)
+    record = {"format": "ident-sample/10", "name": "é\udcff", "table": [1.5, None]}
+    write_netcdf(path, own, record)
     assert xarray.load_dataset(path, engine="h5netcdf").attrs["by"] == "us"
     xarray.testing.assert_identical(xarray.load_dataset(path, group="posterior", engine="h5netcdf"), own["posterior"])
-    form, tree, arrays = read_netcdf_result(path)
-    assert (form, tree, list(arrays)) == ("ident-fit/0", ["a", 1], ["a0"])
-    np.testing.assert_array_equal(arrays["a0"], numbers)
+    assert read_record(path) == record
 
 
 def contents(folder):

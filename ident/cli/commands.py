@@ -352,8 +352,7 @@ def is_result(file: Path) -> bool:
 
 
 def _show_result(file: Path) -> None:
-    running.start()
-    from ident.studies.result import load
+    from ident.studies.saved import load
 
     result = load(file)
     tell(result)

@@ -44,7 +44,7 @@ class CheckResult(Result):
     check: "CampaignCheck"
     options: CheckOptions = field(default_factory=CheckOptions)
 
-    form = "ident-check/5"
+    form = "ident-check/10"
     subject = "check.campaign.name"
     shown = ("check",)
     summary = ("contradictory",)

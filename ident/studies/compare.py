@@ -2,22 +2,23 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Result, check_place, study_of
+from ident.studies.result import Result, check_place
 from ident.studies.shared import UnitOptions
-from ident.text import one_line, quoted
+from ident.text import one_line, quoted, study_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.identify.compare import Comparison, Posterior
     from ident.identify.fit import CampaignFit
+    from ident.studies.saved import Saved
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,9 +33,9 @@ class CompareOptions(UnitOptions):
     )
 
 
-Compared: TypeAlias = Result | str | Path
+Compared: TypeAlias = "Result | Saved | str | Path"
 """What can be compared: a result, its file, or a folder of such files."""
-ENDS = (".fit.json", ".sample.nc", ".diagnose.nc")
+ENDS = (".fit.json", ".sample.nc", ".diagnose.json")
 """Ends of the files in a folder that are compared, the first of them that both folders have of a campaign."""
 
 
@@ -45,10 +46,12 @@ class ComparedFile:
     Attributes:
         path: the file.
         sha256: hash of its bytes.
+        notes: what is to be said of it.
     """
 
     path: str = ""
     sha256: str = ""
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -70,7 +73,7 @@ class CompareResult(Result):
     files: tuple[tuple[ComparedFile, ComparedFile], ...] = ((ComparedFile(), ComparedFile()),)
     options: CompareOptions = field(default_factory=CompareOptions)
 
-    form = "ident-compare/2"
+    form = "ident-compare/10"
     shown = ("comparisons", "unpaired")
 
     @property
@@ -99,7 +102,8 @@ class CompareResult(Result):
     def _inputs(self) -> Mapping[str, Any]:
         return _inputs(self.files)
 
-    def arguments(self, inputs: Mapping[str, Path]) -> dict[str, Any]:
+    @classmethod
+    def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
         """Return the files of all pairs, side by side."""
         files = list(inputs.values())
         return dict(zip(WORDS, (files[::2], files[1::2]) if len(files) > 2 else files, strict=True))
@@ -204,26 +208,18 @@ def _known(result: "Compared", name: str) -> "tuple[CampaignFit | Posterior, Com
     """Return the fit that a result holds, or the draws of a posterior, and its file."""
     import hashlib
 
-    from ident.identify.compare import Posterior
-    from ident.studies.diagnose import DiagnoseResult
-    from ident.studies.fit import FitResult
-    from ident.studies.result import load
-    from ident.studies.sample import SampleResult
+    from ident.studies.saved import Saved, load
 
     file = ComparedFile()
     if isinstance(result, str | Path):
         path = Path(result)
-        known = _foreign(path) or load(path)
+        draws = _foreign(path)
+        result = load(path) if draws is None else result
         file = ComparedFile(str(path), hashlib.sha256(path.read_bytes()).hexdigest())
-        if isinstance(known, Posterior):
-            return known, file
-        result = known
-    if isinstance(result, FitResult):
-        return result.fit, file
-    if isinstance(result, SampleResult):
-        return result.sample.fitted, file
-    if isinstance(result, DiagnoseResult):
-        return result.diagnosis.identification.sampled.fitted, file
+        if draws is not None:
+            return draws, file
+    if isinstance(result, Result | Saved) and (fitted := result.fitted) is not None:
+        return fitted, replace(file, notes=result.notes if isinstance(result, Saved) else ())
     got = quoted(study_of(result.form)) if isinstance(result, Result) else type(result).__name__
     raise InputError(Problem(file.path or name, f"a result of {got}", "one of fit, sample or diagnose", "give that"))
 
@@ -232,12 +228,11 @@ def _foreign(path: Path) -> "Posterior | None":
     """Return the draws of a file that another program has written; None for one of ident, or no such file."""
     from ident.identify.compare import Posterior
     from ident.present.files.document import is_of_ident
-    from ident.present.files.sample import read_posterior
-    from ident.studies.sample import SampleResult
+    from ident.present.files.values import read_posterior
 
     if path.suffix != ".nc" or not os.path.isfile(path) or is_of_ident(path):
         return None
-    draws = read_posterior(SampleResult.form, path).by_paths
+    draws = read_posterior(path).by_paths
     values = {name: own for (name, *tied), own in draws.items() if name.endswith(STIFFNESSES) and not tied}
     where = one_line(str(path))
     if bad := [name for name, own in values.items() if len(own) <= len(values) or not (own > 0).all()]:

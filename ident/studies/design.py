@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import ranges
-from ident.studies.motion import AmplitudeOptions, basis_of, drawn_groups
+from ident.studies.motion import AmplitudeOptions, basis_of
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import as_file
+from ident.studies.taken import drawn_groups
 
 if TYPE_CHECKING:
     import numpy as np
@@ -96,7 +97,7 @@ class DesignResult(Result):
     text: str
     options: DesignOptions
 
-    form = "ident-design/4"
+    form = "ident-design/10"
     shown = ("study",)
     numbers = ("present", "best")
     summary = ("present", "best")

@@ -13,8 +13,9 @@ from ident.errors import InputError
 from ident.studies.fit import FitOptions
 from ident.studies.motion import HeldMotionOptions, basis_of
 from ident.studies.options import keyword_options, option, specs
-from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.result import Progress, check_place, silent
 from ident.studies.sample import SampleOptions, sample
+from ident.studies.saved import FromFit
 from ident.studies.shared import as_campaign, as_file
 from ident.units import USUAL
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from ident.assess.remedies import Remedy, Verification, VibrationAssessment
     from ident.codec import Store
     from ident.description.file import ArmFile
+    from ident.identify.fit import CampaignFit
     from ident.inference.scrutiny import HeldOut
     from ident.measure import Campaign, Log
     from ident.present.diagnose import StageReport
@@ -202,7 +204,7 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class DiagnoseResult(Result):
+class DiagnoseResult(FromFit):
     """A diagnosis of an arm.
 
     Its table has a row for each remedy, the best first [SI]; none where none is needed.
@@ -215,7 +217,7 @@ class DiagnoseResult(Result):
     diagnosis: "Diagnosis"
     options: DiagnoseOptions = field(default_factory=DiagnoseOptions)
 
-    form, suffix = "ident-diagnose/6", ".nc"
+    form = "ident-diagnose/10"
     shown = ("diagnosis",)
     summary = ("verdict", "advice")
 
@@ -282,13 +284,14 @@ class DiagnoseResult(Result):
         return diagnose_page(self.diagnosis, head, arm_view(replace(basis.arm_file, arm=basis.arm)), explorer)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.present.files.document import write_netcdf
         from ident.present.files.sample import posterior_groups
         from ident.present.html.page import write_page
 
-        page, document = self._beside(path, ".html"), self._beside(path, ".json")
+        page, posterior = self._beside(path, ".html"), self._beside(path, ".nc")
         write_page(self._page(head), page)
-        self._write_json(document, head, self._write_netcdf(path, posterior_groups(self.diagnosis, head)))
-        return page, document, path
+        write_netcdf(posterior, posterior_groups(self.diagnosis, head))
+        return page, *super()._write(path, head), posterior
 
     @property
     def short(self) -> bool:
@@ -299,6 +302,11 @@ class DiagnoseResult(Result):
     def doubtful(self) -> bool:
         """Whether the fit that the diagnosis rests on is in doubt."""
         return bool(self.diagnosis.identification.sampled.fitted.doubts)
+
+    @property
+    def fitted(self) -> "CampaignFit":
+        """The fit that the diagnosis rests on."""
+        return self.diagnosis.identification.sampled.fitted
 
     def _inputs(self) -> Mapping[str, Any]:
         basis, campaign = self.diagnosis.task.basis, self.diagnosis.identification.sampled.fitted.campaign

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.motion import drawn_values, fitted_values
 from ident.studies.options import STROKE_PROFILES, keyword_options, option
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, as_campaign, as_file, is_angle, with_numbers
+from ident.studies.taken import drawn_values, fitted_values
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,17 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
+from ident.studies.result import BESIDE
 from ident.studies.shared import FARTHEST, as_file, is_angle
-from ident.text import one_line
+from ident.text import one_line, study_of
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.fit import CampaignFit
     from ident.identify.values import Identified
-    from ident.studies.fit import FitResult
     from ident.studies.result import Result
-    from ident.studies.sample import SampleResult
+    from ident.studies.saved import Saved
 
 
 # -------- Exported
@@ -59,37 +59,46 @@ class Exported:
 
 
 def exported(
-    result: "Result | str | Path",
+    read: "Result | Saved",
     path: Path | None,
-    arm: "ArmFile | str | Path | None",
+    own: "ArmFile",
     posture: tuple[float, ...] | None,
     force: bool,
+    where: str,
 ) -> Exported:
     """Return the arm that was identified, what was identified of it, and the file to write.
+
+    Args:
+        read: the result.
+        path: the file to write; None for the one of the description's name.
+        own: the description to write into.
+        posture: see `export`.
+        force: see `export`.
+        where: the result's file; empty for none.
 
     Raises:
         InputError: the file describes another robot, unless that is forced.
     """
+    import numpy as np
+
     from ident.arm.arm import check_arm, on_soft_base
     from ident.identify.unknowns import scaled_inertia
-    from ident.identify.values import scaled_by
-    from ident.studies.rerun import found
+    from ident.identify.values import Robot, Values, of_this_robot, scaled_by
 
-    read = _read(result)
-    fitted = _fitted(read)
-    if arm is None:
-        arm = found(read, Path(result).absolute().parent if isinstance(result, str | Path) else Path())["arm"]
-    own, height = as_file(arm), read.options.soft_base
+    fitted, height, source = read.fitted, vars(read)["options"].soft_base, read.inputs["arm"]
+    assert fitted, "a fit, or a posterior"
     based = own.arm if height is None else on_soft_base(own.arm, height)
-    identified = _identified(read, own)
+    identified = _identified(read, fitted, own)
     paths = set(based.paths())
     values = {name: value for name, value in identified.values.items() if name in paths}
     if strange := [name for name in fitted.arm.paths() if name in identified.values and name not in paths]:
         got, remedy = f"no {strange[0]}, which was fitted", "give the one that was fitted (`arm`)"
         raise InputError(Problem(one_line(own.path), got, "an arm that has it", remedy))
-    where = one_line(str(result)) if isinstance(result, str | Path) else ""
-    here = own if read.arm.arm.base is None else replace(own, arm=based)
-    remark = _of_this_robot(read, where, here, values, force)
+    # another robot's springs are no springs of this one
+    numbers = Values(where, "", {name: np.asarray(value) for name, value in values.items()})
+    here = own.arm if fitted.arm.base is None else based
+    robots = Robot.of(fitted.arm, source.sha256 if source else ""), Robot.of(here, own.sha256)
+    remark = of_this_robot(numbers, *robots, force=force).remark
     identified = replace(identified, doubts=(*identified.doubts, *filter(None, (remark,))))
     bodies = tuple(name for name in scaled_by(fitted.problem) if f"{name}.mass" in values)
     changed = scaled_inertia(based, values, bodies).replace(values)
@@ -100,50 +109,42 @@ def exported(
     )
 
 
-def _read(result: "Result | str | Path") -> "FitResult | SampleResult":
-    from ident.studies.fit import FitResult
-    from ident.studies.result import load
-    from ident.studies.sample import SampleResult
+def _read(result: "Result | Saved | str | Path") -> "Result | Saved":
+    from ident.studies.result import Result
+    from ident.studies.saved import Saved, load
 
     read = load(result) if isinstance(result, str | Path) else result
-    if not isinstance(read, FitResult | SampleResult):
-        got, expected = f"a {type(read).__name__}", "a result of ident.fit or ident.sample, or its file"
+    studies = ("fit", "sample")
+    if not (isinstance(read, Result | Saved) and study_of(read.form) in studies):
+        got = f"a result of {study_of(read.form)}" if isinstance(read, Saved) else f"a {type(read).__name__}"
+        expected = "a result of ident.fit or ident.sample, or its file"
         raise InputError(Problem("result", got, expected, "give that"))
     return read
 
 
-def _fitted(read: "FitResult | SampleResult") -> "CampaignFit":
-    from ident.studies.fit import FitResult
-
-    return read.fit if isinstance(read, FitResult) else read.sample.fitted
-
-
-def _identified(read: "FitResult | SampleResult", own: "ArmFile") -> "Identified":
+def _identified(read: "Result | Saved", fitted: "CampaignFit", own: "ArmFile") -> "Identified":
     """Return what was identified: numbers of the arm, and of what else was fitted."""
     from ident.identify.values import Identified
-    from ident.studies.fit import FitResult
+    from ident.studies.saved import Saved
 
-    fitted, values = _fitted(read), read.parameters if isinstance(read, FitResult) else read.medians
     items = fitted.problem.parameters.items
+    names = [item.name for item in items]
+    if study_of(read.form) == "fit":
+        values = fitted.parameters
+        intervals = {
+            name: (float(low), float(high)) for name, (low, high) in zip(names, fitted.interval(), strict=True)
+        }
+    else:
+        rows = {row["parameter"]: row for row in reversed(read.table())}  # those about the best optimum come first
+        values = {name: rows[name]["median"] for name in names}
+        intervals = {name: (rows[name]["low_95"], rows[name]["high_95"]) for name in names}
     supported = {path for item, yes in zip(items, fitted.supported, strict=True) if yes for path in item.paths}
     by_path = {path: values[path if path in values else item.name] for item in items for path in item.paths}
-    intervals = {path: read.intervals[item.name] for item in items for path in item.paths}
     sources = [("arm", own), *((word, each) for word, each in read.inputs.items() if word != "arm")]
     told = tuple((word, each.path, each.sha256) for word, each in sources if each is not None)
-    return Identified(by_path, intervals, frozenset(supported), fitted.doubts, told)
-
-
-def _of_this_robot(
-    read: "FitResult | SampleResult", where: str, own: "ArmFile", numbers: Mapping[str, float], force: bool
-) -> str:
-    """Refuse to write what was identified into the description of another robot; if forced, return what differs."""
-    import numpy as np
-
-    from ident.identify.values import Robot, Values, of_this_robot
-
-    values = Values(where, "", {name: np.asarray(value) for name, value in numbers.items()})
-    robot = Robot.of(read.arm.arm, read.arm.sha256)
-    return of_this_robot(values, robot, Robot.of(own.arm, own.sha256), force=force).remark
+    widths = {path: intervals[item.name] for item in items for path in item.paths}
+    doubts = *fitted.doubts, *(read.moved if isinstance(read, Saved) else ())
+    return Identified(by_path, widths, frozenset(supported), doubts, told)
 
 
 def _quantity(path: str) -> str:
@@ -158,7 +159,7 @@ ENDINGS = ".xml (MJCF), .urdf, .toml or .json"
 
 
 def export(
-    result: "Result | str | Path",
+    result: "Result | Saved | str | Path",
     path: str | Path | None = None,
     *,
     arm: "ArmFile | str | Path | None" = None,
@@ -184,8 +185,14 @@ def export(
         InputError: no such result, another robot's description, one of another format or without these numbers, or
             nothing can be written.
     """
-    asked = exported(result, None if path is None else Path(path), arm, posture, force)
-    path = asked.path
+    from ident.studies.saved import files_of
+
+    read, where = _read(result), one_line(str(result)) if isinstance(result, str | Path) else ""
+    if arm is None:
+        inputs = {name: source for name, source in read.inputs.items() if name.partition(BESIDE)[0] == "arm"}
+        arm = files_of(inputs, Path(result).absolute().parent if where else Path()).paths["arm"]  # type: ignore[arg-type]
+    asked = exported(read, None if path is None else Path(path), as_file(arm), posture, force, where)
+    path, own = asked.path, asked.own
     writers: Mapping[str, Callable[[Exported], Mapping[Path, bytes]]] = {
         ".xml": _mjcf,
         ".urdf": _urdf,
@@ -196,7 +203,7 @@ def export(
         got = f"the ending {path.suffix}" if path.suffix else "no ending"
         raise InputError(Problem(one_line(str(path)), got, f"a file *{ENDINGS}", "name it so"))
     _check_posture(asked)
-    files, own = writers[path.suffix](asked), asked.own
+    files = writers[path.suffix](asked)
     for each in files:
         _check_other(each, (own.path, own.bushings.path if own.bushings else ""))
     return _write(files)

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.result import Progress, check_place, silent
+from ident.studies.saved import FromFit
 from ident.studies.shared import ProblemOptions, as_campaign, as_file
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from ident.identify.explanations import Explanations
     from ident.identify.fit import Assumptions, CampaignFit
     from ident.identify.unknowns import Unknowns
+    from ident.identify.values import Robot, Values
     from ident.inference.fit import CrossPrediction
     from ident.measure import Campaign
 
@@ -40,7 +42,7 @@ class FitOptions(ProblemOptions):
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class FitResult(Result):
+class FitResult(FromFit):
     """A fit of an arm to a campaign.
 
     Its figure shows values with intervals, directions and residuals; its table has a row for each parameter: value,
@@ -56,7 +58,7 @@ class FitResult(Result):
     fit: "CampaignFit"
     options: FitOptions = field(default_factory=FitOptions)
 
-    form = "ident-fit/4"
+    form = "ident-fit/10"
     subject = "fit.campaign.name"
     shown = ("fit",)
     numbers = ("parameters", "fit.predicted", "fit.chi_squared")
@@ -151,6 +153,17 @@ class FitResult(Result):
     def doubtful(self) -> bool:
         """Whether anything speaks against the fit, or the data ask to drop what it takes for granted."""
         return self.fit.in_doubt
+
+    @property
+    def fitted(self) -> "CampaignFit":
+        """The fit itself."""
+        return self.fit
+
+    def taken_over(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
+        """Return the fitted values of an arm [SI], with what they were fitted, and at which height [m] the base gives."""
+        from ident.identify.values import Robot, Values
+
+        return Values.of_fit(self.fit, arm), Robot.of(self.arm.arm, self.arm.sha256), self.options.soft_base
 
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm, "campaign": self.fit.campaign}

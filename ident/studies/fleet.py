@@ -64,10 +64,10 @@ class FleetResult(Result):
     fleet: "Fleet"
     options: FleetOptions = field(default_factory=FleetOptions)
 
-    form = "ident-fleet/2"
+    form = "ident-fleet/10"
     subject = "label"
     shown = ("fleet",)
-    summary = ("standing_out", "failed", "priors")
+    summary = ("label", "standing_out", "failed", "priors")
 
     @property
     def standing_out(self) -> Mapping[str, Mapping[str, float]]:
@@ -165,11 +165,12 @@ class FleetResult(Result):
         robots = self.fleet.robots
         return {f"{word} of {r.name}": getattr(r, word) for r in robots for word in ("campaign", "arm")}
 
-    def arguments(self, inputs: Mapping[str, Path]) -> dict[str, Any]:
+    @classmethod
+    def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
         """Return the files of each robot, by its name."""
-        names = [robot.name for robot in self.fleet.robots]
+        names = [name.removeprefix("campaign of ") for name in inputs if name.startswith("campaign of ")]
         files = [(name, inputs[f"campaign of {name}"], inputs[f"arm of {name}"]) for name in names]
-        return {"robots": files, "label": self.label}
+        return {"robots": files, "label": summary["label"]}
 
 
 Files = tuple[str, Path, Path]

@@ -139,8 +139,7 @@ class ModalResult(Result):
     options: ModalOptions = field(default_factory=ModalOptions)
     reproducibility: "Reproducibility | None" = None
 
-    form = "ident-modal/4"
-    suffix = ".nc"
+    form = "ident-modal/10"
     shown = ("tests", "identified", "finished", "named", "campaign", "reproducibility")
     summary = ("hits", "rejected")
 
@@ -198,21 +197,23 @@ class ModalResult(Result):
         return figures | diagrams | planes
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
-        from ident.present.files.series import modal_groups, write_campaign_file
+        from ident.present.files.document import write_netcdf
+        from ident.present.files.modal import modal_groups, write_campaign_file
 
-        document = self._beside(path, ".json")
-        encoded = self._write_netcdf(path, modal_groups(self.tests, head))
-        self._write_json(document, head, encoded)
+        responses = self._beside(path, ".nc")
+        write_netcdf(responses, modal_groups(self.tests, head))
+        written = *super()._write(path, head), responses
         tables = self._beside(path, ".csv"), self._beside(path, ".covariance.csv")
         if not self.campaign:
-            return path, document
+            return written
         write_campaign_file(self.campaign, head, tables[0], self.reproducibility)
-        return *tables, path, document
+        return *tables, *written
 
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm, **self.files}
 
-    def arguments(self, inputs: Mapping[str, Path]) -> dict[str, Any]:
+    @classmethod
+    def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
         """Return the folder of the recordings, the channel table and the arm."""
         first = next(path for name, path in inputs.items() if name not in ("arm", "channels"))
         return {"tests": first.parent, "channels": inputs["channels"], "arm": inputs["arm"]}

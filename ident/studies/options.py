@@ -7,7 +7,7 @@ import inspect
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import Field, dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from functools import wraps
 from numbers import Integral, Real
 from types import NoneType, UnionType
@@ -131,6 +131,28 @@ class Options:
     def recorded(self) -> dict[str, Any]:
         """Return the options as result files record them."""
         return {each.name: getattr(self, each.name) for each, _ in specs(type(self))}
+
+    @classmethod
+    def restored(cls, recorded: Mapping[str, Any]) -> "Self":
+        """Return options as a result file has recorded them; those that came later have their default.
+
+        Raises:
+            InputError: they are of no such study, or out of their range.
+        """
+        types = {each.name: each.type for each, _ in specs(cls)}
+        if unknown := [name for name in recorded if name not in types]:
+            raise InputError(Problem("options", f"the option {unknown[0]}", f"one of {cls.__name__}", "correct it"))
+        return cls(**{name: _restored(value, types[name]) for name, value in recorded.items()})
+
+
+def _restored(value: Any, kind: Any) -> Any:
+    """Return a value of an option from JSON, in which tuples are lists and infinite numbers null."""
+    if isinstance(value, Mapping):
+        (_, own) = get_args(kind) if get_origin(kind) is dict else (None, None)
+        if isinstance(own, type) and is_dataclass(own):
+            return {name: own(**each) if isinstance(each, Mapping) else each for name, each in value.items()}
+        return {name: math.inf if each is None else _restored(each, own) for name, each in value.items()}
+    return tuple(_restored(each, None) for each in value) if isinstance(value, list) else value
 
 
 def _is_text(value: Any, repeated: bool) -> bool:

@@ -107,7 +107,7 @@ class PlanResult(Result):
     hammer: "tuple[HammerPlan, ...]" = ()
     options: PlanOptions = field(default_factory=PlanOptions)
 
-    form = "ident-plan/4"
+    form = "ident-plan/10"
     shown = ("plan",)
     numbers = ("cost",)
     summary = ("cost", "sd")

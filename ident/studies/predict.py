@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.motion import drawn_values, fitted_values
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, as_file, is_angle, with_numbers
+from ident.studies.taken import drawn_values, fitted_values
 from ident.text import did_you_mean, quoted
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class PredictResult(Result):
     fit: "Values | None" = None
     posterior: "Values | None" = None
 
-    form = "ident-predict/3"
+    form = "ident-predict/10"
     shown = ("predictions", "fit", "posterior", "changed")
     numbers = ("frequencies", "deflections")
     summary = ("deflections", "deflection_bands")

@@ -52,7 +52,7 @@ class ProfileResult(Result):
     profiles: "tuple[Profile, ...]"
     options: ProfileOptions = field(default_factory=ProfileOptions)
 
-    form = "ident-profile/3"
+    form = "ident-profile/10"
     subject = "fit.campaign.name"
     shown = ("fit", "profiles")
     numbers = ("fit.parameters",)

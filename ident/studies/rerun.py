@@ -1,18 +1,15 @@
 """Repeat what a result file records, and say whether the numbers are the same."""
 
-import hashlib
 import importlib
 import inspect
-import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ident.assess.repetition import Difference, differences
-from ident.errors import InputError, Problem
 from ident.present.report import WIDTH, Report
-from ident.studies.result import BESIDE, Progress, Reported, Result, load, silent, study_of
+from ident.studies.result import Progress, Reported, Result, silent
+from ident.studies.saved import Saved, files_of, load
 from ident.text import one_line
 
 
@@ -21,14 +18,16 @@ class Rerun(Reported):
     """A result and its repetition.
 
     Attributes:
-        before: the result of the file.
+        before: the result as the file has it.
         now: the result of the same study, on the same inputs, by the same options.
         differences: numbers that differ by more than rounding or, of chains, by more than their Monte Carlo error.
+        restored: inputs that were not there as they had been: they were taken from the texts that the file holds.
     """
 
-    before: Result
+    before: Saved
     now: Result
     differences: tuple[Difference, ...]
+    restored: tuple[str, ...] = ()
 
     @property
     def same(self) -> bool:
@@ -37,8 +36,10 @@ class Rerun(Reported):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Where the arm is not what its robot description says."""
-        return self.now.notes
+        """Which inputs are no longer as they were, and where the arm is not what its robot description says."""
+        inputs = self.before.inputs
+        paths = (one_line(inputs[name].path) for name in self.restored)  # type: ignore[union-attr]
+        return *(f"{path} is not as it was: repeated from its text in the result" for path in paths), *self.now.notes
 
     def sections(self) -> Report:
         """Return whether the numbers are the same, and where not."""
@@ -62,7 +63,8 @@ class Rerun(Reported):
 def rerun(path: str | Path, *, folder: str | Path | None = None, progress: Progress = silent) -> Rerun:
     """Repeat what a result file records: its study, on its inputs, by its options; and compare the numbers.
 
-    Inputs are found by their hash: where the file says that they were, beside it, or in the present folder.
+    Inputs are found by their hash: where the file says that they were, beside it, or in the present folder; arms and
+    campaigns that are not there, or have changed since, are those whose text the file holds.
 
     Args:
         path: a file of `Result.save` or of a command.
@@ -73,50 +75,16 @@ def rerun(path: str | Path, *, folder: str | Path | None = None, progress: Progr
         InputError: no result, or an input of it is not found or has changed.
         ModelError: see the study.
     """
+    from ident.present.files.document import plain
+
     before = load(path)
-    study = study_of(before.form)
-    function = getattr(importlib.import_module(f"ident.studies.{study}"), study)
+    module = importlib.import_module(f"ident.studies.{before.study}")
+    kind: type[Result] = getattr(module, f"{before.study.capitalize()}Result")
+    function = getattr(module, before.study)
     wanted = inspect.signature(function).parameters
-    files = found(before, Path(path).absolute().parent)
-    inputs = {name: file for name, file in files.items() if not name.endswith(tuple(f"'s {word}" for word in BESIDE))}
     more: dict[str, Any] = {"progress": progress, "folder": folder}
     more = {name: value for name, value in more.items() if name in wanted}
-    now = function(**before.arguments(inputs), options=vars(before)["options"], **more)
-    return Rerun(before, now, tuple(differences(before.table(), now.table(), before.standard_errors())))
-
-
-def found(result: Result, beside: Path) -> dict[str, Path]:
-    """Return the files that a result was made from, by the names under which its study takes them.
-
-    Raises:
-        InputError: one is not there, or none has the hash that was recorded; all are listed.
-    """
-    files: dict[str, Path] = {}
-    problems = []
-    for name, source in result.inputs.items():
-        if source is None:
-            continue
-        places = [Path(source.path), beside / Path(source.path).name, Path(Path(source.path).name)]
-        there = [place for place in dict.fromkeys(places) if source.path and os.path.isfile(place)]
-        match = next((place for place in there if _sha256(place) == source.sha256), None)
-        if match is not None:
-            files[name] = match
-        else:
-            problems.append(_missing(name, source, there))
-    if problems:
-        raise InputError(problems)
-    return files
-
-
-def _missing(name: str, source: Any, there: Sequence[Path]) -> Problem:
-    if not source.path:
-        return Problem(name, "a value that came from no file", "a file to repeat it from", "repeat it in Python")
-    where, expected = one_line(str(source.path)), f"the file with the SHA-256 {source.sha256[:12]}..."
-    if not there:
-        return Problem(where, "no such file", f"{expected}, the {name}", "put it there, or beside the result")
-    where = one_line(str(there[0]))
-    return Problem(where, "a file that has changed since", f"{expected}, the {name}", "put back the one it was")
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    files = files_of(before.inputs, Path(path).absolute().parent)
+    now: Result = function(**kind.arguments(files.paths, before.summary), options=before.options, **more)
+    different = differences(before.document()["table"], plain(now.table()), before.standard_errors())
+    return Rerun(before, now, tuple(different), files.restored)

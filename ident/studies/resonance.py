@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import Problem
 from ident.studies import reading
-from ident.studies.motion import MotionOptions, basis_of, drawn_values
+from ident.studies.motion import MotionOptions, basis_of
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Result, check_place
 from ident.studies.shared import as_file
+from ident.studies.taken import drawn_values
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,7 +68,7 @@ class ResonanceResult(Result):
     crossings: "tuple[ResonanceCrossing, ...]"
     options: ResonanceOptions = field(default_factory=ResonanceOptions)
 
-    form = "ident-resonance/3"
+    form = "ident-resonance/10"
     subject = "basis.name"
 
     @property

@@ -1,6 +1,6 @@
 """What every study returns: a frozen result with its report, figures, table and files."""
 
-import importlib
+import hashlib
 import json
 import os
 import re
@@ -19,16 +19,23 @@ from ident.errors import InputError, ModelError, Problem
 from ident.present.report import WIDTH, Report, html_of, text_of
 from ident.studies import STUDIES
 from ident.studies.options import Options
-from ident.text import one_line
+from ident.text import one_line, study_of
 from ident.units import USUAL, stiffness_in
 
 if TYPE_CHECKING:
     import pandas
-    import xarray
     from matplotlib.figure import Figure
 
-BESIDE = ("covariance", "bushings")
-"""What may be read because it lies beside an input: attributes of that input, in whose name they are called."""
+    from ident.identify.fit import CampaignFit
+
+BESIDE = "'s "
+"""Between an input and what was read because it lies beside that: `campaign's covariance`."""
+SIDE_FILES = ("covariance", "setups", "bushings")
+"""What may lie beside an input: attributes of it."""
+TEXTS = ("arm", "campaign", "path", "channels")
+"""First words of the inputs whose text a result holds."""
+LONGEST_TEXT = 5_000_000
+"""Bytes up to which it does; of a longer one it holds path and hash."""
 
 SHOWING = (
     *("sections", "figures", "html", "save_pdf", "save_figures"),
@@ -74,11 +81,6 @@ def _finite(value: Any) -> bool:
 def silent(description: str, total: int | None = None) -> Wrap:
     """Show nothing."""
     return iter
-
-
-def study_of(form: str) -> str:
-    """Return the study that writes a format: `fit` for `ident-fit/3`."""
-    return form.removeprefix("ident-").partition("/")[0]
 
 
 _PLACE: ContextVar[Path | None] = ContextVar("_PLACE", default=None)
@@ -132,8 +134,8 @@ def _file_name(text: str) -> str:
 
 
 def _with_what_lies_beside(inputs: Mapping[str, Any]) -> Mapping[str, Any]:
-    beside = {f"{name}'s {word}": getattr(source, word, None) for name, source in inputs.items() for word in BESIDE}
-    return {**inputs, **{name: source for name, source in beside.items() if source is not None}}
+    pairs = [(name + BESIDE + word, getattr(each, word, None)) for name, each in inputs.items() for word in SIDE_FILES]
+    return {**inputs, **{name: source for name, source in pairs if source is not None and source.path}}
 
 
 def _inputs_of(path: Path) -> Mapping[str, Any]:
@@ -157,6 +159,18 @@ def _same(old: Any, new: Any) -> bool:
         return new is None and not old
     of_ident = any(word in STUDIES for word in Path(new.path).name.split(".")[1:])
     return old.get("sha256") == new.sha256 or (of_ident and old.get("path") == new.path)
+
+
+def _text(name: str, source: Any) -> str | None:
+    """Return what an input says, as far as its result keeps that: arms, campaigns and what lies beside them."""
+    if source is None or not source.path or name.split()[0].removesuffix(BESIDE.strip()) not in TEXTS:
+        return None
+    try:
+        data = Path(source.path).read_bytes()
+        same = len(data) <= LONGEST_TEXT and hashlib.sha256(data).hexdigest() == source.sha256
+        return data.decode("utf-8") if same else None
+    except (OSError, UnicodeDecodeError):
+        return None
 
 
 def _origin(source: Any) -> str:
@@ -221,6 +235,20 @@ class Reported:
         """Return all that is said: verdict, tables, findings, details."""
         raise NotImplementedError
 
+    def _repr_html_(self) -> str:
+        """Return the first screen as a notebook shows it."""
+        return html_of(self.sections())
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return the main numbers as rows; none of what has no table."""
+        return []
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Return the table as a pandas frame."""
+        import pandas
+
+        return pandas.DataFrame(self.table())
+
     def report(self, *, details: bool = False, width: int = WIDTH, colour: bool = False) -> str:
         """Return the text that the command prints, see `text_of`."""
         return text_of(self.sections(), details=details, width=width, colour=colour)
@@ -230,7 +258,7 @@ class Reported:
 class Result(Reported):
     """What a study has computed, on what inputs, by which options.
 
-    `print(result)` prints what the command prints; `ident.load` brings a saved result back as it was. Results
+    `print(result)` prints what the command prints; `ident.load` reads a saved one again. Results
     are compared by identity: two of them hold too many numbers to be equal in one sense.
     """
 
@@ -276,8 +304,9 @@ class Result(Reported):
         """Name of the main figure: what the study, or its file's name, is called."""
         return self.name.rpartition(".")[2]
 
-    def arguments(self, inputs: Mapping[str, Path]) -> dict[str, Any]:
-        """Return what its study takes to repeat it: its inputs' files by name."""
+    @classmethod
+    def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what its study takes to repeat it, by its summary: its inputs' files by name."""
         return dict(inputs)
 
     @property
@@ -318,20 +347,13 @@ class Result(Reported):
         rows: list[dict[str, Any]] = self._present("", "rows")
         return rows
 
-    def to_dataframe(self) -> "pandas.DataFrame":
-        """Return the table as a pandas frame."""
-        import pandas
-
-        return pandas.DataFrame(self.table())
-
-    def _repr_html_(self) -> str:
-        """Return the first screen as a notebook shows it."""
-        return html_of(self.sections())
-
     def document(self) -> dict[str, Any]:
         """Return for programs from what it was made, with what and how, its summary and its table."""
+        return self._document(self.head)
+
+    def _document(self, head: Mapping[str, Any]) -> dict[str, Any]:
         notes = {"notes": list(self.notes)} if self.notes else {}
-        return {**self.head, **notes, **self._main()}
+        return {**head, **notes, **self._main()}
 
     def save(self, path: str | Path) -> tuple[Path, ...]:
         """Write the result's files, all of them or none, and return their paths; files of the same name are replaced.
@@ -414,18 +436,34 @@ class Result(Reported):
             head["robot"] = Robot.of(arm).document
         return head
 
+    @property
+    def fitted(self) -> "CampaignFit | None":
+        """The fit that it has, or started from; None of a study that has none to go on with."""
+        return None
+
+    def _fit_state(self) -> dict[str, Any] | None:
+        """Return the numbers of that fit."""
+        return None
+
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         """Write the files of a result, by default the one that is loaded again."""
-        from ident.codec import encode
+        from ident.present.files.document import write_json
 
-        self._write_json(path, head, encode(self))
+        write_json(self._record(head), path)
         return (path,)
 
-    def _write_json(self, path: Path, head: Mapping[str, Any], encoded: Any) -> None:
-        """Write the head, the main numbers, and the result as `ident.codec` has encoded it."""
-        from ident.present.files.document import digest, write_json
+    def _record(self, head: Mapping[str, Any]) -> dict[str, Any]:
+        """Return all that is kept of the result, as JSON knows it: its own numbers and texts, and no class."""
+        from ident.present.files.document import plain, report_data
 
-        write_json({**head, **self._main(), "result_sha256": digest(encoded), "result": encoded}, path)
+        return {
+            **self._document(head),
+            "name": self.name,
+            "standard_errors": plain(self.standard_errors()),
+            "fit": self._fit_state(),
+            "texts": {name: text for name, source in self.inputs.items() if (text := _text(name, source)) is not None},
+            "report": report_data(self.sections()),
+        }
 
     def _main(self) -> dict[str, Any]:
         """Return the main numbers as JSON knows them."""
@@ -434,49 +472,3 @@ class Result(Reported):
         summary = {name.rpartition(".")[2]: attrgetter(name)(self) for name in self.summary}
         main: dict[str, Any] = plain({**self.sections().judged, "summary": summary, "table": self.table()})
         return main
-
-    def _write_netcdf(self, path: Path, groups: "Mapping[str, xarray.Dataset]") -> Any:
-        """Write the result behind groups for other tools; return it encoded, large arrays left out."""
-        from ident.codec import encode
-        from ident.present.files.document import write_netcdf_result
-
-        arrays: dict[str, Any] = {}
-        encoded = encode(self, arrays)
-        write_netcdf_result(self.form, encoded, arrays, path, groups)
-        return encoded
-
-
-# -------- Load
-# Bring a saved result back.
-
-
-def load(path: str | Path) -> Result:
-    """Return the result that a study has saved, as it was.
-
-    Args:
-        path: a `.json` or `.nc` file of `Result.save` or of a command.
-
-    Raises:
-        InputError: the file is none, or one of another version of ident.
-    """
-    from ident.codec import CodecError, decode
-    from ident.present.files.document import EXPECTED, RERUN, check_format, read_result
-    from ident.text import quoted
-
-    where, (form, encoded, arrays) = one_line(str(path)), read_result(path)
-    study = study_of(form)
-    if study not in STUDIES:
-        raise InputError(Problem(where, f"the format {quoted(form)}", EXPECTED, RERUN))
-    kind: type[Result] = getattr(importlib.import_module(f"ident.studies.{study}"), f"{study.capitalize()}Result")
-    check_format(form, kind.form, where, EXPECTED)
-    if kind.suffix != Path(path).suffix == ".json":
-        remedy = f"load {one_line(Path(path).with_suffix(kind.suffix).name)} beside it"
-        raise InputError(Problem(where, f"no result to load ({form}, without its arrays)", EXPECTED, remedy))
-    try:
-        result = decode(encoded, arrays)
-        if not isinstance(result, kind):
-            raise CodecError(f"no {kind.__name__}")
-    except CodecError as error:
-        got = f"a result that this version of ident can't load ({one_line(str(error))})"
-        raise InputError(Problem(where, got, EXPECTED, "run the command again")) from None
-    return result

@@ -9,7 +9,8 @@ from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import keyword_options, option
-from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.result import Progress, check_place, silent
+from ident.studies.saved import FromFit
 from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.compare import CampaignSample
+    from ident.identify.fit import CampaignFit
+    from ident.identify.values import Draws
     from ident.measure import Campaign
 
 
@@ -56,7 +59,7 @@ class SampleOptions(FitOptions):
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class SampleResult(Result):
+class SampleResult(FromFit):
     """A sampled posterior of an arm's campaign.
 
     Its table has a row for each unknown about each optimum: median, intervals [SI], effective samples, R-hat.
@@ -71,7 +74,7 @@ class SampleResult(Result):
     sample: "CampaignSample"
     options: SampleOptions = field(default_factory=SampleOptions)
 
-    form, suffix = "ident-sample/4", ".nc"
+    form, suffix = "ident-sample/10", ".nc"
     subject = "sample.fitted.campaign.name"
     shown = ("sample",)
     numbers = ("sample.sample.theta",)
@@ -135,9 +138,10 @@ class SampleResult(Result):
         return self.sample.sample.basins[0] + 1
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.present.files.document import write_netcdf
         from ident.present.files.sample import groups_of
 
-        self._write_netcdf(path, groups_of(self.inference_data))
+        write_netcdf(path, groups_of(self.inference_data), self._record(head))
         return (path,)
 
     def standard_errors(self) -> list[dict[str, float]]:
@@ -145,6 +149,17 @@ class SampleResult(Result):
         from ident.present.files.sample import sample_errors
 
         return sample_errors(self.sample)
+
+    @property
+    def fitted(self) -> "CampaignFit":
+        """The fit that the chains started from."""
+        return self.sample.fitted
+
+    def taken_draws(self) -> "Draws":
+        """Return the draws as other studies take them over."""
+        from ident.identify.values import Draws
+
+        return Draws.of_sample(self.sample.sample, self.arm.arm, self.arm.sha256).doubted(self.doubts)
 
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm, "campaign": self.sample.fitted.campaign}

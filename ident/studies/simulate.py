@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.motion import HeldMotionOptions, basis_of, drawn_values
+from ident.studies.motion import HeldMotionOptions, basis_of
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import as_file
+from ident.studies.taken import drawn_values
 
 if TYPE_CHECKING:
     import numpy as np
@@ -77,7 +78,7 @@ class SimulateResult(Result):
     simulation: "Simulation"
     options: SimulateOptions = field(default_factory=SimulateOptions)
 
-    form, suffix = "ident-simulate/3", ".nc"
+    form = "ident-simulate/10"
     subject = "simulation.basis.name"
     shown = ("simulation",)
     numbers = ("vibration",)
@@ -168,13 +169,13 @@ class SimulateResult(Result):
         return outline(self.arm, self.simulation.response, times, factor=factor, loads=self.simulation.basis.loads)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.present.files.document import write_netcdf
         from ident.present.files.series import simulate_groups, write_csv
 
-        csv, document = self._beside(path, ".csv"), self._beside(path, ".json")
+        csv, arrays = self._beside(path, ".csv"), self._beside(path, ".nc")
         write_csv(self.simulation, head, csv)
-        encoded = self._write_netcdf(path, simulate_groups(self.simulation, head))
-        self._write_json(document, head, encoded)
-        return csv, path, document
+        write_netcdf(arrays, simulate_groups(self.simulation, head))
+        return csv, arrays, *super()._write(path, head)
 
     def _inputs(self) -> Mapping[str, Any]:
         return {**self.simulation.basis.sources, "trace": self.simulation.trace}

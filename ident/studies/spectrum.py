@@ -89,7 +89,7 @@ class SpectrumResult(Result):
     path: "Log | None" = None
     options: SpectrumOptions = field(default_factory=SpectrumOptions)
 
-    form = "ident-spectrum/4"
+    form = "ident-spectrum/10"
     shown = ("spectra",)
     numbers = ("amplitudes",)
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import ranges
-from ident.studies.motion import AmplitudeOptions, basis_of, drawn_values
+from ident.studies.motion import AmplitudeOptions, basis_of
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import as_file
+from ident.studies.taken import drawn_values
 
 if TYPE_CHECKING:
     import numpy as np
@@ -73,7 +74,7 @@ class SweepResult(Result):
     study: "SweepStudy"
     options: SweepOptions
 
-    form = "ident-sweep/3"
+    form = "ident-sweep/10"
     shown = ("study",)
     numbers = ("present",)
     summary = ("present", "trends")

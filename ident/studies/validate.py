@@ -48,7 +48,7 @@ class ValidateResult(Result):
     validation: "Validation"
     options: ValidateOptions = field(default_factory=ValidateOptions)
 
-    form = "ident-validate/1"
+    form = "ident-validate/10"
     subject = "validation.fit.campaign.name"
     shown = ("validation",)
     summary = ("validation.scopes", "validation.covered")

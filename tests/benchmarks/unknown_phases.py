@@ -1,7 +1,7 @@
 """Whether a diagnosis is right about how surely a limit is kept: fresh draws by the exact equations.
 
     ident diagnose data/lcd_arm/campaign.csv --out OUT
-    python tests/benchmarks/unknown_phases.py OUT/campaign.diagnose.nc [--draws 200] [--seed 7] [--file F]
+    python tests/benchmarks/unknown_phases.py OUT/campaign.diagnose.json [--draws 200] [--seed 7] [--file F]
         [--processes 2]
 
 Stiffnesses are drawn from the diagnosis' posterior, phases and kinematic errors as it holds them possible. Each draw is
@@ -28,7 +28,7 @@ from timing import commit, machine
 from ident.assess.diagnose import Diagnosis
 from ident.assess.remedies import RATE
 from ident.identify.values import Draws
-from ident.studies.result import load
+from ident.studies.rerun import rerun
 from ident.vibrate.evaluator import BinomialEstimate, Evaluator, Variable
 from ident.vibrate.response import peak
 from ident.vibrate.simulate import simulate
@@ -38,8 +38,8 @@ LEVEL = 0.001
 
 @cache
 def diagnosed(path: str) -> Diagnosis:
-    """The diagnosis in a file."""
-    diagnosis: Diagnosis = load(path).diagnosis
+    """The diagnosis in a file, computed again."""
+    diagnosis: Diagnosis = vars(rerun(path).now)["diagnosis"]
     return diagnosis
 
 

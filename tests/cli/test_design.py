@@ -20,7 +20,7 @@ NAME = "arm.teach"
 
 
 @pytest.mark.timeout(900)  # some ten programs are compiled, slowly on a machine that others share
-def test_a_design_with_all_that_there_is(run, tmp_path):
+def test_a_design_with_all_that_there_is(run, tmp_path, made):
     log(tmp_path / "teach.csv")
     posterior(tmp_path / "draws.nc")
     code, out, err = run("simulate", ARM, *SHORT, "--method=fast", "--no-figure")
@@ -42,7 +42,7 @@ def test_a_design_with_all_that_there_is(run, tmp_path):
     assert result["options"]["change"] == {K[0]: [], f"{K[1]}={K[2]}": ["0.5x", "1.5x", 2]}
     assert result["options"]["set"] == {"link2.mass": 36}
     assert result["result"]["study"]["basis"]["changed"] == {"map": {"link2.mass": 36.0}}
-    study = ident.load(tmp_path / f"{base}.json").study
+    (study,) = (each.study for each in made.values())
     design, best = study.design, study.design.best
     assert design.limit == pytest.approx(limit / 1e3)
     _, second = design.evaluator.variables

@@ -29,9 +29,10 @@ def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path, she
     assert [row["supported"] for row in result["table"]] == [False] * 6
     assert len(result["inputs"]["campaign"]["sha256"]) == 64
     assert result["software"]["ident"] == __version__
-    covariance = result["result"]["fit"]["information"]["covariance"]["numpy"]
-    sd = ident.load(tmp_path / "out/table1.fit.json").sd
-    assert [row[i] ** 0.5 for i, row in enumerate(covariance)] == list(sd.values()), "to the last bit"
+    (best, *_) = result["fit"]["optima"]
+    fitted = ident.load(tmp_path / "out/table1.fit.json").fitted
+    assert best["sd"] == fitted.best.sd.tolist(), "to the last bit"
+    np.testing.assert_allclose(fitted.information.sd, best["sd"], rtol=1e-9)
 
 
 def test_a_dial_gauge_alone_is_fitted_and_what_it_leaves_open_is_said(run, tmp_path):

@@ -35,7 +35,7 @@ def test_modal_writes_what_it_says(run, folder, tmp_path):
     ends = (".covariance.csv", ".csv", ".json", ".modes.png", ".nc", ".png", ".shapes.png")
     assert written == [f"out/tests.modal{end}" for end in ends]
     assert "vertical bending 2" in out
-    _, out, _ = run("show", "out/tests.modal.nc", "--details")
+    _, out, _ = run("show", "out/tests.modal.json", "--details")
     assert "Rejected: alpha60_y.unv, hit 2: overload of the force: 250 of a full scale of 250 N" in out
     assert "in the covariance file next to the campaign; ident fit reads it" in " ".join(out.split())
 
@@ -58,7 +58,7 @@ def test_frequency_responses_alone(run, folder):
     assert code == 0
     assert "damping" not in out
     assert "RESULT: GOOD. All 3 driving-point and reciprocity checks pass" in out
-    assert run("show", "out/tests.modal.nc")[1] in out
+    assert run("show", "out/tests.modal.json")[1] in out
     code, _, err = run("modal", folder, "--modes", "x=3")
     assert code == 2
     assert "--modes x=3: got 'x', expected the number of a posture" in err

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 
 
-def test_profile_prints_both_intervals_and_writes_a_result_and_a_figure(run, tmp_path):
+def test_profile_prints_both_intervals_and_writes_a_result_and_a_figure(run, tmp_path, made):
     options = ("--starts=1", "--parameter=joint3.k_bend", "--parameter=joint1.k_tors", "--reach=100")
     code, out, err = run("profile", DATA / "table1.csv", *options)
     assert (code, err) == (0, "")
@@ -24,8 +24,8 @@ def test_profile_prints_both_intervals_and_writes_a_result_and_a_figure(run, tmp
     assert [row["parameter"] for row in result["table"]] == ["joint3.k_bend", "joint1.k_tors"]
     assert result["options"]["reach"] == 100
     assert len(result["inputs"]["campaign"]["sha256"]) == 64
-    for profile in result["result"]["profiles"]:
-        lows = [interval["low"] for interval in profile["intervals"]]
+    for profile in made["table1.profile"].profiles:
+        lows = [interval.low for interval in profile.intervals]
         assert len(lows) == 3
         assert lows == sorted(lows, reverse=True)
 

@@ -7,7 +7,6 @@ import pytest
 from arms import lcd_arm
 from commands import ARM, files, posterior
 
-import ident
 from ident.vibrate.branches import branches
 from ident.vibrate.motion import stroke
 
@@ -16,13 +15,13 @@ pytestmark = pytest.mark.slow
 BASE = "arm.extend-10.resonance"
 
 
-def test_report_and_result_agree_with_the_library(run, tmp_path):
+def test_report_and_result_agree_with_the_library(run, tmp_path, made):
     code, out, err = run("resonance", ARM)
     assert (code, err) == (0, "")
     assert files(tmp_path) == [f"out/{BASE}.json", f"out/{BASE}.png"]
     written = json.loads((tmp_path / "out" / f"{BASE}.json").read_text())
     found = branches(lcd_arm(), stroke(lcd_arm().stroke, percent=10))
-    loaded = ident.load(tmp_path / "out" / f"{BASE}.json")
+    loaded = made[BASE]
     assert loaded.branches.labels == found.labels
     np.testing.assert_allclose(loaded.branches.median, found.median, rtol=1e-9)
     assert written["options"]["margin"] == 10.0
@@ -31,11 +30,11 @@ def test_report_and_result_agree_with_the_library(run, tmp_path):
     assert "Pulley 2 (drive2) meets lateral torsion 1 at 13.61 s" in out
 
 
-def test_draws_give_bands_and_probabilities(run, tmp_path):
+def test_draws_give_bands_and_probabilities(run, tmp_path, made):
     posterior(tmp_path / "draws.nc")
     code, _, _ = run("resonance", ARM, "--posterior=draws.nc", "--draws=8", "--no-figure")
     assert code == 0
-    low, high = ident.load(tmp_path / "out" / f"{BASE}.json").branches.band()[:, 0]
+    low, high = made[BASE].branches.band()[:, 0]
     assert (high > low).all()
     written = json.loads((tmp_path / "out" / f"{BASE}.json").read_text())
     assert all(0 < row["probability"] <= 1 for row in written["table"])

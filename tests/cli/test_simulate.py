@@ -30,7 +30,7 @@ def direct():
     return {method: simulate(lcd_arm(), motion, method=method) for method in ("fast", "exact")}
 
 
-def test_csv_netcdf_summary_and_report_agree_with_simulate(run, tmp_path, direct):
+def test_csv_netcdf_summary_and_report_agree_with_simulate(run, tmp_path, direct, made):
     code, out, err = run("simulate", ARM, *SHORT, "--at=0.7")
     assert (code, err) == (0, "")
     ends = ("csv", "drives.png", "json", "nc", "png")
@@ -67,7 +67,7 @@ def test_csv_netcdf_summary_and_report_agree_with_simulate(run, tmp_path, direct
     assert found["settling_time"] == settled
     assert result["options"]["at"] == 0.7
     difference = np.abs(vibration - np.asarray(direct["fast"].vibration)).max(1) / np.abs(vibration).max(1)
-    study = ident.load(tmp_path / f"{base}.nc").simulation.study
+    study = made[f"{NAME}.simulate"].simulation.study
     assert study.difference == pytest.approx(difference, rel=1e-6)
 
     for direction, size in zip("xyz", np.asarray(peak(response.vibration)), strict=True):
@@ -76,13 +76,13 @@ def test_csv_netcdf_summary_and_report_agree_with_simulate(run, tmp_path, direct
         assert words in out
 
 
-def test_its_own_csv_as_measured_trace_gives_ratio_one(run, tmp_path):
+def test_its_own_csv_as_measured_trace_gives_ratio_one(run, tmp_path, made):
     assert run("simulate", ARM, *SHORT, "--method=fast", "--no-figure", "--out=one")[0] == 0
     code, out, err = run("simulate", ARM, *SHORT, "--method=fast", f"--trace=one/{NAME}.simulate.csv", "--band=2:20")
     assert (code, err) == (0, "")
     assert "Simulated over measured" in out
     result = json.loads((tmp_path / f"out/{NAME}.simulate.json").read_text())
-    comparisons = ident.load(tmp_path / f"out/{NAME}.simulate.nc").simulation.comparisons
+    comparisons = made[f"{NAME}.simulate"].simulation.comparisons
     assert list(comparisons) == ["x", "y", "z"]
     for each in comparisons.values():
         assert (each.peak_ratio, each.rms_ratio, each.band_rms_ratio) == pytest.approx((1, 1, 1), rel=1e-6)
@@ -90,7 +90,7 @@ def test_its_own_csv_as_measured_trace_gives_ratio_one(run, tmp_path):
     assert result["options"]["method"] == "fast"
 
 
-def test_a_measured_acceleration_is_compared_as_acceleration(run, tmp_path, direct):
+def test_a_measured_acceleration_is_compared_as_acceleration(run, tmp_path, direct, made):
     from ident.vibrate.compare import second_derivative
 
     time, z = np.asarray(direct["fast"].time), np.asarray(direct["fast"].vibration[2])
@@ -99,7 +99,7 @@ def test_a_measured_acceleration_is_compared_as_acceleration(run, tmp_path, dire
     code, out, err = run("simulate", ARM, *SHORT, "--method=fast", "--trace=sensor.csv", "--details")
     assert (code, err) == (0, "")
     assert "[m/s^2]" in out
-    comparisons = ident.load(tmp_path / f"out/{NAME}.simulate.nc").simulation.comparisons
+    comparisons = made[f"{NAME}.simulate"].simulation.comparisons
     assert comparisons["z"].peak_ratio == pytest.approx(0.5, rel=1e-3)
     assert "x" not in comparisons
 
@@ -180,7 +180,7 @@ def test_draws_of_a_posterior_give_bands(run, tmp_path):
 
 
 def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
-    from ident.studies.motion import drawn_values, fitted_values
+    from ident.studies.taken import drawn_values, fitted_values
 
     document = {
         "format": ident.FitResult.form,

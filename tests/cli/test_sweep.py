@@ -8,7 +8,6 @@ import pytest
 from arms import lcd_arm
 from commands import ARM, files, posterior
 
-import ident
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import amplitude, simulate, superposition
 
@@ -32,7 +31,7 @@ def table(path, parameter):
     return {(float(row["value"]), row["direction"]): float(row["amplitude [mm]"]) for row in own}
 
 
-def test_table_summary_and_report_agree_with_simulate(run, tmp_path):
+def test_table_summary_and_report_agree_with_simulate(run, tmp_path, made):
     code, out, err = run("sweep", ARM, *SHORT, *VARY, "--limit=10", "--details")
     assert (code, err) == (0, "")
     assert files(tmp_path) == [f"{NAME}.{end}" for end in ("csv", "json", "png")]
@@ -41,7 +40,7 @@ def test_table_summary_and_report_agree_with_simulate(run, tmp_path):
     expected = 1e3 * superposition(lcd_arm().replace({K: 2 * present}), motion, PHASES, rate=100).worst
 
     result = json.loads((tmp_path / f"{NAME}.json").read_text())
-    stiffness, centre = ident.load(tmp_path / f"{NAME}.json").study.sweeps
+    stiffness, centre = made[Path(NAME).name].study.sweeps
     (axis,) = stiffness.axes
     assert (axis.paths, axis.present) == ((K,), pytest.approx(present))
     assert axis.values == pytest.approx([0.5 * present, present, 2 * present])
@@ -65,13 +64,13 @@ def test_table_summary_and_report_agree_with_simulate(run, tmp_path):
         assert words in out
 
 
-def test_a_map_of_a_number_and_the_speed(run, tmp_path):
+def test_a_map_of_a_number_and_the_speed(run, tmp_path, made):
     options = ("--vary=speed=150:200:2", f"--vary={K}=0.5x:2x:2", "--grid", "--measure=rms", "--details")
     code, out, err = run("sweep", ARM, *SHORT, *options)
     assert (code, err) == (0, "")
     name = f"out/arm.extend-200.speed-by-{K}.sweep"
     assert files(tmp_path) == [f"{name}.{end}" for end in ("csv", "json", "png")]
-    (found,) = ident.load(tmp_path / f"{name}.json").study.sweeps
+    (found,) = made[Path(name).name].study.sweeps
     assert np.shape(found.amplitude) == (3, 2, 2)
     motion = stroke(lcd_arm().stroke, percent=200, dwell=0.5)
     single = simulate(lcd_arm().replace({K: 2 * float(lcd_arm().get(K))}), motion, rate=100 * 200 / 150)
@@ -85,7 +84,7 @@ def test_a_map_of_a_number_and_the_speed(run, tmp_path):
     assert "the mean over the unknown imbalance phases" in " ".join(out.split())
 
 
-def test_draws_give_bands_and_the_probability_of_exceeding(run, tmp_path):
+def test_draws_give_bands_and_the_probability_of_exceeding(run, tmp_path, made):
     values = posterior(tmp_path / "draws.nc")
     options = (f"--vary={K}=0.5x:2x:2", "--posterior=draws.nc", "--draws=3", "--limit=20", "--details")
     code, out, err = run("sweep", ARM, *SHORT, *options)
@@ -93,7 +92,7 @@ def test_draws_give_bands_and_the_probability_of_exceeding(run, tmp_path):
     assert "5 to 95 %" in out
     assert "3 draws of the posterior of 2 numbers" in out
     name = f"out/arm.extend-200.{K}.sweep"
-    study = ident.load(tmp_path / f"{name}.json").study
+    study = made[Path(name).name].study
     (found,) = study.sweeps
     low, high = found.band
     assert study.draws == 3

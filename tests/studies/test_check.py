@@ -26,8 +26,7 @@ def test_it_gives_a_verdict_for_each_parameter(result):
 
 
 def test_it_comes_back_as_it_was(result, tmp_path):
-    loaded = assert_comes_back(result, tmp_path)
-    np.testing.assert_array_equal(loaded.check.leverage.leverage, result.check.leverage.leverage)
+    assert_comes_back(result, tmp_path)
 
 
 def test_its_table_has_a_row_for_each_parameter(result):

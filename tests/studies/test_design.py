@@ -14,7 +14,7 @@ from ident.assess.design import unchanged
 from ident.description.file import parse_arm, read_arm
 from ident.errors import InputError
 from ident.studies.design import DesignOptions, design
-from ident.studies.motion import drawn_groups, drawn_values
+from ident.studies.taken import drawn_groups, drawn_values
 from ident.vibrate.design import verify, with_minimum_change
 from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.sweep import sensitivities
@@ -127,9 +127,8 @@ def test_its_arm_file_has_the_changed_numbers(result, tmp_path):
 @pytest.mark.parametrize("name", ["result", "alone"])
 def test_it_comes_back_as_it_was(name, request, tmp_path):
     result = request.getfixturevalue(name)
-    loaded = assert_comes_back(result, tmp_path)
-    assert_plain(loaded.table())
-    figures = [path.name for path in loaded.save_figures(tmp_path)]
+    assert_plain(assert_comes_back(result, tmp_path).table())
+    figures = [path.name for path in result.save_figures(tmp_path)]
     words = ["" if word == result.main_figure else f".{word}" for word in result.figures()]
     assert figures == [f"{result.name}{word}.png" for word in words]
 

@@ -17,7 +17,7 @@ from ident.identify.predict import predict
 from ident.identify.values import Values
 from ident.present.basis import values_in_words
 from ident.studies.fit import FitOptions, fit
-from ident.studies.motion import fitted_values
+from ident.studies.taken import fitted_values
 
 pytestmark = pytest.mark.slow
 
@@ -87,13 +87,16 @@ def test_its_spreads_and_cross_predictions_are_those_of_the_fit(result):
 
 
 def test_it_comes_back_as_it_was(result, tmp_path):
-    loaded = assert_comes_back(result, tmp_path)
-    np.testing.assert_array_equal(loaded.fit.information.covariance, result.fit.information.covariance)
-    assert loaded.fit.campaign == result.fit.campaign
-    assert loaded.arm.sha256 == result.arm.sha256
-    assert loaded.fit.chi_squared == result.fit.chi_squared
-    assert len(loaded.assumptions.items) == len(result.assumptions.items) == 17
-    for one, other in zip(loaded.assumptions.items, result.assumptions.items, strict=True):
+    saved = assert_comes_back(result, tmp_path)
+    assert saved.parameters == result.parameters
+    again = saved.fitted
+    assert (saved.notes, again.doubts, again.remarks) == ((), result.fit.doubts, result.fit.remarks)
+    assert again.campaign == result.fit.campaign
+    np.testing.assert_allclose(again.information.covariance, result.fit.information.covariance, rtol=1e-9)
+    np.testing.assert_allclose(again.interval(), result.fit.interval(), rtol=1e-9)
+    assert again.chi_squared == pytest.approx(result.fit.chi_squared, rel=1e-9)
+    assert len(again.assumptions.items) == len(result.assumptions.items) == 17
+    for one, other in zip(again.assumptions.items, result.assumptions.items, strict=True):
         np.testing.assert_array_equal(one.test.shift, other.test.shift)
         assert (one.kind, one.joint, one.test.z) == (other.kind, other.joint, other.test.z)
 
@@ -261,24 +264,55 @@ def test_a_name_makes_no_folder(result, tmp_path):
     assert [path.name for path in named.save(tmp_path)] == [".._a_b.fit.json"]
 
 
-def test_a_damaged_file_is_refused_in_one_line(result, tmp_path):
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("ident-fit/10", "ident-fit/4", "run ident fit again"),
+        ("ident-fit/10", "ident-fit/11", "update ident"),
+        ("ident-fit/10", "ident-feat/10", "give the file that ident wrote"),
+        ('"report"', '"record"', "other contents"),
+        ('"no_prior": ', '"no_prayer": ', "got the option no_prayer"),
+        ('"summary"', '"somery"', "other contents"),
+    ],
+)
+def test_a_damaged_or_other_file_is_refused_in_one_line(result, tmp_path, old, new, words):
     (path,) = result.save(tmp_path)
     text = path.read_text()
-    damaged = {
-        f'"format": "{ident.FitResult.form}"': '"format": "ident-fit/2"',
-        "identify.fit:CampaignFit": "identify.fit:CampaignFits",
-        '"optima"': '"optimums"',
-        '"result"': '"results"',
-    }
-    for old, new in damaged.items():
-        assert old in text
-        path.write_text(text.replace(old, new))
-        with pytest.raises(ident.InputError, match="run the command again") as refusal:
-            ident.load(path)
-        assert len(str(refusal.value).splitlines()) == 1
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(ident.InputError, match=words) as refusal:
+        ident.load(path)
+    assert len(str(refusal.value).splitlines()) == 1
     path.write_text(text[: len(text) // 2])
     with pytest.raises(ident.InputError, match="other contents"):
         ident.load(path)
+
+
+def test_a_damaged_fit_is_refused_where_it_is_made_again_and_a_moved_one_is_said(result, tmp_path):
+    (path,) = result.save(tmp_path)
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps({**document, "fit": {**document["fit"], "optima": []}}))
+    with pytest.raises(ident.InputError, match=r"table1.fit.json: got other contents"):
+        assert ident.load(path).fitted
+    predicted = [1.001 * value for value in document["fit"]["predicted"]]
+    path.write_text(json.dumps({**document, "fit": {**document["fit"], "predicted": predicted}}))
+    saved = ident.load(path)
+    assert saved.fitted.parameters == result.parameters
+    assert saved.notes == (f"{path}: its predictions, evaluated again, differ by 0.001",)
+
+
+def test_a_fit_is_made_again_where_its_inputs_are_gone(table_1, tmp_path):
+    for name in ("arm.toml", "table1.csv"):
+        (tmp_path / name).write_bytes((DATA / "lcd_arm" / name).read_bytes())
+    first = fit(tmp_path / "arm.toml", tmp_path / "table1.csv", FitOptions(starts=1, no_explain=True))
+    (path,) = first.save(tmp_path / "out")
+    (tmp_path / "arm.toml").unlink()
+    (tmp_path / "table1.csv").write_text("changed")
+    assert ident.load(path).fitted.parameters == first.parameters
+    again = ident.rerun(path)
+    assert again.same
+    words = "is not as it was: repeated from its text in the result"
+    assert again.notes == tuple(f"{tmp_path / name} {words}" for name in ("arm.toml", "table1.csv"))
 
 
 def test_options_are_checked_when_they_are_made():

@@ -71,10 +71,7 @@ def test_what_is_measured_already_counts(measured, table_1):
 
 
 def test_it_comes_back_as_it_was(measured, arm_file, tmp_path):
-    loaded = assert_comes_back(measured, tmp_path)
-    assert loaded.plan.experiments == measured.plan.experiments
-    np.testing.assert_array_equal(loaded.plan.candidates.information, measured.plan.candidates.information)
-    assert loaded.campaign == measured.campaign
+    assert assert_comes_back(measured, tmp_path).cost == measured.cost
     assert_comes_back(plan(arm_file, options=PlanOptions(**COARSE)), tmp_path)
 
 

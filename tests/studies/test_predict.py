@@ -85,9 +85,7 @@ def test_a_fit_gives_its_values():
 
 
 def test_it_comes_back_as_it_was(result, tmp_path):
-    loaded = assert_comes_back(result, tmp_path)
-    np.testing.assert_array_equal(loaded.analyses[1].modes.shape, result.analyses[1].modes.shape)
-    assert float(loaded.analyses[0].arm.get("link2.mass")) == 40.0
+    assert_comes_back(result, tmp_path)
 
 
 def test_its_table_has_a_row_for_each_mode(result):

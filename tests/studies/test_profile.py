@@ -29,10 +29,7 @@ def test_it_gives_an_interval_for_each_parameter(result):
 
 
 def test_it_comes_back_as_it_was(result, tmp_path):
-    loaded = assert_comes_back(result, tmp_path)
-    assert loaded.intervals == result.intervals
-    assert loaded.profiles[1].widest.endings == result.profiles[1].widest.endings
-    assert loaded.profiles[0].item is loaded.fit.problem.parameters.items[2]
+    assert_comes_back(result, tmp_path)
 
 
 def test_its_table_has_a_row_for_each_parameter(result):

@@ -13,8 +13,9 @@ from ident.assess.repetition import differences
 from ident.present.export import SHOWN_OF_RERUN
 from ident.present.report import text_of
 from ident.studies.fit import FitOptions, fit
-from ident.studies.rerun import Rerun, found
+from ident.studies.rerun import Rerun
 from ident.studies.sample import SampleOptions, sample
+from ident.studies.saved import files_of
 
 pytestmark = pytest.mark.slow
 
@@ -69,16 +70,16 @@ def test_inputs_are_found_by_their_hash_beside_the_file(fitted, tmp_path):
     campaign.parent.mkdir()
     shutil.copy(DATA / "lcd_arm" / "table1.csv", campaign)
     result = fit(DATA / "lcd_arm" / "arm.toml", campaign, FitOptions(**OPTIONS))
-    assert found(result, tmp_path)["campaign"] == campaign
+    assert files_of(result.inputs, tmp_path).paths["campaign"] == campaign
     moved = shutil.move(campaign, tmp_path)
-    assert found(result, tmp_path)["campaign"] == tmp_path / "table1.csv"
+    assert files_of(result.inputs, tmp_path).paths["campaign"] == tmp_path / "table1.csv"
     with open(moved, "a") as file:
         file.write("# changed\n")
     with pytest.raises(InputError, match=r"table1.csv: got a file that has changed since, expected the file"):
-        found(result, tmp_path)
+        files_of(result.inputs, tmp_path)
     (tmp_path / "table1.csv").unlink()
     with pytest.raises(InputError, match=r"old/table1.csv: got no such file, .* put it there, or beside the result"):
-        found(result, tmp_path)
+        files_of(result.inputs, tmp_path)
 
 
 def test_what_came_from_no_file_can_not_be_found(tmp_path):

@@ -1,16 +1,15 @@
 """`ident.resonance` from Python: what it returns, its inputs as values or files, and the file that brings it back."""
 
-import json
-
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 from commands import posterior
 from reports import assert_one_screen, too_wide
+from results import assert_comes_back
 
-from ident import InputError, load, read_arm
-from ident.studies.motion import drawn_values
-from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
+from ident import InputError, read_arm
+from ident.studies.resonance import ResonanceOptions, resonance
+from ident.studies.taken import drawn_values
 from ident.vibrate.branches import branches
 from ident.vibrate.motion import stroke
 
@@ -55,18 +54,7 @@ def test_a_saved_result_comes_back_as_it_was(request, tmp_path, case):
     result = request.getfixturevalue(case)
     (path,) = result.save(tmp_path)
     assert path == tmp_path / "arm.extend-10.resonance.json"
-    loaded = load(path)
-    assert isinstance(loaded, ResonanceResult)
-    assert loaded.report() == result.report()
-    assert loaded.table() == result.table()
-    assert loaded.options == result.options
-    one, other = (figure.axes[0] for figure in (result.figures()[""], loaded.figures()[""]))
-    assert len(one.lines) == len(other.lines)
-    for line, same in zip(one.lines, other.lines, strict=True):
-        np.testing.assert_array_equal(line.get_xydata(), same.get_xydata())
-    (again,) = loaded.save(tmp_path / "again.json")
-    first, second = (json.loads(file.read_text()) | {"created": ""} for file in (path, again))
-    assert first == second
+    assert_comes_back(result, tmp_path)
 
 
 def test_draws_may_be_a_value_or_a_file(drawn, tmp_path):

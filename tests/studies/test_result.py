@@ -185,4 +185,4 @@ def test_python_replaces(tmp_path):
     first, second = (ident.predict(arm) for arm in (ARM, tmp_path / "arm.toml"))
     assert first.save(tmp_path / "out") == second.save(tmp_path / "out")
     assert files(tmp_path / "out") == ["arm.predict.json"]
-    assert ident.load(tmp_path / "out" / "arm.predict.json").arm.path == str(tmp_path / "arm.toml")
+    assert ident.load(tmp_path / "out" / "arm.predict.json").inputs["arm"].path == str(tmp_path / "arm.toml")

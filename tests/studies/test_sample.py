@@ -21,8 +21,8 @@ from ident.present.fit import fit_sections
 from ident.present.report import Table, text_of
 from ident.present.sample import sample_sections
 from ident.studies.fit import FitOptions, fit
-from ident.studies.motion import drawn_groups, drawn_values, fitted_values
 from ident.studies.sample import SampleOptions, SampleResult, sample
+from ident.studies.taken import drawn_groups, drawn_values, fitted_values
 
 pytestmark = pytest.mark.slow
 
@@ -64,13 +64,17 @@ def test_it_is_the_posterior_of_the_fit(result, table_1):
 
 
 def test_it_comes_back_as_it_was(result, tmp_path):
-    loaded = assert_comes_back(result, tmp_path)
-    assert isinstance(loaded, SampleResult)
-    np.testing.assert_array_equal(loaded.sample.sample.theta, result.sample.sample.theta)
-    np.testing.assert_array_equal(loaded.sample.sample.log_density, result.sample.sample.log_density)
-    assert loaded.arm.sha256 == result.arm.sha256
-    assert list(loaded.figures()) == ["posterior", "corner", "trace"]
-    parameters, _, predicted = (axes for axes in loaded.figures()["posterior"].axes if axes.get_xlabel())
+    saved = assert_comes_back(result, tmp_path)
+    assert saved.doubts == list(result.doubts)
+    assert saved.fitted.parameters == pytest.approx(result.fitted.parameters, rel=1e-12)
+    ours, theirs = (each.taken_draws().by_paths for each in (saved, result))
+    for paths, own in theirs.items():
+        np.testing.assert_array_equal(ours[paths], own)
+
+
+def test_its_figures_show_data_and_intervals(result):
+    assert list(result.figures()) == ["posterior", "corner", "trace"]
+    parameters, _, predicted = (axes for axes in result.figures()["posterior"].axes if axes.get_xlabel())
     assert predicted.get_xlabel() == "(measured - predicted) / sigma [-]", "as in the figure of the fit"
     medians = [line.get_xdata()[0] for line in predicted.lines if line.get_marker() == "o"]
     drawn, campaign = result.sample.posterior_predictive.predicted, result.sample.fitted.campaign
@@ -232,7 +236,7 @@ def test_values_of_a_fit_and_of_its_file_are_the_same(arm_file, table_1, tmp_pat
     assert of_file.medians == of_result.medians
     assert of_file.left_out == of_result.left_out == ("discrepancy.deflection",)
     text = path.read_text()
-    for own, words in (("ident-fit/2", "run the command again"), ("ident-check/2", "the file that ident fit wrote")):
+    for own, words in (("ident-fit/2", "run ident fit again"), ("ident-check/2", "the file that ident fit wrote")):
         path.write_text(text.replace(ident.FitResult.form, own))
         with pytest.raises(ident.InputError, match=f"the format '{own}'.*{words}") as refusal:
             fitted_values(path, lcd_arm())
@@ -244,7 +248,7 @@ def test_a_posterior_of_an_older_version_is_refused_in_one_line(result, tmp_path
     data.attrs["format"] = '"ident-sample/1"'
     data.to_netcdf(str(path), engine="h5netcdf")
     for read in (ident.load, lambda path: drawn_values(path, lcd_arm(), 10)):
-        with pytest.raises(ident.InputError, match="run the command again") as refusal:
+        with pytest.raises(ident.InputError, match="run ident sample again") as refusal:
             read(path)
         assert len(str(refusal.value).splitlines()) == 1
 

@@ -73,8 +73,8 @@ def test_trends_are_in_a_word_what_the_amplitudes_do(both, chart):
 @pytest.mark.parametrize("name", ["both", "chart"])
 def test_it_comes_back_as_it_was(name, request, tmp_path):
     result = request.getfixturevalue(name)
-    loaded = assert_comes_back(result, tmp_path)
-    assert [path.name for path in loaded.save_figures(tmp_path)] == [f"{result.name}.png"]
+    assert_comes_back(result, tmp_path)
+    assert [path.name for path in result.save_figures(tmp_path)] == [f"{result.name}.png"]
 
 
 @pytest.mark.parametrize("name", ["both", "chart"])

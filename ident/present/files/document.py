@@ -1,6 +1,9 @@
-"""Result files as JSON (what a result was made from and how, its main numbers, all of it) and netCDF; PNG, PDF."""
+"""Result files: JSON, and netCDF of large arrays; PNG, PDF.
 
-import hashlib
+A file holds what a result was made from and how (texts of the inputs, options, software), its numbers, and its report.
+It names no class of the program: a later version reads it, a newer one is refused in one line.
+"""
+
 import json
 import math
 import os
@@ -23,8 +26,8 @@ import numpy as np
 
 from ident.errors import InputError, ModelError, Problem
 from ident.files import replace_file
-from ident.measure.recordings.hdf5 import leads_away
-from ident.text import LARGEST_BINARY, one_line, quoted, read_bytes
+from ident.present.report import Finding, Report, Section, Table, Verdict, written
+from ident.text import LARGEST_BINARY, one_line, quoted, read_bytes, study_of
 from ident.text import decode as decode_text
 
 if TYPE_CHECKING:
@@ -33,7 +36,8 @@ if TYPE_CHECKING:
 
 LIBRARIES = ("ident-arm", "jax", "optimistix", "emcee", "arviz", "diffrax", "ruckig", "xarray", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
-RERUN = "run the command again; files of older versions are not read"
+FIRST = 10
+"""Version of every format from which on files are read; those before it named classes."""
 WIDTH = 160
 """Longest line of a file, but for those of numbers."""
 
@@ -70,22 +74,6 @@ def write_json(document: Mapping[str, Any], path: Path) -> None:
     replace_file(path, lambda file: file.write(text.encode("utf-8", "backslashreplace")), make_folders=True)
 
 
-def digest(encoded: Any) -> str:
-    """Return a hash of a result as `ident.codec` has written it: one that was changed by hand is no result of ident."""
-    return hashlib.sha256(json.dumps(encoded, allow_nan=False).encode()).hexdigest()
-
-
-def check_digest(said: Any, encoded: Any, path: str | Path) -> None:
-    """Refuse a result that is not as it was written; files without a hash are taken as they are.
-
-    Raises:
-        InputError: it has changed.
-    """
-    if said not in (None, digest(encoded)):
-        got = "a result that was changed after ident wrote it"
-        raise InputError(Problem(one_line(str(path)), got, EXPECTED, "run the command again"))
-
-
 def read_document(path: str | Path, expected: str) -> dict[str, Any]:
     """Return what a result file says."""
     where = one_line(str(path))
@@ -107,23 +95,50 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return mapping
 
 
-def read_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:
-    """Return the format of a result file, the result as `ident.codec` has written it, and the arrays apart from it."""
+def read_record(path: str | Path) -> dict[str, Any]:
+    """Return the record that a result file holds.
+
+    Raises:
+        InputError: it is none, or of a version that is not read.
+    """
+    where = one_line(str(path))
     if Path(path).suffix == ".nc":
-        return read_netcdf_result(path)
-    document = read_document(path, EXPECTED)
-    if "result" in document:
-        check_digest(document.get("result_sha256"), document["result"], path)
-    return document["format"], document.get("result"), {}
+        file = BytesIO(read_bytes(path, EXPECTED, LARGEST_BINARY))
+        with whole(path, "no result to load", EXPECTED, "give the file that ident wrote"):
+            if RECORD not in groups_in(file):
+                root = str(json.loads(read_group(file).attrs["format"]))
+                check_version(root, study_of(root), where)
+                beside = one_line(Path(path).with_suffix(".json").name)
+                got, remedy = f"the arrays of a result ({root})", f"load {beside} beside it"
+                raise InputError(Problem(where, got, EXPECTED, remedy))
+            data = read_group(file, RECORD, mask_and_scale=False)
+            record: dict[str, Any] = json.loads(data[RECORD].values.tobytes().decode("utf-8", "surrogatepass"))
+    else:
+        record = read_document(path, EXPECTED)
+    check_version(record["format"], study_of(record["format"]), where)
+    return record
 
 
-def check_format(form: str, wanted: str, where: str, expected: str) -> None:
-    """Refuse the result of another study or version."""
-    if form != wanted:
-        study = wanted.removeprefix("ident-").partition("/")[0]
-        old = form.startswith(f"ident-{study}/")
-        remedy = RERUN if old else f"give the file that ident {study} wrote"
-        raise InputError(Problem(where, f"the format {quoted(form)}", expected, remedy))
+def check_version(form: str, study: str, where: str, expected: str = EXPECTED) -> None:
+    """Refuse the result of another study, of a version before `FIRST`, and of a newer one than this program's.
+
+    Args:
+        form: the format that a file says.
+        study: whose it shall be.
+        where: the file.
+        expected: what it shall be, in words.
+
+    Raises:
+        InputError: it is not.
+    """
+    number = form.rpartition("/")[2]
+    known = form.startswith(f"ident-{study}/") and number.isdecimal()
+    if known and int(number) == FIRST:
+        return
+    remedy = f"give the file that ident {study} wrote"
+    if known:
+        remedy = "update ident" if int(number) > FIRST else f"run ident {study} again: files of this age are not read"
+    raise InputError(Problem(where, f"the format {quoted(form)}", expected, remedy))
 
 
 def plain(value: Any) -> Any:
@@ -158,55 +173,88 @@ def _laid_out(value: Any, indent: str = "") -> str:
     return f"{opening}\n{inner}" + f",\n{inner}".join(parts) + f"\n{indent}{closing}"
 
 
-# -------- netCDF
-# Result files as netCDF: arrays that other tools read, and in a group of its own the result to load again.
+# -------- Reports
+# A report as plain data and back, so that any width, the first screen or the details can be printed later.
 
-GROUP = "ident"
-"""Group of the result: its fields as JSON, and what of them are large arrays."""
-TREE = "tree"
+
+def report_data(report: Report) -> dict[str, Any]:
+    """Return a report as JSON knows it; an infinite number in the word that is printed for it."""
+    return dict(_exact(asdict(report)))
+
+
+def _exact(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _exact(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_exact(item) for item in value]
+    if hasattr(value, "dtype"):
+        return _exact(value.tolist())
+    return written(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def report_of(data: Any) -> Report:
+    """Return the report that `report_data` has written.
+
+    Raises:
+        TypeError, KeyError, ValueError: it is none.
+    """
+    verdict = data["verdict"] and Verdict(**data["verdict"])
+    findings = tuple(Finding(**each) for each in data["findings"])
+    details = tuple(Section(each["title"], _parts(each["parts"])) for each in data["details"])
+    return Report(
+        str(data["subject"]), verdict, _parts(data["answer"]), findings, data["remark"], data["next"], details
+    )
+
+
+def _parts(parts: Any) -> tuple[str | Table, ...]:
+    return tuple(part if isinstance(part, str) else _table(part) for part in parts)
+
+
+def _table(data: Mapping[str, Any]) -> Table:
+    lists = {name: tuple(value) for name, value in data.items() if isinstance(value, list)}
+    return Table(**{**data, **lists, "rows": tuple(map(tuple, data["rows"]))})
+
+
+# -------- netCDF
+# Arrays that other tools read, as netCDF; where a result has no JSON file beside it, its record is a group of its own.
+
+RECORD = "ident"
+"""Group, and variable, of the record as JSON."""
 PACKED = {"zlib": True, "complevel": 4}
 """How large variables are compressed."""
 MOST_BYTES = 4_000_000_000
 """Bytes of a group's variables: ten times a million draws of fifty unknowns."""
 
 
-def write_netcdf_result(
-    form: str, encoded: Any, arrays: Mapping[str, np.ndarray], path: Path, groups: "Mapping[str, xarray.Dataset]"
-) -> None:
-    """Write a result with what other tools read beside it, whole or not at all.
+def write_netcdf(path: Path, groups: "Mapping[str, xarray.Dataset]", record: Mapping[str, Any] | None = None) -> None:
+    """Write arrays for other tools, whole or not at all.
 
     HDF5 writes into memory: where a disk is full it does not survive its own error.
 
     Args:
-        form: format and version.
-        encoded: the result, as `ident.codec` writes it.
-        arrays: the large arrays apart from it.
         path: where the file goes.
-        groups: what other tools read, by name, "/" at the root; how a variable is packed, its `encoding` says.
+        groups: the arrays by group, "/" at the root; how a variable is packed, its `encoding` says.
+        record: the result's own, where no other file holds it.
     """
     import xarray
 
-    tree = json.dumps(encoded, allow_nan=False, ensure_ascii=False).encode("utf-8", "surrogatepass")
-    parts = {**arrays, TREE: np.frombuffer(tree, np.uint8)}
-    variables = {name: ([f"{name}_{i}" for i in range(part.ndim)], part) for name, part in parts.items()}
-    data = xarray.Dataset(variables, attrs={"format": form, "result_sha256": digest(encoded)})
-    for name in parts:
-        data[name].encoding = PACKED
+    if record is not None:
+        text = json.dumps(record, allow_nan=False, ensure_ascii=False).encode("utf-8", "surrogatepass")
+        data = xarray.Dataset({RECORD: ("byte", np.frombuffer(text, np.uint8))})
+        data[RECORD].encoding = PACKED
+        groups = {**groups, RECORD: data}
     file = BytesIO()
-    for i, (group, own) in enumerate({**groups, GROUP: data}.items()):
+    for i, (group, own) in enumerate(groups.items()):
         own.to_netcdf(file, mode="a" if i else "w", group=group, engine="h5netcdf")
     replace_file(path, lambda out: out.write(file.getbuffer()), make_folders=True)
 
 
-def read_netcdf_result(path: str | Path) -> tuple[str, Any, Mapping[str, np.ndarray]]:
-    """Return the format of a result file, the result as `ident.codec` has written it, and the arrays apart from it."""
-    file = BytesIO(read_bytes(path, EXPECTED, LARGEST_BINARY))
-    with whole(path, "no result to load", EXPECTED, RERUN):
-        data = read_group(file, GROUP, mask_and_scale=False)
-        arrays = {str(name): part.values for name, part in data.data_vars.items()}
-        tree = json.loads(arrays.pop(TREE).tobytes().decode("utf-8", "surrogatepass"))
-        check_digest(data.attrs.get("result_sha256"), tree, path)
-        return str(data.attrs["format"]), tree, arrays
+def groups_in(file: BytesIO) -> tuple[str, ...]:
+    """Return the groups of a netCDF file."""
+    import h5py
+
+    with h5py.File(file, "r") as opened:
+        return tuple(opened)
 
 
 def is_of_ident(path: str | Path) -> bool:
@@ -227,6 +275,8 @@ def read_group(file: "str | Path | BytesIO", group: str | None = None, **how: An
     import h5netcdf
     import h5py
     import xarray
+
+    from ident.measure.recordings.hdf5 import leads_away
 
     h5netcdf.File._writable = False  # of one that it fails to open, and asks for this when that is thrown away
     with h5py.File(file, "r") as opened:  # what is no such file at all ends here: in h5netcdf it would not end quietly

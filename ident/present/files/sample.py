@@ -1,28 +1,23 @@
 """Draws of samples and diagnoses as ArviZ InferenceData, which other tools for posteriors read."""
 
-import hashlib
 import json
 import math
 import warnings
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ident.assess.diagnose import Diagnosis
 from ident.identify.compare import CampaignSample
-from ident.identify.values import BEST_ONLY, Draws, Robot, scaled_by
+from ident.identify.values import scaled_by
 from ident.inference.draws import LEVELS
-from ident.present.files.document import check_format, plain, read_group, whole
-from ident.present.files.fit import rows
-from ident.text import LARGEST_BINARY, one_line, read_bytes
+from ident.measure import Campaign
+from ident.present.files.document import plain
 
 if TYPE_CHECKING:
     import arviz
     import xarray
-
-EXPECTED = "a posterior of ident sample (.sample.nc)"
 
 
 def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.InferenceData":
@@ -55,7 +50,7 @@ def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.In
     data.sample_stats["ensemble"] = ("chain", by_chain.ensemble)
     data.sample_stats["optimum"] = ("chain", by_chain.optimum)
     data.sample_stats["acceptance"] = ("chain", result.sample.acceptance[by_chain.ensemble])
-    for name, column in rows(result.fitted.campaign).items():
+    for name, column in _columns(result.fitted.campaign).items():
         data.observed_data[name] = ("measurement", np.asarray(column))
     return data
 
@@ -91,51 +86,16 @@ def sample_errors(result: CampaignSample) -> list[dict[str, float]]:
     ]
 
 
-def read_posterior(form: str, path: str | Path) -> Draws:
-    """Return the draws of a posterior file, of `ident sample` or of any tool that writes InferenceData.
-
-    Args:
-        form: the format that one of `ident sample` must have.
-        path: the file.
-    """
-    where = one_line(str(path))
-    data = read_bytes(path, EXPECTED, LARGEST_BINARY)
-    with whole(path, "other contents", EXPECTED, "give the file that ident sample wrote"):
-        root = read_group(path)
-        own = str(json.loads(root.attrs.get("format", '""')))
-        ours = own.startswith("ident-sample/")
-        of_ident = own.startswith("ident-")
-        arm_sha256 = str(json.loads(root.attrs["inputs"])["arm"]["sha256"]) if of_ident else ""
-        doubts = json.loads(root.attrs.get("trust", "{}")).get("doubts", []) if of_ident else []
-        chains, remark = _best(path)
-        group = read_group(path, "posterior")
-        by_paths = dict(_variables(group, chains))
-        scaled = tuple(map(str, json.loads(group.attrs.get("scaled", "[]"))))
-        document = json.loads(root.attrs.get("robot", "null")) if of_ident else None
-        robot = Robot.read(document, arm_sha256)
-    if ours:
-        check_format(own, form, where, EXPECTED)
-    draws = Draws(by_paths, where, hashlib.sha256(data).hexdigest(), remark, scaled, robot)
-    return draws.doubted(tuple(map(str, doubts)))
-
-
-def _variables(posterior: "xarray.Dataset", chains: slice | np.ndarray) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
-    """Yield the paths and the draws of each variable, chain by chain."""
-    for name, variable in posterior.data_vars.items():
-        if variable.dims == ("chain", "draw"):
-            paths = variable.attrs.get("paths")
-            own = tuple(map(str, json.loads(paths))) if paths else (str(name),)
-            yield own, np.asarray(variable.values, float)[chains].ravel()
-
-
-def _best(path: str | Path) -> tuple[slice | np.ndarray, str]:
-    """Return which chains are about the best optimum, and a remark if there are others."""
-    try:
-        optimum = np.asarray(read_group(path, "sample_stats")["optimum"].values)
-    except (OSError, ValueError, KeyError):
-        return slice(None), ""
-    best = optimum == optimum.min()
-    return best, "" if best.all() else BEST_ONLY
+def _columns(campaign: Campaign) -> dict[str, list[Any]]:
+    """Return what is known of each measurement, as columns."""
+    return {
+        "kind": [m.kind for m in campaign],
+        "row": [m.where for m in campaign],
+        "mode": [m.mode or "" for m in campaign],
+        "point": [m.point or "" for m in campaign],
+        "joint": [m.joint or "" for m in campaign],
+        "sigma": [m.sigma for m in campaign],
+    }
 
 
 # -------- Diagnose

@@ -1,0 +1,145 @@
+"""A fit as plain numbers, and back: the campaign is posed again and evaluated at them, without a search."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, fields, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ident.arm.arm import Arm
+from ident.identify.fit import Assumption, Assumptions, CampaignFit
+from ident.identify.predict import Matching
+from ident.identify.problem import Posed, pose
+from ident.identify.unknowns import Unknowns
+from ident.inference.fit import CrossPrediction
+from ident.inference.information import Direction, ScoreTest, information
+from ident.inference.optima import Optimum, normal_prior_sd
+from ident.inference.scrutiny import Exchange, weighted
+from ident.inference.search import look
+from ident.measure import Campaign
+
+T = TypeVar("T")
+MOVED = 1e-6
+"""Relative difference of a value predicted again from the stored one, above which that is said."""
+PARTS: Mapping[str, type] = {
+    "optima": Optimum,
+    "cross_predictions": CrossPrediction,
+    "combinations": Direction,
+    "exchanges": Exchange,
+}
+"""Parts of a fit that are lists, and what each item is."""
+
+
+def fit_state(fit: CampaignFit) -> dict[str, Any]:
+    """Return the numbers by which a fit is made again, as JSON knows them.
+
+    They are its optima and what searches have found: what the kinds of measurement say of each other, the ends of the
+    intervals, exchanged values, and tests of assumptions. What follows from the data at the best optimum is computed
+    again.
+    """
+    held, granted = fit.choice.held, fit.assumptions
+    state: dict[str, Any] = {name: [_plain(asdict(item)) for item in getattr(fit, name)] for name in PARTS}
+    state |= {name: _plain(getattr(fit, name)) for name in ("failed", "predicted", "stretch", "beaten", "weights")}
+    state["assumptions"] = None if granted is None else _plain(asdict(granted))
+    state["modes"] = None if held is None else np.argmax(np.asarray(held.place), 0).tolist()
+    state["log_error"] = None if held is None else float(held.log_error)
+    return state
+
+
+def fit_of(arm: Arm, campaign: Campaign, unknowns: Unknowns, state: Mapping[str, Any]) -> CampaignFit:
+    """Return the fit that `fit_state` has written.
+
+    Args:
+        arm: as it was fitted.
+        campaign: the measurements.
+        unknowns: what was unknown, and its priors.
+        state: the numbers.
+
+    Raises:
+        InputError: see `pose`.
+        KeyError, TypeError, ValueError: numbers of no fit, or of another one.
+    """
+    posed = pose(arm, campaign, unknowns)
+    weights = _array(state["weights"])
+    problem = posed.problem if weights is None else weighted(posed.problem, weights)
+    made: dict[str, Any] = {name: tuple(_made(kind, each) for each in state[name]) for name, kind in PARTS.items()}
+    count = len(problem.parameters.items)
+    made["optima"] = tuple(replace(each, open=each.open.reshape(-1, count)) for each in made["optima"])
+    best = made["optima"][0]
+    if best.theta.shape != (count,):
+        raise ValueError(f"{len(best.theta)} numbers for {count} unknowns")
+    end = look(problem, best.theta, _held(posed, state))
+    known = information(
+        problem.scaled(np.asarray(end.jacobian)),
+        normal_prior_sd(problem),
+        problem.parameters.names,
+        problem.parameters.nuisance,
+    )
+    return CampaignFit(
+        problem=problem,
+        failed=int(state["failed"]),
+        predicted=end.predicted,
+        jacobian=end.jacobian,
+        information=known,
+        choice=end.choice,
+        stretch=_array(state["stretch"]),
+        beaten=_array(state["beaten"]),
+        arm=arm,
+        campaign=campaign,
+        assumptions=_assumptions(state["assumptions"]),
+        weights=weights,
+        **made,
+    )
+
+
+def _assumptions(state: Mapping[str, Any] | None) -> Assumptions | None:
+    if state is None:
+        return None
+    items = (Assumption(each["kind"], each["joint"], _made(ScoreTest, each["test"])) for each in state["items"])
+    return Assumptions(tuple(items), float(state["height"]))
+
+
+def moved(fit: CampaignFit, state: Mapping[str, Any]) -> float:
+    """Return by how much predictions differ from the stored ones, relative to these: by `MOVED` for another reason."""
+    before = np.asarray(_array(state["predicted"]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(np.nanmax(np.abs(np.where(before == fit.predicted, 0.0, fit.predicted / before - 1)), initial=0.0))
+
+
+def _held(posed: Posed, state: Mapping[str, Any]) -> Matching | None:
+    """Return what lets each labelled value be of the mode, by its place, that it was of."""
+    first = posed.model.first_matching()
+    if first is None:
+        return None
+    modes = np.asarray(state["modes"], int)
+    place = (np.arange(len(first.place))[:, None] == modes).astype(float)
+    log_error = np.asarray(float(state["log_error"]))
+    return Matching(np.zeros_like(place), place, log_error, np.array(False), np.array(True))
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON knows it; what is not finite as its name, which `float` reads."""
+    if isinstance(value, Mapping):
+        return {name: _plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if hasattr(value, "dtype"):
+        return _plain(np.asarray(value).tolist())
+    return repr(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _array(value: Any) -> np.ndarray | None:
+    return None if value is None else np.array(value, float)
+
+
+def _made(kind: type[T], item: Mapping[str, Any]) -> T:
+    """Return a part of a fit: its lists are arrays but where they number rows, its texts are names or numbers."""
+    values: dict[str, Any] = {}
+    for each in fields(kind):  # type: ignore[arg-type]
+        value = item[each.name]
+        if isinstance(value, list):
+            values[each.name] = tuple(map(int, value)) if each.name == "rows" else np.array(value, float)
+        else:
+            values[each.name] = float(value) if each.type is float else value
+    return kind(**values)

@@ -1,0 +1,274 @@
+"""Results as their files have them: report, numbers, options and the texts of their inputs; no class of the program."""
+
+import atexit
+import hashlib
+import importlib
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError, Problem
+from ident.present.report import Report
+from ident.studies import STUDIES
+from ident.studies.options import Options
+from ident.studies.result import BESIDE, Reported, Result
+from ident.text import one_line, quoted, study_of
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.identify.fit import CampaignFit
+    from ident.identify.values import Draws, Robot, Values
+
+RECORD = ("name", "standard_errors", "fit", "texts", "report")
+"""What a file holds besides what the command prints as JSON."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """An input of a saved result.
+
+    Attributes:
+        path: its file; empty where it came from none.
+        sha256: of the file's bytes.
+        text: what it said; None where the result does not hold that.
+    """
+
+    path: str
+    sha256: str
+    text: str | None
+
+
+class Saved(Reported):
+    """A saved result: its numbers are those that were stored, nothing is computed again.
+
+    It prints as it did; each number of its `summary` is an attribute, as `parameters` of a fit. `fitted` is the fit of
+    a saved fit, posterior or diagnosis; all else of a study comes back by `ident.rerun(path).now`.
+
+    Attributes:
+        path: the file.
+        record: all that it holds.
+    """
+
+    def __init__(self, path: str | Path, record: Mapping[str, Any]):
+        """Take what a file holds.
+
+        Raises:
+            InputError: it is no record of a result.
+        """
+        self.path, self.record, self.moved = Path(path), record, tuple[str, ...]()
+        from ident.present.files.document import report_of
+
+        with self._read():
+            self._report, self.name, self.form = report_of(record["report"]), str(record["name"]), record["format"]
+            self.summary: Mapping[str, Any] = dict(record["summary"])
+            self._rows = [dict(row) for row in record["table"]]
+            self.options = self._options()
+
+    @contextmanager
+    def _read(self) -> Iterator[None]:
+        try:
+            yield
+        except InputError:
+            raise
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError):
+            where, expected = one_line(str(self.path)), f"a result of ident {self.study}"
+            raise InputError(Problem(where, "other contents", expected, "give the file that ident wrote")) from None
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a number of the summary."""
+        summary = self.__dict__.get("summary", {})
+        if name in summary:
+            return summary[name]
+        raise AttributeError(f"a saved {self.study} has no {name}: see ident.rerun(path).now")
+
+    def __repr__(self) -> str:
+        return f"<ident Saved {self.name}: print it for the report>"
+
+    @property
+    def study(self) -> str:
+        """The study that has computed it."""
+        return study_of(str(self.record.get("format", "")))
+
+    def sections(self) -> Report:
+        """Return all that was said of the result."""
+        return self._report
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return the main numbers as rows, as `Result.table` did; what was not finite is NaN."""
+        return [{name: math.nan if value is None else value for name, value in row.items()} for row in self._rows]
+
+    def document(self) -> dict[str, Any]:
+        """Return for programs what `Result.document` did."""
+        return {name: value for name, value in self.record.items() if name not in RECORD}
+
+    def standard_errors(self) -> list[dict[str, float]]:
+        """Return the Monte Carlo standard errors [SI] of the table's numbers that were sampled, by row, or none."""
+        rows = self.record.get("standard_errors") or []
+        return [{name: math.inf if value is None else value for name, value in row.items()} for row in rows]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Where the arm is not what its robot description says, and how its fit, evaluated again, differs."""
+        return *map(str, self.record.get("notes", ())), *self.moved
+
+    @property
+    def inputs(self) -> Mapping[str, Source | None]:
+        """What it was made from, by name; None for what was not given."""
+        texts = self.record.get("texts", {})
+        return {
+            name: None if source is None else Source(source["path"], source["sha256"], texts.get(name))
+            for name, source in self.record["inputs"].items()
+        }
+
+    @cached_property
+    def fitted(self) -> "CampaignFit":
+        """The fit that it has, or started from: the campaign posed again, and evaluated at the stored values.
+
+        Raises:
+            InputError: it has none, or an input is neither at hand nor in the file.
+        """
+        from ident.identify.stored import MOVED, fit_of, moved
+        from ident.studies.shared import ProblemOptions, as_campaign, as_file
+
+        state, options = self.record.get("fit"), self.options
+        if state is None or not isinstance(options, ProblemOptions):
+            got, expected = f"a result of {quoted(self.study)}", "one of fit, sample or diagnose"
+            raise InputError(Problem(one_line(str(self.path)), got, expected, "give that"))
+        files = files_of(self.inputs, self.path.absolute().parent).paths
+        with self._read():
+            arm, campaign = as_file(files["arm"], options.soft_base), as_campaign(files["campaign"])
+            fit = fit_of(arm.arm, campaign, options.unknowns_of(arm), state)
+            if (change := moved(fit, state)) > MOVED:
+                self.moved = (f"{one_line(str(self.path))}: its predictions, evaluated again, differ by {change:.1g}",)
+            return fit
+
+    def taken_over(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
+        """Return the fitted values [SI] of an arm, see `FitResult.taken_over`."""
+        from ident.present.files.values import read_fit
+
+        return read_fit(self.path, arm)
+
+    def taken_draws(self) -> "Draws":
+        """Return the draws of a posterior, see `SampleResult.taken_draws`."""
+        from ident.present.files.values import read_posterior
+
+        return read_posterior(self.path)
+
+    def _options(self) -> Options:
+        module = importlib.import_module(f"ident.studies.{self.study}")
+        kind: type[Options] = getattr(module, f"{self.study.capitalize()}Options")
+        return kind.restored(self.record["options"])
+
+
+class FromFit(Result):
+    """A result whose fit its file keeps."""
+
+    def _fit_state(self) -> dict[str, Any]:
+        from ident.identify.stored import fit_state
+
+        assert self.fitted
+        return fit_state(self.fitted)
+
+
+def load(path: str | Path) -> Saved:
+    """Return the result that a study has saved.
+
+    Args:
+        path: a `.json` or `.nc` file of `Result.save` or of a command.
+
+    Raises:
+        InputError: the file is none, or one of another version of ident.
+    """
+    from ident.present.files.document import EXPECTED, read_record
+
+    record = read_record(path)
+    if study_of(record["format"]) not in STUDIES:
+        got, remedy = f"the format {quoted(record['format'])}", "give the file that ident wrote"
+        raise InputError(Problem(one_line(str(path)), got, EXPECTED, remedy))
+    return Saved(path, record)
+
+
+# -------- Inputs
+# The files that a result was made from, as they were then.
+
+
+@dataclass(frozen=True)
+class Files:
+    """The files that a result is made again from.
+
+    Attributes:
+        paths: by the name of the input.
+        restored: names of those that were written from the texts that the result holds.
+    """
+
+    paths: Mapping[str, Path]
+    restored: tuple[str, ...] = ()
+
+
+def files_of(inputs: Mapping[str, Any], beside: Path) -> Files:
+    """Return the files that a result was made from: of the same contents, or else written from the result's own texts.
+
+    They are looked for where they were, in a folder, and in the present one; an input and what lies beside it in one
+    place. What is written from texts lies in a folder of its own until the process ends.
+
+    Args:
+        inputs: with `path` and `sha256`, and perhaps `text`, by name; None for what was not given.
+        beside: the folder, mostly the result's own.
+
+    Raises:
+        InputError: one is neither there nor in the result; all are listed.
+    """
+    groups: dict[str, dict[str, Any]] = {}
+    for name, source in inputs.items():
+        if source is not None:
+            groups.setdefault(name.partition(BESIDE)[0], {})[name] = source
+    found, restored, problems = dict[str, Path](), list[str](), list[Problem]()
+    places = ("", str(beside), ".")
+    for group, sources in groups.items():
+        same = [place for place in places if all(_is_there(place, each) for each in sources.values())]
+        if same:
+            found[group] = _in(same[0], sources[group])
+        elif all(getattr(each, "text", None) is not None for each in sources.values()):
+            folder = Path(mkdtemp(prefix="ident-"))
+            atexit.register(rmtree, folder, ignore_errors=True)
+            for each in sources.values():
+                (folder / Path(each.path).name).write_bytes(each.text.encode("utf-8"))
+            found[group] = folder / Path(sources[group].path).name
+            restored.append(group)
+        else:
+            there = {name for name, each in sources.items() if any(_is_there(place, each) for place in places)}
+            problems += [_missing(name, each, places) for name, each in sources.items() if name not in there]
+    if problems:
+        raise InputError(problems)
+    return Files(found, tuple(restored))
+
+
+def _in(place: str, source: Any) -> Path:
+    return Path(place) / Path(source.path).name if place else Path(source.path)
+
+
+def _is_there(place: str, source: Any) -> bool:
+    path = _in(place, source)
+    return bool(source.path) and os.path.isfile(path) and _sha256(path) == source.sha256
+
+
+def _missing(name: str, source: Any, places: Sequence[str]) -> Problem:
+    if not source.path:
+        return Problem(name, "a value that came from no file", "a file to repeat it from", "repeat it in Python")
+    expected = f"the file with the SHA-256 {source.sha256[:12]}..., the {name}"
+    there = [path for place in places if os.path.isfile(path := _in(place, source))]
+    if there:
+        where, remedy = one_line(str(there[0])), "put back the one it was"
+        return Problem(where, "a file that has changed since", expected, remedy)
+    return Problem(one_line(str(source.path)), "no such file", expected, "put it there, or beside the result")
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

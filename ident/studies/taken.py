@@ -1,0 +1,126 @@
+"""What a study takes over from another's result: fitted values, and draws of a posterior."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ident.errors import InputError, Problem
+from ident.studies.shared import ArmOptions, as_file
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile
+    from ident.identify.values import Draws, Robot, Values
+    from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
+    from ident.studies.saved import Saved
+
+
+def fitted_values(
+    fit: "Values | FitResult | str | Path", arm: "Arm | ArmFile", options: ArmOptions | None = None
+) -> "Values":
+    """Return fitted values, whatever they are in, with what speaks against taking them over.
+
+    Args:
+        fit: a result, its file, or values that were taken before, which are taken as they are.
+        arm: whose numbers are looked for; it stands on the options' base.
+        options: on which base the arm stands, which numbers are set besides, and whether another robot's will do.
+
+    Raises:
+        InputError: neither a fit nor its file, a fit without any number of this arm, or one of another robot.
+    """
+    from ident.identify.values import Values
+    from ident.present.files.values import read_fit
+
+    own, options = as_file(arm), options or ArmOptions()
+    if isinstance(fit, Values):
+        return fit
+    if isinstance(fit, str | Path):
+        values, robot, base = read_fit(fit, own.arm)
+    elif hasattr(fit, "taken_over"):
+        values, robot, base = fit.taken_over(own.arm)
+    else:
+        raise InputError(Problem("fit", f"a {type(fit).__name__}", "a result of ident.fit, or its file", "give that"))
+    return _of_this_robot(_on_the_same_base(values, base, options.soft_base), robot, own, options)
+
+
+def _of_this_robot(values: "Values", robot: "Robot", own: "ArmFile", options: ArmOptions) -> "Values":
+    """Refuse values that were identified on another robot."""
+    from ident.identify.values import Robot, of_this_robot
+
+    designed = [path for path, origin in own.origins.items() if origin == "designed"]
+    here = Robot.of(own.arm, own.sha256)
+    return of_this_robot(values, robot, here, changed=options.set, designed=designed, force=options.force)
+
+
+def _on_the_same_base(values: "Values", fitted: float | None, asked: float | None) -> "Values":
+    """Refuse values that were fitted on another base: its compliance would count twice, or elsewhere."""
+    if fitted == asked:
+        return values
+    got, expected = (f"a base that gives at {x:g} m" if x else "a rigid base" for x in (fitted, asked))
+    remedy = f"give `soft_base` {fitted:g} here, too" if fitted else "fit with `soft_base`, too"
+    raise InputError(Problem("fit", f"values that were fitted on {got}", expected, remedy))
+
+
+def drawn_values(
+    posterior: "Values | SampleResult | str | Path | None",
+    arm: "Arm | ArmFile",
+    count: int,
+    seed: int | None = None,
+    options: ArmOptions | None = None,
+) -> "Values | None":
+    """Return draws of a posterior, whatever they are in; None for none.
+
+    Args:
+        posterior: a result, its file, or draws that were chosen before, which are taken as they are.
+        arm: whose numbers are looked for.
+        count: draws, at most.
+        seed: of a choice at random; without one the draws are spread evenly over the chains.
+        options: which numbers are set besides, and whether those of another robot will do.
+
+    Raises:
+        InputError: no posterior, one without any number of this arm, or one of another robot.
+    """
+    from ident.identify.values import Values
+
+    if posterior is None or isinstance(posterior, Values):
+        return posterior
+    own, draws = as_file(arm), _draws(posterior)
+    return _of_this_robot(draws.some(own.arm, count, seed), draws.robot, own, options or ArmOptions())
+
+
+def drawn_groups(
+    posterior: "Values | SampleResult | str | Path | None",
+    arm: "Arm | ArmFile",
+    count: int,
+    fresh: int,
+    seed: int = 0,
+    options: ArmOptions | None = None,
+) -> "tuple[Values | None, Values | None]":
+    """Return two groups of draws that have none in common, to search with and to verify with; None for none.
+
+    Args:
+        posterior: a result, its file, or draws that were chosen before: the first group, without a second.
+        arm: whose numbers are looked for.
+        count: draws of the first group, at most.
+        fresh: draws of the second, at most.
+        seed: of the choice.
+        options: which numbers are set besides, and whether those of another robot will do.
+    """
+    from ident.identify.values import Values
+
+    if posterior is None or isinstance(posterior, Values):
+        return posterior, None
+    own, draws = as_file(arm), _draws(posterior)
+    first, second = draws.two_groups(own.arm, count, fresh, seed)
+    return _of_this_robot(first, draws.robot, own, options or ArmOptions()), second
+
+
+def _draws(posterior: "SampleResult | Saved | str | Path") -> "Draws":
+    from ident.present.files.values import read_posterior
+
+    if isinstance(posterior, str | Path):
+        return read_posterior(posterior)
+    if not hasattr(posterior, "taken_draws"):
+        got, expected = f"a {type(posterior).__name__}", "a result of ident.sample, or its file"
+        raise InputError(Problem("posterior", got, expected, "give that"))
+    return posterior.taken_draws()
