@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
 from typing import Any, TypeVar
 
 import numpy as np
@@ -65,7 +65,6 @@ def fit_of(arm: Arm, campaign: Campaign, unknowns: Unknowns, state: Mapping[str,
     problem = posed.problem if weights is None else weighted(posed.problem, weights)
     made: dict[str, Any] = {name: tuple(_made(kind, each) for each in state[name]) for name, kind in PARTS.items()}
     count = len(problem.parameters.items)
-    made["optima"] = tuple(replace(each, open=each.open.reshape(-1, count)) for each in made["optima"])
     best = made["optima"][0]
     if best.theta.shape != (count,):
         raise ValueError(f"{len(best.theta)} numbers for {count} unknowns")
@@ -138,7 +137,9 @@ def _made(kind: type[T], item: Mapping[str, Any]) -> T:
     values: dict[str, Any] = {}
     for each in fields(kind):  # type: ignore[arg-type]
         value = item[each.name]
-        if isinstance(value, list):
+        if each.name == "open":  # directions: there may be none
+            values[each.name] = np.array(value, float).reshape(-1, len(item["theta"]))
+        elif isinstance(value, list):
             values[each.name] = tuple(map(int, value)) if each.name == "rows" else np.array(value, float)
         else:
             values[each.name] = float(value) if each.type is float else value

@@ -4,9 +4,9 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from ident.assess.effort import DiagnosisEffort
 from ident.errors import InputError
@@ -201,6 +201,18 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
     effort: DiagnosisEffort = field(default_factory=DiagnosisEffort)
     force: bool = False
+
+    def recorded(self) -> dict[str, Any]:
+        """Return the options as result files record them, with the effort."""
+        return {**super().recorded(), "effort": asdict(self.effort)}
+
+    @classmethod
+    def restored(cls, recorded: Mapping[str, Any]) -> Self:
+        """Return options as a result file has recorded them, see `Options.restored`."""
+        effort: dict[str, Any] = {name: value for name, value in recorded["effort"].items() if name != "speeds"}
+        others = {name: value for name, value in recorded.items() if name != "effort"}
+        speeds = tuple(recorded["effort"]["speeds"])
+        return replace(super().restored(others), effort=DiagnosisEffort(**effort, speeds=speeds))
 
 
 @dataclass(frozen=True, repr=False, eq=False)

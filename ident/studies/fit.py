@@ -160,7 +160,7 @@ class FitResult(FromFit):
         return self.fit
 
     def taken_over(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
-        """Return the fitted values of an arm [SI], with what they were fitted, and at which height [m] the base gives."""
+        """Return the fitted values of an arm [SI], the robot of the fit, and at which height [m] its base gives."""
         from ident.identify.values import Robot, Values
 
         return Values.of_fit(self.fit, arm), Robot.of(self.arm.arm, self.arm.sha256), self.options.soft_base

@@ -114,7 +114,7 @@ class Options:
             raise InputError(problems)
 
     @classmethod
-    def of(cls, options: "Self | None") -> "Self":
+    def of(cls, options: "Self | None") -> Self:
         """Return the options that a study was given, or the default ones.
 
         Raises:
@@ -133,7 +133,7 @@ class Options:
         return {each.name: getattr(self, each.name) for each, _ in specs(type(self))}
 
     @classmethod
-    def restored(cls, recorded: Mapping[str, Any]) -> "Self":
+    def restored(cls, recorded: Mapping[str, Any]) -> Self:
         """Return options as a result file has recorded them; those that came later have their default.
 
         Raises:

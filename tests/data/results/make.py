@@ -1,0 +1,61 @@
+"""Write one small result of every study into a folder, from the root of the repository.
+
+`python tests/data/results/make.py tests/data/results/VERSION`, once for each version of the formats: what was written
+stays, and is read for ever (`tests/studies/test_saved.py`).
+"""
+
+import runpy
+import sys
+import tempfile
+from pathlib import Path
+
+import ident
+from ident.assess.effort import DiagnosisEffort
+
+DATA = Path("data")
+LCD = DATA / "lcd_arm"
+ARM, CAMPAIGN = LCD / "arm.toml", LCD / "campaign.csv"
+FIT = {"starts": 1}
+SHORT = {"speed": 200.0, "dwell": 0.2, "rate": 50.0}
+SMALL = DiagnosisEffort(
+    steps=500, draws=30, band_draws=4, assessment_draws=10, speeds=(0.5, 1.25), values=5, screened=4, iterations=2
+)
+FAST = {**SHORT, "method": "fast"}
+
+
+def fleet(folder: Path) -> ident.FleetResult:
+    """Return a fleet of four robots."""
+    runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"](folder, robots=4, faulty=1)
+    return ident.fleet(folder, **FIT)
+
+
+def results(folder: Path) -> "list[ident.studies.result.Result]":
+    """Return a result of every study."""
+    fit, simulated = ident.fit(ARM, CAMPAIGN), ident.simulate(ARM, **FAST)
+    numbers = {"joint1.k_tors": ("0.5x", "2x", 2)}
+    return [
+        fit,
+        simulated,
+        ident.predict(ARM, posture=((0, 0, 0),)),
+        ident.check(ARM, CAMPAIGN),
+        ident.profile(ARM, CAMPAIGN, parameter=("joint1.k_bend",), **FIT),
+        ident.sample(ARM, CAMPAIGN, steps=200, walkers=14, ensembles=2, starts=1),
+        ident.validate(ARM, CAMPAIGN, **FIT),
+        ident.plan(ARM, LCD / "table1.csv", step=60, count=1, **FIT),
+        ident.compare(fit, ident.fit(ARM, LCD / "after_a_year.csv", starts=1)),
+        fleet(folder),
+        ident.resonance(ARM, speed=10.0),
+        ident.spectrum(simulated),
+        ident.sweep(ARM, vary=numbers, **SHORT),
+        ident.design(ARM, change={"joint1.k_tors": ("1x", "2x")}, no_curve=True, starts=1, **SHORT),
+        ident.modal_test(LCD / "hammer"),
+        ident.diagnose(ARM, CAMPAIGN, ident.DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=SMALL)),
+    ]
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as scratch:
+        for result in results(Path(scratch)):
+            for path in result.save(sys.argv[1]):
+                if not path.name.endswith((".json", ".sample.nc")):
+                    path.unlink()  # what nothing reads again
