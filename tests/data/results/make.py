@@ -39,7 +39,7 @@ def results(folder: Path) -> "list[ident.studies.result.Result]":
         ident.predict(ARM, posture=((0, 0, 0),)),
         ident.check(ARM, CAMPAIGN),
         ident.profile(ARM, CAMPAIGN, parameter=("joint1.k_bend",), **FIT),
-        ident.sample(ARM, CAMPAIGN, steps=200, walkers=14, ensembles=2, starts=1),
+        ident.sample(ARM, CAMPAIGN, steps=500, walkers=14, starts=1),
         ident.validate(ARM, CAMPAIGN, **FIT),
         ident.plan(ARM, LCD / "table1.csv", step=60, count=1, **FIT),
         ident.compare(fit, ident.fit(ARM, LCD / "after_a_year.csv", starts=1)),
