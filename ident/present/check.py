@@ -58,7 +58,7 @@ WORDS = {"identifiable": "identifiable", "weak": "weak", "open": "not determined
 def check_sections(check: CampaignCheck) -> Report:
     """Return all that is said of a check."""
     causes = leading_explanations(check.explanations, check.campaign)
-    conflict = contradiction(check.cross_predictions, check.campaign.measurements) if check.contradictory else ""
+    conflict = contradiction(check.cross_predictions, check.campaign.measurements)
     name = cut(check.campaign.name or "a campaign", 30)
     rows = tuple(
         (with_tied(item), WORDS.get(verdict, verdict), _reason(check, i))
@@ -69,7 +69,7 @@ def check_sections(check: CampaignCheck) -> Report:
         f"Check of {name} on {cut(check.arm.name, 40)} before any fit: "
         f"{counted(len(check.campaign), 'measurement')}, {counted(len(check.verdicts), 'unknown')}",
         _verdict(check),
-        (*([conflict] if conflict else []), *causes, unknowns),
+        (*conflict, *causes, unknowns),
         tuple(_findings(check, explained=bool(causes))),
         _consistency(check),
         "ident fit {campaign}" if check.verdicts.count("identifiable") else "ident plan {campaign}",

@@ -81,14 +81,13 @@ FAR_OFF, OWN = 2.5, 0.1
 def fit_sections(fit: CampaignFit) -> Report:
     """Return all that is said of a fit."""
     causes = leading_explanations(fit.explanations, fit.campaign)
-    conflict = contradiction(fit.cross_predictions, fit.campaign.measurements) if fit.contradictory else ""
-    tables = (_values_table(fit), *weighty_assumptions(fit))
+    conflict = contradiction(fit.cross_predictions, fit.campaign.measurements)
     incomplete = _determined(fit) < len(_own(fit)) or fit.doubts
     following = "ident plan {campaign}" if incomplete else "ident validate {campaign}"
     return Report(
         _subject(fit),
         _verdict(fit),
-        (*([conflict] if conflict else []), *causes, *tables),
+        (*conflict, *causes, _values_table(fit), *weighty_assumptions(fit)),
         tuple(_findings(fit, explained=bool(causes))),
         _residuals(fit),
         "check these causes, then: ident fit {campaign}" if causes else following,

@@ -41,15 +41,14 @@ LEAST_BELOW = 0.005
 def sample_sections(result: CampaignSample) -> Report:
     """Return all that is said of a posterior."""
     fit = result.fitted
-    conflict = contradiction(fit.cross_predictions, fit.campaign.measurements) if fit.contradictory else ""
-    values = _values(result, result.sample.basins[0], _main(result))
+    conflict = contradiction(fit.cross_predictions, fit.campaign.measurements)
     steps, ensembles, walkers, _ = result.sample.theta.shape
     return Report(
         f"Posterior of {cut(fit.arm.name, 40)} given {cut(fit.campaign.name, 30) or 'a campaign'}: "
         f"{counted(len(fit.campaign), 'measurement')}, {counted(len(_own(result)), 'unknown')}, "
         f"{(steps - result.sample.burn_in) * ensembles * walkers} draws",
         _verdict(result),
-        (*([conflict] if conflict else []), values),
+        (*conflict, _values(result, result.sample.basins[0], _main(result))),
         tuple(_findings(result)),
         "" if result.withheld else _farthest(result),
         _next(result),

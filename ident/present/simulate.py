@@ -48,7 +48,7 @@ def simulate_sections(simulation: Simulation) -> Report:
         tuple(_answer(simulation)),
         tuple(_findings(simulation)),
         _largest(simulation),
-        following and following + same_motion(simulation.basis),
+        f"{following}{same_motion(simulation.basis)}" if following else "",
         tuple(_details(simulation)),
     )
 

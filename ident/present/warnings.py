@@ -75,22 +75,22 @@ def against(cross: CrossPrediction, i: int, m: Measurement) -> tuple[float, floa
     return in_read_unit(m.kind, cross.predicted[i])[0], value, unit
 
 
-def contradiction(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement]) -> str:
-    """Say in a sentence which value of a small kind is farthest from what the other kinds predict; empty for none."""
+def contradiction(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement]) -> tuple[str, ...]:
+    """Say in a sentence which value of a small kind is farthest from what the other kinds predict; nothing for none."""
     small = [
         (np.abs(cross.z), cross)
         for cross in contradicting(predictions)
         if len(cross.rows) <= FEW and cross.z is not None
     ]
     if not small:
-        return ""
+        return ()
     single = [pair for pair in small if len(pair[0]) == 1]
     z, cross = max(single or small, key=lambda pair: float(np.max(pair[0])))
     i = int(np.argmax(z))
     m = measured[cross.rows[i]]
     predicted, value, unit = against(cross, i, m)
     by_others = f"By the other data, the {describe(m)} is {three_digits(predicted)} {unit}"
-    return f"{by_others}; measured: {three_digits(value)} {unit}."
+    return (f"{by_others}; measured: {three_digits(value)} {unit}.",)
 
 
 def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:

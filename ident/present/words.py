@@ -175,7 +175,7 @@ def direction_name(direction: Direction, names: Sequence[str], spread: Float[np.
 def short(m: Measurement) -> str:
     """Say in a few words what was measured, with its value."""
     value, unit = in_read_unit(m.kind, m.value)
-    what = f"{_what(m)}: ".removeprefix(": ")
+    what = f"{_what(m)}: " if _what(m) else ""
     loads = (f", {m.load}" if m.load else "") + _held(m)
     against = f" - {m.reference_load}" if m.kind in DIFFERENCES else ""
     defined = f" ({m.of})" if m.of else ""
@@ -360,8 +360,11 @@ def product(direction: Direction, items: tuple[Parameter, ...], spread: Float[np
     first, *others = main_factors(direction, spread)
     if not others:
         return factors[first]
-    weights = ((i, direction.weights[i]) for i in (first, *others))
-    return f" {kept('* ')}".join(f"{factors[i]}^{w:{'.2f' if abs(w) > 0.095 else '.1g'}}" for i, w in weights)
+    powers = []
+    for i in (first, *others):
+        weight = direction.weights[i]
+        powers.append(f"{factors[i]}^{weight:.2f}" if abs(weight) > 0.095 else f"{factors[i]}^{weight:.1g}")
+    return f" {kept('* ')}".join(powers)
 
 
 def in_words(trade: TradeOff, items: tuple[Parameter, ...]) -> str:

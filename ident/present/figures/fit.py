@@ -19,6 +19,7 @@ from ident.inference.information import WEAK_ABOVE, Direction
 from ident.inference.optima import Ending
 from ident.inference.parameters import Parameter
 from ident.inference.profile import Profile, threshold
+from ident.measure import Measurement
 from ident.present.compare import level_words
 from ident.present.figures.style import (
     BLUE,
@@ -212,12 +213,7 @@ def _residuals(axes: Axes, fit: CampaignFit) -> None:
     order = sorted(range(len(campaign)), key=lambda i: kinds.index(campaign.measurements[i].kind))
     z = -np.nan_to_num(fit.standardised)
     reach = 1.1 * max(3.0, float(np.abs(z).max()))
-    if len(order) <= DENSE:
-        rows(axes, [cut(short(campaign.measurements[i]), LABEL) for i in order])
-    else:
-        plain(axes)
-        axes.set_ylim(len(order), -1)
-        axes.set_ylabel("measurement, sorted by kind [-]", fontsize=9)
+    measurement_rows(axes, [campaign.measurements[i] for i in order], "measurement, sorted by kind [-]")
     axes.set_xlim(-reach, reach)
     axes.axvspan(-2, 2, color="#EAF1F6", zorder=0)
     axes.axvline(0.0, color="black", linewidth=0.8)
@@ -236,6 +232,16 @@ def _residuals(axes: Axes, fit: CampaignFit) -> None:
     if unchecked.any():
         keys["unchecked"] = {**HOLLOW, "markersize": 5}
     heading(axes, "Residuals", keys, columns=3)
+
+
+def measurement_rows(axes: Axes, measured: Sequence[Measurement], words: str) -> None:
+    """Make one row for each measurement; of many, say only in words what the rows are."""
+    if len(measured) <= DENSE:
+        rows(axes, [cut(short(m), LABEL) for m in measured])
+    else:
+        plain(axes)
+        axes.set_ylim(len(measured), -1)
+        axes.set_ylabel(words, fontsize=9)
 
 
 def _cloud(axes: Axes, kinds: Sequence[str], z: np.ndarray, outliers: np.ndarray) -> None:

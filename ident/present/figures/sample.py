@@ -28,7 +28,7 @@ from ident.inference.draws import (
     share_of_prior,
 )
 from ident.inference.population import Population
-from ident.present.figures.fit import DENSE, LABEL, PANEL, ROW
+from ident.present.figures.fit import DENSE, PANEL, ROW, measurement_rows
 from ident.present.figures.style import (
     BLUE,
     FILLED,
@@ -54,7 +54,7 @@ from ident.present.figures.style import (
 from ident.present.plan import criterion_in_words, experiment_in_words
 from ident.present.report import cut
 from ident.present.sample import of_first
-from ident.present.words import SETUP, degrees, direction_name, in_shown_unit, short
+from ident.present.words import SETUP, degrees, direction_name, in_shown_unit
 
 CORNER_DRAWS = 20000
 """Draws, at most, in the corner plot."""
@@ -168,12 +168,7 @@ def _predicted(axes: Axes, result: CampaignSample) -> None:
     sigma, measured = np.array([m.sigma for m in campaign]), np.array([m.value for m in campaign])
     bands = np.quantile((measured - drawn.predicted) / sigma, LEVELS, axis=0).T
     noisy = np.quantile((measured - drawn.simulated) / sigma, (LEVELS[0], LEVELS[-1]), axis=0).T
-    if len(campaign) <= DENSE:
-        rows(axes, [cut(short(m), LABEL) for m in campaign])
-    else:
-        plain(axes)
-        axes.set_ylim(len(campaign), -1)
-        axes.set_ylabel("measurement [-]", fontsize=9)
+    measurement_rows(axes, campaign.measurements, "measurement [-]")
     axes.axvline(0.0, color="black", linewidth=0.8)
     for y, (ends, levels) in enumerate(zip(noisy, bands, strict=True)):
         colour = BLUE if ends[0] < 0 < ends[1] else ORANGE
