@@ -11,11 +11,10 @@ from ident.assess.scenario import Basis
 from ident.identify.check import SpringCheck
 from ident.identify.values import Values
 from ident.present.report import Finding, Section, cut
-from ident.present.words import degrees, sentence
+from ident.present.words import counted, degrees, sentence
 from ident.text import one_line
 from ident.vibrate.fast import Passage
 
-TWICE = "Elastic belts count twice where k_bend or k_tors were measured with them, as by a hammer test."
 GUESSED = ("assumed", "calibrated")
 """Origins of numbers that were not measured: assumed, or set so that a result comes out."""
 PARTS = {
@@ -26,8 +25,6 @@ PARTS = {
     "CubicSpring": "springs",
     "Stroke": "stroke",
 }
-USUAL_SPEED = 10.0
-"""Percent of full speed of a stroke unless `--speed` is given."""
 
 
 def subject(basis: Basis) -> str:
@@ -39,7 +36,7 @@ def same_motion(basis: Basis) -> str:
     """Return the options with which another command takes the same motion, load and values; each after a space."""
     values = [("--fit", basis.fit), ("--posterior", basis.posterior), ("--path", basis.log)]
     words = [f"{option} {shlex.quote(one_line(given.path))}" for option, given in values if given and given.path]
-    if not basis.log and basis.percent != USUAL_SPEED:
+    if not basis.log and basis.percent != 10.0:  # full speed is 100, without `--speed` it is 10
         words.append(f"--speed {basis.percent:g}")
     words += ["--retract"] * (not basis.log and basis.motion.name.startswith("retraction"))
     words += [f"--load {shlex.quote(one_line(str(basis.load)))}"] * bool(basis.load)
@@ -67,7 +64,8 @@ def motion_section(
         *more,
         f"Load: {basis.load}. Belts: {belts}. {rate:.4g} samples a second. Method: {method}.",
     ]
-    sentences += [TWICE] * (belts == "elastic")
+    twice = "Elastic belts count twice where k_bend or k_tors were measured with them, as by a hammer test."
+    sentences += [twice] * (belts == "elastic")
     sentences += map(sentence, _taken_over(basis.fit, basis.posterior))
     sentences += _excitation(basis, varied=varied)
     sentences += (sentence(words.strip()) for words in changes_in_words(basis.changed))
@@ -113,6 +111,13 @@ def transmission_finding(basis: Basis) -> Iterator[Finding]:
         yield Finding("transmission error is set to 0, real drives have some", "try --errors 30:60 (arc seconds)")
 
 
+def all_findings(basis: Basis) -> Iterator[Finding]:
+    """Yield all that bears on a simulated amplitude."""
+    yield from basis_findings(basis)
+    yield from assumption_findings(basis)
+    yield from transmission_finding(basis)
+
+
 def without_transmission_error(basis: Basis) -> bool:
     """Tell whether there are drives, and none has a transmission error."""
     return bool(basis.arm.drives) and not any(np.any(np.asarray(drive.error)) for drive in basis.arm.drives)
@@ -139,8 +144,7 @@ def _taken_over(fit: Values | None, posterior: Values | None) -> Iterator[str]:
             continue
         count = next(iter(values.values.values())).size
         number = f"{count} {what}" if count > 1 else what
-        of = f"{len(values.values)} number{'s' * (len(values.values) != 1)}"
-        yield f"{number} of {of}" + (f", from {values.path}" if values.path else "")
+        yield f"{number} of {counted(len(values.values), 'number')}" + (f", from {values.path}" if values.path else "")
         if values.left_out:
             yield f"not used, as the arm has no such number: {', '.join(values.left_out)}"
     if posterior and not fit:
@@ -160,11 +164,8 @@ def assumed(basis: Basis) -> tuple[list[str], int]:
     Left out are numbers that the user has set, and the stroke where a log is replayed.
     """
     kinds = {part.name: type(part).__name__ for part in basis.arm.parts()}
-    origins = {
-        path: origin
-        for path, origin in basis.arm_file.origins.items()
-        if kinds.get(path.split(".")[0]) in PARTS and not (basis.log and path.split(".")[0] == "stroke")
-    }
+    counting = [name for name, kind in kinds.items() if kind in PARTS and not (basis.log and name == "stroke")]
+    origins = {path: origin for path, origin in basis.arm_file.origins.items() if path.split(".")[0] in counting}
     names = [path for path, origin in origins.items() if origin in GUESSED and path not in basis.changed]
     return names, len(origins)
 
@@ -174,30 +175,24 @@ def assumed_section(basis: Basis) -> Iterator[Section]:
     names, count = assumed(basis)
     if not names:
         return
-    guessed, others = _guessed(basis)
-    fields = _fields(basis, names)
+    driving = {part.name for part in basis.arm.parts() if type(part).__name__ in PARTS}
+    others = [o for path, o in basis.arm_file.origins.items() if path.split(".")[0] not in driving and o != "derived"]
+    guessed = sum(origin in GUESSED for origin in others)
     share = f"{len(names)} of the {count} numbers below are assumed or calibrated"
     if guessed:
-        share += f", and {guessed} of the arm's {others} other numbers (lengths, masses, ...)"
-    lists = (f"{kind}: {', '.join(words)}." for kind, words in fields.items())
+        share += f", and {guessed} of the arm's {len(others)} other numbers (lengths, masses, ...)"
+    lists = (f"{kind}: {', '.join(words)}." for kind, words in _fields(basis, names).items())
     yield Section("Assumed or calibrated numbers", (f"{share}. No amplitude is better known than these.", *lists))
 
 
 def _fields(basis: Basis, names: Sequence[str]) -> dict[str, dict[str, None]]:
     """Return what is named of drives, belts and stroke, by kind: `{"drives": {"ratio": None, ...}, ...}`."""
-    kinds = {part.name: PARTS.get(type(part).__name__, "") for part in basis.arm.parts()}
+    kinds = {part.name: type(part).__name__ for part in basis.arm.parts()}
     fields: dict[str, dict[str, None]] = {}
     for path in names:
         part, _, field = path.partition(".")
-        fields.setdefault(kinds[part], {})[field.replace("_", " ")] = None
+        fields.setdefault(PARTS[kinds[part]], {})[field.replace("_", " ")] = None
     return fields
-
-
-def _guessed(basis: Basis) -> tuple[int, int]:
-    """Return how many of the arm's other numbers are assumed or calibrated, and how many are given at all."""
-    driving = {part.name for part in basis.arm.parts() if type(part).__name__ in PARTS}
-    origins = [o for path, o in basis.arm_file.origins.items() if path.split(".")[0] not in driving and o != "derived"]
-    return sum(origin in GUESSED for origin in origins), len(origins)
 
 
 # -------- Springs
@@ -210,7 +205,10 @@ def springs_in_words(springs: Sequence[SpringCheck]) -> Iterator[Section]:
     for each in springs:
         cost = f"a linear one would fit with a chi-squared of {each.chi_squared:.2g}"
         cost = "with a linear one the arm has no equilibrium" if math.isnan(each.chi_squared) else cost
-        lines.append(f"{each.spring}: {'yes' if each.told else 'NO'}, {cost}. Load {_loads(each)}.")
+        parts = [("at rest", each.at_rest), ("where modes were measured", each.vibrating)]
+        loads = [f"{low:.3g} to {high:.3g} N m {what}" for what, (low, high) in parts if not math.isnan(high)]
+        limit = "" if math.isnan(each.torque1) else f"; T1 = {each.torque1:.3g} N m"
+        lines.append(f"{each.spring}: {'yes' if each.told else 'NO'}, {cost}. Load {', '.join(loads)}{limit}.")
         if each.unloaded:
             lines.append("Hardly loaded wherever modes were measured: frequencies depend on K1 alone.")
         if not each.told:
@@ -227,10 +225,3 @@ def passage_findings(passages: Sequence[Passage]) -> Iterator[Finding]:
             f"the load of {each.spring} passes T1 = {each.torque1:.3g} N m (from {each.low:.3g} to {each.high:.3g} "
             "N m): its stiffness changes within the motion"
         )
-
-
-def _loads(check: SpringCheck) -> str:
-    parts = [("at rest", check.at_rest), ("where modes were measured", check.vibrating)]
-    given = [f"{low:.3g} to {high:.3g} N m {what}" for what, (low, high) in parts if not math.isnan(high)]
-    limit = "" if math.isnan(check.torque1) else f"; T1 = {check.torque1:.3g} N m"
-    return ", ".join(given) + limit

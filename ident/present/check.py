@@ -1,7 +1,7 @@
 """A check before any solving: what is said of it, and its rows for programs."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from ident.identify.check import CampaignCheck
 from ident.identify.problem import LabelDoubt, row_names
 from ident.inference.identifiability import Leverage
 from ident.inference.information import WEAK_ABOVE, Information
-from ident.inference.optima import Optimum, is_tie
+from ident.inference.optima import is_tie
 from ident.inference.parameters import Parameter
 from ident.present.basis import springs_in_words
 from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut
@@ -21,6 +21,7 @@ from ident.present.warnings import (
     drive_states,
     expected_hysteresis,
     explanation_section,
+    kinds_agree,
     leading_explanations,
     odd_numbers,
 )
@@ -33,7 +34,7 @@ from ident.present.words import (
     in_words,
     kinds_in_words,
     parameter_in_words,
-    spread_in_words,
+    scatter,
     unit_of,
     with_tied,
 )
@@ -57,13 +58,18 @@ WORDS = {"identifiable": "identifiable", "weak": "weak", "open": "not determined
 def check_sections(check: CampaignCheck) -> Report:
     """Return all that is said of a check."""
     causes = leading_explanations(check.explanations, check.campaign)
-    conflict = contradiction(check.cross_predictions, check.campaign.measurements) if check.contradictory else ""
+    conflict = contradiction(check.cross_predictions, check.campaign.measurements)
     name = cut(check.campaign.name or "a campaign", 30)
+    rows = tuple(
+        (with_tied(item), WORDS.get(verdict, verdict), _reason(check, i))
+        for i, (item, verdict) in enumerate(zip(check.items, check.verdicts, strict=True))
+    )
+    unknowns = Table("", ("Unknown", "verdict", "known by the data alone to"), rows)
     return Report(
         f"Check of {name} on {cut(check.arm.name, 40)} before any fit: "
         f"{counted(len(check.campaign), 'measurement')}, {counted(len(check.verdicts), 'unknown')}",
         _verdict(check),
-        (*([conflict] if conflict else []), *causes, _parameters(check)),
+        (*conflict, *causes, unknowns),
         tuple(_findings(check, explained=bool(causes))),
         _consistency(check),
         "ident fit {campaign}" if check.verdicts.count("identifiable") else "ident plan {campaign}",
@@ -78,11 +84,12 @@ def _verdict(check: CampaignCheck) -> Verdict:
         text = f"The model has no answer for {int(check.missing.sum())} rows at the arm file's values."
         return Verdict("NOT READY", f"{text} The arm has no stable equilibrium there.", "bad")
     known = f"The data alone determine {fine} of {count} unknowns"
-    if check.repeats or check.contradictory:
-        what = (
-            "The measurements contradict each other" if check.repeats else f"{_conflict(check)} contradict each other"
-        )
-        return Verdict("NOT READY", f"{what}. {known}.", "bad")
+    if check.repeats:
+        return Verdict("NOT READY", f"The measurements contradict each other. {known}.", "bad")
+    if check.contradictory:
+        worst = min(cross.p_value for cross in check.cross_predictions)
+        kinds = kinds_in_words([cross.kind for cross in check.cross_predictions]).capitalize()
+        return Verdict("NOT READY", f"{kinds} (p = {worst:.2g}) contradict each other. {known}.", "bad")
     if check.others and check.others.exact:
         others = counted(len(check.others.exact), "other set")
         return Verdict("NOT READY", f"Not unique: {others} of values would give the same data. {known}.", "bad")
@@ -90,25 +97,9 @@ def _verdict(check: CampaignCheck) -> Verdict:
         return Verdict("NOT READY", f"The data alone determine none of the {count} unknowns.", "bad")
     if fine < count:
         return Verdict(f"PARTLY {fine} OF {count}", f"{known}.", "caution")
-    return Verdict("READY TO FIT", f"The data determine all {count} unknowns; {_search(check)}.", "good")
-
-
-def _conflict(check: CampaignCheck) -> str:
-    worst = min(cross.p_value for cross in check.cross_predictions)
-    return f"{kinds_in_words([cross.kind for cross in check.cross_predictions])} (p = {worst:.2g})".capitalize()
-
-
-def _search(check: CampaignCheck) -> str:
-    others = check.others
-    return "no second solution was found" + (f" in {counted(others.starts, 'start')}" if others else "")
-
-
-def _parameters(check: CampaignCheck) -> Table:
-    rows = tuple(
-        (with_tied(item), WORDS.get(verdict, verdict), _reason(check, i))
-        for i, (item, verdict) in enumerate(zip(check.items, check.verdicts, strict=True))
-    )
-    return Table("", ("Unknown", "verdict", "known by the data alone to"), rows)
+    searched = f" in {counted(check.others.starts, 'start')}" if check.others else ""
+    known = f"The data determine all {count} unknowns; no second solution was found{searched}."
+    return Verdict("READY TO FIT", known, "good")
 
 
 def _reason(check: CampaignCheck, i: int) -> str:
@@ -126,7 +117,9 @@ def _reason(check: CampaignCheck, i: int) -> str:
 
 
 def _within(sd: float) -> str:
-    return spread_in_words(sd) if sd < math.log(ENORMOUS) else f"a factor of more than {ENORMOUS:g}"
+    if sd >= math.log(ENORMOUS):
+        return f"a factor of more than {ENORMOUS:g}"
+    return scatter(sd).replace("factor", "a factor of")
 
 
 def _consistency(check: CampaignCheck) -> str:
@@ -135,9 +128,7 @@ def _consistency(check: CampaignCheck) -> str:
     if agree is None or check.contradictory:
         return ""
     if check.cross_predictions:
-        least = min(cross.p_value for cross in check.cross_predictions)
-        kinds = kinds_in_words([cross.kind for cross in check.cross_predictions]).capitalize()
-        return f"{kinds} agree (p = {least:.2g})."
+        return kinds_agree(check.cross_predictions)
     return "There is one kind of measurement only, so that no other can check it."
 
 
@@ -147,9 +138,8 @@ def _findings(check: CampaignCheck, *, explained: bool) -> Iterator[Finding]:
     yield from odd_numbers(check.arm)
     if check.missing.any():
         rows = ", ".join(names[i] for i in np.flatnonzero(check.missing)[:MOST].tolist())
-        yield Finding(
-            f"no equilibrium at the postures of rows {rows}", "raise the stiffnesses, or check loads and masses"
-        )
+        text = f"no equilibrium at the postures of rows {rows}"
+        yield Finding(text, "raise the stiffnesses, or check loads and masses")
     for i, j in check.repeats:
         values = " and ".join(f"{in_read_unit(m.kind, m.value)[0]:.4g}" for m in (measured[i], measured[j]))
         unit = in_read_unit(measured[i].kind, 0.0)[1]
@@ -163,9 +153,8 @@ def _findings(check: CampaignCheck, *, explained: bool) -> Iterator[Finding]:
     part = check.leverage
     if part is not None and part.dominant.any():
         rows = ", ".join(names[i] for i in np.flatnonzero(part.dominant)[:MOST].tolist())
-        yield Finding(
-            f"nothing cross-checks rows {rows}: an error there would go unnoticed", "repeat them, or add others"
-        )
+        text = f"nothing cross-checks rows {rows}: an error there would go unnoticed"
+        yield Finding(text, "repeat them, or add others")
     for doubt in check.labels[:MOST]:
         yield Finding(f"row {names[doubt.row]}: {'; '.join(_doubt(check, doubt))}")
 
@@ -174,7 +163,12 @@ def _findings(check: CampaignCheck, *, explained: bool) -> Iterator[Finding]:
 
 
 def _details(check: CampaignCheck) -> Iterator[Section]:
-    yield Section("What the verdicts mean", (_meaning(check),))
+    meaning = (
+        f"identifiable: the std. error is below a factor of {math.exp(WEAK_ABOVE):.2g} at all {check.tried} points "
+        "tried: the arm file's values and others about them, since one point may mislead. Priors do not count. not "
+        "determined: the data alone do not determine it at any of these points."
+    )
+    yield Section("What the verdicts mean", (meaning,))
     yield from _others(check)
     yield from _combinations(check)
     yield from springs_in_words(check.springs)
@@ -185,36 +179,26 @@ def _details(check: CampaignCheck) -> Iterator[Section]:
     yield from explanation_section(check.explanations, check.campaign)
 
 
-def _meaning(check: CampaignCheck) -> str:
-    return (
-        f"identifiable: the std. error is below a factor of {math.exp(WEAK_ABOVE):.2g} at all {check.tried} points "
-        "tried: the arm file's values and others about them, since one point may mislead. Priors do not count. not "
-        "determined: the data alone do not determine it at any of these points."
-    )
-
-
 def _others(check: CampaignCheck) -> Iterator[Section]:
     """Yield which other values give the same data, or that none were found."""
     others, items = check.others, check.problem.parameters.items
     if others is None:
         return
     rows = tuple(
-        (", ".join(map(_changed, items, optimum.values.tolist())), _cost(optimum))
-        for optimum in (*others.exact, *others.near)
+        (
+            ", ".join(map(_changed, items, found.values.tolist())),
+            "0" if is_tie(0.0, found.cost) else f"{found.cost:.2g}",
+        )
+        for found in (*others.exact, *others.near)
     )
-    note = (
-        "chi-squared: of exact data at these values; below 3.84 the data hardly rule them out." if others.near else ""
-    )
-    table = (Table("", ("values relative to the arm file's", "chi-squared"), rows, note=note),) if rows else ()
+    note = "chi-squared: of exact data at these values; below 3.84 the data hardly rule them out."
+    head = ("values relative to the arm file's", "chi-squared")
+    table = (Table("", head, tuple(rows), note=note if others.near else ""),) if rows else ()
     text = (
         f"{others.ended} of {others.starts} starts ended in an optimum. The search is not exhaustive: finding none "
         "does not prove uniqueness. Data: as predicted at the arm file's values; priors do not count."
     )
     yield Section("Other values that give the same data" + ("" if rows else ": none found"), (*table, text))
-
-
-def _cost(optimum: Optimum) -> str:
-    return "0" if is_tie(0.0, optimum.cost) else f"{optimum.cost:.2g}"
 
 
 def _changed(item: Parameter, value: float) -> str:
@@ -243,13 +227,11 @@ def _combinations(check: CampaignCheck) -> Iterator[Section]:
     if len(seen) > 1:
         infinite = f" (of all {count}: infinite)" if known.fixed < count else ""
         parts.append(f"Condition number of the {known.fixed} determined: {seen[-1] / seen[0]:.3g}{infinite}.")
-    yield Section(
-        f"Determined by the data: {known.fixed} of {count} combinations", (*parts, *_correlations(check, known))
-    )
+    title = f"Determined by the data: {known.fixed} of {count} combinations"
+    yield Section(title, (*parts, *_correlations(items, known)))
 
 
-def _correlations(check: CampaignCheck, known: Information) -> Iterator[str]:
-    items = check.items
+def _correlations(items: Sequence[Parameter], known: Information) -> Iterator[str]:
     correlation = np.triu(np.nan_to_num(known.correlation), 1)
     pairs = [tuple(map(int, pair)) for pair in np.argwhere(np.abs(correlation) > CORRELATED)]
     for i, j in sorted(pairs, key=lambda pair: -abs(correlation[pair]))[:10]:
@@ -286,15 +268,14 @@ def _measurements(check: CampaignCheck) -> Iterator[Section]:
         note += f" {len(places) - LISTED} more carry no information or dominate."
     if not every:
         note += f" The other measurements of {len(measured)} have normal influence."
-    yield Section(
-        "Influence of each measurement", (Table("", head, tuple(rows), ("", "", ".1%", ".0%", "", ""), note),)
-    )
+    table = Table("", head, tuple(rows), ("", "", ".1%", ".0%", "", ""), note)
+    yield Section("Influence of each measurement", (table,))
 
 
 def _dominates(part: Leverage, i: int) -> str:
-    lost = f"; without it {', '.join(part.lost[i])} not identifiable" if part.lost[i] else ""
-    opened = "; one combination not determined without it" if part.opened[i] and not part.lost[i] else ""
-    return f"dominates{lost or opened}"
+    if part.lost[i]:
+        return f"dominates; without it {', '.join(part.lost[i])} not identifiable"
+    return "dominates" + "; one combination not determined without it" * bool(part.opened[i])
 
 
 def _labels(check: CampaignCheck) -> Iterator[Section]:
@@ -307,20 +288,17 @@ def _labels(check: CampaignCheck) -> Iterator[Section]:
         for doubt in check.labels[:LISTED]
     )
     more = (f"{len(check.labels) - LISTED} more.",) if len(check.labels) > LISTED else ()
-    yield Section(
-        "Mode labels" + ("" if check.labels else ": none is in doubt at the arm file's values"), (*doubts, *more)
-    )
-    rows = sorted(check.changing.items(), key=lambda each: -each[1])
-    if rows:
-        table = Table(
-            "",
-            ("row", "mode", "ambiguous on"),
-            tuple((names[i], str(measured[i].mode), f"{often:.0%} of the arms") for i, often in rows[:MOST]),
-            note=(f"{len(rows) - MOST} more. " if len(rows) > MOST else "")
-            + "The fit matches these modes by frequency as well. If you are not sure of a word, leave it out of the "
-            "label (`torsion 2`), or leave the label out.",
+    none = "" if check.labels else ": none is in doubt at the arm file's values"
+    yield Section(f"Mode labels{none}", (*doubts, *more))
+    if changing := sorted(check.changing.items(), key=lambda each: -each[1]):
+        rows = tuple((names[i], str(measured[i].mode), f"{often:.0%} of the arms") for i, often in changing[:MOST])
+        note = f"{len(changing) - MOST} more. " if len(changing) > MOST else ""
+        note += (
+            "The fit matches these modes by frequency as well. If you are not sure of a word, leave it out of the "
+            "label (`torsion 2`), or leave the label out."
         )
-        yield Section("Mode names that become ambiguous for other stiffnesses within the prior", (table,))
+        title = "Mode names that become ambiguous for other stiffnesses within the prior"
+        yield Section(title, (Table("", ("row", "mode", "ambiguous on"), rows, note=note),))
 
 
 def _doubt(check: CampaignCheck, doubt: LabelDoubt) -> Iterator[str]:
@@ -343,13 +321,11 @@ def _agreement(check: CampaignCheck) -> Iterator[Section]:
         note = f"All together, by linearisation: {fit}, p = {agree.p_value:.2g}."
     else:
         note = "Overall consistency cannot be tested by linearisation (start values too far off): see `ident fit`."
-    correlated = correlated_errors(check.campaign)
+    notes = [note, *filter(None, [correlated_errors(check.campaign)])]
     if check.cross_predictions:
-        yield agreement(
-            check.cross_predictions, check.campaign.measurements, " ".join(filter(None, (note, correlated)))
-        )
+        yield agreement(check.cross_predictions, check.campaign.measurements, " ".join(notes))
     else:
-        yield Section("Agreement between kinds of measurement", (note, *([correlated] if correlated else [])))
+        yield Section("Agreement between kinds of measurement", tuple(notes))
 
 
 # -------- Rows
@@ -360,13 +336,8 @@ def check_rows(check: CampaignCheck) -> list[dict[str, Any]]:
 
     NaN where the model has no answer.
     """
-    sd = check.data_sd
+    sd = check.data_sd if len(check.data_sd) else np.full((1, len(check.items)), math.nan)
     return [
-        {
-            "parameter": name,
-            "verdict": verdict,
-            "data_sd": float(sd[0, i]) if len(sd) else float("nan"),
-            "worst_data_sd": float(sd[:, i].max()) if len(sd) else float("nan"),
-        }
-        for i, (name, verdict) in enumerate(zip((item.name for item in check.items), check.verdicts, strict=True))
+        {"parameter": item.name, "verdict": verdict, "data_sd": float(at[0]), "worst_data_sd": float(at.max())}
+        for item, verdict, at in zip(check.items, check.verdicts, sd.T, strict=True)
     ]

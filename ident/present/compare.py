@@ -9,8 +9,8 @@ from ident.identify.compare import Comparison
 from ident.identify.fit import CampaignFit
 from ident.inference.change import LEVEL
 from ident.inference.information import holm
-from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut
-from ident.present.words import counted, in_shown_unit, percent, sentence, unit_of
+from ident.present.report import Finding, Report, Section, Table, Verdict, cut, with_remedy, without_empty_columns
+from ident.present.words import counted, in_shown_unit, percent, sentence, some, unit_of
 
 KINDS = {"k_bend": "bending", "k_tors": "torsion"}
 NUMBERS_LISTED = 5
@@ -31,8 +31,8 @@ def compare_sections(comparisons: Sequence[Comparison], unpaired: Sequence[str] 
 
 def _campaigns(comparison: Comparison) -> str:
     before, after = (cut(name, 30) for name in comparison.names)
-    arms = [f"{cut(fit.arm.name, 40)}: " for fit in comparison.fits[:1]]
-    return f"{''.join(arms)}{before}, then {after}"
+    arm = f"{cut(comparison.fits[0].arm.name, 40)}: " if comparison.fits else ""
+    return f"{arm}{before}, then {after}"
 
 
 def _counts(comparison: Comparison) -> str:
@@ -73,20 +73,12 @@ def _table(comparison: Comparison) -> Table:
         before, after = (in_shown_unit(name, float(part[i]))[0] for part in (change.first, change.second))
         verdict = "not determined" if change.open[i] else "changed" if change.changed[i] else ""
         interval = " to ".join(map(ratio_words, change.interval[i]))
-        row: tuple[Cell, ...] = (
-            name,
-            before,
-            after,
-            ratio_words(change.change[i]),
-            interval,
-            float(change.p_values[i]),
-        )
-        rows.append((*row, verdict))
-    head = (f"Stiffness [{in_shown_unit(change.names[0], 1.0)[1]}]", "before", "after", "change", "95 % interval", "p")
-    width = len(head) + any(row[-1] for row in rows)
-    forms = ("", ".4g", ".4g", "", "", ".2g", "")
+        ratio = ratio_words(change.change[i])
+        rows.append((name, before, after, ratio, interval, float(change.p_values[i]), verdict))
+    unit = in_shown_unit(change.names[0], 1.0)[1]
+    head = (f"Stiffness [{unit}]", "before", "after", "change", "95 % interval", "p", "")
     changed = tuple(np.flatnonzero(change.changed).tolist())
-    return Table("", (*head, "")[:width], tuple(row[:width] for row in rows), forms[:width], strong=changed)
+    return without_empty_columns(Table("", head, tuple(rows), ("", ".4g", ".4g", "", "", ".2g", ""), strong=changed))
 
 
 def ratio_words(log: float) -> str:
@@ -112,35 +104,25 @@ def _findings(comparison: Comparison) -> Iterator[Finding]:
             "INDEPENDENCE ASSUMED: the measurements are not available, so what both have in common, such as a prior, "
             "counts twice; logarithms of the stiffnesses are taken as normal"
         )
-    for which, fit in zip(_told_apart(comparison), (comparison.first, comparison.second), strict=True):
+    before, after = (cut(name, 30) for name in comparison.names)
+    names = (before, after) if before != after else (f"{before} (before)", f"{after} (after)")
+    for which, fit in zip(names, (comparison.first, comparison.second), strict=True):
         if isinstance(fit, CampaignFit) and fit.doubts:
             yield Finding(f"{which}: {' '.join(map(sentence, fit.doubts))}", "see `ident fit`")
     if comparison.unlike:
-        more = len(comparison.unlike) - NUMBERS_LISTED
-        named = ", ".join(comparison.unlike[:NUMBERS_LISTED]) + (f" and {more} more" if more > 0 else "")
-        yield Finding(f"the arm files differ in {named}: a change may come from there", "fit both with one arm file")
+        text = f"the arm files differ in {some(comparison.unlike, NUMBERS_LISTED)}: a change may come from there"
+        yield Finding(text, "fit both with one arm file")
     changed = np.flatnonzero(change.changed)
     if len(changed) == len(change.names) > 1 and len(set(np.sign(change.change[changed]))) == 1:
-        yield Finding(
-            "all stiffnesses have changed the same way",
-            "look first for another payload, mass or base, or another calibration",
-        )
+        look = "look first for another payload, mass or base, or another calibration"
+        yield Finding("all stiffnesses have changed the same way", look)
     for i in changed:
-        name = stiffness_words(change.names[i])
-        if change.change[i] < 0:
-            look = "check bolts, bearing, gear and belt there; look for a crack"
-            yield Finding(f"{name} has become softer", look)
-        else:
-            look = "was something exchanged or tightened there, does something rub?"
-            yield Finding(f"{name} has become stiffer", look)
+        become, look = "softer", "check bolts, bearing, gear and belt there; look for a crack"
+        if change.change[i] >= 0:
+            become, look = "stiffer", "was something exchanged or tightened there, does something rub?"
+        yield Finding(f"{stiffness_words(change.names[i])} has become {become}", look)
     if comparison.priors_differ:
         yield Finding("the fits have different priors: those of the first count")
-
-
-def _told_apart(comparison: Comparison) -> tuple[str, str]:
-    """Return the campaigns' names; where they have one name, which of the two it is."""
-    before, after = (cut(name, 30) for name in comparison.names)
-    return (before, after) if before != after else (f"{before} (before)", f"{after} (after)")
 
 
 # -------- Several pairs
@@ -157,26 +139,22 @@ def _overview(comparisons: Sequence[Comparison], unpaired: Sequence[str]) -> Rep
     shown = [i for i in range(count) if i not in alike[PAIRS:]]
     word, least = f"{changed} OF {count} CHANGED" if changed else "NO CHANGE", float(together.min())
     verdict = Verdict(word, f"Smallest p of {counted(count, 'pair')}: {least:.2g}.", "caution" if changed else "good")
-    more = len(unpaired) - NUMBERS_LISTED
-    named = ", ".join(cut(path, 60) for path in unpaired[:NUMBERS_LISTED]) + (f" and {more} more" if more > 0 else "")
+    named = some([cut(path, 60) for path in unpaired], NUMBERS_LISTED)
     head, forms = ("Pair", "p", ""), ("", ".2g", "")
     note = "p: probability of so much change anywhere in the pair if nothing has changed (Holm, over all pairs)."
     every = Section("All pairs", (Table("", head, tuple(rows), forms, note),))
+    alone = [f"In one folder only: {named}"] if unpaired else []
     return Report(
         f"Comparison of {counted(count, 'pair')} of campaigns",
         verdict,
-        (
-            Table("", head, tuple(rows[i] for i in shown), forms),
-            *([f"In one folder only: {named}"] if unpaired else []),
-        ),
+        (Table("", head, tuple(rows[i] for i in shown), forms), *alone),
         details=(every, *map(_pair, comparisons)),
     )
 
 
 def _pair(comparison: Comparison) -> Section:
     """Return a pair of several: its verdict, its stiffnesses and what to check."""
-    verdict = _verdict(comparison)
-    findings = (f"{each.text} -> {each.remedy}" if each.remedy else each.text for each in _findings(comparison))
+    verdict, findings = _verdict(comparison), map(with_remedy, _findings(comparison))
     words = f"{_counts(comparison)}. {verdict.word}: {verdict.reason}"
     return Section(_campaigns(comparison), (words, _table(comparison), *findings, _meaning(comparison)))
 
@@ -196,8 +174,7 @@ def compare_rows(comparisons: Sequence[Comparison], unpaired: Sequence[str] = ()
 
 
 def _rows(comparison: Comparison) -> list[dict[str, Any]]:
-    change = comparison.change
-    low, high = np.exp(change.interval).T
+    change, interval = comparison.change, np.exp(comparison.change.interval)
     return [
         {
             "parameter": name,
@@ -205,8 +182,8 @@ def _rows(comparison: Comparison) -> list[dict[str, Any]]:
             "before": float(change.first[i]),
             "after": float(change.second[i]),
             "ratio": float(np.exp(change.change[i])),
-            "low_95": float(low[i]),
-            "high_95": float(high[i]),
+            "low_95": float(interval[i, 0]),
+            "high_95": float(interval[i, 1]),
             "p": float(change.p_values[i]),
             "changed": bool(change.changed[i]),
             "open": bool(change.open[i]),

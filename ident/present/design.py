@@ -11,23 +11,20 @@ import numpy as np
 from ident.assess.design import DesignStudy, bound_of, keeps, same, unchanged
 from ident.files import replace_file
 from ident.present.basis import (
+    all_findings,
     assumed_section,
-    assumption_findings,
-    basis_findings,
     motion_section,
     same_motion,
     subject,
-    transmission_finding,
 )
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power
 from ident.present.sweep import change_in_words, mm
-from ident.present.words import MM, counted, in_shown_unit, sentence, unit_of, value_in_words
+from ident.present.words import MM, counted, in_shown_unit, unit_of, value_in_words
 from ident.text import one_line
-from ident.vibrate.design import Check, Design
-from ident.vibrate.evaluator import Variable
+from ident.vibrate.design import Design
 from ident.vibrate.simulate import MEASURES
 from ident.vibrate.study import DIRECTIONS
-from ident.vibrate.sweep import NEARBY, Sensitivities
+from ident.vibrate.sweep import NEARBY
 
 STRONGEST = 12
 """Sensitivities that are listed of many."""
@@ -47,17 +44,14 @@ def design_sections(study: DesignStudy) -> Report:
 
 def _sensitivities_alone(study: DesignStudy) -> Report:
     count = len(study.sensitivities.paths)
+    every = Section("All sensitivities", (_sensitivity_table(study, count),))
     return Report(
         f"Sensitivities of {subject(study.basis)}",
         None,
         (_at_present(study), _sensitivity_table(study, STRONGEST)),
-        tuple(_of_basis(study)),
+        tuple(all_findings(study.basis)),
         next=f"ident design {{arm}}{same_motion(study.basis)}",
-        details=(
-            _motion(study),
-            *([Section("All sensitivities", (_sensitivity_table(study, count),))] if count > STRONGEST else []),
-            *assumed_section(study.basis),
-        ),
+        details=(_motion(study), *[every] * (count > STRONGEST), *assumed_section(study.basis)),
     )
 
 
@@ -117,47 +111,25 @@ def _verdict(study: DesignStudy, design: Design) -> Verdict | None:
         return Verdict("NOT SETTLED", f"The search over the phases has not converged: {best}.", "caution")
     if design.limit is None:
         return None
-    largest = _exact_largest(study, design)
+    largest, chance, least = design.best.largest, "", design.minimum_change
+    if study.verification is not None:  # by the exact equations
+        after = study.verification.after
+        largest = float(after.amplitude.max())
+        if after.exceedance is not None:
+            low, high = after.exceedance.interval
+            chance = f"; probability of exceeding it {low:.1%} to {high:.1%}"
     limit, before = f"{MM * design.limit:g} mm", f"before: {mm(design.present.largest)} mm"
-    chance = "" if study.verification is None else _chance(study.verification.after)
     if largest > design.limit:
-        miss = largest - design.limit
+        miss, quietest = largest - design.limit, design.optima[0]
         reason = f"{mm(largest)} mm exceeds the limit of {limit} by {mm(miss)} mm ({miss / design.limit:.1%}; {before})"
-        reach = (
-            f"{mm(design.optima[0].largest)} mm is within reach"
-            if keeps(design.optima[0], design.limit)
-            else f"{mm(design.optima[0].largest)} mm is the least within these bounds"
-        )
-        return Verdict("NOT MET", f"{reason}; {reach}{chance}.", "bad")
+        reach = "within reach" if keeps(quietest, design.limit) else "the least within these bounds"
+        return Verdict("NOT MET", f"{reason}; {mm(quietest.largest)} mm is {reach}{chance}.", "bad")
     if unchanged(design.best):
         return Verdict("MET", f"{mm(largest)} mm keeps the limit of {limit}: no change is needed{chance}.", "good")
-    what = (
-        "it is the least change that keeps it"
-        if proposes_least(design)
-        else "it is the change that makes exceeding it least probable"
-        if study.draws
-        else "it is the change that vibrates least"
-    )
+    what = f"it is the change that {'makes exceeding it least probable' if study.draws else 'vibrates least'}"
+    if least is not None and np.array_equal(least.changes, design.best.changes):
+        what = "it is the least change that keeps it"
     return Verdict("MET", f"{mm(largest)} mm keeps the limit of {limit} ({before}); {what}{chance}.", "good")
-
-
-def _exact_largest(study: DesignStudy, design: Design) -> float:
-    """Return the largest amplitude after the change, by the exact equations where it was verified [m]."""
-    check = study.verification
-    return design.best.largest if check is None else float(check.after.amplitude.max())
-
-
-def _chance(check: Check) -> str:
-    if check.exceedance is None:
-        return ""
-    low, high = check.exceedance.interval
-    return f"; probability of exceeding it {low:.1%} to {high:.1%}"
-
-
-def proposes_least(design: Design) -> bool:
-    """Tell whether the least change that keeps the limit is what is proposed."""
-    least = design.minimum_change
-    return least is not None and bool(np.array_equal(least.changes, design.best.changes))
 
 
 def _next(study: DesignStudy, design: Design, verdict: Verdict | None) -> str:
@@ -192,21 +164,12 @@ def _findings(study: DesignStudy, design: Design) -> Iterator[Finding]:
     if study.starts > 1 and same(design) < 2 and not unchanged(design.best):
         text = f"1 of {study.starts} starts reached the least amplitude: there may be a better design"
         yield Finding(text, "search from more starts (--starts)")
-    yield from _of_basis(study)
+    yield from all_findings(study.basis)
     masses = [path for variable in design.evaluator.variables for path in variable.paths if path.endswith(".mass")]
     if masses:
-        yield Finding(
-            f"inertia was kept when {', '.join(masses)} changed; in the arm file it follows the mass where there is a "
-            "shape",
-            "simulate the changed arm file",
-        )
-
-
-def _of_basis(study: DesignStudy) -> Iterator[Finding]:
-    """Yield what of the arm and its excitation bears on the amplitudes."""
-    yield from basis_findings(study.basis)
-    yield from assumption_findings(study.basis)
-    yield from transmission_finding(study.basis)
+        kept = f"inertia was kept when {', '.join(masses)} changed"
+        text = f"{kept}; in the arm file it follows the mass where there is a shape"
+        yield Finding(text, "simulate the changed arm file")
 
 
 def _changes(study: DesignStudy, design: Design) -> Table:
@@ -217,9 +180,8 @@ def _changes(study: DesignStudy, design: Design) -> Table:
         at = bound_of(arm, variable, change)
         bounds = f"{low} to {high}{f', at the {at} bound' if at else ''}"
         for k, path in enumerate(variable.paths):
-            (before, unit), (after, _) = (
-                in_shown_unit(path, end) for end in (float(arm.get(path)), design.best.values[path])
-            )
+            before, unit = in_shown_unit(path, float(arm.get(path)))
+            after, _ = in_shown_unit(path, design.best.values[path])
             own = (change_in_words(variable, change), bounds) if k == 0 else ("the same", "")
             rows.append((path, before, after, unit, *own))
     head = ("Changed number", "from", "to", "unit", "change", "allowed")
@@ -248,24 +210,17 @@ def _effect(study: DesignStudy, design: Design) -> Table:
 def _details(study: DesignStudy, design: Design) -> Iterator[Section]:
     yield _motion(study)
     required = design.required
-    yield Section(
-        "Effect of the change",
-        (
-            "First natural frequency and deflection: the worse of both ends of the motion.",
-            "Size of change: root of the weighted sum of squares of the changes, each relative to the largest allowed.",
-            *([f"Required: a first frequency of at least {required.frequency:g} Hz."] if required.frequency else []),
-            *(
-                [f"Required: a static deflection of at most {MM * required.deflection:g} mm."]
-                if math.isfinite(required.deflection)
-                else []
-            ),
-            *(
-                [f"Required: a size of change of at most {required.change_norm:g}."]
-                if math.isfinite(required.change_norm)
-                else []
-            ),
-        ),
-    )
+    lines = [
+        "First natural frequency and deflection: the worse of both ends of the motion.",
+        "Size of change: root of the weighted sum of squares of the changes, each relative to the largest allowed.",
+    ]
+    if required.frequency:
+        lines.append(f"Required: a first frequency of at least {required.frequency:g} Hz.")
+    if math.isfinite(required.deflection):
+        lines.append(f"Required: a static deflection of at most {MM * required.deflection:g} mm.")
+    if math.isfinite(required.change_norm):
+        lines.append(f"Required: a size of change of at most {required.change_norm:g}.")
+    yield Section("Effect of the change", tuple(lines))
     yield _optima(study, design)
     yield from _curve(design)
     yield Section("What the vibration depends on", (_sensitivity_table(study, STRONGEST),))
@@ -285,21 +240,16 @@ def _motion(study: DesignStudy) -> Section:
     )
 
 
-def _changes_in_words(variables: tuple[Variable, ...], changes: np.ndarray) -> str:
-    pairs = zip(variables, changes, strict=True)
-    return ", ".join(f"{cut(variable.name, 40)} {change_in_words(variable, size)}" for variable, size in pairs)
-
-
 def _optima(study: DesignStudy, design: Design) -> Section:
-    failed = study.starts - len(design.optima)
-    variables = design.evaluator.variables
-    return Section(
-        f"Least amplitude: the same from {same(design)} of {counted(study.starts, 'start')}",
-        (
-            *(f"{mm(each.largest)} mm with {_changes_in_words(variables, each.changes)}" for each in design.optima),
-            *([sentence(f"{counted(failed, 'start')} met no requirement")] if failed else []),
-        ),
-    )
+    lines = []
+    for each in design.optima:
+        pairs = zip(design.evaluator.variables, each.changes, strict=True)
+        changes = ", ".join(f"{cut(variable.name, 40)} {change_in_words(variable, size)}" for variable, size in pairs)
+        lines.append(f"{mm(each.largest)} mm with {changes}")
+    if failed := study.starts - len(design.optima):
+        lines.append(f"{counted(failed, 'start')} met no requirement.")
+    title = f"Least amplitude: the same from {same(design)} of {counted(study.starts, 'start')}"
+    return Section(title, tuple(lines))
 
 
 def _curve(design: Design) -> Iterator[Section]:
@@ -348,7 +298,13 @@ def design_rows(study: DesignStudy) -> list[dict[str, Any]]:
     """
     design = study.design
     if design is None:
-        return _sensitivity_rows(study.sensitivities)
+        each = study.sensitivities
+        return [
+            {"number": each.paths[i], "unit": unit_of(each.paths[i]), "present": float(each.present[i])}
+            | dict(zip(DIRECTIONS, map(float, each.elasticity[i]), strict=True))
+            | {"unsure": "".join(np.array([*DIRECTIONS])[each.unsure[i]])}
+            for i in each.order
+        ]
     return [
         {
             "number": path,
@@ -360,15 +316,6 @@ def design_rows(study: DesignStudy) -> list[dict[str, Any]]:
         }
         for variable, change in zip(design.evaluator.variables, design.best.changes, strict=True)
         for path in variable.paths
-    ]
-
-
-def _sensitivity_rows(each: Sensitivities) -> list[dict[str, Any]]:
-    return [
-        {"number": each.paths[i], "unit": unit_of(each.paths[i]), "present": float(each.present[i])}
-        | dict(zip(DIRECTIONS, map(float, each.elasticity[i]), strict=True))
-        | {"unsure": "".join(np.array([*DIRECTIONS])[each.unsure[i]])}
-        for i in each.order
     ]
 
 

@@ -24,41 +24,25 @@ from ident.present.report import Cell, Finding, Part, Report, Section, Table, Ve
 from ident.present.resonance import caused_words, grouped, sources_words
 from ident.present.words import MM, beside, counted, in_shown_unit, is_stiffness, percent, rounded, sentence
 from ident.vibrate.evaluator import BinomialEstimate
-from ident.vibrate.resonance import ResonanceCrossing
 
 # -------- Remedy words
 # A remedy in words: something to do.
 
-SMALL = 0.005
-"""Relative change of a stiffness that is not worth a word."""
-SMALL_MOVE = 0.0005
-"""Change of a mass centre [m] that is not worth a word."""
-
 
 def change_words(remedy: Remedy) -> str:
-    """Say what a remedy changes, as something to do."""
+    """Say what a remedy changes, as something to do; not what would be written as 0 % or 0 mm."""
     if remedy.kind == "speed":
         return f"run at {remedy.percent:.3g} % of full speed instead of {remedy.percent_before:.3g} %"
-    stiffer, moved = list(_stiffer(remedy)), list(_moved(remedy))
+    stiffer, moved = [], []
+    for path, value in remedy.values.items():
+        more, further = value / remedy.before[path] - 1, value - remedy.before[path]
+        if is_stiffness(path) and abs(more) > 0.005:
+            stiffer.append(f"{spaced(path)} {100 * abs(more):.0f} % {'stiffer' if more > 0 else 'softer'}")
+        elif not is_stiffness(path) and abs(further) > 0.0005:
+            moved.append(f"the mass centre of {spaced(path)} by {MM * further:+.0f} mm in {path[-1]}")
     words = [f"make {joined(stiffer)} in torsion"] if stiffer else []
     words += [f"move {joined(moved)}"] if moved else []
     return joined(words) or "change nothing"
-
-
-def _stiffer(remedy: Remedy) -> Iterator[str]:
-    """Say how each stiffness changes, by more than is worth a word."""
-    for path, value in remedy.values.items():
-        more = value / remedy.before[path] - 1
-        if is_stiffness(path) and abs(more) > SMALL:
-            yield f"{spaced(path)} {100 * abs(more):.0f} % {'stiffer' if more > 0 else 'softer'}"
-
-
-def _moved(remedy: Remedy) -> Iterator[str]:
-    """Say how far each mass centre moves, if that is worth a word."""
-    for path, value in remedy.values.items():
-        further = value - remedy.before[path]
-        if not is_stiffness(path) and abs(further) > SMALL_MOVE:
-            yield f"the mass centre of {spaced(path)} by {MM * further:+.0f} mm in {path[-1]}"
 
 
 def spaced(path: str) -> str:
@@ -73,10 +57,6 @@ def joined(words: Sequence[str]) -> str:
 
 # -------- Diagnose
 
-LITTLE = 0.005
-"""Share of a vibration that is negligible."""
-ALTERNATIVES = 2
-"""Other remedies on the first screen, at most."""
 SENSITIVITIES = 12
 """Sensitivities that are listed."""
 
@@ -134,13 +114,10 @@ def cause_and_remedies(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
         yield "Remedy", f"{none}; the best: {change_words(best)}: {outcome}"
         return
     yield "Remedy", f"{change_words(best)}{_numbers(diagnosis, best)}: {outcome} (verified)"
-    for other in [each for each in diagnosis.remedies[len(diagnosis.verifications) :] if each.meets_limit][
-        :ALTERNATIVES
-    ]:
-        size = (
-            f"{rounded(MM * other.largest)} mm, limit kept with probability {chance_words(other.keeps)} (not verified)"
-        )
-        yield "or", f"{change_words(other)}{_numbers(diagnosis, other)}: {size}"
+    others = [each for each in diagnosis.remedies[len(diagnosis.verifications) :] if each.meets_limit]
+    for other in others[:2]:
+        size = f"{rounded(MM * other.largest)} mm, limit kept with probability {chance_words(other.keeps)}"
+        yield "or", f"{change_words(other)}{_numbers(diagnosis, other)}: {size} (not verified)"
 
 
 def _cause(diagnosis: Diagnosis) -> str:
@@ -213,18 +190,13 @@ def _cautions(diagnosis: Diagnosis) -> Iterator[Finding]:
     taken = [path for path in assumed(basis)[0] if path not in drawn]
     if taken:
         text = f"{counted(len(taken), 'number')} of drives, belts and stroke are assumed and not varied"
-        yield Finding(text, _to_measure(diagnosis, taken))
+        each, remedy = diagnosis.sensitivities, "measure them"
+        strongest = next((i for i in each.order if each.paths[i] in taken), None)
+        if strongest is not None:
+            share = each.elasticity[strongest, int(np.argmax(each.amplitude))]
+            remedy = f"measure {each.paths[strongest]} first (vibration {share:+.2g} % per percent)"
+        yield Finding(text, remedy)
     yield from transmission_finding(basis)
-
-
-def _to_measure(diagnosis: Diagnosis, taken: Sequence[str]) -> str:
-    """Name the assumed number on which the vibration depends most."""
-    each = diagnosis.sensitivities
-    first = next((i for i in each.order if each.paths[i] in taken), None)
-    if first is None:
-        return "measure them"
-    share = each.elasticity[first, int(np.argmax(each.amplitude))]
-    return f"measure {each.paths[first]} first (vibration {share:+.2g} % per percent)"
 
 
 # -------- Stages
@@ -267,7 +239,7 @@ def _stiffness_result(diagnosis: Diagnosis) -> str:
 
 def _stiffness(diagnosis: Diagnosis) -> Iterator[Part]:
     identified = diagnosis.identification
-    fit, names = identified.sampled.fitted, identified.sampled.fitted.problem.parameters.names
+    fit, withheld = identified.sampled.fitted, bool(identified.sampled.withheld)
     rank, count = fit.information.fixed, len(fit.information.names)
     yield (
         f"{counted(len(fit.campaign), 'measurement')} determine {rank} of {count} combinations of the unknowns; "
@@ -277,12 +249,12 @@ def _stiffness(diagnosis: Diagnosis) -> Iterator[Part]:
     if rank < count:
         yield "The prior fills the others: what follows is no better than the prior."
     rows = []
-    for name, ends in zip(names, identified.quantiles.T, strict=True):
+    for name, ends in zip(fit.problem.parameters.names, identified.quantiles.T, strict=True):
         low, median, high = (short_power(f"{in_shown_unit(name, float(end))[0]:#.4g}") for end in ends)
-        interval = "not reported" if identified.sampled.withheld else f"{low} to {high}"
+        interval = "not reported" if withheld else f"{low} to {high}"
         rows.append((name, median, interval, in_shown_unit(name, 1.0)[1]))
     note = "The chains are too short: the intervals are rough." if identified.short else ""
-    note += " No interval is reported, as the fit is in doubt." * bool(identified.sampled.withheld)
+    note += " No interval is reported, as the fit is in doubt." * withheld
     yield Table("Posterior", ("number", "median", "95 % interval", "unit"), tuple(rows), note=note.strip())
 
 
@@ -306,10 +278,10 @@ def _trust(diagnosis: Diagnosis) -> Iterator[Part]:
     if validation.missed:
         yield f"Too far from the prediction: {', '.join(part.name for part in validation.missed)}."
     if diagnosis.beyond:
-        yield f"The motion turns {beyond_words(diagnosis)}."
+        joints = ", ".join(f"{name} {np.degrees(by):.0f} deg" for name, by in diagnosis.beyond.items())
+        yield f"The motion turns {joints} beyond all measured postures."
     rows = tuple(
-        (s.kind.replace("_", " "), percent(s.half), percent(s.seen), percent(s.expected), s.count)
-        for s in validation.scopes
+        (s.kind.replace("_", " "), *map(percent, (s.half, s.seen, s.expected)), s.count) for s in validation.scopes
     )
     note = (
         "Error: half width of the 95 % interval, relative to the value. Seen: from the errors of the predicted "
@@ -317,12 +289,6 @@ def _trust(diagnosis: Diagnosis) -> Iterator[Part]:
     )
     head = ("kind", "error", "seen", "expected", "measurements")
     yield Table("Prediction error in postures that were not measured (95 %)", head, rows, note=note)
-
-
-def beyond_words(diagnosis: Diagnosis) -> str:
-    """Say how far a motion leaves the measured postures: `joint1 62 deg beyond all measured postures`."""
-    joints = (f"{name} {np.degrees(by):.0f} deg" for name, by in diagnosis.beyond.items())
-    return f"{', '.join(joints)} beyond all measured postures"
 
 
 def scope_words(validation: Validation) -> str:
@@ -341,7 +307,13 @@ def _resonance(diagnosis: Diagnosis) -> Iterator[Part]:
         undriven = "The arm file has no [[drive]]: only the motion itself excites the arm."
         yield undriven if resonance.branches is None else "No pulley comes near a natural frequency along this motion."
         return
-    rows = tuple(_crossing_row(number, group) for number, group in enumerate(grouped(resonance.crossings), 1))
+    rows = []
+    for number, group in enumerate(grouped(resonance.crossings), 1):
+        e = group[0]
+        who = sources_words([crossing.source for crossing in group])
+        closest = "crosses" if e.crossings else f"{100 * e.relative_distance:.1f} % off"
+        row = (str(number), who, str(e.label), f"{e.start:.2f} to {e.end:.2f}", f"{e.natural:.2f}", closest)
+        rows.append((*row, caused_words(group), f"{e.magnification:.1f}", f"{100 * e.probability:.0f} %"))
     head = (
         *("no.", "excited by", "mode", "time [s]", "at [Hz]", "closest"),
         *("vibration caused", "build-up [-]", "probability"),
@@ -350,22 +322,7 @@ def _resonance(diagnosis: Diagnosis) -> Iterator[Part]:
         "Vibration caused: of the end point along the mode's motion, by these pulleys alone with the worst phases. "
         "Build-up: amplitude of the mode over its static response to the same force, estimated."
     )
-    yield Table("Resonance along the motion, by the vibration caused", head, rows, note=note)
-
-
-def _crossing_row(number: int, group: Sequence[ResonanceCrossing]) -> tuple[Cell, ...]:
-    first = group[0]
-    return (
-        str(number),
-        sources_words([crossing.source for crossing in group]),
-        str(first.label),
-        f"{first.start:.2f} to {first.end:.2f}",
-        f"{first.natural:.2f}",
-        "crosses" if first.crossings else f"{100 * first.relative_distance:.1f} % off",
-        caused_words(group),
-        f"{first.magnification:.1f}",
-        f"{100 * first.probability:.0f} %",
-    )
+    yield Table("Resonance along the motion, by the vibration caused", head, tuple(rows), note=note)
 
 
 def _vibration_result(diagnosis: Diagnosis) -> str:
@@ -386,8 +343,10 @@ def _vibration(diagnosis: Diagnosis) -> Iterator[Part]:
             f"The imbalance phases are unknown: over random phases the peak is {MM * over.min():.3g} to "
             f"{MM * over.max():.3g} mm; {100 * CONFIDENT:g} % of them do not exceed the peak above."
         )
-        yield f"{sentence(contribution_words(diagnosis))}"
-    yield f"The limit is kept by {binomial_words(vibration.keeps, vibration.phases is not None)}."
+        yield sentence(contribution_words(diagnosis))
+    kept = f"{vibration.keeps.count} of {vibration.keeps.draws} draws of the posterior"
+    kept += " and of the phases" * (vibration.phases is not None)
+    yield f"The limit is kept by {kept} (95 % interval of the probability: {chance_words(vibration.keeps)})."
     if vibration.accepted:
         yield "Nothing needs to be changed."
     rows = tuple(
@@ -396,9 +355,8 @@ def _vibration(diagnosis: Diagnosis) -> Iterator[Part]:
     )
     note = "Displacement of the end point from its quasi-static position. Draws: by the fast method."
     if vibration.phases is not None:
-        note += " Each draw has random phases; the exact peak has phases that " + (
-            f"{100 * CONFIDENT:g} % of all phases do not exceed."
-        )
+        exceed = f"{100 * CONFIDENT:g} % of all phases do not exceed."
+        note += f" Each draw has random phases; the exact peak has phases that {exceed}"
     head = ("direction", "exact", "5 to 95 % of the draws")
     yield Table("Largest vibration [mm]", head, rows, ("", ".3f", ""), note)
 
@@ -409,7 +367,7 @@ def contribution_words(diagnosis: Diagnosis) -> str:
     if over is None:
         return ""
     way = int(over.worst.argmax())
-    least = LITTLE * over.worst[way]
+    least = 0.005 * over.worst[way]
     motion, imbalance, error = (
         f"below {rounded(MM * least, 1)} mm" if part < least else f"{rounded(MM * part)} mm"
         for part in over.division[:, way]
@@ -430,29 +388,21 @@ def _sensitivities_result(diagnosis: Diagnosis) -> str:
 def _sensitivities(diagnosis: Diagnosis) -> Iterator[Part]:
     sensitivities = diagnosis.sensitivities
     column = int(np.argmax(sensitivities.amplitude))
-    order = sensitivities.order[:3]
-    percents = ", ".join(f"{sensitivities.elasticity[i, column]:+.2g}" for i in order)
+    percents = ", ".join(f"{sensitivities.elasticity[i, column]:+.2g}" for i in sensitivities.order[:3])
     yield (
-        f"The vibration is largest in {'xyz'[column]}. It depends most on "
-        f"{joined([sensitivities.paths[i] for i in order])}: {percents} % per percent of the number."
+        f"The vibration is largest in {'xyz'[column]}. It depends {_sensitivities_result(diagnosis)}: {percents} % per "
+        "percent of the number."
     )
     yield "Drive ratios and masses shift a resonance along the path; they can rarely be chosen."
-    shown = sensitivities.order[:SENSITIVITIES]
-    rows = tuple(
-        (
-            sensitivities.paths[i],
-            sensitivities.present[i],
-            *(
-                f"{value:+.2f}{UNSURE * bool(unsure)}"
-                for value, unsure in zip(sensitivities.elasticity[i], sensitivities.unsure[i], strict=True)
-            ),
-        )
-        for i in shown
-    )
+    shown, rows = sensitivities.order[:SENSITIVITIES], []
+    for i in shown:
+        pairs = zip(sensitivities.elasticity[i], sensitivities.unsure[i], strict=True)
+        ways = (f"{value:+.2f}{UNSURE * bool(unsure)}" for value, unsure in pairs)
+        rows.append((sensitivities.paths[i], sensitivities.present[i], *ways))
     head = ("number", "now [SI]", "x [% per %]", "y [% per %]", "z [% per %]")
     note = "At the present values, for small changes."
     note += f" {UNSURE}: {unsure_words()}." if sensitivities.unsure[shown].any() else ""
-    yield Table("Sensitivities, the strongest first", head, rows, ("", ".4g", "", "", ""), note)
+    yield Table("Sensitivities, the strongest first", head, tuple(rows), ("", ".4g", "", "", ""), note)
 
 
 def _remedies_result(diagnosis: Diagnosis) -> str:
@@ -462,27 +412,15 @@ def _remedies_result(diagnosis: Diagnosis) -> str:
 
 def _remedies(diagnosis: Diagnosis) -> Iterator[Part]:
     yield f"{_remedies_result(diagnosis)}."
-    moved = (
-        f" mass centres of the last joint's bodies moved by {100 * MOVED:g} % of their length,"
-        if diagnosis.task.centres
-        else ""
-    )
+    moved = f" mass centres of the last joint's bodies moved by {100 * MOVED:g} % of their length,"
     yield (
-        f"Tried: torsional stiffness from 1/{STIFFER:g} to {STIFFER:g} times,{moved} speeds from half to one and a "
-        "half times, not above full speed. These ranges are assumed."
+        f"Tried: torsional stiffness from 1/{STIFFER:g} to {STIFFER:g} times,{moved * bool(diagnosis.task.centres)} "
+        "speeds from half to one and a half times, not above full speed. These ranges are assumed."
     )
-    rows = tuple(
-        (
-            str(rank),
-            change_words(remedy),
-            MM * remedy.largest,
-            f"{100 * remedy.keeps.share:.3g} %",
-            remedy.frequency,
-            MM * remedy.deflection,
-            remedy.change_norm,
-        )
-        for rank, remedy in enumerate(diagnosis.remedies, 1)
-    )
+    rows = []
+    for rank, each in enumerate(diagnosis.remedies, 1):
+        numbers = f"{100 * each.keeps.share:.3g} %", each.frequency, MM * each.deflection, each.change_norm
+        rows.append((str(rank), change_words(each), MM * each.largest, *numbers))
     head = ("rank", "change", "vibration [mm]", "keeps limit", "first mode [Hz]", "deflection [mm]", "size [-]")
     note = (
         "Ranking: what keeps the limit first (torsion, then mass centres, then speed; the smallest change of each), "
@@ -490,7 +428,7 @@ def _remedies(diagnosis: Diagnosis) -> Iterator[Part]:
         "mode and deflection are side effects, the worse of both ends of the motion."
     )
     strong = tuple(i for i, remedy in enumerate(diagnosis.remedies) if remedy.meets_limit)
-    yield Table("Remedies", head, rows, ("", "", ".3f", "", ".2f", ".1f", ".2f"), note, strong)
+    yield Table("Remedies", head, tuple(rows), ("", "", ".3f", "", ".2f", ".1f", ".2f"), note, strong)
 
 
 def _verification_result(diagnosis: Diagnosis) -> str:
@@ -509,41 +447,25 @@ def _verification(diagnosis: Diagnosis) -> Iterator[Part]:
         "The first remedy is simulated by the exact equations, and with fresh draws that had no part in choosing it; "
         f"if it does not hold, the next one, {VERIFIED} at most."
     )
-    rows = tuple(
-        (
-            change_words(tried),
-            f"{MM * check.largest:.3g}",
-            "kept" if check.largest <= check.limit else "NOT kept",
-            f"{check.keeps.count} of {check.keeps.draws}",
-            chance_words(check.keeps),
-        )
-        for tried, check in zip(diagnosis.remedies, verifications, strict=False)
-    )
+    rows = []
+    for tried, check in zip(diagnosis.remedies, verifications, strict=False):
+        kept = f"{check.keeps.count} of {check.keeps.draws}", chance_words(check.keeps)
+        limit = "kept" if check.largest <= check.limit else "NOT kept"
+        rows.append((change_words(tried), f"{MM * check.largest:.3g}", limit, *kept))
     note = f"Probability: 95 % interval; {100 * CONFIDENT:g} % is required of the draws."
     if len(verifications) > 1:
         note += " All were verified with the same draws, so the draws have had a part in choosing among them."
     head = ("change", "exact [mm]", "limit", "kept by draws", "probability")
-    yield Table("Verified remedies", head, rows, note=note)
-    changes: tuple[tuple[Cell, ...], ...] = tuple(
-        (
-            path,
-            *(in_shown_unit(path, number)[0] for number in (remedy.before[path], value)),
-            f"x {value / remedy.before[path]:.3f}"
-            if is_stiffness(path)
-            else f"{MM * (value - remedy.before[path]):+.1f} mm",
-            in_shown_unit(path, 1.0)[1],
-        )
-        for path, value in remedy.values.items()
-    )
+    yield Table("Verified remedies", head, tuple(rows), note=note)
+    changes: list[tuple[Cell, ...]] = []
+    for path, value in remedy.values.items():
+        now, unit = in_shown_unit(path, remedy.before[path])
+        moved = f"{MM * (value - remedy.before[path]):+.1f} mm"
+        change = f"x {value / remedy.before[path]:.3f}" if is_stiffness(path) else moved
+        changes.append((path, now, in_shown_unit(path, value)[0], change, unit))
     if changes:
         title = "What to change" if verified.holds else "What the first of them changes"
-        yield Table(title, ("number", "now", "after", "change", "unit"), changes, ("", ".4g", ".4g", "", ""))
-
-
-def binomial_words(estimate: BinomialEstimate, phases: bool = False) -> str:
-    """Say how many draws keep a limit, with the interval of the probability, and whether phases are drawn as well."""
-    kept = f"{estimate.count} of {estimate.draws} draws of the posterior{' and of the phases' * phases}"
-    return f"{kept} (95 % interval of the probability: {chance_words(estimate)})"
+        yield Table(title, ("number", "now", "after", "change", "unit"), tuple(changes), ("", ".4g", ".4g", "", ""))
 
 
 @dataclass(frozen=True)

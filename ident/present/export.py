@@ -1,6 +1,7 @@
 """What was identified, as a comment in a robot description; what is said of an explored arm and of a rerun."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from ident.arm.arm import Arm, stiffness_paths
@@ -41,12 +42,12 @@ def _numbers(arm: Arm, found: Identified) -> Iterator[str]:
     own = set(arm.paths())
     for path in (*bushings, *(path for path in found.values if path in own and path not in bushings)):
         text = f"{path} = {float(arm.get(path)):.6g} {unit_of(path)}"
-        if path not in found.values:
-            yield f"{text}, not fitted"
-        else:
+        if path in found.values:
             low, high = found.intervals[path]
             weak = "" if path in found.supported else ", which the data do not support"
             yield f"{text}, 95 % interval {low:.4g} to {high:.4g}{weak}"
+        else:
+            yield f"{text}, not fitted"
 
 
 # -------- Explore
@@ -75,11 +76,8 @@ def explore_sections(
     lines = [f"Sliders: {len(stiffness_paths(arm))} stiffnesses, {mass} up to {carried.largest:g} kg, {place}."]
     lines += [f"Always on the arm: {exploration.fixed}."] if exploration.fixed else []
     lines += [f"Marks of 5 to 95 % at {len(exploration.bands)} stiffnesses."] if exploration.bands else []
-    return Report(
-        f"{cut(arm.name, 60)} as a page to explore: open it in a browser",
-        answer=(*lines, *origin),
-        findings=cautions,
-    )
+    subject = f"{cut(arm.name, 60)} as a page to explore: open it in a browser"
+    return Report(subject, answer=(*lines, *origin), findings=cautions)
 
 
 def explore_rows(exploration: Exploration, *_: object) -> list[dict[str, Any]]:
@@ -112,19 +110,16 @@ def rerun_sections(repeated: Report, differences: Sequence[Difference], rows: in
         return Report(subject, Verdict("SAME", reason, "good"))
     count = len(differences)
     reason = f"{counted(count, 'number')} do{'es' * (count == 1)} not agree with the file {within}."
-    table, hidden = _differences(differences[:SHOWN_OF_RERUN]), count - SHOWN_OF_RERUN
+    cells = tuple((str(each.row + 1), each.column, _cell(each.before), _cell(each.now)) for each in differences)
+    every, hidden = Table("", ("row", "column", "in the file", "now"), cells), count - SHOWN_OF_RERUN
+    table = replace(every, rows=cells[:SHOWN_OF_RERUN])
     return Report(
         subject,
         Verdict("DIFFERENT", reason, "bad"),
         (table, *([f"{hidden} more numbers differ."] if hidden > 0 else [])),
         (Finding("inputs and options are those of the file", "compare the versions under `software` in the file"),),
-        details=(Section("All differences", (_differences(differences),)),) if hidden > 0 else (),
+        details=(Section("All differences", (every,)),) if hidden > 0 else (),
     )
-
-
-def _differences(differences: Sequence[Difference]) -> Table:
-    rows = tuple((str(each.row + 1), each.column, _cell(each.before), _cell(each.now)) for each in differences)
-    return Table("", ("row", "column", "in the file", "now"), rows)
 
 
 def _cell(value: Any) -> str:

@@ -14,7 +14,18 @@ from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information, hal
 from ident.inference.optima import unmet
 from ident.inference.parameters import Parameter
 from ident.measure import KINDS
-from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power, written
+from ident.present.report import (
+    Cell,
+    Finding,
+    Report,
+    Section,
+    Table,
+    Verdict,
+    cut,
+    short_power,
+    without_empty_columns,
+    written,
+)
 from ident.present.warnings import (
     agreement,
     asked_for,
@@ -24,6 +35,7 @@ from ident.present.warnings import (
     drive_states,
     explanation_section,
     hysteresis,
+    kinds_agree,
     leading_explanations,
     odd_numbers,
     untestable,
@@ -41,12 +53,12 @@ from ident.present.words import (
     in_shown_unit,
     is_length,
     is_stiffness,
-    kinds_in_words,
     percent,
     priors_in_words,
     read_unit,
     scatter,
     sentence,
+    shared_unit,
     shares,
     size_in_words,
     unit_of,
@@ -62,8 +74,6 @@ FARTHEST = 24
 """Those that are listed of more."""
 LISTED = 12
 """Optima that are listed at most."""
-LEAST_COST = 0.01
-"""Share by which an interval is widened that is worth a word."""
 FAR_OFF, OWN = 2.5, 0.1
 """Standard deviations off from which what was said of a number is doubted; the prior's share below which it is idle."""
 
@@ -71,24 +81,18 @@ FAR_OFF, OWN = 2.5, 0.1
 def fit_sections(fit: CampaignFit) -> Report:
     """Return all that is said of a fit."""
     causes = leading_explanations(fit.explanations, fit.campaign)
-    conflict = contradiction(fit.cross_predictions, fit.campaign.measurements) if fit.contradictory else ""
-    tables = (_values_table(fit), *weighty_assumptions(fit))
+    conflict = contradiction(fit.cross_predictions, fit.campaign.measurements)
+    incomplete = _determined(fit) < len(_own(fit)) or fit.doubts
+    following = "ident plan {campaign}" if incomplete else "ident validate {campaign}"
     return Report(
         _subject(fit),
         _verdict(fit),
-        (*([conflict] if conflict else []), *causes, *tables),
+        (*conflict, *causes, _values_table(fit), *weighty_assumptions(fit)),
         tuple(_findings(fit, explained=bool(causes))),
         _residuals(fit),
-        _next(fit, explained=bool(causes)),
+        "check these causes, then: ident fit {campaign}" if causes else following,
         tuple(_details(fit)),
     )
-
-
-def _next(fit: CampaignFit, *, explained: bool) -> str:
-    if explained:
-        return "check these causes, then: ident fit {campaign}"
-    incomplete = _determined(fit) < _unknown_count(fit) or fit.doubts
-    return "ident plan {campaign}" if incomplete else "ident validate {campaign}"
 
 
 def _subject(fit: CampaignFit) -> str:
@@ -112,8 +116,9 @@ def _verdict(fit: CampaignFit) -> Verdict:
     """Judge a fit: NOT USABLE in doubt or where nothing is determined, GOOD where all is, PARTLY between."""
     if refusal := refused(fit):
         return refusal
-    count, determined = _unknown_count(fit), _determined(fit)
-    quality = f"{_chi_squared(fit)}; {_uniqueness(fit)}."
+    count, determined = len(_own(fit)), _determined(fit)
+    optima = f"{len(fit.rivals) + 1} optima fit the data, met" if fit.rivals else "one optimum fits, found"
+    quality = f"{_chi_squared(fit)}; {optima} in {counted(_starts(fit), 'start')}."
     if not determined:
         of = "the unknown" if count == 1 else f"any of the {count} unknowns"
         return Verdict("NOT USABLE", f"The data alone do not determine {of}; {quality}", "bad")
@@ -145,10 +150,6 @@ def _own(fit: CampaignFit) -> list[int]:
     return np.flatnonzero(~fit.problem.parameters.nuisance).tolist()
 
 
-def _unknown_count(fit: CampaignFit) -> int:
-    return len(_own(fit))
-
-
 def _is_determined(fit: CampaignFit, i: int) -> bool:
     """Tell whether an unknown has an interval that holds one optimum alone."""
     half = half_width(0.95) * fit.information.sd[i]
@@ -165,11 +166,8 @@ def _chi_squared(fit: CampaignFit) -> str:
     return f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"
 
 
-def _uniqueness(fit: CampaignFit) -> str:
-    starts = sum(optimum.starts for optimum in fit.optima) + fit.failed
-    if fit.rivals:
-        return f"{len(fit.rivals) + 1} optima fit the data, met in {counted(starts, 'start')}"
-    return f"one optimum fits, found in {counted(starts, 'start')}"
+def _starts(fit: Fit) -> int:
+    return sum(optimum.starts for optimum in fit.optima) + fit.failed
 
 
 def _residuals(fit: CampaignFit) -> str:
@@ -187,9 +185,7 @@ def _residuals(fit: CampaignFit) -> str:
         within = f"{several} of {count} residuals too large, most of all row {row} ({z[far]:.1f} sigma)."
     if fit.contradictory or not fit.cross_predictions:
         return within
-    kinds = kinds_in_words([cross.kind for cross in fit.cross_predictions])
-    least = min(cross.p_value for cross in fit.cross_predictions)
-    return f"{within} {kinds.capitalize()} agree (p = {least:.2g})."
+    return f"{within} {kinds_agree(fit.cross_predictions)}"
 
 
 def _findings(fit: CampaignFit, *, explained: bool) -> Iterator[Finding]:
@@ -207,10 +203,9 @@ def _findings(fit: CampaignFit, *, explained: bool) -> Iterator[Finding]:
     blamed = fit.blamed_in_words
     yield from (Finding(remark) for remark in fit.remarks if not (explained and remark == blamed))
     if not fit.doubts and (trades := fit.information.trade_offs()):
-        filler = (
-            "the prior fills them" if np.isfinite(fit.information.sd).all() else "they stay where the search stopped"
-        )
-        text = f"the data do not determine {len(trades)} of {len(fit.information.directions)} combinations; {filler}"
+        known = fit.information
+        filler = "the prior fills them" if np.isfinite(known.sd).all() else "they stay where the search stopped"
+        text = f"the data do not determine {len(trades)} of {len(known.directions)} combinations; {filler}"
         yield Finding(text, "measure what `ident plan` proposes")
 
 
@@ -225,12 +220,9 @@ def _competing(fit: Fit) -> Iterator[Finding]:
         yield Finding(f"the data do not rule out {others}: chi-squared is {min(costs):.2g} larger there")
     if fit.rivals:
         expected = unmet(fit.optima)
-        if np.isfinite(expected):
-            yield Finding(
-                f"{expected:.1f} more optima like them are expected; intervals reach over all that were found"
-            )
-        else:
-            yield Finding("the optima were met too seldom to say how many more there are", "try more --starts")
+        text = f"{expected:.1f} more optima like them are expected; intervals reach over all that were found"
+        seldom = Finding("the optima were met too seldom to say how many more there are", "try more --starts")
+        yield Finding(text) if np.isfinite(expected) else seldom
 
 
 # -------- Values
@@ -239,13 +231,11 @@ def _competing(fit: Fit) -> Iterator[Finding]:
 def _values_table(fit: CampaignFit) -> Table:
     """Return each value with its interval, or why it has none."""
     items, own = fit.problem.parameters.items, _own(fit)
-    units = {in_shown_unit(items[i].name, 1.0)[1] for i in own}
-    single = f" [{units.pop()}]" if len(units) == 1 else ""
-    head = ("Stiffness" if all(is_stiffness(items[i].name) for i in own) else "Unknown", f"value{single}")
-    rows = tuple(_value_row(fit, i, with_unit=not single) for i in own)
-    every = (*head, "95 % interval", "std. error", "arm file")
-    shown = [j for j in range(len(every)) if any(row[j] for row in rows)]
-    return Table("", tuple(every[j] for j in shown), tuple(tuple(row[j] for j in shown) for row in rows))
+    unit = shared_unit(items[i].name for i in own)
+    what = "Stiffness" if all(is_stiffness(items[i].name) for i in own) else "Unknown"
+    rows = tuple(_value_row(fit, i, with_unit=not unit) for i in own)
+    head = (what, f"value{unit}", "95 % interval", "std. error", "arm file")
+    return without_empty_columns(Table("", head, rows))
 
 
 def _value_row(fit: CampaignFit, i: int, *, with_unit: bool) -> tuple[Cell, ...]:
@@ -324,16 +314,16 @@ def _intervals_section(fit: CampaignFit) -> Section:
     rows = []
     for i in _own(fit):
         item, value = fit.problem.parameters.items[i], float(fit.best.values[i])
-        number, unit = in_shown_unit(item.name, value)
-        ends = ("", "") if why_no_interval(fit, i) else (_end(item, value, end) for end in fit.interval()[i])
-        rows.append((item.name, number, unit, *ends, why_no_interval(fit, i) or "95 %"))
+        why = why_no_interval(fit, i)
+        ends = ("", "") if why else (_end(item, value, end) for end in fit.interval()[i])
+        rows.append((item.name, *in_shown_unit(item.name, value), *ends, why or "95 %"))
     head = ("unknown", "value", "unit", "low end", "high end", "interval")
     meaning = (
         "not determined: the data alone do not determine it; the value leans on the prior. weakly determined: known by "
         f"the data alone to no better than a factor of {math.exp(WEAK_ABOVE):.2g} (std. error). not reported: data and "
         "model would give an interval, but the fit is in doubt."
     )
-    named = any(why_no_interval(fit, i) for i in _own(fit))
+    named = any(row[-1] != "95 %" for row in rows)
     table = Table("", head, tuple(rows), ("", ".4g", "", "", "", ""), meaning if named else "")
     return Section("Fitted values", (table, sentence(_chi_squared(fit))))
 
@@ -414,9 +404,7 @@ def _uncertain_numbers(fit: CampaignFit) -> Iterator[Section]:
 def _known_to(item: Parameter, sd: float) -> str:
     if not np.isfinite(sd):
         return "free"
-    if item.positive:
-        return f"{100 * sd:.2g} %"
-    return size_in_words(item, sd)
+    return f"{100 * sd:.2g} %" if item.positive else size_in_words(item, sd)
 
 
 def _cost(fit: CampaignFit, i: int) -> str:
@@ -425,7 +413,7 @@ def _cost(fit: CampaignFit, i: int) -> str:
     shared = np.where(own, np.nan_to_num(known.correlation[i]), 0.0)
     worst = int(np.argmax(np.abs(shared)))
     wider = (1 - shared[worst] ** 2) ** -0.5 - 1
-    return f"{known.names[worst]} by {100 * wider:.2g} %" if wider >= LEAST_COST else "hardly anything"
+    return f"{known.names[worst]} by {100 * wider:.2g} %" if wider >= 0.01 else "hardly anything"
 
 
 def _advice(item: Parameter, known: Information, i: int, off: float) -> str:
@@ -444,38 +432,33 @@ def _origins(fit: CampaignFit) -> Section:
     known, items = fit.information, fit.problem.parameters.items
     rows = []
     for i in _own(fit):
-        (now, unit), (start, _) = (
-            in_shown_unit(items[i].name, number) for number in (float(fit.best.values[i]), float(items[i].start))
-        )
-        rows.append((items[i].name, now, start, unit, now / start if start else None, *shares(known, i)))
+        name, (now, unit) = items[i].name, in_shown_unit(items[i].name, float(fit.best.values[i]))
+        start, _ = in_shown_unit(name, float(items[i].start))
+        rows.append((name, now, start, unit, now / start if start else None, *shares(known, i)))
     head = ("unknown", "fitted", "arm file", "unit", "ratio", "data", "own prior", "data with other priors")
     notes = [f"Prior: {prior}." for prior in priors_in_words([items[i] for i in _own(fit)])]
     if not any(item.name.endswith((".tau_bend", ".tau_tors")) for item in items):
         times = [float(tau) for j in fit.arm.joints for tau in (j.tau_bend, j.tau_tors)]
         span = f"{min(times):.2g} to {max(times):.2g} s"
         notes.append(f"Damping was not fitted; the arm file's is {span} times the stiffness.")
-    if worst := _worst_correlation(known):
-        notes.append(f"Largest correlation: {worst}.")
+    correlation = np.triu(np.nan_to_num(known.correlation), 1)
+    one, other = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
+    if correlation[one, other]:
+        names = f"{known.names[one]} and {known.names[other]}"
+        notes.append(f"Largest correlation: {correlation[one, other]:+.2f} between {names}.")
     table = Table("", head, tuple(rows), ("", ".5g", ".4g", "", ".3g", ".0%", ".0%", ".0%"))
     return Section("Where the information comes from", (table, *notes))
 
 
-def _worst_correlation(known: Information) -> str:
-    correlation = np.triu(np.nan_to_num(known.correlation), 1)
-    i, j = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
-    return f"{correlation[i, j]:+.2f} between {known.names[i]} and {known.names[j]}" if correlation[i, j] else ""
-
-
 def _optima(fit: Fit) -> Section:
     """Return the optima, the answer first."""
-    tried = sum(o.starts for o in fit.optima) + fit.failed
     failed = f"; {fit.failed} starts reached none" if fit.failed else ""
     first = f"; the first {LISTED} of them" if len(fit.optima) > LISTED else ""
     rows = []
     for i, optimum in enumerate(fit.optima[:LISTED]):
         note = ("undetermined" if len(optimum.open) else "") if optimum.converged else "not converged"
         values = " ".join(short_power(f"{value:.4g}") for value in optimum.values)
-        name = "answer" if i == 0 else "other"
+        name = "other" if i else "answer"
         rows.append((name, optimum.score, round(optimum.said, 3) + 0.0, optimum.starts, note, values))
     head = ("optimum", "score", "label cost", "starts", "", "values [SI], in the order of the unknowns")
     note = "score: chi-squared of data and priors plus label cost."
@@ -483,7 +466,7 @@ def _optima(fit: Fit) -> Section:
         count = f"{len(fit.best.open)} of {len(fit.best.theta)} combinations"
         note += f" Along {count} the score stays flat, or still falls, over several e-folds."
     table = Table("", head, tuple(rows), ("", "#.4g", ".3g", "d", "", ""), note)
-    return Section(f"Optima: {len(fit.optima)} found from {counted(tried, 'start')}{failed}{first}", (table,))
+    return Section(f"Optima: {len(fit.optima)} found from {counted(_starts(fit), 'start')}{failed}{first}", (table,))
 
 
 # -------- Rows

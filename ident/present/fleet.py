@@ -9,8 +9,8 @@ import numpy as np
 from ident.identify.fleet import FEWEST, Fleet, Robot
 from ident.inference.population import FALSE_ALARM, LARGEST_K, LEAST_EFFECTIVE, Population
 from ident.present.compare import ratio_words, stiffness_words
-from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut, short_power
-from ident.present.words import MOST_ROWS, counted, in_shown_unit, percent, sentence, span, unit_of
+from ident.present.report import Finding, Report, Section, Table, Verdict, cut, short_power, without_empty_columns
+from ident.present.words import counted, in_shown_unit, percent, sentence, some, span, unit_of
 from ident.text import one_line
 
 LISTED = 20
@@ -31,21 +31,16 @@ def fleet_sections(fleet: Fleet) -> Report:
     counts += [f"{len(fleet.failed)} failed"] * bool(fleet.failed)
     counts += [f"{len(fleet.doubted)} with data in doubt"] * bool(fleet.doubted)
     stiffnesses = f", {len(fleet.names)} stiffnesses each" if fleet.names else ""
+    clearest = [_clearest(fleet)] if fleet.standing_out else []
+    population = [population_table(fleet, fleet.population)] if fleet.population else []
     return Report(
         f"Fleet of {counted(len(fleet.robots), 'robot')}{stiffnesses}: {', '.join(counts)}",
         _verdict(fleet),
-        tuple(_answer(fleet)),
+        (*clearest, *population),
         tuple(_findings(fleet)),
         next=_next(fleet),
         details=tuple(_details(fleet)),
     )
-
-
-def _answer(fleet: Fleet) -> Iterator[Table]:
-    if fleet.standing_out:
-        yield _clearest(fleet)
-    if fleet.population:
-        yield population_table(fleet, fleet.population)
 
 
 def member(fleet: Fleet, place: int) -> Robot:
@@ -68,41 +63,32 @@ def _change(population: Population, r: int, i: int) -> str:
     return ratio_words(float(population.robot_mean[r, i] - population.next_mean[i]))
 
 
-def _some(names: Sequence[str], most: int = MOST_ROWS, length: int = 30) -> str:
-    more = len(names) - most
-    return ", ".join(cut(name, length) for name in names[:most]) + (f" and {more} more" if more > 0 else "")
-
-
 # -------- Verdict
 
 
 def _verdict(fleet: Fleet) -> Verdict:
     """Judge a fleet: NO POPULATION, n OF m STAND OUT, INCOMPLETE where robots are left out, else NONE STANDS OUT."""
-    others = f" Failed: {_some([robot.name for robot in fleet.failed])}." if fleet.failed else ""
-    others += f" Data in doubt: {_some([robot.name for robot in fleet.doubted])}." if fleet.doubted else ""
+    groups = {"Failed": fleet.failed, "Data in doubt": fleet.doubted}
+    others = "".join(
+        f" {word}: {some([cut(each.name, 30) for each in robots])}." for word, robots in groups.items() if robots
+    )
     if fleet.population is None:
         few = f"A population takes {FEWEST} robots with usable data; there are {len(fleet.members)}."
         return Verdict("NO POPULATION", few + others, "bad")
     out, count = outlying(fleet), len(fleet.members)
     if out:
-        who = _some([f"{cut(member(fleet, r).name, 30)} ({words})" for r, words in out.items()], length=90)
+        who = some([cut(f"{cut(member(fleet, r).name, 30)} ({words})", 90) for r, words in out.items()])
         word = f"{len(out)} OF {count} {'STANDS' if len(out) == 1 else 'STAND'} OUT"
         return Verdict(word, f"Against the fleet's median: {who}.{others}", "caution")
-    known = f"Largest deviation of {count} robots: {_largest(fleet, fleet.population)}."
-    return (
-        Verdict("INCOMPLETE", f"No robot stands out.{others} {known}", "caution")
-        if others
-        else Verdict("NONE STANDS OUT", known, "good")
-    )
-
-
-def _largest(fleet: Fleet, population: Population) -> str:
-    """Name the stiffness that is least probable for a healthy robot."""
     judged = fleet.deviations
     assert judged is not None
     r, i = map(int, np.unravel_index(int(np.argmin(judged.p)), judged.p.shape))
-    where = f"{cut(member(fleet, r).name, 30)}, {stiffness_words(fleet.names[i])} {_change(population, r, i)}"
-    return f"{where} (p = {judged.p[r, i]:.2g}; {judged.p.size} compared)"
+    where = f"{cut(member(fleet, r).name, 30)}, {stiffness_words(fleet.names[i])} {_change(fleet.population, r, i)}"
+    largest = f"{where} (p = {judged.p[r, i]:.2g}; {judged.p.size} compared)"
+    known = f"Largest deviation of {count} robots: {largest}."
+    if others:
+        return Verdict("INCOMPLETE", f"No robot stands out.{others} {known}", "caution")
+    return Verdict("NONE STANDS OUT", known, "good")
 
 
 def _findings(fleet: Fleet) -> Iterator[Finding]:
@@ -131,28 +117,25 @@ def _others(robots: Sequence[Robot]) -> str:
 
 def _advice(fleet: Fleet, population: Population) -> Iterator[Finding]:
     """Yield what to look at on the robots that stand out."""
-    softer: list[str] = []
-    stiffer: list[str] = []
+    remedies = {
+        "softer": "check bolts, bearing, gear and belt; look for a crack",
+        "stiffer": "check what was replaced or tightened, or what rubs",
+    }
+    named: dict[str, list[str]] = {word: [] for word in remedies}
     for r, which in fleet.standing_out.items():
         for i in which:
-            which_one = f"{stiffness_words(fleet.names[i])} of {cut(member(fleet, r).name, 30)}"
-            (softer if population.robot_mean[r, i] < population.next_mean[i] else stiffer).append(which_one)
-    if softer:
-        text = f"softer than the fleet: {_some(softer, length=60)}"
-        yield Finding(text, "check bolts, bearing, gear and belt; look for a crack")
-    if stiffer:
-        text = f"stiffer than the fleet: {_some(stiffer, length=60)}"
-        yield Finding(text, "check what was replaced or tightened, or what rubs")
-
-
-def _fit_command(robot: Robot) -> str:
-    return shlex.join(["ident", "fit", one_line(robot.campaign.path), "--arm", one_line(robot.arm.path)])
+            word = "softer" if population.robot_mean[r, i] < population.next_mean[i] else "stiffer"
+            named[word].append(cut(f"{stiffness_words(fleet.names[i])} of {cut(member(fleet, r).name, 30)}", 60))
+    for word, remedy in remedies.items():
+        if named[word]:
+            yield Finding(f"{word} than the fleet: {some(named[word])}", remedy)
 
 
 def _next(fleet: Fleet) -> str:
     odd = [member(fleet, r) for r in fleet.standing_out] or [*fleet.failed, *fleet.doubted]
     if odd:
-        return _fit_command(odd[0]).replace("{", "{{").replace("}", "}}")
+        files = one_line(odd[0].campaign.path), "--arm", one_line(odd[0].arm.path)
+        return shlex.join(["ident", "fit", *files]).replace("{", "{{").replace("}", "}}")
     return "ident fit CAMPAIGN $(cat FLEET.fleet.prior)" if fleet.population else ""
 
 
@@ -198,9 +181,7 @@ def population_table(fleet: Fleet, population: Population) -> Table:
         rows.append((name, middle, short_power(span(low, high)), spread, f"{least} to {most}", wide))
     unit = in_shown_unit(fleet.names[0], 1.0)[1]
     head = (f"Population [{unit}]", "median", "95 % interval", "spread", "95 % interval", "")
-    shown = len(head) - (not any(row[-1] for row in rows))
-    forms = ("", ".4g", "", "", "", "")
-    return Table("", head[:shown], tuple(row[:shown] for row in rows), forms[:shown])
+    return without_empty_columns(Table("", head, tuple(rows), ("", ".4g", "", "", "", "")))
 
 
 def against_median(population: Population, r: int) -> tuple[str, ...]:
@@ -223,23 +204,29 @@ AGAINST_NOTE = "By the robot's own data and the fleet's (shrunk). ±: standard e
 
 def _details(fleet: Fleet) -> Iterator[Section]:
     if fleet.standing_out and fleet.population:
-        yield _standing_out(fleet)
+        listed = list(fleet.standing_out.items())[:LISTED]
+        rows = tuple((cut(member(fleet, r).name, 32), *_judged(fleet, r, i)) for r, which in listed for i in which)
+        table = [Table("", ("robot", *JUDGED), rows)] if len(rows) > len(listed) else []
+        yield Section("Robots that stand out", (*table, what_stands_out()))
     if fleet.population:
         yield Section("Population", tuple(trust_in(fleet, fleet.population)))
     if fleet.failed:
-        yield Section("Failed", tuple(_failed(fleet)))
+        errors = [(robot.name, robot.error.splitlines()) for robot in fleet.failed]
+        lines = [
+            f"{cut(name, 30)}: {first}" + f" (and {len(more)} more)" * bool(more) for name, (first, *more) in errors
+        ]
+        yield Section("Failed", _listed(lines))
     if fleet.doubted:
-        yield Section("Data in doubt, left out of the population", tuple(_doubted(fleet)))
+        lines = [f"{cut(robot.name, 30)}: {sentence('; '.join(robot.doubts))}" for robot in fleet.doubted]
+        yield Section("Data in doubt, left out of the population", _listed(lines))
     if fleet.population:
         yield _against(fleet, fleet.population)
         yield priors_section(fleet)
 
 
-def _standing_out(fleet: Fleet) -> Section:
-    listed = list(fleet.standing_out.items())[:LISTED]
-    rows = tuple((cut(member(fleet, r).name, 32), *_judged(fleet, r, i)) for r, which in listed for i in which)
-    table = [Table("", ("robot", *JUDGED), rows)] if len(rows) > len(listed) else []
-    return Section("Robots that stand out", (*table, what_stands_out()))
+def _listed(lines: Sequence[str]) -> tuple[str, ...]:
+    more = len(lines) - LISTED
+    return (*lines[:LISTED], *([f"and {more} more"] if more > 0 else []))
 
 
 def what_stands_out() -> str:
@@ -270,23 +257,8 @@ def trust_in(fleet: Fleet, population: Population) -> Iterator[str]:
     else:
         yield f"Likelihood of each robot: {normal}."
     if trusted and population.normal:
-        names = _some([member(fleet, r).name for r in population.normal], LISTED)
+        names = some([cut(member(fleet, r).name, 30) for r in population.normal], LISTED)
         yield f"The weights of {names} cannot be trusted: {normal} is used there."
-
-
-def _failed(fleet: Fleet) -> Iterator[Part]:
-    for robot in fleet.failed[:LISTED]:
-        first, *others = robot.error.splitlines()
-        yield f"{cut(robot.name, 30)}: {first}" + (f" (and {len(others)} more)" if others else "")
-    if len(fleet.failed) > LISTED:
-        yield f"and {len(fleet.failed) - LISTED} more"
-
-
-def _doubted(fleet: Fleet) -> Iterator[Part]:
-    for robot in fleet.doubted[:LISTED]:
-        yield f"{cut(robot.name, 30)}: {sentence('; '.join(robot.doubts))}"
-    if len(fleet.doubted) > LISTED:
-        yield f"and {len(fleet.doubted) - LISTED} more"
 
 
 def _against(fleet: Fleet, population: Population) -> Section:
@@ -304,12 +276,8 @@ def _against(fleet: Fleet, population: Population) -> Section:
 
 def priors_section(fleet: Fleet) -> Section:
     """Return the fleet's prediction of the next robot, as priors of its fit."""
-    table = Table(
-        "",
-        ("stiffness", "prior [SI]"),
-        tuple(fleet_priors(fleet).items()),
-        note="As `ident fit --prior=STIFFNESS=PRIOR` takes them; FLEET.fleet.prior holds these flags.",
-    )
+    note = "As `ident fit --prior=STIFFNESS=PRIOR` takes them; FLEET.fleet.prior holds these flags."
+    table = Table("", ("stiffness", "prior [SI]"), tuple(fleet_priors(fleet).items()), note=note)
     return Section("Prediction of the next robot, before its data", (table,))
 
 
@@ -321,23 +289,22 @@ def fleet_rows(fleet: Fleet) -> list[dict[str, Any]]:
     population, judged = fleet.population, fleet.deviations
     if population is None or judged is None:
         return []
-    middle = population.next_mean
+    robots = [fleet.robots[place] for place in fleet.members]
+    columns = {
+        "own": np.exp([robot.theta for robot in robots]),
+        "own_sd_log": np.array([robot.sd for robot in robots]),
+        "shrunk": np.exp(population.robot_mean),
+        "shrunk_sd_log": population.robot_sd,
+        "against_fleet_log": population.robot_mean - population.next_mean,
+        "against_others_log": judged.difference,
+        "healthy_sd_log": judged.sd,
+        "chance_if_healthy": judged.p,
+    }
     return [
-        {
-            "robot": fleet.robots[place].name,
-            "parameter": name,
-            "unit": unit_of(name),
-            "own": float(np.exp(fleet.robots[place].theta[i])),
-            "own_sd_log": float(fleet.robots[place].sd[i]),
-            "shrunk": float(np.exp(population.robot_mean[r, i])),
-            "shrunk_sd_log": float(population.robot_sd[r, i]),
-            "against_fleet_log": float(population.robot_mean[r, i] - middle[i]),
-            "against_others_log": float(judged.difference[r, i]),
-            "healthy_sd_log": float(judged.sd[r, i]),
-            "chance_if_healthy": float(judged.p[r, i]),
-            "stands_out": i in fleet.standing_out.get(r, ()),
-        }
-        for r, place in enumerate(fleet.members)
+        {"robot": robot.name, "parameter": name, "unit": unit_of(name)}
+        | {column: float(numbers[r, i]) for column, numbers in columns.items()}
+        | {"stands_out": i in fleet.standing_out.get(r, ())}
+        for r, robot in enumerate(robots)
         for i, name in enumerate(fleet.names)
     ]
 

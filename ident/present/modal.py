@@ -3,6 +3,7 @@
 import math
 import shlex
 from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,8 @@ from ident.assess.modal import IdentifiedModes, Labelled, NamedModes
 from ident.measure import Campaign
 from ident.measure.covariance_and_frames import Reproducibility
 from ident.modal.ambient import AmbientTest
-from ident.modal.frf import ModalTest
-from ident.modal.modes import Modes
+from ident.modal.frf import Check, ModalTest
+from ident.modal.modes import Modes, Ratio
 from ident.modal.operational import DECAYS, OperationalModes
 from ident.modal.sources import POLE, FinishedTest
 from ident.present.report import Cell, Finding, Part, Report, Section, Table, Verdict, cut
@@ -41,14 +42,15 @@ def modal_sections(
     rows = tuple(_mode_rows(every, modes, reproducibility))
     head = ("posture [deg]", "mode", "frequency [Hz]", "std. error", "damping [%]", "std. error", "MAC")
     forms = ("", "", ".4f", ".4f", ".3f", ".3f", ".2f")
+    file = shlex.quote(f"out/{campaign.name}.csv").replace("{", "{{").replace("}", "}}") if campaign else ""
     return Report(
         _subject(tests, finished, modes),
         _verdict(tests, identified),
         (Table("", head, rows, forms),) if rows else (),
-        tuple(_findings(tests, identified, finished, named, reproducibility)),
+        tuple(_findings(tests, identified, every, modes, reproducibility)),
         "",
-        f"ident check {_file(campaign.name)} --arm {{arm}}" if campaign else "",
-        tuple(_details(tests, identified, finished, named, campaign, reproducibility)),
+        f"ident check {file} --arm {{arm}}" if campaign else "",
+        tuple(_details(every, modes, campaign, reproducibility)),
     )
 
 
@@ -62,9 +64,8 @@ def _subject(
         parts.append(f"Hammer test at {counted(len(hammer), 'posture')}: {hits} hits accepted, {rejected} rejected")
     if ambient:
         duration = sum(test.correlations.duration for test in ambient)
-        parts.append(
-            f"Ambient test at {counted(len(ambient), 'posture')}: {duration:.0f} s of responses without a force"
-        )
+        where = counted(len(ambient), "posture")
+        parts.append(f"Ambient test at {where}: {duration:.0f} s of responses without a force")
     if finished:
         count = sum(len(test.modes.frequency) for test in finished)
         parts.append(f"Finished modes: {count} in {counted(len(finished), 'file')}")
@@ -92,36 +93,34 @@ def _verdict(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[Iden
         return Verdict("NOT CONVERGED", "The search for the most probable modes has not ended.", "bad")
     failed = [check for check in checks if not check.good]
     parts = []
-    if failed:
-        worst = max(failed, key=lambda check: check.value / check.limit)
-        places = " and ".join(map(place_in_words, worst.places))
-        parts.append(
-            f"{len(failed)} of {counted(len(checks), 'check')} fail{'s' * (len(failed) == 1)}, most of all "
-            f"{worst.name}, {places}: {100 * worst.value:.1f} % (limit {100 * worst.limit:.0f} %)"
-        )
-    elif checks:
-        worst = max(checks, key=lambda check: check.value / check.limit)
-        parts.append(
-            f"all {len(checks)} driving-point and reciprocity checks pass (largest {100 * worst.value:.1f} %, limit "
-            f"{100 * worst.limit:.0f} %)"
-        )
+    if checks:
+        worst = max(failed or checks, key=lambda check: check.value / check.limit)
+        size, limit = f"{100 * worst.value:.1f} %", f"limit {100 * worst.limit:.0f} %"
+        passed = f"all {len(checks)} driving-point and reciprocity checks pass (largest {size}, {limit})"
+        fail = f"{len(failed)} of {counted(len(checks), 'check')} fail{'s' * (len(failed) == 1)}, most of all "
+        parts.append(f"{fail}{worst.name}, {_places(worst)}: {size} ({limit})" if failed else passed)
     if ratios:
         ratio = max(ratios, key=lambda ratio: abs(math.log(max(ratio.value, 1e-300))))
-        low, high = ratio.band
-        where = "outside" if ratio.doubtful else "within"
-        parts.append(f"hit scatter {ratio.value:.2f} times the expected variance, {where} {low:.2f} to {high:.2f}")
+        parts.append(f"hit scatter {ratio.value:.2f} times the expected variance, {_band(ratio)}")
     if short:
         fewest = min(short, key=lambda modes: modes.decays)
-        parts.append(
-            f"each of {fewest.blocks} blocks has {fewest.decays:.1f} decay times of the slowest mode (at least "
-            f"{DECAYS:g} needed)"
-        )
+        decays = f"{fewest.decays:.1f} decay times of the slowest mode (at least {DECAYS:g} needed)"
+        parts.append(f"each of {fewest.blocks} blocks has {decays}")
     if not parts:
         unchecked = "no driving point and no reciprocal pair were measured" if tests else "no recordings, only modes"
         return Verdict("NOT CHECKED", f"There is nothing to check the modes by: {unchecked}.", "caution")
     doubtful = failed or any(each.modes.doubtful for each in identified)
-    return Verdict(*(("DOUBTFUL", sentence("; ".join(parts)), "bad") if doubtful else
-                     ("GOOD", sentence("; ".join(parts)), "good")))  # fmt: skip
+    reason = sentence("; ".join(parts))
+    return Verdict("DOUBTFUL", reason, "bad") if doubtful else Verdict("GOOD", reason, "good")
+
+
+def _places(check: Check) -> str:
+    return " and ".join(map(place_in_words, check.places))
+
+
+def _band(ratio: Ratio) -> str:
+    low, high = ratio.band
+    return f"{'outside' if ratio.doubtful else 'within'} {low:.2f} to {high:.2f}"
 
 
 def _all_converged(identified: Sequence[IdentifiedModes]) -> bool:
@@ -131,8 +130,8 @@ def _all_converged(identified: Sequence[IdentifiedModes]) -> bool:
 def _findings(
     tests: Sequence[ModalTest | AmbientTest],
     identified: Sequence[IdentifiedModes],
-    finished: Sequence[FinishedTest],
-    named: Sequence[NamedModes],
+    every: Sequence[AnyTest],
+    modes: Sequence[Labelled],
     reproducibility: Reproducibility | None,
 ) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
@@ -141,45 +140,35 @@ def _findings(
     for number, test in enumerate(tests, 1):
         for check in test.checks if isinstance(test, ModalTest) else ():
             if not check.good:
-                places = " and ".join(map(place_in_words, check.places))
                 size = f"{100 * check.value:.1f} % (at most {100 * check.limit:.0f} %)"
-                yield Finding(f"posture {number}: {check.name}, {places}: {size}", check.remedy)
+                yield Finding(f"posture {number}: {check.name}, {_places(check)}: {size}", check.remedy)
     if any(isinstance(each.modes, Modes) and each.modes.doubtful for each in identified):
-        yield Finding(
-            "the hits scatter otherwise than their noise says, so the std. errors are in doubt",
-            "hit at the same place and in the same direction each time; look for loose sensors",
-        )
+        text = "the hits scatter otherwise than their noise says, so the std. errors are in doubt"
+        yield Finding(text, "hit at the same place and in the same direction each time; look for loose sensors")
     remarks = _remarks(tests, identified)
-    for text, where in remarks.items():
-        if text.startswith(WARNING):
-            yield Finding(_at(text.removeprefix(WARNING), where, len(tests)))
-    yield from _unnamed([*tests, *finished], [*identified, *named])
+    for remark, where in remarks.items():
+        if remark.startswith(WARNING):
+            yield Finding(where + remark.removeprefix(WARNING))
+    yield from _unnamed(every, modes)
     yield from _rejected(_hammer(tests))
     yield from _assumed(reproducibility)
-    yield from (
-        Finding(_at(text, where, len(tests)))
-        for text, where in remarks.items()
-        if not text.startswith(WARNING) and not text.endswith(IDLE)
-    )
+    for remark, where in remarks.items():
+        if not remark.startswith(WARNING) and not remark.endswith(IDLE):
+            yield Finding(where + remark)
 
 
-def _remarks(
-    tests: Sequence[ModalTest | AmbientTest], identified: Sequence[IdentifiedModes]
-) -> dict[str, dict[int, None]]:
-    """Return the remarks on tests and modes, with the numbers of the postures to which each applies."""
-    found: dict[str, dict[int, None]] = {}
+def _remarks(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[IdentifiedModes]) -> dict[str, str]:
+    """Return the remarks on tests and modes, with the postures to which each applies, where it is not all."""
+    found: dict[str, dict[str, None]] = {}
     for number, test in enumerate(tests, 1):
         modes = identified[number - 1].modes if identified else None
         more = modes.remarks if isinstance(modes, OperationalModes) else ()
         for remark in (*test.remarks, *more):
-            found.setdefault(remark, {})[number] = None
-    return found
-
-
-def _at(text: str, where: dict[int, None], count: int) -> str:
-    if len(where) == count:
-        return text
-    return f"posture{'s' * (len(where) > 1)} {', '.join(map(str, where))}: {text}"
+            found.setdefault(remark, {})[str(number)] = None
+    return {
+        remark: f"posture{'s' * (len(at) > 1)} {', '.join(at)}: " if len(at) < len(tests) else ""
+        for remark, at in found.items()
+    }
 
 
 def _unnamed(tests: Sequence[AnyTest], modes: Sequence[Labelled]) -> Iterator[Finding]:
@@ -207,11 +196,13 @@ def _assumed(known: Reproducibility | None) -> Iterator[Finding]:
     """Yield that the reproducibility is assumed, where it is."""
     if known is None:
         return
-    kinds = [kind for kind, share in known.share.items() if share and kind not in known.said and
-             not known.freedom.get(kind, 0)]  # fmt: skip
-    if kinds:
-        shares = " and ".join(f"{percent(known.share[kind])} of each {kind.replace('_', ' ')}" for kind in kinds)
-        text = f"the std. errors contain an assumed reproducibility: {shares}"
+    shares = [
+        f"{percent(share)} of each {kind.replace('_', ' ')}"
+        for kind, share in known.share.items()
+        if share and kind not in known.said and not known.freedom.get(kind, 0)
+    ]
+    if shares:
+        text = f"the std. errors contain an assumed reproducibility: {' and '.join(shares)}"
         yield Finding(text, "set up and repeat the test of one posture, or give --reproducibility")
 
 
@@ -262,33 +253,25 @@ def _modes_table(each: Labelled, reproducibility: Reproducibility | None) -> Tab
 # -------- Details
 
 
-def _file(name: str) -> str:
-    """Return the campaign's file in the usual folder as a word of a command, braces doubled for `format`."""
-    return shlex.quote(f"out/{name}.csv").replace("{", "{{").replace("}", "}}")
-
-
 def _details(
-    tests: Sequence[ModalTest | AmbientTest],
-    identified: Sequence[IdentifiedModes],
-    finished: Sequence[FinishedTest],
-    named: Sequence[NamedModes],
+    every: Sequence[AnyTest],
+    modes: Sequence[Labelled],
     campaign: Campaign | None,
     reproducibility: Reproducibility | None,
 ) -> Iterator[Section]:
-    for number, test in enumerate(tests, 1):
-        each = identified[number - 1] if identified else None
+    for number, (test, each) in enumerate(zip_longest(every, modes), 1):
         state = f"{degrees(test.posture)}, {cut(str(test.load), 50)}, drives: {test.drives}"
-        parts = _ambient_test(test) if isinstance(test, AmbientTest) else _hammer_test(test)
-        modes = () if each is None else (_modes_table(each, reproducibility), *_reliance(each.modes))
-        yield Section(f"Posture {number}: {state}", (*parts, *modes))
-    for number, file in enumerate(finished):
-        state = f"{degrees(file.posture)}, {cut(str(file.load), 50)}, drives: {file.drives}"
-        places = ", ".join(map(place_in_words, file.modes.responses))
-        line = f"{counted(len(file.modes.frequency), 'mode')} at {places}; frequencies: {file.modes.of}."
-        table = (_modes_table(named[number], reproducibility),) if named else ()
-        yield Section(f"{cut(file.files[0], 40)}: {state}", (line, *table))
+        table = (_modes_table(each, reproducibility),) if each else ()
+        if isinstance(test, FinishedTest):
+            places = ", ".join(map(place_in_words, test.modes.responses))
+            line = f"{counted(len(test.modes.frequency), 'mode')} at {places}; frequencies: {test.modes.of}."
+            yield Section(f"{cut(test.files[0], 40)}: {state}", (line, *table))
+        else:
+            parts = _ambient_test(test) if isinstance(test, AmbientTest) else _hammer_test(test)
+            reliance = _reliance(each.modes) if isinstance(each, IdentifiedModes) else ()
+            yield Section(f"Posture {number}: {state}", (*parts, *table, *reliance))
     if campaign:
-        yield _campaign([*identified, *named], campaign, reproducibility)
+        yield _campaign(modes, campaign, reproducibility)
 
 
 def _hammer_test(test: ModalTest) -> Iterator[Part]:
@@ -310,17 +293,12 @@ def _hammer_test(test: ModalTest) -> Iterator[Part]:
     ]
     head = ("coherence, median", *(f"force {place_in_words(place)}" for place in frf.references))
     yield Table("", head, tuple(rows), ("", *[".3f"] * len(frf.references)))
-    checks = tuple(
-        (
-            f"{check.name}, {' and '.join(map(place_in_words, check.places))}",
-            f"{100 * check.value:.1f} %",
-            f"{100 * check.limit:.0f} %",
-            "good" if check.good else "FAILS",
-        )
-        for check in test.checks
-    )
+    checks = []
+    for check in test.checks:
+        sizes = f"{100 * check.value:.1f} %", f"{100 * check.limit:.0f} %"
+        checks.append((f"{check.name}, {_places(check)}", *sizes, "good" if check.good else "FAILS"))
     if checks:
-        yield Table("", ("check", "value", "at most", ""), checks)
+        yield Table("", ("check", "value", "at most", ""), tuple(checks))
 
 
 def _ambient_test(test: AmbientTest) -> Iterator[Part]:
@@ -334,21 +312,15 @@ def _ambient_test(test: AmbientTest) -> Iterator[Part]:
     yield "Shapes are not scaled: without a force there are no residues and no driving point."
     for line in test.harmonics:
         where = place_in_words(test.responses[line.response])
-        yield (
-            f"Harmonic, not a mode: {cut(str(line), 50)}, {100 * line.share:.2g} % of the power of {where}; it was "
-            "removed."
-        )
+        share = f"{100 * line.share:.2g} % of the power of {where}"
+        yield f"Harmonic, not a mode: {cut(str(line), 50)}, {share}; it was removed."
 
 
 def _reliance(modes: Modes | OperationalModes) -> Iterator[Part]:
     """Yield what the covariance rests on, and which poles are not modes."""
     if isinstance(modes, Modes):
-        low, high = modes.ratio.band
-        where = "outside" if modes.ratio.doubtful else "within"
-        yield (
-            f"Hit scatter: {modes.ratio.value:.2f} of the variance by maximum likelihood, {where} {low:.2f} to "
-            f"{high:.2f} (99 %)."
-        )
+        share = f"{modes.ratio.value:.2f} of the variance by maximum likelihood"
+        yield f"Hit scatter: {share}, {_band(modes.ratio)} (99 %)."
     else:
         yield f"Standard errors by leaving out one of {modes.blocks} blocks at a time."
     yield from (f"No mode at {pole.frequency:.2f} Hz: {pole.why}." for pole in modes.rejected)

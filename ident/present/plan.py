@@ -18,9 +18,9 @@ from ident.identify.plan import CampaignPlan
 from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
 from ident.inference.parameters import Parameter
 from ident.measure import format_campaign
-from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, kept
+from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, kept, without_empty_columns
 from ident.present.warnings import drive_states
-from ident.present.words import counted, degrees, percent, scatter, unit_of
+from ident.present.words import counted, degrees, lowered, percent, scatter, unit_of
 from ident.text import one_line
 
 RANKED = 8
@@ -65,7 +65,7 @@ def _verdict(plan: CampaignPlan) -> Verdict:
     fine = len(items) - len(loose)
     reached = f"{_target(plan)} {_reached(plan)}".strip()
     if plan.fit and plan.fit.doubts:
-        doubt = f"{plan.fit.doubts[0][:1].lower()}{plan.fit.doubts[0][1:]}"
+        doubt = lowered(plan.fit.doubts[0])
         words = f"The fit that it starts from is in doubt: {doubt}. {_target(plan) or _reached(plan)}"
         return Verdict("PROVISIONAL", words, "bad")
     if plan.missed:
@@ -161,17 +161,14 @@ def criterion_in_words(plan: CampaignPlan) -> tuple[str, str]:
 
 def experiment_in_words(experiment: Experiment) -> str:
     """Say in a few words what is done in an experiment."""
-    parts = (
-        ["hammer"] * experiment.hammer + ["2 accelerometers"] * experiment.labelled + ["dial gauge"] * experiment.dial
-    )
-    return " + ".join(parts) + (f", {experiment.load}" if experiment.load else "")
+    done = {"hammer": experiment.hammer, "2 accelerometers": experiment.labelled, "dial gauge": experiment.dial}
+    parts = " + ".join(part for part, is_done in done.items() if is_done)
+    return parts + (f", {experiment.load}" if experiment.load else "")
 
 
 def sd_in_words(item: Parameter, sd: float) -> str:
     """Write a standard deviation of theta: in percent or as a factor, or in the unit of a quantity of either sign."""
-    if not item.positive:
-        return f"{sd * float(item.scale):.2g} {unit_of(item.name)}"
-    return scatter(sd)
+    return scatter(sd) if item.positive else f"{sd * float(item.scale):.2g} {unit_of(item.name)}"
 
 
 def _batch_table(plan: CampaignPlan, most: int) -> Table:
@@ -190,22 +187,18 @@ def _batch_table(plan: CampaignPlan, most: int) -> Table:
 
 def _sd_table(plan: CampaignPlan, title: str, shown: Sequence[int]) -> Table:
     """Return the std. error of each unknown after some steps of the batch, and its range over plausible arms."""
-    last, items = plan.at_draws, plan.sought
     steps = list(dict.fromkeys(shown))
     rows: list[tuple[Cell, ...]] = []
-    for i, item in enumerate(items):
-        ends = (last[:, i].min(), last[:, i].max()) if len(last) else ()
-        spread = _from_to([sd_in_words(item, float(sd)) for sd in ends])
+    for i, item in enumerate(plan.sought):
+        draws = plan.at_draws[:, i]
+        spread = _from_to([sd_in_words(item, float(sd)) for sd in (draws.min(), draws.max())]) if len(draws) else ""
         rows.append((cut(item.name, 38), *(sd_in_words(item, float(plan.sd[step, i])) for step in steps), spread))
     head = (title, *(f"after {step}" if step else "now" for step in steps), "on plausible arms")
-    width = len(head) - (not len(last))
-    return Table("", head[:width], tuple(row[:width] for row in rows))
+    return without_empty_columns(Table("", head, tuple(rows)))
 
 
 def _from_to(ends: Sequence[str]) -> str:
     """Join the ends of a span; two factors as `factor 2.2 to 4.5`, two of one unit as `5.1 to 8 %`."""
-    if not ends:
-        return ""
     first, last = (end.split() for end in ends)
     if first[0] == last[0] == "factor":
         return f"factor {first[1]} to {last[1]}"
@@ -247,19 +240,18 @@ def _details(plan: CampaignPlan, hammer: Sequence[HammerPlan]) -> Iterator[Secti
 
 def _candidates(plan: CampaignPlan) -> Section:
     """Return what was compared, the best next experiments, and what else could be done at the best posture."""
-    different = len(np.unique(plan.grid.seen[plan.grid.seen >= 0]))
-    before = len(plan.predictions.postures) - different
-    distinct = f"{different + before} distinct postures"
-    if before:
-        distinct += f" ({different} on the grid, {before} already measured)"
+    different, every = len(np.unique(plan.grid.seen[plan.grid.seen >= 0])), len(plan.predictions.postures)
+    distinct = f"{every} distinct postures"
+    if every > different:
+        distinct += f" ({different} on the grid, {every - different} already measured)"
     sample = ", a sample of the grid" if plan.grid.sampled else ""
     words, unit = criterion_in_words(plan)
     best = plan.ranked(RANKED)
     first = plan.experiments[best[0]]
-    there = sorted(
-        (i for i, each in enumerate(plan.experiments) if each.place == first.place), key=lambda i: -plan.per_cost[i]
-    )
+    there = [i for i, each in enumerate(plan.experiments) if each.place == first.place]
+    there.sort(key=lambda i: -plan.per_cost[i])
     repeated = any(plan.measured[plan.experiments[i].place] for i in best)
+    star = "* measured already, there or in an equivalent posture: a repeat averages noise, and gains less."
     return Section(
         "Candidates: the best next experiment at each posture",
         (
@@ -267,10 +259,7 @@ def _candidates(plan: CampaignPlan) -> Section:
             f"{counted(len(plan.experiments), 'candidate experiment')}. Chosen for {words}, most gain [{unit}] per "
             "minute first.",
             _experiments_table(plan, "", best),
-            *(
-                ["* measured already, there or in an equivalent posture: a repeat averages noise, and gains less."]
-                * repeated
-            ),
+            *[star] * repeated,
             "improves most: the unknown whose std. error falls most, and its value afterwards.",
             _experiments_table(plan, f"Other experiments at {degrees(first.posture)}", there, with_posture=False),
         ),
@@ -280,12 +269,8 @@ def _candidates(plan: CampaignPlan) -> Section:
 def _where(plan: CampaignPlan) -> str:
     """Say which postures were compared."""
     workspace = plan.arm.workspace
-    if workspace.postures:
-        where = "listed in the arm file"
-    elif workspace.line is not None:
-        where = f"on the line ({', '.join(f'{share:g}' for share in workspace.line)}), within the joint limits"
-    else:
-        where = "within the joint limits"
+    line = f"on the line ({', '.join(f'{share:g}' for share in workspace.line)}), " if workspace.line else ""
+    where = "listed in the arm file" if workspace.postures else f"{line}within the joint limits"
     return where + (f", above {workspace.lowest:g} m" if math.isfinite(workspace.lowest) else "")
 
 
@@ -409,7 +394,5 @@ def _refuse_filled(path: Path) -> None:
     except (OSError, UnicodeDecodeError):
         return
     if any((row.get("value") or "").strip() for row in csv.DictReader(lines)):
-        remedy = "move it away, or choose another folder (`folder`)"
-        raise InputError(
-            Problem(one_line(str(path)), "a form that has been filled in", "none, or an empty one", remedy)
-        )
+        got, remedy = "a form that has been filled in", "move it away, or choose another folder (`folder`)"
+        raise InputError(Problem(one_line(str(path)), got, "none, or an empty one", remedy))

@@ -72,10 +72,8 @@ def _findings(predictions: Sequence[Prediction]) -> Iterator[Finding]:
             limits = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg"
             yield Finding(f"{name} at {math.degrees(angle):.4g} deg is outside its limits, {limits}", "check --posture")
         if each.collapsed:
-            where = degrees(analysis.posture)
-            text = (
-                f"{counted(each.collapsed, 'draw')} of the posterior collapse{'s' * (each.collapsed == 1)} at {where}"
-            )
+            collapse = f"collapse{'s' * (each.collapsed == 1)} at {degrees(analysis.posture)}"
+            text = f"{counted(each.collapsed, 'draw')} of the posterior {collapse}"
             yield Finding(f"{text}: no stable equilibrium; the bands leave them out")
     unclear = sum(int(each.analysis.ambiguous.sum()) for each in predictions)
     if unclear:
@@ -105,19 +103,17 @@ def _modes(each: Prediction, caption: str, most: int) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for i in range(min(most, len(analysis.labels))):
         band = [span(*each.frequency_band[:, i])] if drawn else []
-        rows.append((i + 1, *_mode(analysis, i), *band, _damping(analysis, i), largest_shares(analysis, i)))
+        damping = round(100 * float(analysis.damping_ratio[i]), 2) + 0.0
+        frequency = float(analysis.modes.frequency[i])
+        rows.append((i + 1, _mode(analysis, i), frequency, *band, damping, largest_shares(analysis, i)))
     more = len(analysis.labels) - len(rows)
     head = ("no.", "mode", "frequency [Hz]", *["5 to 95 %"] * drawn, "damping [%]", "largest shares of strain energy")
     note = f"{more} more modes: --details" if more > 0 else ""
     return Table(caption, head, tuple(rows), ("d", "", ".4f", *[""] * drawn, ".2f", ""), note)
 
 
-def _mode(analysis: ModalAnalysis, i: int) -> tuple[str, float]:
-    return f"{analysis.labels[i]}{' (?)' if analysis.ambiguous[i] else ''}", float(analysis.modes.frequency[i])
-
-
-def _damping(analysis: ModalAnalysis, i: int) -> float:
-    return round(100 * float(analysis.damping_ratio[i]), 2) + 0.0
+def _mode(analysis: ModalAnalysis, i: int) -> str:
+    return f"{analysis.labels[i]}{' (?)' if analysis.ambiguous[i] else ''}"
 
 
 def _overview(predictions: Sequence[Prediction]) -> Iterator[Part]:
@@ -128,14 +124,15 @@ def _overview(predictions: Sequence[Prediction]) -> Iterator[Part]:
     for analysis in (each.analysis for each in predictions[:POSTURES]):
         size = [MM * float(np.linalg.norm(analysis.deflection[name])) for name in end]
         rows.append((degrees(analysis.posture), *analysis.modes.frequency[:count].tolist(), *size))
-    head = (
-        "posture",
-        *(f"mode {i + 1} [Hz]" for i in range(count)),
-        *(f"{cut(name, 12)} deflection [mm]" for name in end),
+    modes, deflections = (
+        [f"mode {i + 1} [Hz]" for i in range(count)],
+        [f"{cut(name, 12)} deflection [mm]" for name in end],
     )
     forms = ("", *[".4g"] * count, *[".3f"] * len(end))
     more = len(predictions) - len(rows)
-    yield Table("", head, tuple(rows), forms, f"{more} more postures: --details" if more else "")
+    yield Table(
+        "", ("posture", *modes, *deflections), tuple(rows), forms, f"{more} more postures: --details" if more else ""
+    )
 
 
 def _deflection_table(rows: tuple[tuple[Cell, ...], ...]) -> Table:
@@ -175,11 +172,11 @@ def _shares(each: Prediction) -> Iterator[Table]:
     for k in range(0, len(joints), ACROSS):
         places = range(k, min(k + ACROSS, len(joints)))
         columns = tuple(f"{joints[j].name} {way} [%]" for j in places for way in ("bend", "tors"))
-        rows: list[tuple[Cell, ...]] = []
-        for i in range(len(each.analysis.labels)):
-            shares = (100 * float(share[j, i]) for j in places for share in (modes.bend, modes.tors))
-            rows.append((_mode(each.analysis, i)[0], *shares))
-        yield Table("", ("mode", *columns), tuple(rows), ("", *[".0f"] * len(columns)))
+        rows = tuple(
+            (_mode(each.analysis, i), *(100 * float(s[j, i]) for j in places for s in (modes.bend, modes.tors)))
+            for i in range(len(each.analysis.labels))
+        )
+        yield Table("", ("mode", *columns), rows, ("", *[".0f"] * len(columns)))
 
 
 # -------- Rows

@@ -6,9 +6,18 @@ from typing import Any
 from ident.identify.fit import CampaignFit
 from ident.inference.optima import LINEAR, Ending
 from ident.inference.profile import FLAT, Interval, Profile, threshold
-from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power
+from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power, without_empty_columns
 from ident.present.warnings import drive_states
-from ident.present.words import counted, in_shown_unit, percent, priors_in_words, sentence, unit_of, with_tied
+from ident.present.words import (
+    counted,
+    in_shown_unit,
+    percent,
+    priors_in_words,
+    sentence,
+    shared_unit,
+    unit_of,
+    with_tied,
+)
 
 SIDES = ("below", "above")
 
@@ -37,7 +46,8 @@ def _verdict(fit: CampaignFit, profiles: Sequence[Profile]) -> Verdict:
         return Verdict("NOT USABLE", f"{doubts} The curves show the shape of chi-squared; use no interval.", "bad")
     if fall := max(profile.beaten for profile in profiles):
         return Verdict("NOT USABLE", f"The fit is not the best optimum: chi-squared falls {fall:.3g} below it.", "bad")
-    count, agreeing = len(profiles), sum(map(_is_confirmed, profiles))
+    count = len(profiles)
+    agreeing = sum(each.linear and not _open_sides(each) and not each.rivals for each in profiles)
     limit = f"agree{'s' * (count == 1)} with the linear approximation within {percent(LINEAR)}"
     if agreeing == count:
         worst = max(abs(half - 1) for profile in profiles for half in profile.halves)
@@ -47,40 +57,22 @@ def _verdict(fit: CampaignFit, profiles: Sequence[Profile]) -> Verdict:
     return Verdict(f"PARTLY {agreeing} OF {count}" if agreeing else "NOT CONFIRMED", reason, "caution")
 
 
-def _is_confirmed(profile: Profile) -> bool:
-    """Tell whether a profile is closed, alone, and agrees with the linear interval."""
-    return profile.linear and not _open_sides(profile) and not profile.rivals
-
-
 def _open_sides(profile: Profile) -> list[int]:
     return [side for side in (0, 1) if profile.widest.endings[side] is Ending.OPEN]
 
 
 def _intervals_table(profiles: Sequence[Profile]) -> Table:
-    units = {in_shown_unit(profile.name, 1.0)[1] for profile in profiles}
-    single = f" [{units.pop()}]" if len(units) == 1 else ""
+    shared, rows = shared_unit(profile.name for profile in profiles), []
+    for profile in profiles:
+        value, unit = in_shown_unit(profile.name, float(profile.values([profile.optimum])[0]))
+        fitted = short_power(f"{value:.5g}") + f" {unit}".removesuffix(" -") * (not shared)
+        ends = (interval_text(profile, interval) for interval in (profile.widest, profile.linear_interval))
+        pairs = zip(profile.halves, profile.widest.endings, strict=True)
+        halves = ("open" if ending is Ending.OPEN else f"{half:.2f}" if half else "closed" for half, ending in pairs)
+        rows.append((with_tied(profile.item), fitted, *ends, ", ".join(halves), "" if profile.linear else "differs"))
     level = level_in_words(profiles[0].widest.level)
-    head = ("Unknown", f"fitted{single}", f"{level} by profile", "linear", "profile / linear", "")
-    rows = tuple(_interval_row(profile, with_unit=not single) for profile in profiles)
-    width = len(head) - (not any(row[-1] for row in rows))
-    return Table("", head[:width], tuple(row[:width] for row in rows))
-
-
-def _interval_row(profile: Profile, *, with_unit: bool) -> tuple[Cell, ...]:
-    value, unit = in_shown_unit(profile.name, float(profile.values([profile.optimum])[0]))
-    fitted = short_power(f"{value:.5g}") + f" {unit}".removesuffix(" -") * with_unit
-    ends = (interval_text(profile, interval) for interval in (profile.widest, profile.linear_interval))
-    return with_tied(profile.item), fitted, *ends, _halves(profile), "" if profile.linear else "differs"
-
-
-def _halves(profile: Profile) -> str:
-    return ", ".join(_half(half, ending) for half, ending in zip(profile.halves, profile.widest.endings, strict=True))
-
-
-def _half(half: float, ending: Ending) -> str:
-    if ending is Ending.OPEN:
-        return "open"
-    return f"{half:.2f}" if half else "closed"
+    head = ("Unknown", f"fitted{shared}", f"{level} by profile", "linear", "profile / linear", "")
+    return without_empty_columns(Table("", head, tuple(rows)))
 
 
 def _findings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Finding]:
@@ -93,16 +85,14 @@ def _findings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Finding
     for profile in profiles:
         if profile.rivals:
             places = ", ".join(_shown(profile, theta) for theta in profile.rivals)
-            unit = in_shown_unit(profile.name, 1.0)[1]
-            text = f"{profile.name}: another optimum fits about as well outside this interval, at {places} {unit}"
+            text = f"{profile.name}: another optimum fits about as well outside this interval, at {places}"
+            text += f" {in_shown_unit(profile.name, 1.0)[1]}"
             yield Finding(text.removesuffix(" -"), "measure what tells them apart (`ident plan`)")
     for side in (0, 1):
         names = [profile.name for profile in profiles if side in _open_sides(profile)]
         if names:
-            bound = ("lower", "upper")[side]
-            yield Finding(
-                f"the data give no {bound} bound for {', '.join(names)}", "measure what `ident plan` proposes"
-            )
+            text = f"the data give no {('lower', 'upper')[side]} bound for {', '.join(names)}"
+            yield Finding(text, "measure what `ident plan` proposes")
     for profile in profiles:
         for side, theta in enumerate((profile.widest.low, profile.widest.high)):
             if profile.widest.endings[side] is Ending.MODEL:
@@ -133,10 +123,8 @@ def _details(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Section]
     levels = [interval.level for interval in profiles[0].intervals]
     if len(levels) > 1:
         rows = tuple((each.name, *(interval_text(each, interval) for interval in each.intervals)) for each in profiles)
-        units = dict.fromkeys(in_shown_unit(profile.name, 1.0)[1] for profile in profiles)
-        head = ("unknown", *map(level_in_words, levels))
-        title = "Intervals at all levels" + (f" [{next(iter(units))}]" if len(units) == 1 else "")
-        yield Section(title, (Table("", head, rows),))
+        title = f"Intervals at all levels{shared_unit(each.name for each in profiles)}"
+        yield Section(title, (Table("", ("unknown", *map(level_in_words, levels)), rows),))
     sides = tuple(_open_row(profile, side) for profile in profiles for side in _open_sides(profile))
     if sides:
         head = ("unknown", "side", "searched to", "chi-squared rises by", "needed", "")
@@ -156,7 +144,11 @@ def _open_row(profile: Profile, side: int) -> tuple[Cell, ...]:
 
 def interval_text(profile: Profile, interval: Interval) -> str:
     """Write an interval: two numbers, one where a side is open, or `open`."""
-    low, high = (_shown(profile, theta) for theta in (interval.low, interval.high))
+    return span_text(interval, *(_shown(profile, theta) for theta in (interval.low, interval.high)))
+
+
+def span_text(interval: Interval, low: str, high: str) -> str:
+    """Write an interval whose ends are written: `3.1 to 4.2`, `above 3.1`, or `open`."""
     below, above = (ending is Ending.OPEN for ending in interval.endings)
     if below or above:
         return "open" if below and above else f"below {high}" if below else f"above {low}"
@@ -182,12 +174,11 @@ def profile_rows(profiles: Sequence[Profile]) -> list[dict[str, Any]]:
 
     An open end is infinite, or zero for a positive number.
     """
-
-    def row(profile: Profile) -> dict[str, Any]:
-        spans = profile.linear_interval, profile.widest
-        thetas = [profile.optimum, *(theta for span in spans for theta in (span.low, span.high))]
+    rows = []
+    for profile in profiles:
+        linear, widest = profile.linear_interval, profile.widest
+        values = profile.values([profile.optimum, linear.low, linear.high, widest.low, widest.high])
         names = ("value", "linear_low_95", "linear_high_95", "low_95", "high_95")
-        numbers = zip(names, map(float, profile.values(thetas)), strict=True)
-        return {"parameter": profile.name, "unit": unit_of(profile.name), **dict(numbers)}
-
-    return [row(profile) for profile in profiles]
+        own = dict(zip(names, map(float, values), strict=True))
+        rows.append({"parameter": profile.name, "unit": unit_of(profile.name), **own})
+    return rows

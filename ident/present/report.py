@@ -9,7 +9,7 @@ import math
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from itertools import zip_longest
 from typing import Any, Literal
@@ -172,7 +172,7 @@ def text_of(report: Report, *, details: bool = False, width: int = WIDTH, colour
     for section in report.details if details else ():
         lines += ["", *folded(section.title, width).splitlines()]
         for part in section.parts:
-            lines += _part(part, width, "  ", wrap=True)
+            lines += _part(part, width, wrap=True)
     return "\n".join(line.rstrip() for line in lines) + "\n"
 
 
@@ -181,15 +181,15 @@ def _screen(report: Report, details: bool, width: int, colour: bool) -> Iterator
     if report.verdict:
         word, hang = report.verdict.word, " " * len("RESULT: ")
         shown = folded(f"RESULT: {word}{'.' * (word[-1] != '.')} {report.verdict.reason}", width, hang)
-        yield from (_coloured(shown, word, report.verdict.kind) if colour else shown).splitlines()
+        paint = f"\x1b[1;{COLOURS[report.verdict.kind]}m{word}\x1b[0m"
+        yield from (shown.replace(word, paint, 1) if colour else shown).splitlines()
     for part in report.answer:
-        yield from _part(part, width, "  ", wrap=width < WIDTH)
+        yield from _part(part, width, wrap=width < WIDTH)
     if report.remark:
         yield from folded(report.remark, width, "  ").splitlines()
     shown_findings = report.findings if details else report.findings[:MOST]
     for number, finding in enumerate(shown_findings, 1):
-        words = f"{finding.text} -> {finding.remedy}" if finding.remedy else finding.text
-        yield from folded(f"  {number}. {words}", width, "     ").splitlines()
+        yield from folded(f"  {number}. {with_remedy(finding)}", width, "     ").splitlines()
     hidden = len(report.findings) - len(shown_findings)
     further = f"{hidden} more finding{'s' * (hidden > 1)} with " if hidden else ""
     more = f"More: {further}--details" if (report.details or hidden) and not details else ""
@@ -199,16 +199,17 @@ def _screen(report: Report, details: bool, width: int, colour: bool) -> Iterator
         yield from [both] if len(both) <= width else [*folded(following, width, "      ").splitlines(), more]
 
 
-def _coloured(text: str, word: str, kind: Kind) -> str:
-    return text.replace(word, f"\x1b[1;{COLOURS[kind]}m{word}\x1b[0m", 1)
+def with_remedy(finding: Finding) -> str:
+    """Return a finding and what to do."""
+    return f"{finding.text} -> {finding.remedy}" if finding.remedy else finding.text
 
 
-def _part(part: Part, width: int, indent: str, *, wrap: bool = False) -> Iterator[str]:
+def _part(part: Part, width: int, *, wrap: bool) -> Iterator[str]:
     if isinstance(part, str):
         label = LABEL.match(part)
-        yield from folded(indent + part, width, indent + " " * (label.end() if label else 0)).splitlines()
+        yield from folded(f"  {part}", width, " " * (2 + label.end() if label else 2)).splitlines()
     else:
-        yield from (indent + line for line in table_lines(part, width - len(indent), wrap=wrap))
+        yield from (f"  {line}" for line in table_lines(part, width - 2, wrap=wrap))
 
 
 def table_lines(table: Table, width: int = WIDTH, *, wrap: bool = False) -> Iterator[str]:
@@ -265,6 +266,14 @@ def _line(cells: Sequence[str], sizes: Sequence[int], right: Sequence[bool]) -> 
 def _is_numeric(column: Sequence[str]) -> bool:
     said = [cell for cell in column if cell not in ("", "-")]
     return bool(said) and all(NUMBER.match(cell) for cell in said)
+
+
+def without_empty_columns(table: Table) -> Table:
+    """Return a table without the columns that are empty in all rows."""
+    shown = [j for j in range(len(table.head)) if any(row[j] != "" for row in table.rows)]
+    head, *rows = (tuple(cells[j] for j in shown) for cells in (table.head, *table.rows))
+    forms = tuple(table.forms[j] for j in shown) if table.forms else ()
+    return replace(table, head=head, rows=tuple(rows), forms=forms)
 
 
 # -------- Notebook

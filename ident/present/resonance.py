@@ -32,7 +32,12 @@ T = TypeVar("T")
 
 def grouped(crossings: Sequence[ResonanceCrossing]) -> list[list[ResonanceCrossing]]:
     """Put crossings of one branch in the same interval together, as of pulleys that turn alike; the order stays."""
-    return _alike(crossings, _together)
+
+    def together(one: ResonanceCrossing, other: ResonanceCrossing) -> bool:
+        apart = max(abs(one.start - other.start), abs(one.end - other.end), abs(one.time - other.time))
+        return one.branch == other.branch and apart < SAME
+
+    return _alike(crossings, together)
 
 
 def _alike(items: Iterable[T], alike: Callable[[T, T], bool]) -> list[list[T]]:
@@ -76,16 +81,9 @@ def band_words(branches: Branches) -> str:
 
 
 def _of_order(sources: Sequence[Source]) -> str:
-    if len(sources) == 1:
-        return str(sources[0])
     *most, last = (str(source.pulley) for source in sources)
     order = f" x {sources[0].order}" if sources[0].order > 1 else ""
-    return f"pulleys {', '.join(most)} and {last}{order}"
-
-
-def _together(one: ResonanceCrossing, other: ResonanceCrossing) -> bool:
-    apart = max(abs(one.start - other.start), abs(one.end - other.end), abs(one.time - other.time))
-    return one.branch == other.branch and apart < SAME
+    return f"pulleys {', '.join(most)} and {last}{order}" if most else str(sources[0])
 
 
 # -------- Report
@@ -151,14 +149,11 @@ def meeting(branches: Branches, group: Group) -> str:
     near = f"come{many} within {100 * e.relative_distance:.1f} % ({e.distance:.2g} Hz) of"
     does = f"meet{many}" if e.crossings else near
     chance = f"; near in {percent(e.probability)} of {branches.batch_size} draws" if branches.batch_size else ""
+    drives = ", ".join(dict.fromkeys(crossing.source.drive for crossing in group))
     return (
-        f"{who[:1].upper()}{who[1:]} ({_drives(group)}) {does} {e.label} at {e.time:.2f} s, {e.natural:.2f} Hz: "
+        f"{who[:1].upper()}{who[1:]} ({drives}) {does} {e.label} at {e.time:.2f} s, {e.natural:.2f} Hz: "
         f"up to {caused_words(group)}; {passage(e)}, {percent(e.built_up)} of steady resonance{chance}"
     )
-
-
-def _drives(group: Group) -> str:
-    return ", ".join(dict.fromkeys(crossing.source.drive for crossing in group))
 
 
 def passage(crossing: ResonanceCrossing) -> str:
@@ -198,11 +193,11 @@ def _findings(basis: Basis, branches: Branches, excitation: Excitation) -> Itera
     yield from basis_findings(basis)
     yield from assumption_findings(basis)
     if without_transmission_error(basis):
-        if any(source.order == 2 for source in excitation.sources):
-            yield Finding("order 2 causes no vibration, as transmission error is set to 0", "--set drive1.error=...")
-        else:
+        text, remedy = "order 2 causes no vibration, as transmission error is set to 0", "--set drive1.error=..."
+        if all(source.order != 2 for source in excitation.sources):
             text = "transmission error is set to 0, so twice the pulley frequencies were not checked"
-            yield Finding(text, "check it with --orders 1,2")
+            remedy = "check it with --orders 1,2"
+        yield Finding(text, remedy)
 
 
 # -------- Details
@@ -247,26 +242,23 @@ def _crossings(branches: Branches, groups: Sequence[Group], margin: float) -> It
         "magnification: largest amplitude over the static response to the same force, of one mode at constant force, "
         "passed at the true rate from rest. built up: the same over steady resonance, 1/(2 zeta)."
     )
-    if drawn:
-        yield (
-            f"near, cross: share of the {branches.batch_size} draws for which the pulley comes near the natural "
-            "frequency in this interval, or crosses it; all else holds for the medians."
-        )
-    else:
-        yield (
-            f"sweep number: rate of the pulley relative to the mode [Hz/s] / (zeta f)^2. Up to {QUASI_STEADY:g} the "
-            "response is nearly steady (ISO 7626-2); far above, the pulley passes too fast for the mode to build up "
-            "(Lewis, 1932)."
-        )
+    of_draws = (
+        f"near, cross: share of the {branches.batch_size} draws for which the pulley comes near the natural frequency "
+        "in this interval, or crosses it; all else holds for the medians."
+    )
+    of_one = (
+        f"sweep number: rate of the pulley relative to the mode [Hz/s] / (zeta f)^2. Up to {QUASI_STEADY:g} the "
+        "response is nearly steady (ISO 7626-2); far above, the pulley passes too fast for the mode to build up "
+        "(Lewis, 1932)."
+    )
+    yield of_draws if drawn else of_one
 
 
 def _branches(branches: Branches) -> Section:
     drawn = branches.batch_size > 0
     ends = branches.median[:, [0, -1]].tolist()
     rows = tuple((str(label), first, last) for label, (first, last) in zip(branches.labels, ends, strict=True))
-    title = "Natural frequencies at the first and the last posture" + (
-        f", medians of {branches.batch_size} draws" * drawn
-    )
+    medians = f", medians of {branches.batch_size} draws" * drawn
     changes = tuple(
         (str(branches.labels[c.branch]), str(c.before), c.time, str(c.after))
         for c in sorted(branches.changes, key=lambda change: (change.branch, change.time))
@@ -277,7 +269,7 @@ def _branches(branches: Branches) -> Section:
         parts.append(Table("Names follow the shape, which changes on the way", head, changes, ("", "", ".2f", "")))
     if drawn:
         parts.append(f"Bands: {band_words(branches)}.")
-    return Section(title, tuple(parts))
+    return Section(f"Natural frequencies at the first and the last posture{medians}", tuple(parts))
 
 
 # -------- Rows
@@ -291,12 +283,8 @@ COLUMNS = (
 def resonance_rows(crossings: Sequence[ResonanceCrossing]) -> list[dict[str, Any]]:
     """Return resonance crossings as rows, numbered as in the report: times [s], frequencies [Hz], amplitude [m]."""
     return [
-        _row_head(crossing, number) | {name: getattr(crossing, name) for name in COLUMNS}
+        {"number": number, "drive": each.source.drive, "order": each.source.order, "label": str(each.label)}
+        | {name: getattr(each, name) for name in COLUMNS}
         for number, group in enumerate(grouped(crossings), start=1)
-        for crossing in group
+        for each in group
     ]
-
-
-def _row_head(crossing: ResonanceCrossing, number: int) -> dict[str, Any]:
-    source = crossing.source
-    return {"number": number, "drive": source.drive, "order": source.order, "label": str(crossing.label)}

@@ -15,10 +15,9 @@ from ident.inference.fit import contradicting
 from ident.inference.posterior import MOVED
 from ident.inference.sample import RIVAL
 from ident.present.fit import refused
-from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power
+from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power, without_empty_columns
 from ident.present.warnings import asked_for, contradiction, drive_states, odd_numbers, untestable
 from ident.present.words import (
-    MOST_ROWS,
     SETUP,
     counted,
     describe,
@@ -29,6 +28,8 @@ from ident.present.words import (
     product,
     scatter,
     sentence,
+    shared_unit,
+    some,
     span,
     unit_of,
 )
@@ -40,24 +41,25 @@ LEAST_BELOW = 0.005
 def sample_sections(result: CampaignSample) -> Report:
     """Return all that is said of a posterior."""
     fit = result.fitted
-    conflict = contradiction(fit.cross_predictions, fit.campaign.measurements) if fit.contradictory else ""
-    values = _values(result, result.sample.basins[0], _main(result))
+    conflict = contradiction(fit.cross_predictions, fit.campaign.measurements)
+    steps, ensembles, walkers, _ = result.sample.theta.shape
     return Report(
         f"Posterior of {cut(fit.arm.name, 40)} given {cut(fit.campaign.name, 30) or 'a campaign'}: "
         f"{counted(len(fit.campaign), 'measurement')}, {counted(len(_own(result)), 'unknown')}, "
-        f"{_count(result)} draws",
+        f"{(steps - result.sample.burn_in) * ensembles * walkers} draws",
         _verdict(result),
-        (*([conflict] if conflict else []), values),
+        (*conflict, _values(result, result.sample.basins[0], _main(result))),
         tuple(_findings(result)),
         "" if result.withheld else _farthest(result),
         _next(result),
-        tuple(_details(result)),
+        (
+            _further_values(result),
+            *_combinations(result),
+            _measurements(result),
+            *_optima(result),
+            _chains(result),
+        ),
     )
-
-
-def _count(result: CampaignSample) -> int:
-    draws, ensembles, walkers, _ = result.sample.theta.shape
-    return (draws - result.sample.burn_in) * ensembles * walkers
 
 
 def _own(result: CampaignSample) -> list[int]:
@@ -163,9 +165,7 @@ def _findings(result: CampaignSample) -> Iterator[Finding]:
         yield Finding("no ensemble crosses between the optima, so their shares are unknown", "repeat with --weights")
     prior = _mostly_prior(result)
     if prior and not result.withheld:
-        more = f" and {len(prior) - MOST_ROWS} more" if len(prior) > MOST_ROWS else ""
-        named = ", ".join(cut(names[i], 24) for i in prior[:MOST_ROWS])
-        text = f"known mostly by the prior: {named}{more}"
+        text = f"known mostly by the prior: {some([cut(names[i], 24) for i in prior])}"
         yield Finding(text, "measure what `ident plan` proposes")
 
 
@@ -173,16 +173,14 @@ def what_to_do(fit: CampaignFit) -> Iterator[Finding]:
     """Yield what to do about a posterior whose fit is in doubt."""
     yield Finding("a row, label, unit or mass may be wrong", "check the candidates that `ident fit` names")
     kinds = [cross for cross in contradicting(fit.cross_predictions) if (cross.measured * cross.predicted > 0).all()]
-    text = "if the data are right, the model is not"
-    if not kinds:
-        remedy = "infer a common factor of a kind (`--discrepancy KIND:WIDTH`) or its error (`--noise KIND`)"
-        yield Finding(text, remedy)
-        return
-    fewest = min(kinds, key=lambda cross: len(cross.rows))
-    off = float(np.abs(np.log(fewest.measured / fewest.predicted)).max())
-    width = max(1, math.ceil(10 * off / 1.96)) / 10
-    factor = f"a common model factor of every {fewest.kind.replace('_', ' ')}"
-    yield Finding(text, f"infer {factor}: `--discrepancy {fewest.kind}:{width:g}` ({100 * width:.0f} %)")
+    remedy = "infer a common factor of a kind (`--discrepancy KIND:WIDTH`) or its error (`--noise KIND`)"
+    if kinds:
+        fewest = min(kinds, key=lambda cross: len(cross.rows))
+        off = float(np.abs(np.log(fewest.measured / fewest.predicted)).max())
+        width = max(1, math.ceil(10 * off / 1.96)) / 10
+        option = f"`--discrepancy {fewest.kind}:{width:g}` ({100 * width:.0f} %)"
+        remedy = f"infer a common model factor of every {fewest.kind.replace('_', ' ')}: {option}"
+    yield Finding("if the data are right, the model is not", remedy)
 
 
 def _below(result: CampaignSample) -> np.ndarray:
@@ -215,33 +213,23 @@ def _values(result: CampaignSample, basin: int, places: Sequence[int]) -> Table:
     items = sample.posterior.parameters.items
     fitted = [*result.fitted.optima[basin].values, *(1.0 for _ in sample.posterior.noise.items)]
     known, share = quantiles(sample, basin).T, share_of_prior(sample, basin)
-    units = [in_shown_unit(items[i].name, 1.0)[1] for i in places]
-    single = len(set(units)) == 1
+    shared = shared_unit(items[i].name for i in places)
     rows: list[tuple[Cell, ...]] = []
-    for i, unit in zip(places, units, strict=True):
-        size = in_shown_unit(items[i].name, 1.0)[0]
+    for i in places:
+        size, unit = in_shown_unit(items[i].name, 1.0)
         low, _, median, _, high = (float(q) * size for q in known[i])
         interval = "not reported" if result.withheld else short_power(span(low, high))
         of_prior = f"{100 * share[i]:.0f} %" if math.isfinite(float(items[i].prior_sd)) else "no prior"
         of_prior += " (prior)" if share[i] > LEARNED else ""
         numbers = (median, interval, float(fitted[i]) * size, float(items[i].start) * size)
-        rows.append((items[i].name, *numbers, of_prior, *(() if single else (unit,))))
+        rows.append((items[i].name, *numbers, of_prior, "" if shared else unit))
     what = "Stiffness" if all(is_stiffness(items[i].name) for i in places) else "Unknown"
-    head = (f"{what} [{units[0]}]" if single else what, "median", "95 % interval", "fit", "arm file", "of prior")
-    forms = ("", ".4g", "", ".4g", ".4g", "")
+    head = (f"{what}{shared}", "median", "95 % interval", "fit", "arm file", "of prior", "unit")
     caption = f"About optimum {basin + 1}" if len(sample.basins) > 1 else ""
-    return Table(caption, head if single else (*head, "unit"), tuple(rows), forms if single else (*forms, ""))
+    return without_empty_columns(Table(caption, head, tuple(rows), ("", ".4g", "", ".4g", ".4g", "", "")))
 
 
 # -------- Details
-
-
-def _details(result: CampaignSample) -> Iterator[Section]:
-    yield _further_values(result)
-    yield from _combinations(result)
-    yield _measurements(result)
-    yield from _optima(result)
-    yield _chains(result)
 
 
 def of_first(result: CampaignSample) -> str:
@@ -300,10 +288,8 @@ def _optima(result: CampaignSample) -> Iterator[Section]:
     if len(basins) > 1 and result.weights is None:
         parts.append(f"{len(basins)} optima fit almost equally well; each was sampled separately.")
     elif len(basins) > 1 and result.weights is not None:
-        rows = [
-            (str(basin + 1), 100 * float(share), 100 * float(sd))
-            for basin, share, sd in zip(basins, result.weights.share, result.weights.sd, strict=True)
-        ]
+        shares = zip(basins, result.weights.share, result.weights.sd, strict=True)
+        rows = [(str(basin + 1), 100 * float(share), 100 * float(sd)) for basin, share, sd in shares]
         head = ("optimum", "probability [%]", "std. error [%]")
         note = f"By nested sampling; log evidence {result.weights.log_evidence:.2f}."
         parts.append(Table("", head, tuple(rows), ("", ".1f", ".1f"), note))
@@ -316,19 +302,11 @@ def _optima(result: CampaignSample) -> Iterator[Section]:
 def _chains(result: CampaignSample) -> Section:
     """Return how far the chains can be trusted, and how the uncertain numbers were treated."""
     sample = result.sample
-    rows = tuple(
-        (
-            str(basin + 1),
-            each.steps,
-            each.burn_in,
-            float(each.tau.max()),
-            100 * float(sample.acceptance[np.array(sample.basin) == basin].mean()),
-            float(each.bulk.min()),
-            float(each.tail.min()),
-            float(each.rhat.max()),
-        )
-        for basin, each in zip(sample.basins, sample.diagnosis, strict=True)
-    )
+    rows = []
+    for basin, each in zip(sample.basins, sample.diagnosis, strict=True):
+        accepted = 100 * float(sample.acceptance[np.array(sample.basin) == basin].mean())
+        worst = float(each.bulk.min()), float(each.tail.min()), float(each.rhat.max())
+        rows.append((str(basin + 1), each.steps, each.burn_in, float(each.tau.max()), accepted, *worst))
     head = (
         *("optimum", "steps", "burn-in", "autocorrelation time [steps]", "accepted [%]"),
         *("bulk ESS", "tail ESS", "R-hat"),
@@ -339,7 +317,7 @@ def _chains(result: CampaignSample) -> Section:
         f"sample size. Sufficient: R-hat below {MIXED}, {LONG_ENOUGH} autocorrelation times and a bulk ESS of "
         f"{sample.settings.target_ess:.0f}."
     )
-    table = Table("", head, rows, ("", "d", "d", ".0f", ".0f", ".0f", ".0f", ".4f"), note)
+    table = Table("", head, tuple(rows), ("", "d", "d", ".0f", ".0f", ".0f", ".0f", ".4f"), note)
     out = sample.marginalised
     rest = [item.name for item in sample.posterior.parameters.items if item.nuisance and item.name not in out]
     short = _shortfall(result)
@@ -359,7 +337,7 @@ def _chains(result: CampaignSample) -> Section:
 
 def sample_rows(result: CampaignSample) -> list[dict[str, Any]]:
     """Return a row for each unknown about each optimum: median, intervals [SI], and how far to trust them."""
-    sample = result.sample
+    sample, names = result.sample, result.sample.posterior.parameters.names
     return [
         {
             "parameter": name,
@@ -369,12 +347,6 @@ def sample_rows(result: CampaignSample) -> list[dict[str, Any]]:
             "effective_samples": float(bulk),
             "r_hat": float(rhat),
         }
-        for basin, diagnosis in zip(sample.basins, sample.diagnosis, strict=True)
-        for name, own, bulk, rhat in zip(
-            sample.posterior.parameters.names,
-            quantiles(sample, basin).T,
-            diagnosis.bulk,
-            diagnosis.rhat,
-            strict=True,
-        )
+        for basin, chains in zip(sample.basins, sample.diagnosis, strict=True)
+        for name, own, bulk, rhat in zip(names, quantiles(sample, basin).T, chains.bulk, chains.rhat, strict=True)
     ]

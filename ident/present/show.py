@@ -15,21 +15,24 @@ from ident.present.report import Finding, Part, Report, Section, Table, Verdict,
 from ident.present.words import counted, degrees, sentence
 from ident.text import one_line
 
-MIXED = "mixed"
-"""Origin of a vector whose components have several."""
-
 
 def show_sections(view: ArmView) -> Report:
     """Return all that is said of an arm: numbers that look wrong, first modes, every number [SI] with its origin."""
-    odd, failed = view.oddities, [Finding(view.failure)] if view.failure else []
+    odd, failed, sag = view.oddities, [Finding(view.failure)] if view.failure else [], ""
+    if view.analysis:
+        name, moved = list(view.analysis.deflection.items())[-1]
+        sag = f"{name} sags by {1e3 * float(np.linalg.norm(moved)):.3g} mm."
+    rows = tuple(number_rows(view.arm, view.arm_file.origins))
+    note = "Vectors in the axes of their joint; inertia about the mass centre: xx, yy, zz."
+    numbers = Section("Numbers", (Table("", ("number", "value", "unit", "origin"), rows, note=note),))
     return Report(
         f"{cut(view.arm.name, 60)} at {degrees(view.posture)}: {sums(view)}",
         _verdict(view),
         tuple(_modes(view)),
         (*failed, *(Finding(str(each)) for each in odd)),
-        _sag(view),
+        sag,
         "" if odd or failed else f"ident plan --arm {shlex.quote(one_line(view.arm_file.path or 'ARM'))}",
-        (_joints(view), _numbers(view)),
+        (_joints(view), numbers),
     )
 
 
@@ -81,13 +84,6 @@ def largest_shares(analysis: ModalAnalysis, i: int) -> str:
     return ", ".join(f"{path} {100 * shares[path]:.0f} %" for path in most)
 
 
-def _sag(view: ArmView) -> str:
-    if not view.analysis:
-        return ""
-    name, moved = list(view.analysis.deflection.items())[-1]
-    return f"{name} sags by {1e3 * float(np.linalg.norm(moved)):.3g} mm."
-
-
 def _joints(view: ArmView) -> Section:
     rows = tuple(
         (joint.name, f"({_vector(np.asarray(joint.axis))})", _limits(joint.limits, joint.driven))
@@ -102,12 +98,6 @@ def _limits(limits: tuple[float, float], driven: bool) -> str:
     return within if driven else "no pin: elastic only"
 
 
-def _numbers(view: ArmView) -> Section:
-    rows = tuple(number_rows(view.arm, view.arm_file.origins))
-    note = "Vectors in the axes of their joint; inertia about the mass centre: xx, yy, zz."
-    return Section("Numbers", (Table("", ("number", "value", "unit", "origin"), rows, note=note),))
-
-
 def number_rows(arm: Arm, origins: Mapping[str, str]) -> Iterator[tuple[str, str, str, str]]:
     """Yield path, value [SI], unit and origin of every number or vector."""
     for part in arm.parts():
@@ -117,7 +107,7 @@ def number_rows(arm: Arm, origins: Mapping[str, str]) -> Iterator[tuple[str, str
             path = f"{part.name}.{field.name}"
             given = {origins.get(f"{path}{end}", "") for end in field.ends}
             shown = _vector(np.array([value[place] for place in places]))
-            yield path, shown, field.unit, given.pop() if len(given) == 1 else MIXED
+            yield path, shown, field.unit, given.pop() if len(given) == 1 else "mixed"
 
 
 def _vector(value: np.ndarray) -> str:
@@ -152,11 +142,10 @@ def names_sections(names: ArmNames, kinds: Mapping[str, str], choices: Choices, 
         f"Modes (column mode; also as 'vertical 1', 'torsion 2'): {_listed(label for label, _ in names.modes)}",
         f"Kinds of measurement (column kind; --discrepancy): {_listed(kinds)}",
     ]
-    subject = f"Names of {cut(arm.name, 60)}: {counted(len(names.numbers), 'number')}, "
-    subject += (
-        f"{counted(len(arm.joints), 'joint')}, {counted(len(arm.points), 'point')}, {counted(len(loads), 'load')}"
-    )
-    return Report(subject, answer=tuple(lines), details=tuple(_names_details(names, kinds, choices, columns)))
+    counts = {"number": names.numbers, "joint": arm.joints, "point": arm.points, "load": loads}
+    subject = ", ".join(counted(len(each), noun) for noun, each in counts.items())
+    details = tuple(_names_details(names, kinds, choices, columns))
+    return Report(f"Names of {cut(arm.name, 60)}: {subject}", answer=tuple(lines), details=details)
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -39,22 +39,18 @@ def simulate_sections(simulation: Simulation) -> Report:
     motion = simulation.response.motion
     held = float(motion.breaks[-1]) - motion.arrival
     dwell = f", then held for {held:.4g} s" if held else ""
+    limit, following = simulation.limit, "ident resonance {arm}" if simulation.arm.drives else ""
+    if limit is not None and simulation.sizes.peak.max() > limit:
+        following = f"ident design {{arm}} --limit {MM * limit:g}"
     return Report(
         f"Vibration of {cut(simulation.point, 20)} of {subject(simulation.basis)}: {motion.arrival:.4g} s{dwell}",
         _verdict(simulation),
         tuple(_answer(simulation)),
         tuple(_findings(simulation)),
         _largest(simulation),
-        _next(simulation),
+        f"{following}{same_motion(simulation.basis)}" if following else "",
         tuple(_details(simulation)),
     )
-
-
-def _next(simulation: Simulation) -> str:
-    motion, limit = same_motion(simulation.basis), simulation.limit
-    if limit is not None and simulation.sizes.peak.max() > limit:
-        return f"ident design {{arm}} --limit {MM * limit:g}{motion}"
-    return f"ident resonance {{arm}}{motion}" if simulation.arm.drives else ""
 
 
 def _verdict(simulation: Simulation) -> Verdict | None:
@@ -103,7 +99,10 @@ def _answer(simulation: Simulation) -> Iterator[Part]:
     over = simulation.phases
     if over is not None and not simulation.comparisons:
         way = int(over.worst.argmax())
-        motion, imbalance, error = (_part(size, over.worst[way]) for size in over.division[:, way])
+        motion, imbalance, error = (
+            f"below {percent(NEGLIGIBLE)}" if size < NEGLIGIBLE * over.worst[way] else f"{_mm(size)} mm"
+            for size in over.division[:, way]
+        )
         error = "set to 0" if without_transmission_error(simulation.basis) else error
         parts = f"imbalance {imbalance}, motion {motion}, transmission error {error}"
         yield f"The imbalance phases are unknown. Worst case in {DIRECTIONS[way]}: {parts}."
@@ -127,11 +126,6 @@ def _sizes_table(simulation: Simulation) -> Table:
     if simulation.at is not None:
         columns[f"from {simulation.at:g} s on"] = _all_mm(sizes.late)
     return Table("", tuple(columns), tuple(zip(*columns.values(), strict=True)))
-
-
-def _part(size: float, worst: float) -> str:
-    """Write what makes a part of the worst case."""
-    return f"below {percent(NEGLIGIBLE)}" if size < NEGLIGIBLE * worst else f"{_mm(size)} mm"
 
 
 def _largest(simulation: Simulation) -> str:
@@ -186,7 +180,11 @@ def _findings(simulation: Simulation) -> Iterator[Finding]:
 
 def _details(simulation: Simulation) -> Iterator[Section]:
     yield _motion(simulation)
-    yield _sizes_section(simulation)
+    meaning = (
+        f"Vibration: displacement of {simulation.point} from its quasi-static position, with the arm file's phases. "
+        "residual: peak after arrival. settled: time after arrival until it stays within the tolerance."
+    )
+    yield Section("Sizes of the vibration", (meaning,))
     yield from _phases(simulation)
     yield from _bands(simulation)
     yield from _trace(simulation)
@@ -206,14 +204,6 @@ def _motion(simulation: Simulation) -> Section:
         method=METHODS[simulation.response.method],
         more=(f"Pulleys turn at up to: {fastest}.",) if fastest else (),
     )
-
-
-def _sizes_section(simulation: Simulation) -> Section:
-    meaning = (
-        f"Vibration: displacement of {simulation.point} from its quasi-static position, with the arm file's phases. "
-        "residual: peak after arrival. settled: time after arrival until it stays within the tolerance."
-    )
-    return Section("Sizes of the vibration", (meaning,))
 
 
 def _phases(simulation: Simulation) -> Iterator[Section]:
@@ -262,17 +252,10 @@ def _trace(simulation: Simulation) -> Iterator[Section]:
     (low, high), span = first.band, first.measured.trace.time[[0, -1]]
     rows = []
     for direction, each in simulation.comparisons.items():
-        sizes = (each.simulated.peak, each.measured.peak, each.simulated.rms, each.measured.rms)
-        rows.append((direction, *(factor * size for size in sizes), *_dominant(each)))
-    head = (
-        "",
-        "peak, simulated",
-        "measured",
-        "rms, simulated",
-        "measured",
-        "strongest, simulated [Hz]",
-        "measured [Hz]",
-    )
+        numbers = (each.simulated.peak, each.measured.peak, each.simulated.rms, each.measured.rms)
+        rows.append((direction, *(factor * number for number in numbers), *_dominant(each)))
+    sizes = ("peak, simulated", "measured", "rms, simulated", "measured")
+    head = ("", *sizes, "strongest, simulated [Hz]", "measured [Hz]")
     note = f"Each about its mean. strongest: frequency [Hz] in the band, {low:g} to {high:g} Hz."
     if acceleration:
         note += " The simulated displacement was differentiated twice; the measured acceleration is as it was."

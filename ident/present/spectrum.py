@@ -53,11 +53,9 @@ def _details(spectra: Spectra) -> Iterator[Section]:
     for name, trace in spectra.traces.items():
         span = f"{trace.time[0]:.4g} to {trace.time[-1]:.4g} s"
         samples = f"{counted(len(trace.time), 'sample')} from {span}, {1 / trace.interval:.4g} a second."
+        title = f"Strongest peaks of {cut(name, 40)}, up to {spectra.upto:g} Hz"
         peaks = _peaks_table(spectra, name, "", PEAKS)
-        yield Section(
-            f"Strongest peaks of {cut(name, 40)}, up to {spectra.upto:g} Hz",
-            (peaks, f"{spectra.spectra[name].description()}.", samples),
-        )
+        yield Section(title, (peaks, f"{spectra.spectra[name].description()}.", samples))
     if spectra.modes is not None:
         yield _modes(spectra.modes)
     for name, track in spectra.tracks.items():
@@ -94,21 +92,17 @@ def _peaks_table(spectra: Spectra, name: str, caption: str, most: int) -> Table:
 def _mode(spectra: Spectra, name: str, direction: str, peak: Peak) -> tuple[str, str]:
     """Name the mode near a peak with the range of its frequency, if there is one."""
     label = spectra.mode_near(name, direction, peak.frequency)
-    if label is None or spectra.modes is None:
-        return "none", ""
-    return label, hertz(spectra.modes.bands[label])
+    return (label, hertz(spectra.modes.bands[label])) if label and spectra.modes else ("none", "")
 
 
 def _modes(modes: MarkedModes) -> Section:
     rows = tuple((label, hertz(band, 4)) for label, band in modes.bands.items())
     meaning = (
-        ""
-        if modes.held
-        else "Names as at the end of the motion. A peak in z is named by a vertical mode if one is near, others by a "
+        "Names as at the end of the motion. A peak in z is named by a vertical mode if one is near, others by a "
         "lateral one; of several, by the one that is near for longest."
     )
     title = f"Natural frequencies of {cut(modes.arm, 40)}, {modes.load}, {where(modes)}"
-    return Section(title, (Table("", ("mode", "frequency"), rows, note=meaning),))
+    return Section(title, (Table("", ("mode", "frequency"), rows, note="" if modes.held else meaning),))
 
 
 def where(modes: MarkedModes) -> str:
@@ -147,16 +141,13 @@ def _orders(spectra: Spectra, *, attributed: bool = False) -> dict[str, list[_Or
         for name, track in spectra.tracks.items():
             for o, order in enumerate(track.orders):
                 amplitude = track.amplitude[o, :, d]
-                if np.isnan(amplitude).all():
-                    if attributed:
-                        unresolved = (math.nan, math.nan, math.nan, "beyond what the sampling resolves")
-                        found[direction].append(_Order(direction, order, name, *unresolved))
-                    continue
-                place = int(np.nanargmax(amplitude))
-                other = spectra.lower_order(name, o, place)
+                numbers, other = (math.nan, math.nan, math.nan), "beyond what the sampling resolves"
+                if not np.isnan(amplitude).all():
+                    place = int(np.nanargmax(amplitude))
+                    other = spectra.lower_order(name, o, place) or ""
+                    numbers = factor * amplitude[place], track.time[place], track.frequency[place]
                 if attributed or not other:
-                    size, time, turning = factor * amplitude[place], track.time[place], track.frequency[place]
-                    found[direction].append(_Order(direction, order, name, size, time, turning, other or ""))
+                    found[direction].append(_Order(direction, order, name, *numbers, other))
     return found
 
 

@@ -13,13 +13,11 @@ from ident.arm.fields import field_of
 from ident.assess.design import SweepStudy
 from ident.files import replace_file
 from ident.present.basis import (
+    all_findings,
     assumed_section,
-    assumption_findings,
-    basis_findings,
     motion_section,
     same_motion,
     subject,
-    transmission_finding,
 )
 from ident.present.report import Cell, Part, Report, Section, Table, Verdict, cut, short_power
 from ident.present.words import MM, counted, in_shown_unit, percent, unit_of, value_in_words
@@ -123,20 +121,16 @@ def sweep_sections(study: SweepStudy) -> Report:
     """Return all that is said of a sweep."""
     names = " by ".join(cut(axis.name, 24) for axis in study.sweeps[0].axes)
     varied = f"map of {names}" if study.is_map else f"{counted(len(study.sweeps), 'parameter')}, one at a time"
+    limit = f" --limit {MM * study.limit:g}" if study.limit is not None and study.present.max() > study.limit else ""
     return Report(
         f"Sweep of {subject(study.basis)}: {varied}",
         _verdict(study),
         tuple(_answer(study)),
-        (*basis_findings(study.basis), *assumption_findings(study.basis), *transmission_finding(study.basis)),
+        tuple(all_findings(study.basis)),
         "",
-        _next(study),
+        f"ident design {{arm}}{limit}{same_motion(study.basis)}",
         tuple(_details(study)),
     )
-
-
-def _next(study: SweepStudy) -> str:
-    limit = f" --limit {MM * study.limit:g}" if study.limit is not None and study.present.max() > study.limit else ""
-    return f"ident design {{arm}}{limit}{same_motion(study.basis)}"
 
 
 def _verdict(study: SweepStudy) -> Verdict | None:
@@ -152,9 +146,8 @@ def _verdict(study: SweepStudy) -> Verdict | None:
     if study.draws:
         share = min(float(sweep.exceeds(limit).min()) for sweep in study.sweeps)
         at_present = "" if now is None else f"{percent(now)} at present, "
-        chances = (
-            f"; probability of exceeding it: {at_present}{percent(share)} at best ({counted(study.draws, 'draw')})"
-        )
+        at_best = f"{percent(share)} at best ({counted(study.draws, 'draw')})"
+        chances = f"; probability of exceeding it: {at_present}{at_best}"
     if present.max() <= limit:
         reason = f"{size} keeps the limit of {MM * limit:g} mm"
         if now:
@@ -173,13 +166,11 @@ def _exceeding_now(study: SweepStudy) -> float | None:
     """Return the share of draws that exceed the limit as the arm is; None where that is no point of a sweep."""
     if study.limit is None or not study.draws or study.is_map:
         return None
-    shares = (
-        float(share)
-        for sweep in study.sweeps
-        for value, share in zip(sweep.axes[0].values, sweep.exceeds(study.limit), strict=True)
-        if _mark(sweep.axes[0], value)
-    )
-    return next(shares, None)
+    for sweep in study.sweeps:
+        for value, share in zip(sweep.axes[0].values, sweep.exceeds(study.limit), strict=True):
+            if _mark(sweep.axes[0], value):
+                return float(share)
+    return None
 
 
 def _answer(study: SweepStudy) -> Iterator[Part]:
@@ -190,21 +181,21 @@ def _answer(study: SweepStudy) -> Iterator[Part]:
     if study.is_map:
         yield from _map_extremes(study, study.sweeps[0])
         return
-    rows = [_row(study, sweep) for sweep in study.sweeps]
-    hidden = len(rows) - LISTED
+    rows: list[tuple[Cell, ...]] = []
+    for sweep in study.sweeps[:LISTED]:
+        (axis,) = sweep.axes
+        last = _kept_at(sweep, study.limit) if study.limit is not None else SHAPES[_trends(sweep)["largest"][0].shape]
+        rows.append((_named(axis), _number(axis, axis.present), *_extremes(axis, sweep.amplitude.max(0)), last))
+    hidden = len(study.sweeps) - LISTED
     more = f"{counted(hidden, 'more parameter')}: --details. " if hidden > 0 else ""
     last = "trend" if study.limit is None else f"{MM * study.limit:g} mm kept"
     head = ("parameter", "present", "least [mm]", "at", "largest [mm]", "at", last)
-    yield Table("", head, tuple(rows[:LISTED]), note=f"{more}Largest of x, y and z.")
+    yield Table("", head, tuple(rows), note=f"{more}Largest of x, y and z.")
 
 
-def _row(study: SweepStudy, sweep: Sweep) -> tuple[Cell, ...]:
-    """Return where the largest amplitude is least and largest; its trend, or where the limit is kept."""
-    (axis,) = sweep.axes
-    largest = sweep.amplitude.max(0)
-    extremes = [(mm(largest[k]), _number(axis, axis.values[k])) for k in (largest.argmin(), largest.argmax())]
-    last = _kept_at(sweep, study.limit) if study.limit is not None else SHAPES[_trends(sweep)["largest"][0].shape]
-    return _named(axis), _number(axis, axis.present), *extremes[0], *extremes[1], last
+def _extremes(axis: Axis, sizes: np.ndarray) -> list[str]:
+    """Return the least and the largest of the amplitudes along an axis, each with where it is."""
+    return [text for k in (sizes.argmin(), sizes.argmax()) for text in (mm(sizes[k]), _number(axis, axis.values[k]))]
 
 
 def _trends(sweep: Sweep) -> dict[str, tuple[Trend, Trend | None]]:
@@ -227,8 +218,9 @@ def _map_extremes(study: SweepStudy, sweep: Sweep) -> Iterator[Part]:
     if study.limit is not None:
         kept = f"The limit is kept at {int((largest <= study.limit).sum())} of {largest.size} points."
         if sweep.draws is not None:
-            share, place = _surest(sweep, study.limit)
-            kept += f" Least probability of exceeding it: {percent(share)}, at {place}."
+            shares = sweep.exceeds(study.limit)
+            surest = int(np.where(shares == shares.min(), largest, np.inf).argmin())  # of equals, the least amplitude
+            kept += f" Least probability of exceeding it: {percent(float(shares.min()))}, at {_point(sweep, surest)}."
         yield kept
 
 
@@ -236,13 +228,6 @@ def _point(sweep: Sweep, place: int) -> str:
     places = np.unravel_index(place, sweep.amplitude.shape[1:])
     pairs = zip(sweep.axes, places, strict=True)
     return ", ".join(f"{cut(axis.name, 24)} {_value(axis, axis.values[k])}" for axis, k in pairs)
-
-
-def _surest(sweep: Sweep, limit: float) -> tuple[float, str]:
-    """Return the least probability of exceeding a limit and where it is: among equals, where the amplitude is least."""
-    shares, largest = sweep.exceeds(limit), sweep.amplitude.max(0)
-    place = int(np.where(shares == shares.min(), largest, np.inf).argmin())
-    return float(shares.min()), _point(sweep, place)
 
 
 # -------- Details
@@ -287,7 +272,7 @@ def _parameter(study: SweepStudy, sweep: Sweep) -> Iterator[Part]:
     columns[""] = [_mark(axis, value) for value in axis.values]
     forms = tuple(".5g" if name.startswith(("value", "times")) else "" for name in columns)
     exceeds = f"exceeds: probability that {MM * (study.limit or 0):g} mm is exceeded in any direction."
-    note = exceeds if "exceeds" in columns else ""
+    note = exceeds * ("exceeds" in columns)
     yield Table("", tuple(columns), tuple(zip(*columns.values(), strict=True)), forms, note)
     if sweep.draws is not None:
         low, high = sweep.band
@@ -323,9 +308,8 @@ def _trend_table(sweep: Sweep) -> Table:
     if near is None:
         return Table("", head[:-1], tuple(row[:-1] for row in rows), note=f"{note} The present value is out of range.")
     low, high = near.span
-    span = f"{low:.4g} to {_value(axis, high)}"
-    if not axis.shifted:
-        span = f"{low / axis.present:.3g}x to {high / axis.present:.3g}x"
+    by_factor = f"{low / axis.present:.3g}x to {high / axis.present:.3g}x"
+    span = f"{low:.4g} to {_value(axis, high)}" if axis.shifted else by_factor
     return Table("", head, tuple(rows), note=f"{note} near present: {span}.")
 
 
@@ -339,13 +323,12 @@ def _about(axis: Axis, about: Trend | None) -> str:
 def _map_rows(sweep: Sweep) -> Iterator[Part]:
     """Yield for each value of the first parameter where the largest amplitude is least and largest."""
     first, second = sweep.axes
-    largest = sweep.amplitude.max(0)
-    rows = []
-    for value, row in zip(first.values, largest, strict=True):
-        ends = [(mm(row[k]), _number(second, second.values[k])) for k in (row.argmin(), row.argmax())]
-        rows.append((_number(first, value), *ends[0], *ends[1], _mark(first, value)))
+    rows = tuple(
+        (_number(first, value), *_extremes(second, row), _mark(first, value))
+        for value, row in zip(first.values, sweep.amplitude.max(0), strict=True)
+    )
     head = (_named(first), "least [mm]", f"at {_named(second)}", "largest [mm]", f"at {_named(second)}", "")
-    yield Table(f"For each {first.name}: least and largest of the largest of x, y and z", head, tuple(rows))
+    yield Table(f"For each {first.name}: least and largest of the largest of x, y and z", head, rows)
 
 
 def _mark(axis: Axis, value: float) -> str:

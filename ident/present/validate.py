@@ -7,9 +7,9 @@ import numpy as np
 
 from ident.identify.compare import Validation
 from ident.inference.scrutiny import HeldOut
-from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut
+from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, without_empty_columns
 from ident.present.warnings import drive_states
-from ident.present.words import counted, in_read_unit, percent, sentence
+from ident.present.words import counted, in_read_unit, percent, sentence, some
 
 PARTS = {"posture": "postures", "kind": "kinds of measurement", "row": "rows", "fraction": "fifths"}
 """What is left out at a time, in words."""
@@ -43,8 +43,7 @@ def _verdict(validation: Validation) -> Verdict:
     inside = f"{validation.covered} of {len(validation.z)} values lie in the 95 % interval of their prediction."
     if validation.missed:
         least = min(part.p_value for part in validation.missed)
-        named = ", ".join(cut(part.name, 30) for part in validation.missed[:FEW])
-        named += f" and {len(validation.missed) - FEW} more" if len(validation.missed) > FEW else ""
+        named = some([cut(part.name, 30) for part in validation.missed], FEW)
         return Verdict("NOT VALID", f"Too far from the prediction: {named} (p = {least:.2g}). {inside}", "bad")
     if fit.doubts:
         return Verdict("NOT VALID", f"{' '.join(map(sentence, fit.doubts))} {inside}", "bad")
@@ -58,11 +57,8 @@ def _absolute_kinds(validation: Validation) -> set[str]:
     """Return the kinds that have a value near zero, of which no percentage is given."""
     campaign = validation.fit.campaign
     sizes = {kind: [abs(m.value) for m in campaign if m.kind == kind] for kind in {m.kind for m in campaign}}
-    return {
-        kind
-        for kind, values in sizes.items()
-        if kind not in ("frequency", "damping_ratio") and min(values) <= SMALL * max(values)
-    }
+    never = ("frequency", "damping_ratio")
+    return {kind for kind, sizes in sizes.items() if kind not in never and min(sizes) <= SMALL * max(sizes)}
 
 
 def _scope_table(validation: Validation, absolute: Collection[str]) -> tuple[Table, ...]:
@@ -95,14 +91,7 @@ def _parts_table(validation: Validation, absolute: Collection[str], *, few: bool
         parts, caption = tuple(parts[i] for i in sorted(order)), f"The {most} of {len(parts)} parts farthest off"
     rows = [row for part in parts for row in _part_rows(validation, part, absolute, part.name in missed)]
     head = ("Left out", "values", "of", "rms error", "largest", "expected rms", "p", "")
-    shown = [j for j in range(len(head)) if j not in (2, 7) or any(row[j] for row in rows)]
-    forms = ("", "d", "", "", "", "", ".2g", "")
-    return Table(
-        caption,
-        tuple(head[j] for j in shown),
-        tuple(tuple(row[j] for j in shown) for row in rows),
-        tuple(forms[j] for j in shown),
-    )
+    return without_empty_columns(Table(caption, head, tuple(rows), ("", "d", "", "", "", "", ".2g", "")))
 
 
 def _part_rows(

@@ -20,10 +20,12 @@ from ident.present.words import (
     describe,
     in_percent,
     in_read_unit,
+    kinds_in_words,
     percent,
     place_read,
     read_unit,
     size_in_words,
+    some,
     three_digits,
 )
 
@@ -39,17 +41,10 @@ def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measure
         measured: the measurements.
         note: what else to know.
     """
-    kinds = tuple(
-        (
-            cross.kind.replace("_", " "),
-            len(cross.rows),
-            cross.statistic,
-            cross.degrees_of_freedom,
-            cross.p_value,
-            cross.sd if cross.sd >= 1 else None,
-        )
-        for cross in predictions
-    )
+    kinds = []
+    for cross in predictions:
+        numbers = cross.statistic, cross.degrees_of_freedom, cross.p_value, cross.sd if cross.sd >= 1 else None
+        kinds.append((cross.kind.replace("_", " "), len(cross.rows), *numbers))
     head = ("kind", "values", "T", "degrees of freedom", "p", "sigma")
     meaning = (
         "T: rise of the minimum chi-squared of the joint fit over that of the separate fits; priors count with the "
@@ -61,16 +56,17 @@ def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measure
         for i, row in enumerate(cross.rows if len(cross.rows) <= FEW else ())
         for predicted, value, unit in [against(cross, i, measured[row])]
     )
-    parts: list[Part] = [Table("", head, kinds, ("", "d", "#.3g", ".1f", ".2g", ".1f"), meaning)]
+    parts: list[Part] = [Table("", head, tuple(kinds), ("", "d", "#.3g", ".1f", ".2g", ".1f"), meaning)]
     if rows:
         of_values = ("value", "unit", "measured", "predicted from the other kinds", "difference [sd]")
         parts.append(Table("", of_values, rows, ("", "", ".3g", ".3g", "+.1f")))
     return Section("Agreement between kinds of measurement", (*parts, *([note] if note else [])))
 
 
-def chance(cross: CrossPrediction) -> str:
-    """Write how improbable a disagreement is; as standard deviations, too, where these say anything."""
-    return f"p = {cross.p_value:.2g}" + (f" ({cross.sd:.1f} sigma)" if cross.sd >= 1 else "")
+def kinds_agree(predictions: Sequence[CrossPrediction]) -> str:
+    """Say in a sentence that the kinds of measurement agree, with the smallest p."""
+    least = min(cross.p_value for cross in predictions)
+    return f"{kinds_in_words([cross.kind for cross in predictions]).capitalize()} agree (p = {least:.2g})."
 
 
 def against(cross: CrossPrediction, i: int, m: Measurement) -> tuple[float, float, str]:
@@ -79,22 +75,22 @@ def against(cross: CrossPrediction, i: int, m: Measurement) -> tuple[float, floa
     return in_read_unit(m.kind, cross.predicted[i])[0], value, unit
 
 
-def contradiction(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement]) -> str:
-    """Say in a sentence which value of a small kind is farthest from what the other kinds predict; empty for none."""
+def contradiction(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement]) -> tuple[str, ...]:
+    """Say in a sentence which value of a small kind is farthest from what the other kinds predict; nothing for none."""
     small = [
-        (cross, np.abs(cross.z))
+        (np.abs(cross.z), cross)
         for cross in contradicting(predictions)
         if len(cross.rows) <= FEW and cross.z is not None
     ]
     if not small:
-        return ""
-    single = [pair for pair in small if len(pair[0].rows) == 1]
-    cross, z = max(single or small, key=lambda pair: float(np.max(pair[1])))
+        return ()
+    single = [pair for pair in small if len(pair[0]) == 1]
+    z, cross = max(single or small, key=lambda pair: float(np.max(pair[0])))
     i = int(np.argmax(z))
     m = measured[cross.rows[i]]
     predicted, value, unit = against(cross, i, m)
-    by_others, own = three_digits(predicted), three_digits(value)
-    return f"By the other data, the {describe(m)} is {by_others} {unit}; measured: {own} {unit}."
+    by_others = f"By the other data, the {describe(m)} is {three_digits(predicted)} {unit}"
+    return (f"{by_others}; measured: {three_digits(value)} {unit}.",)
 
 
 def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:
@@ -112,21 +108,17 @@ def what_may_be_wrong(predictions: Sequence[CrossPrediction]) -> str:
     A spring that hardens vibrates about its loaded state: tangent above secant, so that omega^2 times deflection grows.
     """
     kinds = {cross.kind: cross for cross in predictions}
-    if not {"frequency", "deflection"} <= set(kinds) or kinds.keys().isdisjoint(
-        cross.kind for cross in contradicting(predictions)
-    ):
+    if not {"frequency", "deflection"} <= set(kinds) or not contradicting(predictions):
         return ""
     deflection = kinds["deflection"]
-    small = bool(np.mean(deflection.measured / deflection.predicted) < 1)
-    word, load = ("small", "less") if small else ("large", "more")
-    last = (
-        "Then check mass centres and lengths; drives that stiffen under load would make it larger, not smaller."
-        if small
-        else "Then check mass centres and lengths, and whether drives stiffen under load or stick."
-    )
+    if np.mean(deflection.measured / deflection.predicted) < 1:
+        word, load, drives = "small", "less", "; drives that stiffen under load would make it larger, not smaller"
+    else:
+        word, load, drives = "large", "more", ", and whether drives stiffen under load or stick"
     return (
         "Masses and lengths alone nearly fix the deflection times the square of the frequency, and here it is too "
-        f"{word}: check whether the deflection was measured under {load} load or mass than the frequency. {last}"
+        f"{word}: check whether the deflection was measured under {load} load or mass than the frequency. Then check "
+        f"mass centres and lengths{drives}."
     )
 
 
@@ -150,8 +142,7 @@ def drive_states(arm: Arm, campaign: Campaign) -> tuple[Finding, ...]:
     if len(own) == len(campaign):
         text = "the servos were on in all rows and the arm file describes none: each k_tors includes its servo"
         return (Finding(text, "describe them ([[servo]]), or measure with the brakes on"),)
-    rows = f"row{'s' * (len(own) > 1)} {', '.join(own[:MOST_ROWS])}"
-    rows += f" and {len(own) - MOST_ROWS} more" if len(own) > MOST_ROWS else ""
+    rows = f"row{'s' * (len(own) > 1)} {some(own)}"
     return (Finding(f"rows with brakes and with servos are mixed: the servo was on in {rows}", "fit them separately"),)
 
 
@@ -223,10 +214,8 @@ def asked_for(fit: CampaignFit) -> Finding | None:
     text = f"the data contradict an assumption: {in_words(first)} (z = {first.test.z:.1f}; {share} would fit best)"
     if fit.doubts:
         return Finding(text, "look for a wrong value first: one may be the cause")
-    remedy = (
-        f"fit again with --soft-base {found.height:.2g}" if first.kind.startswith("base") else "model it, or measure it"
-    )
-    return Finding(text, remedy)
+    base = first.kind.startswith("base")
+    return Finding(text, f"fit again with --soft-base {found.height:.2g}" if base else "model it, or measure it")
 
 
 def in_words(item: Assumption) -> str:
@@ -287,25 +276,21 @@ def _meaning(fit: CampaignFit, found: Assumptions, kinds: Sequence[str]) -> Iter
         of.setdefault(KINDS[kind].of, []).append(kind)
     shares = "; ".join(f"{', '.join(each)}: {share}" for share, each in of.items())
     origins = "; ".join(dict.fromkeys(part for kind in kinds for part in KINDS[kind].origin.split("; ")))
-    height = (
-        f" The base is taken to rock about a point {found.height:.2g} m below bushing 1."
-        if fit.arm.joints[0].driven
-        else ""
-    )
+    height = f" The base is taken to rock about a point {found.height:.2g} m below bushing 1."
     yield (
         "Worst joint per row. Shift: of the value that moves most, in its std. errors (sd), or in percent where it has "
         "no interval. z: test statistic; a compliance cannot be negative, so only z > 0 counts."
     )
-    yield f"Assumed error as a share of: {shares}. Origin: {origins}.{height}"
+    yield f"Assumed error as a share of: {shares}. Origin: {origins}.{height * bool(fit.arm.joints[0].driven)}"
 
 
 # -------- Explanations
 # What would reconcile data that are in doubt.
 
-LISTED, OTHERS = 10, 3
-"""Explanations that fit, and that do not, which are listed at most."""
+LISTED = 10
+"""Explanations that are listed at most."""
 LEADING = 3
-"""Explanations on the first screen."""
+"""Explanations on the first screen, and those that are listed where none fits."""
 ROWS = 6
 """Rows that one names, at most."""
 CHECKS = {
@@ -347,14 +332,17 @@ def explanation_section(found: Explanations | None, campaign: Campaign) -> tuple
     labels = f", and {three_digits(found.said)} for the labels" if found.said > MARGIN else ""
     title = f"Possible causes of the contradiction (chi-squared {three_digits(found.cost)} as it is{labels})"
     if not found.items:
-        return (
-            Section(
-                title, (f"No single cause that was tried lowers chi-squared left + implausibility by {MARGIN:g}.",)
-            ),
-        )
+        none = f"No single cause that was tried lowers chi-squared left + implausibility by {MARGIN:g}."
+        return (Section(title, (none,)),)
     fitting = found.fitting
-    listed = fitting[:LISTED] or [item for item in found.items if not item.fits][:OTHERS]
-    rows = tuple(_explanation_row(item, campaign, i if fitting else 0) for i, item in enumerate(listed, 1))
+    listed = fitting[:LISTED] or [item for item in found.items if not item.fits][:LEADING]
+    rows = []
+    for number, item in enumerate(listed, 1):
+        slip = all(change.off == SLIP for change in item.changes)
+        off = "entry error" if slip else f"{item.off:.1f} sd" if item.off < 100 else "absurd"
+        left = f"{'~' if item.linear else ''}{three_digits(item.cost)}"
+        cause = _causes(item, campaign), CHECKS[item.changes[0].kind]
+        rows.append((str(number) if fitting else "-", left, off, *cause))
     head = ("no.", "chi2 left", "implausibility", "possible cause", "what to do")
     note = (
         "chi2 left: sum of squares of data and priors with the smallest change that suffices. Implausibility: size of "
@@ -362,17 +350,11 @@ def explanation_section(found: Explanations | None, campaign: Campaign) -> tuple
         f"as {SLIP:g}. Ranked by chi2 left + implausibility^2, which must fall by {MARGIN:g} or more."
     )
     note += " ~: estimated by linearisation." if any(item.linear for item in found.items) else ""
-    none = () if fitting else ("Nothing that was tried explains the data, alone or in pairs; these come nearest:",)
-    more = (f"{len(fitting) - LISTED} less probable causes are not listed.",) if len(fitting) > LISTED else ()
-    parts = (*none, Table("", head, rows, note=note), *more, *discriminating(found.telling, LISTED))
-    return (Section(title, parts),)
-
-
-def _explanation_row(item: Explanation, campaign: Campaign, number: int) -> tuple[Cell, ...]:
-    slip = all(change.off == SLIP for change in item.changes)
-    off = "entry error" if slip else f"{item.off:.1f} sd" if item.off < 100 else "absurd"
-    left = f"{'~' if item.linear else ''}{three_digits(item.cost)}"
-    return str(number) if number else "-", left, off, _causes(item, campaign), CHECKS[item.changes[0].kind]
+    none = "Nothing that was tried explains the data, alone or in pairs; these come nearest:"
+    more = f"{len(fitting) - LISTED} less probable causes are not listed."
+    above, below = [none] * (not fitting), [more] * (len(fitting) > LISTED)
+    table = Table("", head, tuple(rows), note=note)
+    return (Section(title, (*above, table, *below, *discriminating(found.telling, LISTED))),)
 
 
 def _causes(item: Explanation, campaign: Campaign) -> str:
@@ -385,9 +367,8 @@ def _words(change: Change, campaign: Campaign) -> str:
     match change.kind:
         case "value":
             m = campaign.measurements[change.rows[0]]
-            value, unit = in_read_unit(m.kind, change.amount)
-            sd, _ = in_read_unit(m.kind, change.sd)
-            was, _ = in_read_unit(m.kind, m.value)
+            value, sd, was = (in_read_unit(m.kind, number)[0] for number in (change.amount, change.sd, m.value))
+            unit = in_read_unit(m.kind, 1.0)[1]
             return f"{rows}: {_quantity(m)} is {value:.3g} +- {sd:.1g} {unit}, not {was:.4g} {unit}"
         case "exchange":
             return f"the labels or values of {rows} are swapped"
@@ -432,9 +413,7 @@ def _amount(change: Change) -> str:
 def _rows(rows: Sequence[int], campaign: Campaign) -> str:
     if len(rows) == len(campaign):
         return "all rows"
-    names = [row_names(campaign)[i] for i in rows[:ROWS]]
-    more = f" and {len(rows) - ROWS} more" if len(rows) > ROWS else ""
-    return f"row{'s' * (len(rows) > 1)} {', '.join(names)}{more}"
+    return f"row{'s' * (len(rows) > 1)} {some([row_names(campaign)[i] for i in rows], ROWS)}"
 
 
 def _widths(found: Explanations) -> str:
@@ -457,15 +436,12 @@ def discriminating(found: Sequence[Telling], leading: int) -> tuple[Table, ...]:
     numbers = [number for number in found[0].numbers if number <= leading]
     rows = []
     for each in found:
-        m = each.measurement
+        m, cells = each.measurement, []
         sigma, unit = in_read_unit(m.kind, m.sigma)
-        cells = [
-            f"{in_read_unit(m.kind, value)[0]:.3g} +- {in_read_unit(m.kind, sd)[0]:.1g}"
-            if math.isfinite(value)
-            else "-"
-            for number, value, sd in zip(each.numbers, each.predicted, each.sd, strict=True)
-            if number <= leading
-        ]
+        for number, *predicted in zip(each.numbers, each.predicted, each.sd, strict=True):
+            value, sd = (in_read_unit(m.kind, part)[0] for part in predicted)
+            if number <= leading:
+                cells.append(f"{value:.3g} +- {sd:.1g}" if math.isfinite(value) else "-")
         which = {1.0: "lowest ", 2.0: "second "}.get(each.place, "")
         rows.append((f"{which}{describe(m)} [{unit}]", *cells, f"+- {sigma:.1g}"))
     head = ("To tell them apart, measure", *(f"if {number}" for number in numbers), "measured to")
@@ -481,17 +457,15 @@ def hysteresis(fit: CampaignFit) -> tuple[Section, ...]:
     if not fit.loops:
         return ()
     rows: list[tuple[Cell, ...]] = []
-    one_way: list[str] = []
     for loop in fit.loops:
         size, unit = read_unit(loop.name)
         known = np.isfinite(loop.sd)
         width = f"{loop.width / size:.3g} +- {loop.sd / size:.2g} {unit}" if known else "not determined"
         share = f"{100 * abs(loop.width) / loop.largest:.2g} %" if loop.largest and known else "-"
         rows.append((place_read(loop.of), width, share, len(loop.rows)))
-        one_way += _one_way(fit.campaign, loop)
     note = "Friction and play: the width determines no stiffness; the mean of loading and unloading does."
-    head = ("loop", "unloading - loading", "of largest", "rows")
-    return (Section("Hysteresis of loading ramps", (Table("", head, tuple(rows), note=note), *one_way)),)
+    table = Table("", ("loop", "unloading - loading", "of largest", "rows"), tuple(rows), note=note)
+    return (_ramps(table, fit.campaign, fit.loops),)
 
 
 def expected_hysteresis(campaign: Campaign, ramps: Sequence[Ramp]) -> tuple[Section, ...]:
@@ -499,18 +473,20 @@ def expected_hysteresis(campaign: Campaign, ramps: Sequence[Ramp]) -> tuple[Sect
     if not ramps:
         return ()
     rows: list[tuple[Cell, ...]] = []
-    one_way: list[str] = []
     for ramp in ramps:
         size, unit = read_unit(ramp.name)
         within = f"{ramp.sd / size:.2g} {unit}" if np.isfinite(ramp.sd) else "not determined"
         rows.append((place_read(ramp.of), within, len(ramp.rows)))
-        one_way += _one_way(campaign, ramp)
     note = "One sd by the data alone, at the arm file's values. `ident fit` finds the widths."
-    head = ("loop", "width known within", "rows")
-    return (Section("Hysteresis of loading ramps", (Table("", head, tuple(rows), note=note), *one_way)),)
+    return (_ramps(Table("", ("loop", "width known within", "rows"), tuple(rows), note=note), campaign, ramps),)
 
 
-def _one_way(campaign: Campaign, ramp: Ramp) -> Iterator[str]:
-    ways = {campaign.measurements[i].ramp for i in ramp.rows}
-    if len(ways) == 1:
-        yield f"{place_read(ramp.of)}: only {ways.pop()}, so these rows determine slopes, not the zero reading."
+def _ramps(table: Table, campaign: Campaign, ramps: Sequence[Ramp]) -> Section:
+    """Return the table of the loops, and which of them were measured in one direction only."""
+    ways = [(ramp, {campaign.measurements[i].ramp for i in ramp.rows}) for ramp in ramps]
+    one_way = (
+        f"{place_read(ramp.of)}: only {own.pop()}, so these rows determine slopes, not the zero reading."
+        for ramp, own in ways
+        if len(own) == 1
+    )
+    return Section("Hysteresis of loading ramps", (table, *one_way))

@@ -22,16 +22,8 @@ from ident.units import QUANTITIES, stiffness_unit
 # -------- Units
 # How numbers are shown: in the units that people read. What a number of the arm is: `ident.arm.fields`.
 
-KINDS = {
-    "frequency": (1.0, "Hz"),
-    "deflection": (1e3, "mm"),
-    "deflection_difference": (1e3, "mm"),
-    "rotation": (1e3, "mrad"),
-    "rotation_difference": (1e3, "mrad"),
-    "twist": (1e3, "mrad"),
-    "twist_difference": (1e3, "mrad"),
-    "shape": (1.0, ""),
-}
+READ_UNITS = {"Hz": (1.0, "Hz"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
+"""Units in which what was measured is read, and how many there are in the SI unit; ratios are read in percent."""
 TURN = ".turn."
 """What tells how a setup's frame is turned from where it is."""
 MM = 1e3
@@ -40,7 +32,9 @@ MM = 1e3
 
 def in_read_unit(kind: str, value: float) -> tuple[float, str]:
     """Return a measured or predicted SI value in the unit that its kind is read in, and the unit."""
-    factor, unit = KINDS.get(kind, (100.0, "%"))
+    if kind == "shape":
+        return value, ""
+    factor, unit = READ_UNITS.get(QUANTITIES[MEASURED[kind]].si, (100.0, "%"))
     return value * factor, unit
 
 
@@ -90,6 +84,12 @@ def in_shown_unit(path: str, value: float) -> tuple[float, str]:
     return value / size, unit
 
 
+def shared_unit(paths: Iterable[str]) -> str:
+    """Return the unit in which all of these are shown, as ` [N m/rad]`; nothing where they have several."""
+    units = {in_shown_unit(path, 1.0)[1] for path in paths}
+    return f" [{units.pop()}]" if len(units) == 1 else ""
+
+
 def value_in_words(path: str, value: float) -> str:
     """Write a value with its unit, as `3.598e+05 N m/rad`."""
     number, name = in_shown_unit(path, value)
@@ -104,8 +104,6 @@ MOST_ROWS = 3
 """Rows, or numbers, that a warning names, at most."""
 NOTABLE = 0.15
 """Weight below which a parameter is left out when a direction is put into a few words."""
-MATTERS = 0.3
-"""Spread that a factor adds to a product, as a share of the product's own, from which it is shown."""
 
 
 def degrees(posture: Iterable[float]) -> str:
@@ -159,10 +157,8 @@ def main_factors(direction: Direction, spread: Float[np.ndarray, "P"]) -> list[i
         spread: (P,) standard deviation of each theta.
     """
     size = np.abs(direction.weights)
-    if direction.seen:
-        matters = size * np.minimum(spread, math.log(LARGEST)) > MATTERS * direction.sd
-    else:
-        matters = size > NOTABLE
+    added = size * np.minimum(spread, math.log(LARGEST)) > 0.3 * direction.sd  # 30 % of the product's own spread
+    matters = added if direction.seen else size > NOTABLE
     first, *others = np.argsort(-size).tolist()
     return [first, *(i for i in others if matters[i])]
 
@@ -179,24 +175,20 @@ def direction_name(direction: Direction, names: Sequence[str], spread: Float[np.
 def short(m: Measurement) -> str:
     """Say in a few words what was measured, with its value."""
     value, unit = in_read_unit(m.kind, m.value)
-    what = _what(m)
-    loads = f", {m.load}" if m.load else ""
+    what = f"{_what(m)}: " if _what(m) else ""
+    loads = (f", {m.load}" if m.load else "") + _held(m)
     against = f" - {m.reference_load}" if m.kind in DIFFERENCES else ""
     defined = f" ({m.of})" if m.of else ""
-    loads += _held(m)
-    return f"{f'{what}:' if what else ''} {value:.4g} {unit}{defined}{loads}{against} at {degrees(m.posture)}".strip()
+    return f"{what}{value:.4g} {unit}{defined}{loads}{against} at {degrees(m.posture)}"
 
 
 def describe(m: Measurement) -> str:
     """Say in a few words what was measured, without its value."""
-    what = _what(m)
+    what = f"{m.of or ''} {m.kind.replace('_', ' ')} {_what(m)}"
     loads = f" {m.load}" if m.load else ""
-    held = _held(m)
     against = f" - {m.reference_load}" if m.kind in DIFFERENCES and m.reference_load else ""
-    against += f", {m.ramp}" if m.ramp else ""
-    return f"{m.of or ''} {m.kind.replace('_', ' ')} {what}{loads}{against}{held} at {degrees(m.posture)}".replace(
-        "  ", " "
-    ).strip()
+    ramp = f", {m.ramp}" if m.ramp else ""
+    return f"{what}{loads}{against}{ramp}{_held(m)} at {degrees(m.posture)}".replace("  ", " ").strip()
 
 
 def place_read(m: Measurement) -> str:
@@ -240,6 +232,17 @@ def kinds_in_words(kinds: Sequence[str]) -> str:
 def sentence(words: str) -> str:
     """Write words as a sentence, with a capital and a full stop."""
     return f"{words[:1].upper()}{words[1:]}{'.' * (words[-1:] not in '.?!')}"
+
+
+def lowered(words: str) -> str:
+    """Begin words with a small letter, to stand within a sentence."""
+    return f"{words[:1].lower()}{words[1:]}"
+
+
+def some(names: Sequence[str], most: int = MOST_ROWS) -> str:
+    """Name the first of several: `a, b, c and 2 more`."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def shares(known: Information, i: int) -> tuple[float | None, float | None, float | None]:
@@ -344,11 +347,6 @@ def what_is_open(known: Information, items: tuple[Parameter, ...]) -> Section | 
     return Section(title, tuple(f"{in_words(trade, items)} would not show in the data" for trade in trades))
 
 
-def spread_in_words(sd: float) -> str:
-    """Say how well a theta is known: in percent, or as a factor."""
-    return scatter(sd).replace("factor", "a factor of")
-
-
 def product(direction: Direction, items: tuple[Parameter, ...], spread: Float[np.ndarray, "P"]) -> str:
     """Write a direction as a product of powers of parameters; one of either sign enters as its exponential.
 
@@ -359,14 +357,14 @@ def product(direction: Direction, items: tuple[Parameter, ...], spread: Float[np
     """
     units = [f"{float(item.scale):g} {unit_of(item.name)}" for item in items]
     factors = [item.name if item.positive else f"exp({item.name} / {x})" for item, x in zip(items, units, strict=True)]
-    parts = [(factors[i], _exponent(direction.weights[i])) for i in main_factors(direction, spread)]
-    if len(parts) == 1:
-        return parts[0][0]
-    return f" {kept('* ')}".join(f"{name}^{exponent}" for name, exponent in parts)
-
-
-def _exponent(weight: float) -> str:
-    return f"{weight:.2f}" if abs(weight) > 0.095 else f"{weight:.1g}"
+    first, *others = main_factors(direction, spread)
+    if not others:
+        return factors[first]
+    powers = []
+    for i in (first, *others):
+        weight = direction.weights[i]
+        powers.append(f"{factors[i]}^{weight:.2f}" if abs(weight) > 0.095 else f"{factors[i]}^{weight:.1g}")
+    return f" {kept('* ')}".join(powers)
 
 
 def in_words(trade: TradeOff, items: tuple[Parameter, ...]) -> str:

@@ -19,6 +19,7 @@ from ident.present.figures.style import (
     ORANGE,
     PINK,
     Style,
+    as_written,
     key_below,
     motion_title,
     note,
@@ -34,8 +35,6 @@ from ident.vibrate.sweep import NEARBY
 
 WIDTH = 8.0
 """Of a figure [inch]."""
-SHARES = (-1.0, -0.5, 0.0, 0.5, 1.0)
-"""Ticks of changes as shares of the widest."""
 COLORS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "black", GREY)
 MARKS: dict[str, Style] = {
     "present": {"marker": "o", "color": GREY, "markersize": 8},
@@ -135,27 +134,20 @@ def _bars(axes: Axes, design: Design) -> None:
     axes.set_xlabel("change norm", fontsize=9)
     low, high = (spans / scale[:, None]).min(), (spans / scale[:, None]).max()
     axes.set_ylim(1.06 * low, 1.06 * high)
-    if by_factor:
-        ticks = list(_factors(np.exp(low), np.exp(high)))
+    if by_factor:  # round factors, 1 among them
+        least, most = np.exp(low), np.exp(high)
+        fine = (0.25, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.2, 1.5, 2, 3, 4)
+        factors = (0.1, 0.2, 0.5, 1, 2, 5, 10) if most / least > 10 else fine
+        ticks = [factor for factor in factors if least * (1 - 1e-9) <= factor <= most * (1 + 1e-9)]
         axes.set_yticks(np.log(ticks), [f"{f:g}x" for f in ticks])
         axes.yaxis.set_minor_locator(NullLocator())
         axes.set_ylabel("factor", fontsize=9)
     else:
-        ticks = [share for share in SHARES if low <= share <= high]
+        ticks = [share for share in (-1.0, -0.5, 0.0, 0.5, 1.0) if low <= share <= high]
         axes.set_yticks(ticks, [f"{share:+.0%}" if share else "0%" for share in ticks])
         axes.set_ylabel("change, of the widest allowed", fontsize=9)
     key = axes.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=4, frameon=False, fontsize=8)
-    for text in key.get_texts():
-        text.set_parse_math(False)
-
-
-def _factors(low: float, high: float) -> Iterator[float]:
-    """Yield round factors from low to high, 1 among them."""
-    wide = high / low > 10
-    steps = (0.1, 0.2, 0.5, 1, 2, 5, 10) if wide else (0.25, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.2, 1.5, 2, 3, 4)
-    for step in steps:
-        if low * (1 - 1e-9) <= step <= high * (1 + 1e-9):
-            yield step
+    as_written(key.get_texts())
 
 
 def _named(design: Design) -> Iterator[tuple[str, Place]]:
@@ -168,19 +160,17 @@ def _named(design: Design) -> Iterator[tuple[str, Place]]:
 
 def _changed(design: Design) -> Iterator[tuple[str, Place]]:
     """Yield the places whose changes are drawn, ascending, each with its label."""
-    names = [(place, name) for name, place in _named(design)][1:]
-    places = [(one, "") for one in design.curve[1:-1] if all(one is not place for place, _ in names)] + names
+    _, *named = _named(design)
+    places = [("", one) for one in design.curve[1:-1] if all(one is not place for _, place in named)] + named
     if abs(design.curve[-1].change_norm - design.best.change_norm) > 1e-9:
-        places.append((design.curve[-1], "minimum\namplitude"))
-    for place, name in sorted(places, key=lambda pair: pair[0].change_norm):
-        yield f"{place.change_norm:.3g}" + (f"\n{name}" if name else ""), place
+        places.append(("minimum\namplitude", design.curve[-1]))
+    for name, place in sorted(places, key=lambda pair: pair[1].change_norm):
+        yield f"{place.change_norm:.3g}\n{name}".rstrip(), place
 
 
 # -------- Sensitivity
 # Figure of sensitivities: by how many percent the amplitude changes with each number, as bars with bands.
 
-SENSITIVITY_WIDTH, ROW = 9.0, 0.24
-"""Width of the figure and height of a row [inch]."""
 MOST = 16
 """Numbers that are shown."""
 
@@ -190,7 +180,7 @@ def sensitivity_figure(study: DesignStudy) -> Figure:
     each = study.sensitivities
     shown = each.order[:MOST]
     title = motion_title(f"What the vibration of {study.basis.point} depends on", study.basis)
-    figure = titled((SENSITIVITY_WIDTH, ROW * len(shown) + 1.9), title, (0.06, 0.08))
+    figure = titled((9.0, 0.24 * len(shown) + 1.9), title, (0.06, 0.08))
     grid = figure.subplots(1, len(DIRECTIONS), sharey=True)
     names = [f"{cut(each.paths[i], 22)}, {value_in_words(each.paths[i], each.present[i])}" for i in shown]
     for d, axes in enumerate(grid):

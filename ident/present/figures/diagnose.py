@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.assess.diagnose import Diagnosis
-from ident.present.diagnose import change_words
+from ident.present.diagnose import SENSITIVITIES, change_words
 from ident.present.figures.fit import validate_figure
 from ident.present.figures.resonance import resonance_figure
 from ident.present.figures.style import BLUE, note, plain, ratio_axis, rows
@@ -19,8 +19,6 @@ RED = "#C1432B"
 """Colour of the limit."""
 WIDTH = 9.0
 """Width of the figures [inch]."""
-SENSITIVITIES = 12
-"""Numbers whose sensitivities are shown."""
 
 
 def diagnose_figures(diagnosis: Diagnosis) -> dict[str, Figure]:
@@ -44,10 +42,6 @@ def _stiffness_figure(diagnosis: Diagnosis) -> Figure | None:
     ratio_axis(axes, float(left.min()) / room, float(right.max()) * room)
     axes.set_xlabel("value / median", fontsize=9)
     return figure
-
-
-def _trust_figure(diagnosis: Diagnosis) -> Figure | None:
-    return validate_figure(diagnosis.validation) if diagnosis.validation.told else None
 
 
 def _resonance_figure(diagnosis: Diagnosis) -> Figure | None:
@@ -118,7 +112,7 @@ def _rows(names: Sequence[str]) -> tuple[Figure, Axes]:
 
 _FIGURES: Mapping[str, Callable[[Diagnosis], Figure | None]] = {
     "stiffness": _stiffness_figure,
-    "trust": _trust_figure,
+    "trust": lambda diagnosis: validate_figure(diagnosis.validation) if diagnosis.validation.told else None,
     "resonance": _resonance_figure,
     "vibration": _vibration_figure,
     "sensitivities": _sensitivities_figure,

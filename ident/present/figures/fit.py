@@ -4,8 +4,8 @@ Figures are made without pyplot, so that nothing global is touched.
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,6 +19,7 @@ from ident.inference.information import WEAK_ABOVE, Direction
 from ident.inference.optima import Ending
 from ident.inference.parameters import Parameter
 from ident.inference.profile import Profile, threshold
+from ident.measure import Measurement
 from ident.present.compare import level_words
 from ident.present.figures.style import (
     BLUE,
@@ -41,9 +42,9 @@ from ident.present.figures.style import (
     titled,
 )
 from ident.present.fit import fit_sections, why_no_interval
-from ident.present.profile import level_in_words
+from ident.present.profile import level_in_words, span_text
 from ident.present.report import cut
-from ident.present.words import MM, direction_name, is_length, read_unit, short
+from ident.present.words import MM, direction_name, is_length, lowered, read_unit, short
 
 KIND_STYLES: dict[str, Style] = {
     "frequency": {"color": BLUE, "marker": "o"},
@@ -60,8 +61,8 @@ RIMMED: Style = {"markersize": 8, "markeredgecolor": "black", "markeredgewidth":
 """What lies too far from the fit."""
 ROW, PANEL = 0.27, 1.15
 """Height of one row, and of a panel's heading and axis [inch]."""
-LABEL, LETTER = 52, 0.063
-"""Longest label of a measurement, and the width of a letter [inch]."""
+LABEL = 52
+"""Longest label of a measurement."""
 DENSE = 60
 """Measurements above which the rows are numbered instead of described."""
 MANY = 400
@@ -84,7 +85,11 @@ def fit_figure(fit: CampaignFit) -> Figure:
     verdict = fit_sections(fit).verdict
     assert verdict is not None
     title = f"Fit of {cut(fit.arm.name, 50)} to {cut(fit.campaign.name, 50) or 'measurements'}: {verdict.word}"
-    figure = titled((_width(fit), total + 0.5), title, (0.1, 0.06), wspace=0.04)
+    known = fit.information
+    left_label = max(len(direction_name(direction, known.names, known.sd)) for direction in _shown(fit))
+    right_label = max(len(cut(short(m), LABEL)) for m in fit.campaign)
+    width = 8.6 + 0.063 * (max(left_label, 20) + max(right_label, 20) + 24)  # panels, and letters in the rows
+    figure = titled((width, total + 0.5), title, (0.1, 0.06), wspace=0.04)
     columns = figure.add_gridspec(1, 2)
     *values, directions = _stack(figure, columns[0], left)
     for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
@@ -95,33 +100,16 @@ def fit_figure(fit: CampaignFit) -> Figure:
     return figure
 
 
-def _width(fit: CampaignFit) -> float:
-    """Return the width [inch] that leaves room for the panels beside what is written in the rows."""
-    known = fit.information
-    left = max(len(direction_name(direction, known.names, known.sd)) for direction in _shown(fit))
-    right = max(len(cut(short(m), LABEL)) for m in fit.campaign)
-    return 8.6 + LETTER * (max(left, 20) + max(right, 20) + 24)
-
-
 def _stack(figure: Figure, cell: SubplotSpec, heights: Sequence[float]) -> list[Axes]:
     """Return axes one above the other."""
     grid = cell.subgridspec(len(heights), 1, height_ratios=heights)
     return [figure.add_subplot(grid[i]) for i in range(len(heights))]
 
 
-class _Row(NamedTuple):
-    """A parameter as it is drawn: relative to the arm file, or as a shift [mm] from it."""
-
-    value: float
-    low: float
-    high: float
-    supported: bool
-
-
 def _values(axes: Axes, fit: CampaignFit, group: Sequence[int], *, shift: bool) -> None:
     items = fit.problem.parameters.items
-    interval, supported = fit.interval(), fit.supported
-    drawn = [_row(items[i], float(fit.best.values[i]), interval[i], bool(supported[i]), shift) for i in group]
+    interval, supported = fit.interval(), [bool(fit.supported[i]) for i in group]
+    drawn = [_as_drawn(items[i], (fit.best.values[i], *interval[i]), shift) for i in group]
     left, right = _shift_span(drawn) if shift else _ratio_span(drawn)
     rows(axes, [cut(items[i].name, 30) for i in group])
     if shift:
@@ -129,61 +117,49 @@ def _values(axes: Axes, fit: CampaignFit, group: Sequence[int], *, shift: bool) 
     else:
         ratio_axis(axes, left, right)
     axes.axvline(0.0 if shift else 1.0, color="black", linewidth=0.8, zorder=1.5)
-    for y, row in enumerate(drawn):
-        ends = [max(row.low, left), min(row.high, right)]
-        line: Style = {"color": BLUE, "linewidth": 2.2} if row.supported else {"color": PALE, "linewidth": 5.0}
-        axes.plot(ends, [y, y], solid_capstyle="butt", zorder=2, **line)
-        axes.plot([row.value], [y], linestyle="", zorder=3, **(FILLED if row.supported else HOLLOW))
+    for y, ((value, start, end), known) in enumerate(zip(drawn, supported, strict=True)):
+        line: Style = {"color": BLUE, "linewidth": 2.2} if known else {"color": PALE, "linewidth": 5.0}
+        axes.plot([max(start, left), min(end, right)], [y, y], solid_capstyle="butt", zorder=2, **line)
+        axes.plot([value], [y], linestyle="", zorder=3, **(FILLED if known else HOLLOW))
     axes.set_xlabel("fitted - arm file [mm]" if shift else "fitted / arm file [-]", fontsize=9)
     why = [why_no_interval(fit, i) for i in group]
-    keys = _key([row.supported for row in drawn], "known, 95 % interval", _hollow(why))
-    heading(axes, "Lengths that were freed" if shift else "Parameters", keys)
-    texts = [
-        _value_text(items[i].name, fit.best.values[i], interval[i], word) for i, word in zip(group, why, strict=True)
-    ]
-    rows(axes.twinx(), texts, side="right")
-
-
-def _hollow(why: Sequence[str]) -> str:
-    """Say why a value has no interval, and what its bar is all the same."""
     reasons = {
         True: "not reported, as the fit is in doubt: by data and prior",
         False: "not determined by the data alone: with the prior",
     }
-    return "\n".join(reasons[hidden] for hidden in dict.fromkeys(each == "not reported" for each in why if each))
+    hollow = "\n".join(reasons[hidden] for hidden in dict.fromkeys(word == "not reported" for word in why if word))
+    keys = _key(supported, "known, 95 % interval", hollow)
+    heading(axes, "Lengths that were freed" if shift else "Parameters", keys)
+    texts = []
+    for i, word in zip(group, why, strict=True):
+        size, unit = read_unit(items[i].name)
+        best, low, high = engineering(*(float(number) / size for number in (fit.best.values[i], *interval[i])))
+        texts.append(f"{word}\n({best} {unit})" if word else f"{best} {unit}\n{low} to {high}")
+    rows(axes.twinx(), texts, side="right")
 
 
-def _row(item: Parameter, value: float, interval: np.ndarray, supported: bool, shift: bool) -> _Row:
+def _as_drawn(item: Parameter, numbers: Sequence[float], shift: bool) -> list[float]:
+    """Return value and ends of an interval relative to the arm file, or as shifts [mm] from it."""
     centre = float(item.start)
-
-    def relative(x: float) -> float:
-        return MM * (x - centre) if shift else x / centre if centre else math.nan
-
-    return _Row(relative(value), relative(float(interval[0])), relative(float(interval[1])), supported)
+    return [MM * (x - centre) if shift else x / centre if centre else math.nan for x in map(float, numbers)]
 
 
-def _ratio_span(drawn: Sequence[_Row]) -> tuple[float, float]:
+def _ratio_span(drawn: Sequence[Sequence[float]]) -> tuple[float, float]:
     """Return limits with all values, and with the intervals' ends as far as they are within reach."""
-    values = [1.0, *(row.value for row in drawn if 0 < row.value < math.inf)]
+    values = [1.0, *(value for value, *_ in drawn if 0 < value < math.inf)]
     low, high = min(values), max(values)
-    ends = [end for row in drawn for end in (row.low, row.high) if math.isfinite(end)]
+    ends = [end for _, *both in drawn for end in both if math.isfinite(end)]
     left = min([low, *(max(end, low / REACH) for end in ends)])
     right = max([high, *(min(end, high * REACH) for end in ends)])
     pad = (right / left) ** 0.06 * 1.001
     return left / pad, right * pad
 
 
-def _shift_span(drawn: Sequence[_Row]) -> tuple[float, float]:
-    size = max([1e-3, *(abs(row.value) for row in drawn)])
-    ends = [abs(end) for row in drawn for end in (row.low, row.high) if math.isfinite(end)]
+def _shift_span(drawn: Sequence[Sequence[float]]) -> tuple[float, float]:
+    size = max([1e-3, *(abs(value) for value, *_ in drawn)])
+    ends = [abs(end) for _, *both in drawn for end in both if math.isfinite(end)]
     size = 1.1 * max([size, *(min(end, REACH * size) for end in ends)])
     return -size, size
-
-
-def _value_text(name: str, value: float, interval: np.ndarray, why_not: str) -> str:
-    size, unit = read_unit(name)
-    best, low, high = engineering(*(float(number) / size for number in (value, *interval)))
-    return f"{why_not}\n({best} {unit})" if why_not else f"{best} {unit}\n{low} to {high}"
 
 
 def _directions(axes: Axes, fit: CampaignFit) -> None:
@@ -237,12 +213,7 @@ def _residuals(axes: Axes, fit: CampaignFit) -> None:
     order = sorted(range(len(campaign)), key=lambda i: kinds.index(campaign.measurements[i].kind))
     z = -np.nan_to_num(fit.standardised)
     reach = 1.1 * max(3.0, float(np.abs(z).max()))
-    if len(order) <= DENSE:
-        rows(axes, [cut(short(campaign.measurements[i]), LABEL) for i in order])
-    else:
-        plain(axes)
-        axes.set_ylim(len(order), -1)
-        axes.set_ylabel("measurement, sorted by kind [-]", fontsize=9)
+    measurement_rows(axes, [campaign.measurements[i] for i in order], "measurement, sorted by kind [-]")
     axes.set_xlim(-reach, reach)
     axes.axvspan(-2, 2, color="#EAF1F6", zorder=0)
     axes.axvline(0.0, color="black", linewidth=0.8)
@@ -263,6 +234,16 @@ def _residuals(axes: Axes, fit: CampaignFit) -> None:
     heading(axes, "Residuals", keys, columns=3)
 
 
+def measurement_rows(axes: Axes, measured: Sequence[Measurement], words: str) -> None:
+    """Make one row for each measurement; of many, say only in words what the rows are."""
+    if len(measured) <= DENSE:
+        rows(axes, [cut(short(m), LABEL) for m in measured])
+    else:
+        plain(axes)
+        axes.set_ylim(len(measured), -1)
+        axes.set_ylabel(words, fontsize=9)
+
+
 def _cloud(axes: Axes, kinds: Sequence[str], z: np.ndarray, outliers: np.ndarray) -> None:
     """Draw one small marker for each of many values."""
     for kind in dict.fromkeys(kinds):
@@ -274,26 +255,21 @@ def _cloud(axes: Axes, kinds: Sequence[str], z: np.ndarray, outliers: np.ndarray
 # -------- Compare
 # The figure of a comparison: the ratio of each stiffness after to before.
 
-WIDTH, COMPARE_ROW = 8.0, 0.34
-"""Width of the figure and height of a row [inch]."""
-
 
 def compare_figure(comparison: Comparison) -> Figure:
     """Draw the ratio of each stiffness after to before, with its 95 % interval; those that have changed are orange."""
     change = comparison.change
     before, after = (cut(name, 24) for name in comparison.names)
-    figure = titled((WIDTH, COMPARE_ROW * len(change.names) + 1.9), f"Stiffness, {after} over {before}")
+    figure = titled((8.0, 0.34 * len(change.names) + 1.9), f"Stiffness, {after} over {before}")
     axes = figure.subplots()
     low, high = np.exp(change.interval).T
     marks = {"changed": {**FILLED, "color": ORANGE}, "not changed": FILLED, "not determined": HOLLOW}
     kinds = np.where(change.open, "not determined", np.where(change.changed, "changed", "not changed")).tolist()
-    colours = {"changed": ORANGE, "not changed": BLUE, "not determined": GREY}
     for i, kind in enumerate(kinds):
-        axes.hlines(i, low[i], high[i], color=colours[kind], linewidth=2.0)
+        axes.hlines(i, low[i], high[i], color=marks[kind]["color"], linewidth=2.0)
         axes.plot(np.exp(change.change[i]), i, linestyle="", **marks[kind])
     axes.axvline(1.0, color=GREY, linewidth=0.8)
-    margin = 1.05
-    ratio_axis(axes, min(low.min(), 0.95) / margin, max(high.max(), 1.05) * margin)
+    ratio_axis(axes, min(low.min(), 0.95) / 1.05, max(high.max(), 1.05) * 1.05)
     axes.set_xlabel("ratio after / before [-], with 95 % interval", fontsize=9)
     rows(axes, [cut(name, 24) for name in change.names])
     handles = [Line2D([], [], label=kind, linestyle="", **marks[kind]) for kind in marks if kind in kinds]
@@ -306,11 +282,8 @@ def compare_figure(comparison: Comparison) -> Figure:
 # -------- Profile
 # The figure of profiles: one panel for each parameter, delta chi-squared beside its linear approximation.
 
-COLUMNS = 3
 PROFILE_PANEL = (3.7, 2.75)
 """Width and height of a panel [inch]."""
-ABOVE = 1.35
-"""Height of the panels, as a multiple of the highest threshold."""
 
 
 def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
@@ -318,9 +291,11 @@ def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
 
     A curve that leaves the panel through its top ends an interval; an arrow at the side means open.
     """
-    columns = min(COLUMNS, len(profiles))
+    columns = min(3, len(profiles))
     count = math.ceil(len(profiles) / columns)
-    warnings = list(_warnings(fit, profiles))
+    warnings = [f"Use no interval: {lowered(fit.doubts[0])}"] if fit.doubts else []
+    if any(profile.beaten for profile in profiles):
+        warnings.append("Chi-squared falls below the fit's: the fit is not the best optimum")
     size = (PROFILE_PANEL[0] * columns + 1.0, PROFILE_PANEL[1] * count + 0.9 + 0.2 * len(warnings))
     names = f"{cut(fit.arm.name, 30)} to {cut(fit.campaign.name, 30) or 'measurements'}"
     title = f"Profiles of the fit of {names}" if columns > 1 else f"Profile of the fit of\n{names}"
@@ -331,42 +306,27 @@ def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
         _panel(grid[i], profile, bottom)
         if i % columns == 0:
             grid[i].set_ylabel("delta chi-squared [-]", fontsize=9)
-        if i % columns == columns - 1 or i == len(profiles) - 1:
-            _levels(grid[i], profile)
+        if i % columns == columns - 1 or i == len(profiles) - 1:  # the levels, at the right end of their lines
+            for interval in profile.intervals:
+                end: Any = {"xycoords": ("axes fraction", "data"), "va": "center"}
+                level = level_in_words(interval.level)
+                note(grid[i], level, (1.0, threshold(interval.level)), (4, 0), **end)
     for axes in list(grid)[len(profiles) :]:
         axes.set_axis_off()
-    _profile_key(figure, warnings, any(math.isfinite(profile.sd) for profile in profiles), columns)
-    return figure
-
-
-def _profile_key(figure: Figure, warnings: Sequence[str], linear: bool, columns: int) -> None:
-    """Explain the lines below the panels; warnings stand above the key."""
     handles = [Line2D([], [], color=BLUE, linewidth=1.8, label="profile: all others fitted again")]
-    if linear:
+    if any(math.isfinite(profile.sd) for profile in profiles):
         handles.append(Line2D([], [], color=GREY, linewidth=1.2, linestyle="--", label="linear approximation"))
-    key = figure.legend(
-        handles=handles,
-        title="\n".join(warnings) or None,
-        loc="outside lower center",
-        ncols=2 if columns > 1 else 1,
-        frameon=False,
-        fontsize=9,
-    )
-    key.get_title().set(color=ORANGE, fontsize=9, parse_math=False)
-
-
-def _warnings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[str]:
-    if fit.doubts:
-        yield f"Use no interval: {fit.doubts[0][:1].lower()}{fit.doubts[0][1:]}"
-    if any(profile.beaten for profile in profiles):
-        yield "Chi-squared falls below the fit's: the fit is not the best optimum"
+    key_below(figure, handles, "\n".join(warnings), columns=min(columns, 2)).set(color=ORANGE, fontsize=9)
+    return figure
 
 
 def _panel(axes: Axes, profile: Profile, bottom: float) -> None:
     plain(axes)
     top = threshold(profile.widest.level)
-    axes.set_ylim(bottom - 0.05 * top, ABOVE * top)
-    left, right = _span(profile)
+    axes.set_ylim(bottom - 0.05 * top, 1.35 * top)
+    left, right = (float(theta) - profile.optimum for theta in profile.theta[[0, -1]])
+    pad = 0.06 * max(right - left, 1e-9)
+    left, right = left - pad, right + pad
     if profile.item.positive:
         ratio_axis(axes, math.exp(left), math.exp(right))
         axes.set_xlabel("value / fitted [-]", fontsize=9)
@@ -408,20 +368,6 @@ def _ending(axes: Axes, profile: Profile, side: int, top: float) -> None:
     note(axes, word, at, (0, 8 if above else -12), color=BLUE, **place)
 
 
-def _levels(axes: Axes, profile: Profile) -> None:
-    """Write the levels at the right end of their lines."""
-    for interval in profile.intervals:
-        end: Any = {"xycoords": ("axes fraction", "data"), "va": "center"}
-        note(axes, level_in_words(interval.level), (1.0, threshold(interval.level)), (4, 0), **end)
-
-
-def _span(profile: Profile) -> tuple[float, float]:
-    """Return the limits of a panel as differences of theta: the whole profile, and a little more."""
-    left, right = (float(theta) - profile.optimum for theta in profile.theta[[0, -1]])
-    pad = 0.06 * max(right - left, 1e-9)
-    return left - pad, right + pad
-
-
 def _place(profile: Profile, theta: Any) -> Any:
     """Return where a theta stands in the panel: relative to the fitted value, or as a difference from it."""
     off = np.asarray(theta) - profile.optimum
@@ -435,22 +381,13 @@ def _title(profile: Profile) -> str:
     ends = [profile.optimum, profile.widest.low, profile.widest.high]
     size, unit = read_unit(profile.name)
     best, low, high = engineering(*(float(value) / size for value in profile.values(ends)))
-    below, above = (ending is Ending.OPEN for ending in profile.widest.endings)
-    if below or above:
-        span = "open" if below and above else f"below {high}" if below else f"above {low}"
-    else:
-        span = f"{low} to {high}"
-    words = f"{best} {unit}; {level_in_words(profile.widest.level)}: {span}"
+    words = f"{best} {unit}; {level_in_words(profile.widest.level)}: {span_text(profile.widest, low, high)}"
     return f"{cut(profile.name, 34)}\n{words}"
 
 
 # -------- Validate
 # The figure of a validation: how far each measurement is off its prediction, and whether quantiles are right.
 
-VALIDATE_WIDTH, VALIDATE_ROW = 10.0, 0.24
-"""Width of the figure and height of a row [inch]."""
-LEAST = 3.6
-"""Least height [inch]."""
 MOST = 60
 """Measurements that are drawn as rows: of more, those that are farthest off."""
 
@@ -459,10 +396,9 @@ def validate_figure(validation: Validation) -> Figure:
     """Draw how far each measurement lies from its prediction, and observed against predicted quantiles."""
     told = validation.told
     count = sum(len(part.places) for part in told)
-    height = max(LEAST, VALIDATE_ROW * min(count, MOST) + 1.8)
-    figure = titled(
-        (VALIDATE_WIDTH, height), f"Each part of {cut(validation.fit.campaign.name, 30)}, predicted by the others"
-    )
+    height = max(3.6, 0.24 * min(count, MOST) + 1.8)
+    title = f"Each part of {cut(validation.fit.campaign.name, 30)}, predicted by the others"
+    figure = titled((10.0, height), title)
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     _off(left, validation)
     _quantiles(right, validation.z)

@@ -8,27 +8,26 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 
+from ident.arm.modes import Label
 from ident.assess.modal import IdentifiedModes
 from ident.modal.ambient import AmbientTest
 from ident.modal.frf import ModalTest, Place
 from ident.modal.modes import Modes
 from ident.modal.parameters import PhasePlane, phase_planes
-from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, PINK, Style, key_below, plain, titled
+from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, PINK, Style, key_below, note, plain, titled
 from ident.present.report import cut
-from ident.present.words import degrees, place_in_words
+from ident.present.words import counted, degrees, place_in_words
 
 # -------- Ambient
 # Figure of an ambient test: singular values of the spectral density, with lines of what turns.
 
-SIZE = (9.0, 4.4)
-"""Of the figure [inch]."""
 HARMONIC: Style = {"color": PINK, "linewidth": 1.0, "linestyle": ":"}
 """Look of a line of something that turns."""
 
 
 def ambient_figure(test: AmbientTest, identified: IdentifiedModes | None = None) -> Figure:
     """Draw the singular values of the spectral density matrix, the modes, and the harmonics that were taken out."""
-    figure = titled(SIZE, f"Responses without a force at {degrees(test.posture)}")
+    figure = titled((9.0, 4.4), f"Responses without a force at {degrees(test.posture)}")
     axes = figure.subplots()
     density = test.density
     axes.semilogy(density.frequency, density.singular[1:].T, color=PALE, linewidth=0.6)
@@ -55,10 +54,8 @@ def draw_harmonics(axes: Axes, test: AmbientTest) -> None:
     """Mark the lines that were taken out, numbered as in the key."""
     for number, line in enumerate(test.harmonics, 1):
         axes.axvline(line.frequency, zorder=1, **HARMONIC)
-        axes.annotate(
-            str(number), (line.frequency, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom",
-            fontsize=7, color=PINK,
-        )  # fmt: skip
+        top: Style = {"xycoords": ("data", "axes fraction"), "ha": "center", "va": "bottom"}
+        note(axes, str(number), (line.frequency, 1.0), fontsize=7, color=PINK, **top)
 
 
 def harmonic_key(test: AmbientTest) -> list[Line2D]:
@@ -69,21 +66,10 @@ def harmonic_key(test: AmbientTest) -> list[Line2D]:
     ]
 
 
-def draw_size(axes: Axes, test: AmbientTest) -> None:
-    """Draw the first two singular values as a background."""
-    axes.semilogy(test.density.frequency, np.sqrt(test.density.singular[:2].T), color=GREY, linewidth=0.7)
-
-
 # -------- Modal
 
-WIDTH, PANEL = 9.0, 1.55
-"""Width of the figure and height of a row [inch]."""
 COLORS = (BLUE, ORANGE, PINK, GREY)
 """Of the forces, or of the directions at a point, in their order."""
-DECADES = 5
-"""Decades that a panel shows at most."""
-LEFT = -0.12
-"""Where the names of upright axes stand, as a share of a panel's width."""
 
 
 def measured_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes | None = None) -> Figure:
@@ -99,15 +85,15 @@ def modal_figure(test: ModalTest, identified: IdentifiedModes | None = None) -> 
     frf = test.frf
     count = len(frf.responses)
     rows = -(-count // 2)
-    figure = titled((WIDTH, PANEL * 2 * rows + 1.4), f"Frequency responses at {degrees(test.posture)}")
+    figure = titled((9.0, 3.1 * rows + 1.4), f"Frequency responses at {degrees(test.posture)}")
     grid = figure.subplots(2 * rows, 2, sharex=True, squeeze=False, height_ratios=[3, 1] * rows)
-    for o in range(2 * rows):
-        upper, lower = grid[2 * (o // 2), o % 2], grid[2 * (o // 2) + 1, o % 2]
+    for o, (upper, lower) in enumerate(zip(grid[::2].flat, grid[1::2].flat, strict=True)):
         if o < count:
             _response(upper, test, o)
             _coherence(lower, test, o)
             if identified and isinstance(identified.modes, Modes):
-                _fitted(upper, identified.modes, o)
+                dashed: Style = {"color": "black", "linewidth": 0.8, "linestyle": "--", "zorder": 3}
+                upper.plot(identified.modes.frf.frequency, np.abs(identified.modes.fitted[o]).T, **dashed)
         else:
             upper.set_visible(False)
             lower.set_visible(False)
@@ -120,7 +106,10 @@ def modal_figure(test: ModalTest, identified: IdentifiedModes | None = None) -> 
     handles.append(Line2D([], [], color=PALE, label="single hits"))
     if identified:
         handles.append(Line2D([], [], color="black", linewidth=0.8, linestyle="--", label="identified modes"))
-    key_below(figure, handles, _note(test), columns=3)
+    words = f"{cut(str(test.load), 70)}; {len(frf.hits)} hits at each point"
+    if test.rejected:
+        words += f"\nrejected: {counted(len(test.rejected), 'hit')}, see the report"
+    key_below(figure, handles, words, columns=3)
     return figure
 
 
@@ -132,16 +121,11 @@ def _response(axes: Axes, test: ModalTest, o: int) -> None:
         axes.plot(frf.frequency, np.abs(frf.mean[o, i]), color=color, linewidth=1.1, zorder=2)
     top = float(np.abs(frf.mean[o]).max())
     bottom = float(np.quantile(np.abs(frf.mean[o]), 0.01))
-    axes.set_ylim(max(bottom / 2, top / 10**DECADES), 2 * top)
+    axes.set_ylim(max(bottom / 2, top / 1e5), 2 * top)
     axes.set_xlim(0, frf.frequency[-1])
     plain(axes, grid=True)
     axes.set_title(f"response {place_in_words(frf.responses[o])}", fontsize=9, loc="left", parse_math=False)
     _named(axes, "accelerance [1/kg]")
-
-
-def _fitted(axes: Axes, modes: Modes, o: int) -> None:
-    """Draw the responses of the identified modes over the measured ones."""
-    axes.plot(modes.frf.frequency, np.abs(modes.fitted[o]).T, color="black", linewidth=0.8, linestyle="--", zorder=3)
 
 
 def _coherence(axes: Axes, test: ModalTest, o: int) -> None:
@@ -155,21 +139,12 @@ def _coherence(axes: Axes, test: ModalTest, o: int) -> None:
 def _named(axes: Axes, name: str) -> None:
     """Name the upright axis at a place that all panels share; aligned by their ticks, it takes half of the drawing."""
     axes.set_ylabel(name, fontsize=8)
-    axes.yaxis.set_label_coords(LEFT, 0.5)
-
-
-def _note(test: ModalTest) -> str:
-    lines = [f"{cut(str(test.load), 70)}; {len(test.frf.hits)} hits at each point"]
-    if test.rejected:
-        lines.append(f"rejected: {len(test.rejected)} hit{'s' * (len(test.rejected) > 1)}, see the report")
-    return "\n".join(lines)
+    axes.yaxis.set_label_coords(-0.12, 0.5)
 
 
 # -------- Argand
 # Figure of a posture's mode shapes in the complex plane: arrows in phase lie along one line.
 
-COLUMNS, ARGAND_PANEL = 4, 2.5
-"""Modes in a row, and size of each [inch]."""
 ENDS = "os^Dv"
 """Ends of arrows, one a point."""
 WITHIN = 2.4477
@@ -179,20 +154,17 @@ WITHIN = 2.4477
 def argand_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes) -> Figure:
     """Draw each mode's motion at the responses as arrows in the complex plane, with ellipses that hold 95 %."""
     planes = phase_planes(identified.modes)
-    columns = min(COLUMNS, len(planes))
+    columns = min(4, len(planes))
     rows = -(-len(planes) // columns)
-    figure = titled(
-        (ARGAND_PANEL * max(columns, 3) + 0.4, ARGAND_PANEL * 1.15 * rows + 1.5),
-        f"Mode shapes at {degrees(test.posture)}",
-    )
+    size = 2.5 * max(columns, 3) + 0.4, 2.5 * 1.15 * rows + 1.5
+    figure = titled(size, f"Mode shapes at {degrees(test.posture)}")
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     looks = _looks(test.responses)
     for axes, plane, frequency, label in zip(
         panels, planes, identified.modes.frequency, identified.labels.given, strict=False
     ):
         _panel(axes, plane, looks)
-        name = cut(str(label), 24) if label else "no certain name"
-        title = f"{frequency:.2f} Hz, {name}\ncollinearity {plane.collinearity:.3f}"
+        title = f"{frequency:.2f} Hz, {_name(label)}\ncollinearity {plane.collinearity:.3f}"
         axes.set_title(title, fontsize=8, loc="left", parse_math=False)
     for axes in panels[len(planes) :]:
         axes.set_visible(False)
@@ -203,6 +175,10 @@ def argand_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes) ->
     note = "turned to the real axis and scaled to one at the largest; ellipses hold 95 %"
     key_below(figure, handles, note, columns=6)
     return figure
+
+
+def _name(label: Label | None) -> str:
+    return cut(str(label), 24) if label else "no certain name"
 
 
 def _panel(axes: Axes, plane: PhasePlane, looks: Sequence[tuple[str, str]]) -> None:
@@ -233,15 +209,10 @@ def _looks(places: Sequence[Place]) -> list[tuple[str, str]]:
 # -------- Stabilisation
 # Figure of how a posture's modes were chosen: poles over orders, and the MAC with the arm's modes.
 
-STABILISATION_SIZE = (9.0, 7.6)
-"""Of the figure [inch]."""
-HIGH = 0.68
-"""MAC from which on its number is written in white."""
-
 
 def stabilisation_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes) -> Figure:
     """Draw the poles of all orders with the clusters that modes were made of, and MAC and names of the modes."""
-    figure = titled(STABILISATION_SIZE, f"Modes at {degrees(test.posture)}")
+    figure = titled((9.0, 7.6), f"Modes at {degrees(test.posture)}")
     upper, lower = figure.subplots(2, 1, height_ratios=[3, 2])
     _poles(upper, test, identified)
     _mac(lower, identified)
@@ -272,7 +243,7 @@ def _poles(axes: Axes, test: ModalTest | AmbientTest, identified: IdentifiedMode
     plain(axes)
     size = axes.twinx()
     if isinstance(test, AmbientTest):
-        draw_size(size, test)
+        size.semilogy(test.density.frequency, np.sqrt(test.density.singular[:2].T), color=GREY, linewidth=0.7)
         draw_harmonics(axes, test)
     else:
         every = np.sqrt((np.abs(test.frf.mean) ** 2).sum((0, 1)))
@@ -287,11 +258,10 @@ def _mac(axes: Axes, identified: IdentifiedModes) -> None:
     labels, modes = identified.labels, identified.modes
     axes.imshow(labels.mac, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     for (row, column), value in np.ndenumerate(labels.mac):
-        color = "white" if value > HIGH else "black"
+        color = "white" if value > 0.68 else "black"  # on dark and on light blue
         axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=color)
     names = [
-        f"{frequency:.2f} Hz: {cut(str(label), 24) if label else 'no certain name'}"
-        for frequency, label in zip(modes.frequency, labels.given, strict=True)
+        f"{frequency:.2f} Hz: {_name(label)}" for frequency, label in zip(modes.frequency, labels.given, strict=True)
     ]
     axes.set_yticks(range(len(names)), names, fontsize=7, parse_math=False)
     shown = [str(label).replace("bending", "bend.").replace("torsion", "tors.") for label in labels.computed]

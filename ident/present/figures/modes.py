@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from ident.assess.predict import Prediction
 from ident.identify.modal_analysis import ModalAnalysis
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, heading, plain
+from ident.present.figures.style import BLUE, GREY, NAME_STYLES, ORANGE, Style, colour_of, heading, plain
 from ident.present.report import cut
 from ident.present.words import MM, degrees
 from ident.vibrate.response import Outline, Response
@@ -24,6 +24,7 @@ VIEWS = (("from the side", 0, 2), ("from above", 0, 1))
 WIDTH = 8.0
 """Width of a figure [inch]."""
 PALEST = "#C8C8C8"
+ROUND: Style = {"solid_joinstyle": "round"}
 
 
 def path_figure(response: Response, shown: Outline) -> Figure:
@@ -38,7 +39,7 @@ def path_figure(response: Response, shown: Outline) -> Figure:
     figure, panels = _panels(np.concatenate([way, shown.rest.reshape(3, -1)], 1))
     for axes, (_, across, up) in zip(panels, VIEWS, strict=True):
         for k in range(len(shown.time)):
-            _arm(axes, shown.rest[[across, up], :, k], {"color": PALEST, "linewidth": 2.5})
+            axes.plot(*shown.rest[[across, up], :, k], color=PALEST, linewidth=2.5, marker="o", markersize=5, **ROUND)
         axes.plot(*path[[across, up]], color=GREY, linewidth=0.8, zorder=3)
         axes.plot(*way[[across, up]], color=BLUE, linewidth=0.8, zorder=4)
     keys: dict[str, Style] = {
@@ -75,7 +76,7 @@ def motion_animation(response: Response, shown: Outline, *, fps: float = 10.0, d
     heading(panels[0], f"{cut(response.motion.name, 40)}, {pace} than the arm", keys, columns=3)
     lines = []
     for axes, (_, across, up) in zip(panels, VIEWS, strict=True):
-        rest = axes.plot([], [], color=PALEST, linewidth=4.0, marker="o", markersize=6, solid_joinstyle="round")[0]
+        rest = axes.plot([], [], color=PALEST, linewidth=4.0, marker="o", markersize=6, **ROUND)[0]
         moved = axes.plot([], [], color=BLUE, linewidth=2.0, marker="o", markersize=4)[0]
         trail = axes.plot([], [], color=ORANGE, linewidth=1.0)[0]
         lines.append((rest, moved, trail, [across, up]))
@@ -111,23 +112,25 @@ def _panels(points: Float[np.ndarray, "3 n"]) -> tuple[Figure, np.ndarray]:
     return figure, panels
 
 
-def _arm(axes: Axes, line: Float[np.ndarray, "2 K"], style: Style) -> None:
-    axes.plot(*line, solid_joinstyle="round", marker="o", markersize=5, **style)
-
-
 # -------- Predict
 # Pictures of an arm's modes, and of its natural frequencies along postures.
 
-NAME_STYLES: dict[str, Style] = {
-    "vertical bending": {"color": BLUE, "marker": "o"},
-    "lateral torsion": {"color": ORANGE, "marker": "s"},
-    "lateral bending": {"color": GREEN, "marker": "^"},
-    "vertical torsion": {"color": PINK, "marker": "D"},
-}
 SWING = 0.12
 """Largest displacement that is drawn, as a share of the arm's length."""
 VIEW_WIDTH = 5.2
 """Width of one view [inch]."""
+
+
+def largest_swing(analysis: ModalAnalysis) -> float:
+    """Return how large the largest displacement of a mode is drawn [m]."""
+    rest, _ = analysis.outline
+    return SWING * float(np.linalg.norm(np.diff(rest, axis=1), axis=0).sum())
+
+
+def swing_of(analysis: ModalAnalysis, i: int) -> np.ndarray:
+    """Return the displacements (3, K) of the i-th mode as they are drawn [m]."""
+    moved = analysis.outline[1][:, :, i]
+    return np.asarray(largest_swing(analysis) * moved / np.linalg.norm(moved, axis=0).max())
 
 
 def mode_figure(analysis: ModalAnalysis) -> Figure:
@@ -135,23 +138,30 @@ def mode_figure(analysis: ModalAnalysis) -> Figure:
 
     A mode's amplitude is arbitrary; it is drawn so large that one sees it, and the title says how large.
     """
-    rest, moved = analysis.outline
-    length = float(np.linalg.norm(np.diff(rest, axis=1), axis=0).sum())
-    shapes = rest[:, :, None] + SWING * length * moved / np.linalg.norm(moved, axis=0).max(0)
-    frame = _frame(shapes, 0.05 * length)
-    figure, panels = _mode_panels(len(analysis.labels), [high - low for low, high in frame])
+    rest, count, largest = analysis.outline[0], len(analysis.labels), largest_swing(analysis)
+    shapes = [rest + swing_of(analysis, i) for i in range(count)]
+    # the limits [m]: as much along y as along z, so that both views are equally high
+    every = np.concatenate(shapes, 1)
+    pad = 0.05 * largest / SWING
+    low, high = every.min(1) - pad, every.max(1) + pad
+    middle, half = (low + high) / 2, (high - low) / 2
+    half[1:] = half[1:].max()
+    frame = [(float(m - h), float(m + h)) for m, h in zip(middle, half, strict=True)]
+    size = [end - start for start, end in frame]
+    row = min(max(VIEW_WIDTH * size[up] / size[across] for _, across, up in VIEWS), 4.0)
+    figure = Figure(figsize=(2 * VIEW_WIDTH + 1, count * (row + 0.5) + 0.9), layout="constrained")
+    panels = figure.subplots(count, len(VIEWS), squeeze=False)
     title = f"Modes of {cut(analysis.arm.name, 40)} at {degrees(analysis.posture)}, load: {cut(str(analysis.load), 40)}"
     title += ", servo on" if analysis.drives == "servo" else ""
-    note = f"grey: at rest; in colour: the mode, its largest displacement drawn as {SWING * length:.2g} m"
+    note = f"grey: at rest; in colour: the mode, its largest displacement drawn as {largest:.2g} m"
     figure.suptitle(f"{title}\n{note}", parse_math=False, fontsize=11)
     for i, label in enumerate(analysis.labels):
-        colour = NAME_STYLES[f"{label.direction} {label.kind}"]["color"]
         for axes, (view, across, up) in zip(panels[i], VIEWS, strict=True):
-            _draw(axes, rest[[across, up]], color="#C8C8C8", size=6.0)
-            _draw(axes, shapes[[across, up], :, i], color=colour, size=2.0)
+            _draw(axes, rest[[across, up]], color=PALEST, size=6.0)
+            _draw(axes, shapes[i][[across, up]], color=colour_of(label), size=2.0)
             axes.set(xlim=frame[across], ylim=frame[up], aspect="equal")
             axes.set_ylabel(f"{'xyz'[up]} [m]", fontsize=8)
-            axes.set_xlabel(f"{'xyz'[across]} [m]" if i == len(analysis.labels) - 1 else "", fontsize=8)
+            axes.set_xlabel(f"{'xyz'[across]} [m]" if i == count - 1 else "", fontsize=8)
             doubt = " (a near draw)" if analysis.ambiguous[i] else ""
             name = f"{i + 1}: {label}{doubt}, {analysis.modes.frequency[i]:.2f} Hz, {view}"
             axes.set_title(name, fontsize=9, loc="left")
@@ -178,7 +188,9 @@ def frequency_figure(predictions: Sequence[Prediction], joint: int) -> Figure:
     axes.plot(angle, frequency, color="#BBBBBB", linewidth=0.8, zorder=1)
     at = np.broadcast_to(angle[:, None], frequency.shape)
     low, high = np.stack([each.frequency_band for each in predictions], 1)
-    beside = at + _apart(angle) * (np.arange(frequency.shape[1]) - (frequency.shape[1] - 1) / 2)
+    steps = np.diff(np.unique(angle.round(6)))
+    apart = 0.08 * float(steps.min()) if len(steps) else 0.1  # of bands [deg], so that none hides another
+    beside = at + apart * (np.arange(frequency.shape[1]) - (frequency.shape[1] - 1) / 2)
     colours = [NAME_STYLES[words]["color"] for words in name.ravel()]
     axes.vlines(beside.ravel(), low.ravel(), high.ravel(), color=colours, linewidth=2.2, alpha=0.4, zorder=1)
     for words, style in NAME_STYLES.items():
@@ -187,11 +199,8 @@ def frequency_figure(predictions: Sequence[Prediction], joint: int) -> Figure:
             axes.plot(at[here], frequency[here], linestyle="", markersize=4, markerfacecolor=face, **style)
     arm, ends = analyses[0].arm, [degrees(analyses[i].posture) for i in (0, -1)]
     axes.set_ylim(0, None)
-    axes.set_xlabel(
-        f"angle of {cut(arm.driven[joint].name, 30)} [deg], postures from {ends[0]} to {ends[1]}",
-        fontsize=9,
-        parse_math=False,
-    )
+    words = f"angle of {cut(arm.driven[joint].name, 30)} [deg], postures from {ends[0]} to {ends[1]}"
+    axes.set_xlabel(words, fontsize=9, parse_math=False)
     axes.set_ylabel("natural frequency [Hz]", fontsize=9)
     axes.grid(color="#EEEEEE", linewidth=0.8)
     plain(axes)
@@ -204,29 +213,8 @@ def frequency_figure(predictions: Sequence[Prediction], joint: int) -> Figure:
     return figure
 
 
-def _apart(angle: np.ndarray) -> float:
-    """Return how far bands of neighbouring modes stand apart [deg], so that none hides another."""
-    steps = np.diff(np.unique(angle.round(6)))
-    return 0.08 * float(steps.min()) if len(steps) else 0.1
-
-
-def _mode_panels(count: int, size: list[float]) -> tuple[Figure, np.ndarray]:
-    """Return a row of views for each mode, high enough for the arm's extent (3,) [m]."""
-    row = max(VIEW_WIDTH * size[up] / size[across] for _, across, up in VIEWS)
-    figure = Figure(figsize=(2 * VIEW_WIDTH + 1, count * (min(row, 4.0) + 0.5) + 0.9), layout="constrained")
-    return figure, figure.subplots(count, len(VIEWS), squeeze=False)
-
-
-def _frame(shapes: np.ndarray, pad: float) -> list[tuple[float, float]]:
-    """Return limits [m] along x, y and z; as much along y as along z, so that both views are equally high."""
-    low, high = shapes.min((1, 2)) - pad, shapes.max((1, 2)) + pad
-    middle, half = (low + high) / 2, (high - low) / 2
-    half[1:] = half[1:].max()
-    return [(float(m - h), float(m + h)) for m, h in zip(middle, half, strict=True)]
-
-
 def _draw(axes: Axes, line: np.ndarray, *, color: str, size: float) -> None:
     """Draw bodies as lines between joints, and the end point as a bar."""
-    axes.plot(*line, color=color, linewidth=size, solid_joinstyle="round")
+    axes.plot(*line, color=color, linewidth=size, **ROUND)
     axes.plot(*line[:, :-1], linestyle="", marker="o", color=color, markersize=size + 3)
     axes.plot(*line[:, -1:], linestyle="", marker="|", color=color, markersize=10, markeredgewidth=size)

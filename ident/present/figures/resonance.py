@@ -12,8 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import Transform
 
 from ident.arm.modes import Label
-from ident.present.figures.modes import NAME_STYLES
-from ident.present.figures.style import GREY, key_below, note, plain, titled
+from ident.present.figures.style import GREY, NAME_STYLES, colour_of, key_below, note, plain, titled
 from ident.present.report import cut
 from ident.present.resonance import band_words, grouped, same_lines, sources_words
 from ident.vibrate.branches import Branches
@@ -21,14 +20,8 @@ from ident.vibrate.resonance import Excitation, ResonanceCrossing
 
 SIZE = (9.0, 6.6)
 """Width and height [inch]."""
-PANEL = 4.2
-"""About the height of the upper panel [inch]."""
-HEADROOM = 1.15
-"""Upper end of the axis over the highest natural frequency; pulleys may turn faster."""
 SHADE = "#EBCB6B"
 """What marks near-resonance; light, so that it prints as a light grey."""
-NUMBER = 0.25
-"""Room that a number above the panel takes [inch]."""
 DASHES = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (8, 3)))
 """Patterns of lines for what excites."""
 
@@ -52,7 +45,7 @@ def resonance_figure(
     """
     figure = titled(SIZE, cut(title or "Natural and pulley frequencies", 90), (0.06, 0.05))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(5, 1))
-    top = HEADROOM * float(branches.band()[1].max() if branches.batch_size else branches.median.max())
+    top = 1.15 * float(branches.band()[1].max() if branches.batch_size else branches.median.max())
     upper.set_ylim(0, top)
     upper.set_xlim(branches.time[0], branches.time[-1])
     _shades(upper, branches, excitation, crossings)
@@ -61,22 +54,17 @@ def resonance_figure(
     _numbers(upper, crossings)
     _postures(lower, branches)
     upper.set_ylabel("frequency [Hz]", fontsize=9)
-    upper.grid(axis="y", color="#EEEEEE", linewidth=0.8)
     lower.set_xlabel("time [s]", fontsize=9)
-    for axes in (upper, lower):
-        plain(axes)
-    key_below(figure, _shapes(branches), "\n".join(_notes(branches, crossings)), side="left")
-    return figure
-
-
-def _shapes(branches: Branches) -> list[Line2D]:
-    """Return a line in its colour for each kind of shape that occurs."""
+    plain(upper, grid=True)
+    plain(lower)
     names = {f"{name.direction} {name.kind}" for b in range(len(branches.labels)) for name, *_ in _spans(branches, b)}
-    return [
-        Line2D([], [], color=str(style["color"]), linewidth=1.9, label=words)
+    shapes = [
+        Line2D([], [], color=style["color"], linewidth=1.9, label=words)
         for words, style in NAME_STYLES.items()
         if words in names
     ]
+    key_below(figure, shapes, "\n".join(_notes(branches, crossings)), left=True)
+    return figure
 
 
 def _shades(axes: Axes, branches: Branches, excitation: Excitation, crossings: Sequence[ResonanceCrossing]) -> None:
@@ -95,16 +83,16 @@ def _branches(axes: Axes, branches: Branches) -> None:
     starts, ends = (_spread(branches.median[:, k], axes) for k in (0, -1))
     for b, label in enumerate(branches.labels):
         if branches.batch_size:
-            axes.fill_between(branches.time, *branches.band()[:, b], color=_colour(label), alpha=0.16, linewidth=0)
+            axes.fill_between(branches.time, *branches.band()[:, b], color=colour_of(label), alpha=0.16, linewidth=0)
         for name, start, end in _spans(branches, b):
             time = np.unique(np.clip(branches.time, start, end))
             line = np.interp(time, branches.time, branches.median[b])
-            axes.plot(time, line, color=_colour(name), linewidth=1.9, zorder=3, solid_capstyle="butt")
+            axes.plot(time, line, color=colour_of(name), linewidth=1.9, zorder=3, solid_capstyle="butt")
             if start > branches.time[0]:
                 axes.plot(time[:1], line[:1], "|", color="black", markersize=8, zorder=4)
             elif name != label:
-                _write(axes, f"{name}", (start, starts[b]), _colour(name), (4, 7))
-        _write(axes, f"{label}", (1.0, ends[b]), _colour(label), (4, 0), axes.get_yaxis_transform())
+                _write(axes, f"{name}", (start, starts[b]), colour_of(name), (4, 7))
+        _write(axes, f"{label}", (1.0, ends[b]), colour_of(label), (4, 0), axes.get_yaxis_transform())
 
 
 def _spans(branches: Branches, b: int) -> Iterator[tuple[Label, float, float]]:
@@ -126,7 +114,8 @@ def _pulleys(axes: Axes, branches: Branches, excitation: Excitation, top: float)
         k = _free(excitation.time, line, top, names)
         names.append((excitation.time[k], line[k]))
         others = [*branches.median, *(f for j, f in enumerate(excitation.frequency) if j not in same)]
-        above = _clearance(line[k], [other[k] for other in others])
+        apart = np.array([other[k] - line[k] for other in others] or [np.inf])
+        above = apart[apart >= 0].min(initial=np.inf) >= -apart[apart < 0].max(initial=-line[k])  # more room there
         name = sources_words([excitation.sources[j] for j in same])
         side = (0, 8 if above else -8)
         _write(axes, name, (excitation.time[k], line[k]), "black", side, align="center")
@@ -148,16 +137,10 @@ def _highest(line: Float[np.ndarray, "T"], top: float) -> int:
     return int(first[len(first) // 2])
 
 
-def _clearance(here: float, others: Sequence[float]) -> bool:
-    """Tell whether there is more room above a line than below."""
-    apart = np.array([other - here for other in others] or [np.inf])
-    return bool(apart[apart >= 0].min(initial=np.inf) >= -apart[apart < 0].max(initial=-here))
-
-
 def _numbers(axes: Axes, crossings: Sequence[ResonanceCrossing]) -> None:
     """Number the resonance crossings above the panel, each with a line down to the closest approach."""
     low, high = axes.get_xlim()
-    width, taken = (high - low) * NUMBER / SIZE[0], list[tuple[float, int]]()
+    width, taken = (high - low) * 0.25 / SIZE[0], list[tuple[float, int]]()
     numbered = [(n, group[0]) for n, group in enumerate(grouped(crossings), start=1)]
     for number, crossing in sorted(numbered, key=lambda pair: pair[1].time):
         used = {row for time, row in taken if abs(time - crossing.time) < width}
@@ -198,7 +181,7 @@ def _postures(axes: Axes, branches: Branches) -> None:
 def _spread(values: Float[np.ndarray, "n"], axes: Axes) -> Float[np.ndarray, "n"]:
     """Move values apart until their names do not overlap."""
     low, high = axes.get_ylim()
-    gap = (high - low) * 0.15 / PANEL
+    gap = (high - low) * 0.15 / 4.2  # the upper panel has about 4.2 inches
     order, moved = np.argsort(values), np.array(values, float)
     for _ in range(20):
         for i, j in pairwise(order):
@@ -220,10 +203,6 @@ def _write(
     box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
     place: Any = {"xycoords": coords, "ha": align, "va": "center", "annotation_clip": False, "bbox": box, "zorder": 5}
     note(axes, text, at, shift, color=colour, **place)
-
-
-def _colour(label: Label) -> str:
-    return str(NAME_STYLES[f"{label.direction} {label.kind}"]["color"])
 
 
 def _notes(branches: Branches, crossings: Sequence[ResonanceCrossing]) -> Iterator[str]:

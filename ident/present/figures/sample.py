@@ -28,7 +28,7 @@ from ident.inference.draws import (
     share_of_prior,
 )
 from ident.inference.population import Population
-from ident.present.figures.fit import DENSE, LABEL, PANEL, ROW
+from ident.present.figures.fit import DENSE, PANEL, ROW, measurement_rows
 from ident.present.figures.style import (
     BLUE,
     FILLED,
@@ -40,6 +40,7 @@ from ident.present.figures.style import (
     PALE_BLUE,
     PINK,
     Style,
+    colour_bar,
     heading,
     key_below,
     note,
@@ -47,19 +48,18 @@ from ident.present.figures.style import (
     power_of,
     ratio_axis,
     rows,
+    set_ticks,
     titled,
 )
 from ident.present.plan import criterion_in_words, experiment_in_words
 from ident.present.report import cut
 from ident.present.sample import of_first
-from ident.present.words import SETUP, degrees, direction_name, in_shown_unit, short
+from ident.present.words import SETUP, degrees, direction_name, in_shown_unit
 
 CORNER_DRAWS = 20000
 """Draws, at most, in the corner plot."""
 WIDE_SPAN = 5.0
 """Ratio of the ends of a range from which its axis in the corner plot is logarithmic."""
-FRAME = 1.0
-"""Room beside the posterior's intervals that priors may fill, as a share of these intervals' whole reach."""
 BAND: Style = {"marker": "", "linestyle": "-", "linewidth": 5.0, "color": PALE}
 WIDE: Style = {"marker": "", "linestyle": "-", "linewidth": 1.2, "color": BLUE}
 NARROW: Style = {"marker": "", "linestyle": "-", "linewidth": 3.6, "color": BLUE}
@@ -101,11 +101,10 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
     left, right, hidden = _frame(own, prior[proper])
     ratio_axis(axes, left, right)
     axes.axvline(1.0, color="black", linewidth=0.8, zorder=1.5)
-    for y, (before, (low, lower, median, upper, high), unknown) in enumerate(zip(prior, own, open_ones, strict=True)):
-        axes.plot(np.clip(before, left, right), [y, y], **BAND, solid_capstyle="butt")
-        axes.plot([low, high], [y, y], **WIDE)
-        axes.plot([lower, upper], [y, y], **NARROW, solid_capstyle="butt")
-        axes.plot([median], [y], linestyle="", zorder=3, **{**(HOLLOW if unknown else FILLED), "markersize": 5})
+    for y, (before, levels, unknown) in enumerate(zip(prior, own, open_ones, strict=True)):
+        _draw_intervals(axes, y, np.clip(before, left, right), levels, BLUE)
+        style = {**(HOLLOW if unknown else FILLED), "markersize": 5}
+        axes.plot([levels[2]], [y], linestyle="", zorder=3, **style)
     shares = zip(share, proper, strict=True)
     texts = [f"{share:.0%} of prior" if proper else "no prior" for share, proper in shares]
     rows(axes.twinx(), texts, side="right")
@@ -114,6 +113,14 @@ def _against_prior(axes: Axes, result: CampaignSample) -> None:
     keys: dict[str, Style] = {f"prior, 95 %{beyond}": BAND, "posterior, 95 %": WIDE, "50 %": NARROW}
     keys |= {"median": FILLED, "median, mostly the prior": HOLLOW} if open_ones.any() else {"median": FILLED}
     heading(axes, "Parameters, one by one", keys)
+
+
+def _draw_intervals(axes: Axes, y: int, band: np.ndarray, levels: np.ndarray, colour: str) -> None:
+    """Draw a band, and over it the 95 and 50 % intervals of five quantiles."""
+    low, lower, _, upper, high = levels
+    axes.plot(band, [y, y], **BAND, solid_capstyle="butt")
+    axes.plot([low, high], [y, y], **{**WIDE, "color": colour})
+    axes.plot([lower, upper], [y, y], **{**NARROW, "color": colour}, solid_capstyle="butt")
 
 
 def _shown(result: CampaignSample) -> list[int]:
@@ -125,7 +132,7 @@ def _shown(result: CampaignSample) -> list[int]:
 def _frame(own: np.ndarray, prior: np.ndarray) -> tuple[float, float, bool]:
     """Return limits with all intervals, and with the priors as far as these stay readable; whether any is cut off."""
     low, high = min(own.min(), 1.0), max(own.max(), 1.0)
-    room = (high / low) ** FRAME
+    room = high / low  # priors may reach as far beyond the posterior's intervals as these reach
     ends = [*prior.ravel(), low, high]
     left, right = max(min(ends), low / room), min(max(ends), high * room)
     hidden = bool((prior[:, 0] < left).any() or (prior[:, 1] > right).any())
@@ -161,20 +168,12 @@ def _predicted(axes: Axes, result: CampaignSample) -> None:
     sigma, measured = np.array([m.sigma for m in campaign]), np.array([m.value for m in campaign])
     bands = np.quantile((measured - drawn.predicted) / sigma, LEVELS, axis=0).T
     noisy = np.quantile((measured - drawn.simulated) / sigma, (LEVELS[0], LEVELS[-1]), axis=0).T
-    if len(campaign) <= DENSE:
-        rows(axes, [cut(short(m), LABEL) for m in campaign])
-    else:
-        plain(axes)
-        axes.set_ylim(len(campaign), -1)
-        axes.set_ylabel("measurement [-]", fontsize=9)
+    measurement_rows(axes, campaign.measurements, "measurement [-]")
     axes.axvline(0.0, color="black", linewidth=0.8)
-    for y, (ends, (low, lower, median, upper, high)) in enumerate(zip(noisy, bands, strict=True)):
-        outside = not ends[0] < 0 < ends[1]
-        colour = ORANGE if outside else BLUE
-        axes.plot(ends, [y, y], **BAND, solid_capstyle="butt")
-        axes.plot([low, high], [y, y], **{**WIDE, "color": colour})
-        axes.plot([lower, upper], [y, y], **{**NARROW, "color": colour}, solid_capstyle="butt")
-        axes.plot([median], [y], linestyle="", **{**FILLED, "color": colour, "markersize": 4})
+    for y, (ends, levels) in enumerate(zip(noisy, bands, strict=True)):
+        colour = BLUE if ends[0] < 0 < ends[1] else ORANGE
+        _draw_intervals(axes, y, ends, levels, colour)
+        axes.plot([levels[2]], [y], linestyle="", **{**FILLED, "color": colour, "markersize": 4})
     axes.set_xlabel("(measured - predicted) / sigma [-]", fontsize=9)
     keys: dict[str, Style] = {"prediction with noise, 95 %": BAND, "prediction, 95 %": WIDE, "50 %": NARROW}
     if ((noisy[:, 0] >= 0) | (noisy[:, 1] <= 0)).any():
@@ -188,7 +187,8 @@ def corner_figure(result: CampaignSample) -> Figure:
 
     parameters, shown = result.sample.posterior.parameters, _shown(result)
     names = [parameters.names[i] for i in shown]
-    draws = _thinned(result.sample.draws(), CORNER_DRAWS)
+    draws = result.sample.draws()
+    draws = draws[np.linspace(0, len(draws) - 1, min(CORNER_DRAWS, len(draws))).astype(int)]
     ratio = ratio_to_prior(parameters, draws.T).T[:, shown]
     size = 1.8 * len(names) + 1.2
     figure = Figure(figsize=(size, size))
@@ -247,10 +247,6 @@ def _few_ticks(axis: Axis) -> None:
         axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
 
 
-def _thinned(draws: np.ndarray, count: int) -> np.ndarray:
-    return draws[np.linspace(0, len(draws) - 1, min(count, len(draws))).astype(int)]
-
-
 def _two_lines(name: str) -> str:
     return cut(name, 30).replace(".", "\n", 1)
 
@@ -258,7 +254,6 @@ def _two_lines(name: str) -> str:
 # -------- Fleet
 # The figure of a fleet: each robot's own and shrunk estimates beside the population, a panel a stiffness.
 
-COLUMNS = 3
 FLEET_PANEL = (3.9, 2.7)
 """Width and height of a panel [inch]."""
 WIDEST = 1.0
@@ -273,49 +268,41 @@ def fleet_figure(fleet: Fleet) -> Figure:
     if population is None:
         return titled((6.0, 1.6), "No population: too few robots could be fitted")
     count = len(fleet.names)
-    columns = min(COLUMNS, count)
-    height = FLEET_PANEL[1] * math.ceil(count / columns) + 1.1
-    figure = titled((FLEET_PANEL[0] * columns, height), f"A fleet of {len(fleet.robots)} robots")
-    axes = np.atleast_1d(figure.subplots(math.ceil(count / columns), columns, squeeze=False)).ravel()
-    shown = _fleet_shown(fleet)
-    for i, panel in enumerate(axes):
-        if i < count:
-            _panel(panel, fleet, population, i, shown)
-        else:
-            panel.set_visible(False)
-    key_below(
-        figure,
-        _handles(),
-        "robots from left to right by name; own fits that do not determine a stiffness are not drawn",
-    )
+    columns = min(3, count)
+    lines = math.ceil(count / columns)
+    size = FLEET_PANEL[0] * columns, FLEET_PANEL[1] * lines + 1.1
+    figure = titled(size, f"A fleet of {len(fleet.robots)} robots")
+    panels = figure.subplots(lines, columns, squeeze=False).ravel()
+    for i, axes in enumerate(panels[:count]):
+        _panel(axes, fleet, population, i)
+    for axes in panels[count:]:
+        axes.set_visible(False)
+    _fleet_key(figure, "robots from left to right by name; own fits that do not determine a stiffness are not drawn")
     return figure
 
 
 def stiffness_figure(fleet: Fleet, population: Population, i: int) -> Figure:
     """Draw one stiffness of all robots."""
     figure = titled((6.4, 3.6), "")
-    _panel(figure.subplots(), fleet, population, i, _fleet_shown(fleet))
-    key_below(figure, _handles(), "")
+    _panel(figure.subplots(), fleet, population, i)
+    _fleet_key(figure, "")
     return figure
 
 
-def _fleet_shown(fleet: Fleet) -> np.ndarray:
-    judged = fleet.deviations
-    least = judged.p.min(1) if judged else np.zeros(0)
-    return np.sort(np.argsort(least, kind="stable")[:MOST])
-
-
-def _handles() -> list[Artist]:
-    return [
+def _fleet_key(figure: Figure, words: str) -> None:
+    handles: list[Artist] = [
         Patch(color=PALE_BLUE, alpha=0.5, linewidth=0, label="95 % of healthy robots"),
         Line2D([], [], color=PALE, marker="_", linestyle="", markersize=8, label="own fit, 95 %"),
         Line2D([], [], color=BLUE, marker="o", linestyle="", markersize=4, label="shrunk, 95 %"),
         Line2D([], [], color=ORANGE, marker="o", linestyle="", markersize=4, label="stands out"),
     ]
+    key_below(figure, handles, words)
 
 
-def _panel(axes: Axes, fleet: Fleet, population: Population, i: int, shown: np.ndarray) -> None:
-    """Draw one stiffness of the shown members."""
+def _panel(axes: Axes, fleet: Fleet, population: Population, i: int) -> None:
+    """Draw one stiffness of all members, of many of those that are farthest off."""
+    least = fleet.deviations.p.min(1) if fleet.deviations else np.zeros(0)
+    shown = np.sort(np.argsort(least, kind="stable")[:MOST])
     scale, unit = in_shown_unit(fleet.names[i], 1.0)
     size, unit = power_of(float(np.exp(population.next_mean[i])) * scale, unit)
     scale /= size
@@ -337,18 +324,15 @@ def _panel(axes: Axes, fleet: Fleet, population: Population, i: int, shown: np.n
         axes.scatter(x[which], np.exp(shrunk[which]) * scale, color=colour, s=10, zorder=3)
     for place in np.flatnonzero(off)[:5]:
         note(axes, cut(robots[place].name, 12), (x[place], np.exp(shrunk[place]) * scale), (4, 3))
-    axes.set_ylim(*np.exp(_limits(shrunk, sd, middle, spread)) * scale)
+    # population and shrunk intervals lie within the frame, own ones may be cut
+    bottom = min(float((shrunk - 2 * sd).min()), middle - 3 * spread)
+    top = max(float((shrunk + 2 * sd).max()), middle + 3 * spread)
+    room = 0.05 * (top - bottom)
+    axes.set_ylim(*np.exp((bottom - room, top + room)) * scale)
     axes.set_xlim(-1, len(shown))
     axes.set_xticks([])
     axes.set_title(f"{cut(fleet.names[i], 24)} [{unit}]", fontsize=9, parse_math=False)
     plain(axes)
-
-
-def _limits(shrunk: np.ndarray, sd: np.ndarray, middle: float, spread: float) -> tuple[float, float]:
-    """Return the ends of the axis in theta: population and shrunk intervals lie within, own ones may be cut."""
-    low = min(float((shrunk - 2 * sd).min()), middle - 3 * spread)
-    high = max(float((shrunk + 2 * sd).max()), middle + 3 * spread)
-    return low - 0.05 * (high - low), high + 0.05 * (high - low)
 
 
 # -------- Plan
@@ -358,8 +342,11 @@ COLOURS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's, one for each joint or other part."""
 LISTED = 24
 """Listed postures up to which each has a bar of its own."""
-BESIDE: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "va": "center"}
 DASHES = {"k_bend": "-", "k_tors": (0, (5, 2))}
+BADGE: Style = {"marker": "s", "markersize": 10, "markerfacecolor": "white", "color": "black"}
+"""A chosen posture."""
+CROSS: Style = {"marker": "x", "markersize": 8, "markeredgewidth": 2.2, "color": ORANGE}
+"""A posture that was measured before."""
 
 
 def plan_figure(plan: CampaignPlan) -> Figure:
@@ -375,31 +362,28 @@ def plan_figure(plan: CampaignPlan) -> Figure:
 def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
     gain, postures, workspace = 60 * plan.gain_over_grid, plan.grid.postures, plan.arm.workspace
     scattered = plan.grid.sampled or bool(workspace.postures)
+    listed = bool(workspace.postures) and len(postures) <= LISTED
     shown = main_joints(postures, gain) if workspace.line is None else [int(np.flatnonzero(workspace.line)[0])]
     names = [plan.arm.driven[i].name for i in shown]
     angles = np.rad2deg(postures[:, shown])
-    if workspace.postures and len(postures) <= LISTED:
+    if listed:
         places = _bars(axes, plan, gain)
     elif len(shown) == 1:
         places = _curve(axes, plan, angles[:, 0], gain, shown[0])
     else:
         drawn = _map(axes, angles, gain, sampled=scattered)
-        bar = figure.colorbar(drawn, ax=axes, pad=0.02)
-        bar.set_label(_gain_label(plan), fontsize=9)
-        bar.ax.tick_params(labelsize=8)
-        bar.outline.set_visible(False)
+        colour_bar(figure, axes, drawn, _gain_label(plan)).outline.set_visible(False)
         axes.set_ylabel(f"{cut(names[1], 30)} [deg]", parse_math=False)
         places = {i: tuple(np.rad2deg(q[shown])) for i, q in enumerate(plan.predictions.postures)}
-    listed = bool(workspace.postures) and len(postures) <= LISTED
     if not listed:
         axes.set_xlabel(f"{cut(names[0], 30)} [deg]", parse_math=False)
         for axis, of_joint in zip((axes.xaxis, axes.yaxis), angles.T, strict=False):
             axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not scattered else MaxNLocator(9))
     plain(axes)
     _mark(axes, plan, places)
-    entries: dict[str, Any] = {"chosen, in this order; from 2 on for what is not yet known then": _badge()}
+    entries: dict[str, Any] = {"chosen, in this order; from 2 on for what is not yet known then": BADGE}
     if plan.measured.any():
-        entries["measured before"] = _cross()
+        entries["measured before"] = CROSS
     others = [] if listed else [joint.name for i, joint in enumerate(plan.arm.driven) if i not in shown]
     where = "at any angle" if scattered else "at the best angle"
     rest = f"; {', '.join(cut(name, 20) for name in others)} {where}" if others else ""
@@ -470,18 +454,10 @@ def _ticks(angles: np.ndarray) -> np.ndarray:
     return values[int(np.argmin(np.abs(values))) % every :: every]
 
 
-def _badge() -> dict[str, Any]:
-    return {"marker": "s", "markersize": 10, "markerfacecolor": "white", "color": "black"}
-
-
-def _cross() -> dict[str, Any]:
-    return {"marker": "x", "markersize": 8, "markeredgewidth": 2.2, "color": ORANGE}
-
-
 def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
     """Mark postures that were measured, and number the chosen ones beside; several numbers share a place."""
     for i in set(np.flatnonzero(plan.measured).tolist()) & set(places):
-        axes.plot(*places[i], linestyle="", zorder=3, clip_on=False, **_cross())
+        axes.plot(*places[i], linestyle="", zorder=3, clip_on=False, **CROSS)
     numbers: dict[tuple[float, float], list[str]] = {}
     for number, experiment in enumerate(plan.batch, 1):
         if experiment.place not in places:  # measured before, but not listed
@@ -490,7 +466,8 @@ def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
         numbers.setdefault((round(float(x), 3), round(float(y), 6)), []).append(str(number))
     for place, texts in numbers.items():
         box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "black"}
-        axes.annotate(", ".join(texts), place, (13, 13), **BESIDE, fontsize=9, fontweight="bold", bbox=box, zorder=4)
+        look: Style = {"ha": "center", "va": "center", "color": "black", "fontsize": 9, "fontweight": "bold"}
+        note(axes, ", ".join(texts), place, (13, 13), **look, bbox=box, zorder=4)
 
 
 def _sd_over_experiments(axes: Axes, plan: CampaignPlan) -> None:
@@ -500,11 +477,7 @@ def _sd_over_experiments(axes: Axes, plan: CampaignPlan) -> None:
     entries: dict[str, Any] = {}
     for i, name in enumerate(plan.known.sought):
         colour = COLOURS[parts.index(name.split(".")[0]) % len(COLOURS)]
-        style: dict[str, Any] = {
-            "color": colour,
-            "linestyle": DASHES.get(name.rpartition(".")[2], ":"),
-            "linewidth": 1.8,
-        }
+        style: Style = {"color": colour, "linestyle": DASHES.get(name.rpartition(".")[2], ":"), "linewidth": 1.8}
         axes.plot(experiments, sd[:, i], marker="o", markersize=4, **style)
         entries[cut(name, 28)] = style
     axes.set_yscale("log")
@@ -516,22 +489,13 @@ def _sd_over_experiments(axes: Axes, plan: CampaignPlan) -> None:
         place: dict[str, Any] = {"ha": "right", "va": "bottom", "transform": axes.get_yaxis_transform()}
         axes.text(0.995, 5.0, "5 %", color=GREY, fontsize=8, **place)
     steps = (1.0, 2.0, 5.0) if top > 10 * bottom else (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0)
-    axes.yaxis.set_major_locator(LogLocator(subs=steps, numticks=12))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:.4g}"))
+    set_ticks(axes.yaxis, LogLocator(subs=steps, numticks=12), "{:.4g}".format)
     axes.set_xlim(-0.15, len(plan.steps) + 0.15)
     labels = ["now"] + [
         f"{i}: {cut(experiment_in_words(experiment), 34)}\n{cut(degrees(experiment.posture), 34)}"
         for i, experiment in enumerate(plan.batch, 1)
     ]
-    crowded = len(labels) > 3
-    axes.set_xticks(
-        list(experiments),
-        labels,
-        parse_math=False,
-        rotation=30 if crowded else 0,
-        ha="right" if crowded else "center",
-        rotation_mode="anchor",
-    )
+    slanted: Style = {"rotation": 30, "ha": "right"} if len(labels) > 3 else {}
+    axes.set_xticks(list(experiments), labels, parse_math=False, rotation_mode="anchor", **slanted)
     plain(axes)
     heading(axes, "Expected std. errors", entries, columns=3)

@@ -1,7 +1,7 @@
 """A picture of an arm: from the side and from above to scale, its first modes in place, and what looks odd."""
 
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,8 +16,8 @@ from scipy.spatial import ConvexHull, QhullError
 
 from ident.assess.show import ArmView, Hinge, Run, Solid
 from ident.identify.modal_analysis import ModalAnalysis
-from ident.present.figures.modes import NAME_STYLES, SWING
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, plain
+from ident.present.figures.modes import swing_of
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, colour_of, plain
 from ident.present.report import cut
 from ident.present.show import sums
 from ident.present.words import degrees
@@ -82,6 +82,11 @@ def views(view: ArmView) -> tuple[View, View]:
     return View("from the side", 0, 2), View("from above", 0, 1)
 
 
+def most_seen(views: Sequence[View], swing: np.ndarray) -> View:
+    """Return the view in which a mode moves most."""
+    return max(views, key=lambda each: float(np.linalg.norm(each.of(swing))))
+
+
 def span_of(view: ArmView) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and highest corner (3,) [m] of all that is drawn."""
     places = [*(s.corners for s in view.solids), *(h.centre[:, None] for h in view.hinges), np.zeros((3, 1))]
@@ -102,14 +107,11 @@ def draw_arm(axes: Axes, view: ArmView, seen: View, size: float) -> None:
     for solid in view.solids:
         diameter = max(HEAVIEST * np.sqrt(solid.mass / heaviest), 2.0)
         axes.plot(*seen.of(solid.centre), marker="o", color="black", markersize=diameter, alpha=0.75, zorder=5)
-    _marks(axes, view.drives.values(), seen, {**KEY["drive"], "markersize": 11, "zorder": 6})
-    _marks(axes, view.points.values(), seen, {**KEY["point"], "zorder": 7})
+    for place in view.drives.values():
+        axes.plot(*seen.of(place), linestyle="", **{**KEY["drive"], "markersize": 11, "zorder": 6})
+    for place in view.points.values():
+        axes.plot(*seen.of(place), linestyle="", zorder=7, **KEY["point"])
     _draw_frame(axes, np.zeros(3), np.eye(3), seen, 0.07 * size, named=True)
-
-
-def _marks(axes: Axes, places: Iterable[np.ndarray], seen: View, style: Style) -> None:
-    for place in places:
-        axes.plot(*seen.of(place), linestyle="", **style)
 
 
 def _draw_solid(axes: Axes, solid: Solid, seen: View) -> None:
@@ -332,7 +334,11 @@ def show_figure(view: ArmView, *, modes: bool = True) -> Figure:
     at = (left, top - tall) if stacked else (WIDTH - above.inches[0] - 0.3, top - above.inches[1])
     draw_panel(figure, view, above, at)
     if view.analysis and modes:
-        _draw_modes(figure, view.analysis, views(view), top - tall - EDGE, room)
+        count = min(MODES, len(view.analysis.labels))
+        step, below_them = (WIDTH - 0.5) / count, top - tall - EDGE - room
+        for i in range(count):
+            place = (0.3 + i * step) / WIDTH, (below_them + 0.3) / height, (step - 0.2) / WIDTH, 1.2 / height
+            _draw_mode(figure.add_axes(place), view.analysis, i, views(view))
     for i, line in enumerate(found):
         colour = ORANGE if view.oddities or view.failure else GREY
         figure.text(0.02, (below - 0.3 - 0.17 * i) / height, line, fontsize=9, color=colour, parse_math=False)
@@ -365,19 +371,14 @@ def draw_panel(figure: Figure, view: ArmView, panel: Panel, at: tuple[float, flo
     """Draw a view; bodies, joints and points are named where there is room for it."""
     axes = panel.place(figure, at)
     draw_arm(axes, view, panel.seen, float((panel.high - panel.low).max()))
-    names = "xyz"
-    for axis, place, low, high in (
-        (axes.xaxis, panel.seen.across, panel.low[0], panel.high[0]),
-        (axes.yaxis, panel.seen.up, panel.low[1], panel.high[1]),
-    ):
-        ticks = [
-            tick
-            for tick in MaxNLocator(_few(panel.scale * (high - low)), steps=[1, 2, 5, 10]).tick_values(low, high)
-            if low <= tick <= high
-        ]
+    places = panel.seen.across, panel.seen.up
+    for axis, place, low, high in zip((axes.xaxis, axes.yaxis), places, panel.low, panel.high, strict=True):
+        few = int(np.clip(panel.scale * (high - low) / 0.3, 2, 6))
+        ticks = MaxNLocator(few, steps=[1, 2, 5, 10]).tick_values(low, high)
+        ticks = ticks[(low <= ticks) & (ticks <= high)]
         down = panel.seen.falling and place == panel.seen.up
         axis.set_ticks(ticks, [f"{-tick + 0.0 if down else tick:.3g}" for tick in ticks])
-        axis.set_label_text(f"{names[place]} [m]", fontsize=8)
+        axis.set_label_text(f"{'xyz'[place]} [m]", fontsize=8)
     axes.set_title(panel.seen.name, fontsize=9, loc="left", color=GREY)
     plain(axes)
     axes.spines["left"].set_bounds(float(panel.low[1]), float(panel.high[1]))
@@ -396,30 +397,10 @@ def draw_panel(figure: Figure, view: ArmView, panel: Panel, at: tuple[float, flo
         label_rows(axes, others, panel.low[1], panel.scale, within, up=False)
 
 
-def _few(length: float) -> int:
-    """Return how many ticks at most stand on an axis of a length [inch]."""
-    return int(np.clip(length / 0.3, 2, 6))
-
-
-def _draw_modes(figure: Figure, analysis: ModalAnalysis, seen: tuple[View, View], top: float, room: float) -> None:
-    """Draw the first modes over the arm at rest, below a height of the figure [inch]."""
-    count = min(MODES, len(analysis.labels))
-    width, height = figure.get_size_inches()
-    step = (WIDTH - 0.5) / count
-    for i in range(count):
-        place = (0.3 + i * step) / width, (top - room + 0.3) / height, (step - 0.2) / width, 1.2 / height
-        _draw_mode(figure.add_axes(place), analysis, i, seen)
-
-
 def _draw_mode(axes: Axes, analysis: ModalAnalysis, i: int, views: tuple[View, View]) -> None:
     """Draw a mode in the view in which it moves most, the other end of its swing paler."""
-    rest, moved = analysis.outline
-    length = float(np.linalg.norm(np.diff(rest, axis=1), axis=0).sum())
-    swing = SWING * length * moved[:, :, i] / np.linalg.norm(moved[:, :, i], axis=0).max()
-    motion = [float(np.linalg.norm(each.of(swing))) for each in views]
-    seen = views[int(np.argmax(motion))]
-    label = analysis.labels[i]
-    colour = NAME_STYLES[f"{label.direction} {label.kind}"]["color"]
+    rest, swing, label = analysis.outline[0], swing_of(analysis, i), analysis.labels[i]
+    seen, colour = most_seen(views, swing), colour_of(label)
     axes.plot(*seen.of(rest), color="#C8C8C8", linewidth=4, marker="o", markersize=5)
     axes.plot(*seen.of(rest - swing), color=colour, linewidth=1.0, alpha=0.35)
     axes.plot(*seen.of(rest + swing), color=colour, linewidth=2.0, marker="o", markersize=4)

@@ -4,16 +4,20 @@ Texts from files are drawn as they are: a `$` in a name is no formula (`parse_ma
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.text import Text
+from matplotlib.ticker import FuncFormatter, Locator, LogLocator, MaxNLocator, NullLocator
 
+from ident.arm.modes import Label
 from ident.assess.scenario import Basis
 from ident.present.report import cut
 
@@ -23,9 +27,14 @@ GREY, PALE, PALE_BLUE = "#555555", "#B8C4CE", "#A8D0E8"
 NEAR = 0.5
 """Share of a limit that what is drawn must reach for the limit to be drawn; elsewhere it would flatten the curves."""
 
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
 Style = Mapping[str, Any]
+NAME_STYLES: dict[str, Style] = {
+    "vertical bending": {"color": BLUE, "marker": "o"},
+    "lateral torsion": {"color": ORANGE, "marker": "s"},
+    "lateral bending": {"color": GREEN, "marker": "^"},
+    "vertical torsion": {"color": PINK, "marker": "D"},
+}
+"""Look of a mode, by the first two words of its name."""
 FILLED: Style = {"marker": "o", "color": BLUE, "markersize": 6}
 HOLLOW: Style = {"marker": "o", "color": GREY, "markersize": 6, "markerfacecolor": "white"}
 
@@ -53,6 +62,11 @@ def note(axes: Axes, text: str, at: tuple[Any, Any], offset: tuple[float, float]
     """Write small letters at a place, so many points off; `more` is as in `Axes.annotate`."""
     style: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "color": GREY, "parse_math": False}
     axes.annotate(text, at, xytext=offset, **(style | more))
+
+
+def colour_of(label: Label) -> str:
+    """Return the colour of a mode."""
+    return str(NAME_STYLES[f"{label.direction} {label.kind}"]["color"])
 
 
 def plain(axes: Axes, *, left: bool = True, grid: bool = False) -> None:
@@ -90,27 +104,41 @@ def motion_title(what: str, basis: Basis) -> str:
     return f"{what}: {cut(basis.arm.name, 30)}\n{cut(basis.motion.name, 60)}"
 
 
-def key_below(
-    figure: Figure,
-    handles: Sequence[Artist],
-    note: str,
-    *,
-    columns: int = 4,
-    side: Literal["left", "center"] = "center",
-) -> None:
-    """Explain lines and bands below the panels, where they hide nothing, under a note."""
+def key_below(figure: Figure, handles: Sequence[Artist], note: str, *, columns: int = 4, left: bool = False) -> Text:
+    """Explain lines and bands below the panels, where they hide nothing, under a note, which is returned."""
     key = figure.legend(
         handles=handles,
         title=note,
-        loc="outside lower left" if side == "left" else "outside lower center",
-        alignment=side,
+        loc="outside lower left" if left else "outside lower center",
+        alignment="left" if left else "center",
         ncols=columns,
         frameon=False,
         fontsize=9,
     )
+    as_written(key.get_texts())
     key.get_title().set(fontsize=8, color=GREY, parse_math=False)
-    for text in key.get_texts():
+    return key.get_title()
+
+
+def as_written(texts: Iterable[Text]) -> None:
+    """Take no `$` in texts for a formula."""
+    for text in texts:
         text.set_parse_math(False)
+
+
+def colour_bar(figure: Figure, axes: Axes, drawn: Any, label: str, **more: Any) -> Colorbar:
+    """Explain the colours of what is drawn by a bar beside the axes; `more` is as in `Figure.colorbar`."""
+    bar = figure.colorbar(drawn, ax=axes, pad=0.02, **more)
+    bar.set_label(label, fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    return bar
+
+
+def set_ticks(axis: Axis, locator: Locator, text: Callable[[float], str]) -> None:
+    """Put ticks where a locator has them, none between, each with its text."""
+    axis.set_major_locator(locator)
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda x, _: text(x)))
 
 
 def ratio_axis(axes: Axes, left: float, right: float) -> None:
@@ -119,9 +147,8 @@ def ratio_axis(axes: Axes, left: float, right: float) -> None:
     axes.set_xlim(left, right)
     steps = (1.0, 2.0, 5.0) if right / left < 1e3 else (1.0,)
     wide = right / left > 5
-    axes.xaxis.set_major_locator(LogLocator(subs=steps, numticks=12) if wide else MaxNLocator(6, steps=[1, 2, 5, 10]))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:.6g}"))
+    locator = LogLocator(subs=steps, numticks=12) if wide else MaxNLocator(6, steps=[1, 2, 5, 10])
+    set_ticks(axes.xaxis, locator, "{:.6g}".format)
 
 
 def engineering(*values: float) -> tuple[str, ...]:
@@ -137,4 +164,5 @@ def power_of(size: float, unit: str) -> tuple[float, str]:
     power = 3 * math.floor(math.log10(size) / 3)
     if -3 <= power <= 3:
         return 1.0, unit
-    return 10.0**power, f"10{str(power).translate(RAISED)} {unit}".removesuffix(" -")
+    raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return 10.0**power, f"10{raised} {unit}".removesuffix(" -")

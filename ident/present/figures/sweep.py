@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator
 
 from ident.assess.design import SweepStudy
 from ident.present.figures.style import (
@@ -19,10 +19,12 @@ from ident.present.figures.style import (
     NEAR,
     ORANGE,
     Style,
+    colour_bar,
     key_below,
     motion_title,
     plain,
     power_of,
+    set_ticks,
     titled,
 )
 from ident.present.report import cut
@@ -31,10 +33,10 @@ from ident.present.words import MM, in_shown_unit
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import Axis, Sweep, curve, has_present
 
-WIDTH, PANEL = 8.0, 2.5
-"""Width of a figure and height of a panel [inch]."""
-COLUMN, LABEL = 4, 60
-"""Panels that stand in one column, and letters of a label."""
+WIDTH = 8.0
+"""Width of a figure [inch]."""
+COLUMN = 4
+"""Panels that stand in one column."""
 DOTTED: Style = {"linewidth": 1.4, "marker": ".", "markersize": 3}
 WAYS: tuple[Style, ...] = (
     {**DOTTED, "color": BLUE, "linestyle": "-"},
@@ -46,40 +48,40 @@ WIDE = 3.0
 """Ratio of the ends from which on factors are drawn on a logarithmic axis."""
 DEEPEST = 1e-3
 """Lowest amplitude that is drawn, as a share of the highest."""
-STEPS = (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 10)
-"""Ticks of a decade, if it has room."""
 
 
 def sweep_figure(study: SweepStudy) -> Figure:
     """Draw the amplitudes in x, y and z against each parameter, or the largest of them over a map of two."""
     if study.is_map:
         return _map_figure(study)
-    count = len(study.sweeps)
-    figure, grid = _panels(study, count)
+    figure, grid = _panels(study)
     for axes, sweep in zip(grid, study.sweeps, strict=True):
         _curves(axes, study, sweep)
     _logarithmic(grid[0], study)
-    key_below(figure, list(_entries(study)), "\n".join(_notes(study)), columns=6)
+    notes = ["one parameter is varied at a time, the others are as they are"] if len(study.sweeps) > 1 else []
+    if study.limit is not None and not _limit(study):
+        notes.append(f"the limit of {MM * study.limit:g} mm lies far above")
+    key_below(figure, list(_entries(study)), "\n".join(notes), columns=6)
     return figure
 
 
 def _logarithmic(axes: Axes, study: SweepStudy) -> None:
     """Make the amplitudes' axis logarithmic, so that the largest direction does not flatten the others."""
-    top, low = MM * max(_largest(study), _limit(study)), MM * _smallest(study)
+    top = MM * max(_largest(study), _limit(study))
+    low = MM * min(float(curve(sweep)[1].min()) for sweep in study.sweeps)
     if low <= 0:
         axes.set_ylim(0, 1.06 * top or None)
         return
     axes.set_yscale("log")
     axes.set_ylim(0.85 * max(low, DEEPEST * top), 1.18 * top)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
+    set_ticks(axes.yaxis, LogLocator(subs=(1.0, 2.0, 5.0)), "{:g}".format)
 
 
-def _panels(study: SweepStudy, count: int) -> tuple[Figure, list[Axes]]:
+def _panels(study: SweepStudy) -> tuple[Figure, list[Axes]]:
+    count = len(study.sweeps)
     columns = 1 if count <= COLUMN else 2
     lines = -(-count // columns)
-    size = (WIDTH * (1 + 0.6 * (columns - 1)), PANEL * lines + 1.6)
+    size = (WIDTH * (1 + 0.6 * (columns - 1)), 2.5 * lines + 1.6)
     figure = titled(size, motion_title(f"Vibration of {study.basis.point}", study.basis), (0.08, 0.08))
     grid = list(figure.subplots(lines, columns, squeeze=False, sharey=True).ravel())
     for axes in grid[count:]:
@@ -117,10 +119,8 @@ def _multiples(axes: Axes, axis: Axis) -> None:
     functions: Any = (lambda x: x / factor, lambda x: x * factor)
     above = axes.secondary_xaxis("top", functions=functions)
     low, high = axis.values[[0, -1]] / axis.present
-    if _is_log(axis):
-        above.xaxis.set_major_locator(FixedLocator(_ticks(low, high)))
-    above.xaxis.set_minor_locator(NullLocator())
-    above.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:.4g}x"))
+    locator = FixedLocator(_ticks(low, high)) if _is_log(axis) else above.xaxis.get_major_locator()
+    set_ticks(above.xaxis, locator, "{:.4g}x".format)
     above.tick_params(labelsize=7, colors=GREY, length=2)
     above.spines["top"].set_visible(False)
 
@@ -134,13 +134,10 @@ def _scale(axes: Axes, axis: Axis, which: str) -> None:
     own = axes.xaxis if which == "x" else axes.yaxis
     if _is_log(axis):
         getattr(axes, f"set_{which}scale")("log")
-        own.set_major_locator(FixedLocator(_ticks(low, high)))
-    else:
-        own.set_major_locator(MaxNLocator(8, steps=[1, 2, 2.5, 5, 10]))
-    own.set_minor_locator(NullLocator())
-    own.set_major_formatter(FuncFormatter(lambda x, _: f"{x / size:.4g}"))
+    locator = FixedLocator(_ticks(low, high)) if _is_log(axis) else MaxNLocator(8, steps=[1, 2, 2.5, 5, 10])
+    set_ticks(own, locator, lambda x: f"{x / size:.4g}")
     named = "" if named == "-" else f" [{named}]"
-    own.set_label_text(f"{cut(axis_in_words(axis, brief=True), LABEL)}{named}", fontsize=9, parse_math=False)
+    own.set_label_text(f"{cut(axis_in_words(axis, brief=True), 60)}{named}", fontsize=9, parse_math=False)
 
 
 def _is_log(axis: Axis) -> bool:
@@ -151,7 +148,7 @@ def _is_log(axis: Axis) -> bool:
 def _ticks(low: float, high: float) -> list[float]:
     """Return round numbers on a logarithmic axis, not too many."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    for steps in (STEPS[:-1], (1, 2, 3, 5), (1, 3), (1,)):
+    for steps in ((1, 1.5, 2, 3, 4, 5, 6, 7, 8), (1, 2, 3, 5), (1, 3), (1,)):
         ticks = [s * 10.0**d for d in decades for s in steps if low * (1 - 1e-9) <= s * 10.0**d <= high * (1 + 1e-9)]
         if len(ticks) <= 9:
             break
@@ -162,11 +159,6 @@ def _largest(study: SweepStudy) -> float:
     """Return the largest amplitude that is drawn [m]."""
     bands = [float(sweep.band[1].max()) for sweep in study.sweeps if sweep.draws is not None]
     return max([*bands, *(float(curve(sweep)[1].max()) for sweep in study.sweeps)])
-
-
-def _smallest(study: SweepStudy) -> float:
-    """Return the smallest amplitude of a direction that is drawn [m]."""
-    return min(float(curve(sweep)[1].min()) for sweep in study.sweeps)
 
 
 def _limit(study: SweepStudy) -> float:
@@ -187,13 +179,6 @@ def _entries(study: SweepStudy) -> Iterator[Line2D | Patch]:
         yield Line2D([], [], color=GREY, linewidth=0.8, linestyle=":", label=label)
 
 
-def _notes(study: SweepStudy) -> list[str]:
-    notes = ["one parameter is varied at a time, the others are as they are"] if len(study.sweeps) > 1 else []
-    if study.limit is not None and not _limit(study):
-        notes.append(f"the limit of {MM * study.limit:g} mm lies far above")
-    return notes
-
-
 def _map_figure(study: SweepStudy) -> Figure:
     """Draw filled contours of the largest amplitude over x, y and z."""
     (sweep,) = study.sweeps
@@ -202,21 +187,15 @@ def _map_figure(study: SweepStudy) -> Figure:
     plain(axes)
     first, second = (in_shown_unit(axis.paths[0], 1.0)[0] * axis.values for axis in sweep.axes)
     largest = MM * sweep.amplitude.max(0)
-    filled = axes.contourf(first, second, largest.T, levels=_levels(largest), cmap="viridis")
-    bar = figure.colorbar(filled, ax=axes, pad=0.02)
-    bar.set_label(f"largest {study.measure} of X, Y and Z [mm]", fontsize=9)
-    bar.ax.tick_params(labelsize=8)
-    bar.outline.set_visible(False)
+    levels = np.asarray(MaxNLocator(12, steps=[1, 2, 2.5, 5, 10]).tick_values(largest.min(), largest.max()))
+    levels = levels if len(levels) > 1 else np.array([levels[0], levels[0] + 1.0])  # all amplitudes are the same
+    filled = axes.contourf(first, second, largest.T, levels=levels, cmap="viridis")
+    label = f"largest {study.measure} of X, Y and Z [mm]"
+    colour_bar(figure, axes, filled, label).outline.set_visible(False)
     for axis, which in zip(sweep.axes, "xy", strict=True):
         _scale(axes, axis, which)
     key_below(figure, list(_marks(axes, study, sweep)), "", columns=6)
     return figure
-
-
-def _levels(values: np.ndarray) -> np.ndarray:
-    """Return levels of equal steps; there are some even if all values are the same."""
-    levels = np.asarray(MaxNLocator(12, steps=[1, 2, 2.5, 5, 10]).tick_values(values.min(), values.max()))
-    return levels if len(levels) > 1 else np.array([levels[0], levels[0] + 1.0])
 
 
 def _marks(axes: Axes, study: SweepStudy, sweep: Sweep) -> Iterator[Line2D]:
@@ -224,13 +203,10 @@ def _marks(axes: Axes, study: SweepStudy, sweep: Sweep) -> Iterator[Line2D]:
     largest = sweep.amplitude.max(0)
     scales = [in_shown_unit(axis.paths[0], 1.0)[0] for axis in sweep.axes]
     best = np.unravel_index(largest.argmin(), largest.shape)
-    marks = []
-    if all(has_present(axis) for axis in sweep.axes):
-        label = f"present, {MM * sweep.present.max():.3g} mm"
-        marks.append((label, "o", [axis.present for axis in sweep.axes]))
+    marks = [(f"present, {MM * sweep.present.max():.3g} mm", "o", [axis.present for axis in sweep.axes])]
+    marks = marks if all(has_present(axis) for axis in sweep.axes) else []
     least = [axis.values[k] for axis, k in zip(sweep.axes, best, strict=True)]
-    marks.append((f"least, {MM * largest.min():.3g} mm", "s", least))
-    for label, marker, place in marks:
+    for label, marker, place in (*marks, (f"least, {MM * largest.min():.3g} mm", "s", least)):
         style: Style = {"marker": marker, "markersize": 8, "markerfacecolor": "white", "markeredgecolor": "black"}
         x, y = (scale * value for scale, value in zip(scales, place, strict=True))
         axes.plot([x], [y], linestyle="", clip_on=False, zorder=5, **style)

@@ -24,6 +24,8 @@ from ident.present.figures.style import (
     PALE_BLUE,
     PINK,
     Style,
+    as_written,
+    colour_bar,
     key_below,
     motion_title,
     note,
@@ -40,10 +42,8 @@ from ident.vibrate.study import DIRECTIONS
 # -------- Simulate
 # Figures of a simulated motion: vibration of the end point, and what joints, belts and pulleys do meanwhile.
 
-WIDTH, PANEL = 8.0, 1.9
-"""Width of a figure and height of a panel [inch]."""
 OURS: Style = {"color": BLUE, "linewidth": 1.3}
-THEIRS: Style = {"color": ORANGE, "linewidth": 0.8}
+THEIRS: Style = {"color": ORANGE, "linewidth": 0.8, "zorder": 2.5}
 PARTS: tuple[Style, ...] = tuple(
     {"color": color, "linestyle": line, "linewidth": 1.1}
     for color, line in ((BLUE, "-"), (ORANGE, "-"), (GREEN, "--"), (PINK, "-."), (GREY, ":"), ("black", "-"))
@@ -57,8 +57,10 @@ def simulate_figure(simulation: Simulation) -> Figure:
     figure, grid = _panels(motion_title(f"Vibration of {simulation.point}", simulation.basis), len(DIRECTIONS))
     for i, (axes, direction) in enumerate(zip(grid, DIRECTIONS, strict=True)):
         _direction(axes, simulation, i)
-        if direction in compared:
-            _measured(axes, simulation, direction)
+        if direction in compared:  # the measured trace, about the simulation's mean over the common time
+            trace, ours = compared[direction].measured.trace, compared[direction].simulated.trace
+            factor = 1.0 if _by_acceleration(simulation, direction) else MM
+            axes.plot(trace.time, factor * (trace.values + (ours.values.mean() - trace.values.mean())), **THEIRS)
         _arrival(axes, simulation, labelled=i == 0)
     figure.align_ylabels(grid)
     key_below(figure, list(_entries(simulation)), "\n".join(_notes(simulation)))
@@ -73,8 +75,8 @@ def drives_figure(simulation: Simulation) -> Figure:
         for (name, values), style in zip(lines.items(), PARTS * (1 + len(lines) // len(PARTS)), strict=False):
             axes.plot(simulation.time, values, label=cut(name, 24), **style)
         axes.set_ylabel(label, fontsize=9)
-        for text in axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8).get_texts():
-            text.set_parse_math(False)
+        key = axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8)
+        as_written(key.get_texts())
         _arrival(axes, simulation, labelled=i == 0)
     notes = ["rotations about the axes of each joint's shaft; the quasi-static deflection is part of them"]
     if simulation.arm.belts and simulation.tension.min() <= 0:
@@ -85,7 +87,7 @@ def drives_figure(simulation: Simulation) -> Figure:
 
 
 def _panels(title: str, count: int) -> tuple[Figure, list[Axes]]:
-    figure = titled((WIDTH, PANEL * count + 1.2), title, (0.08, 0.05))
+    figure = titled((8.0, 1.9 * count + 1.2), title, (0.08, 0.05))
     grid = list(figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0])
     for axes in grid:
         plain(axes, grid=True)
@@ -124,14 +126,6 @@ def _near_limit(simulation: Simulation, i: int) -> bool:
     sizes = [simulation.sizes.peak[i], *([] if simulation.draws is None else simulation.draws.sizes.peak[i])]
     sizes += [] if simulation.phases is None else [simulation.phases.worst[i]]
     return simulation.limit is not None and bool(max(sizes) > NEAR * simulation.limit)
-
-
-def _measured(axes: Axes, simulation: Simulation, direction: str) -> None:
-    """Draw the measured trace about the simulation's mean over the common time."""
-    comparison = (simulation.comparisons or {})[direction]
-    theirs, factor = comparison.measured.trace, 1.0 if _by_acceleration(simulation, direction) else MM
-    shift = comparison.simulated.trace.values.mean() - theirs.values.mean()
-    axes.plot(theirs.time, factor * (theirs.values + shift), zorder=2.5, **THEIRS)
 
 
 def _arrival(axes: Axes, simulation: Simulation, *, labelled: bool) -> None:
@@ -182,13 +176,14 @@ def _drive_panels(simulation: Simulation) -> Iterator[tuple[str, Mapping[str, np
         belts = [belt.name for belt in simulation.arm.belts]
         yield (
             "belt tension\n[N]",
-            {f"{name}, {span}": simulation.tension[s, b] for b, name in enumerate(belts) for s, span in _SPANS},
+            {
+                f"{name}, {span}": simulation.tension[s, b]
+                for b, name in enumerate(belts)
+                for s, span in enumerate(("upper", "lower"))
+            },
         )
     if simulation.pulleys:
         yield "pulleys turn\n[Hz]", alike({name: frequency for name, (_, frequency) in simulation.pulleys.items()})
-
-
-_SPANS = ((0, "upper"), (1, "lower"))
 
 
 # -------- Spectrum
@@ -198,23 +193,17 @@ SPECTRUM_PANEL = (8.0, 2.5)
 """Width and height of a panel [inch]."""
 LETTER, LINE = 0.068, 12.0
 """Width of a letter [inch] and height of a line [point] of what is written above a panel."""
-SHADE = 0.15
-"""How dark a band is; where bands overlap it is darker."""
-FLOOR = -60.0
-"""Lowest amplitude that is told apart in decibels, relative to the highest."""
-SERIES: tuple[Style, ...] = tuple(
-    {"color": color, "linestyle": line, "linewidth": 1.4}
-    for line in ("-", "--", ":")
-    for color in (BLUE, ORANGE, GREEN, PINK)
-)
-LINES: tuple[Style, ...] = tuple(
-    {"color": color, "linestyle": line, "linewidth": 1.6}
-    for line in ("-", "--", ":")
-    for color in (ORANGE, GREEN, "black", PINK)
-)
+
+
+def _styles(width: float, colours: Sequence[str]) -> tuple[Style, ...]:
+    """Return a style for each colour as a solid line, then dashed, then dotted."""
+    lines = ("-", "--", ":")
+    return tuple({"color": color, "linestyle": line, "linewidth": width} for line in lines for color in colours)
+
+
+SERIES = _styles(1.4, (BLUE, ORANGE, GREEN, PINK))
+LINES = _styles(1.6, (ORANGE, GREEN, "black", PINK))
 """Styles of a pulley's orders: over the blue of a spectrogram, and the same over time."""
-ROOT = 0.5
-"""Power of the amplitude that colours are in proportion to, so that an order is seen beside its resonances."""
 
 
 def spectra_figure(spectra: Spectra) -> Figure:
@@ -232,7 +221,7 @@ def spectra_figure(spectra: Spectra) -> Figure:
 def spectrogram_figures(spectra: Spectra, *, decibel: bool = False) -> dict[str, Figure]:
     """Draw the spectrogram of each direction, with a line for each order of each pulley."""
     time = spectra.traces[spectra.name].time
-    same = {_line_name(track, o, name) for name, track, o, other in _orders(spectra) if other}
+    same = {f"{track.orders[o]:g} x {name}" for name, track, o, other in _orders(spectra) if other}
     lines = {name: (time, frequency) for name, frequency in spectra.lines.items() if name not in same}
     style: dict[str, Any] = {"upto": spectra.upto, "decibel": decibel, "kind": spectra.kind}
     return {
@@ -262,7 +251,8 @@ def spectrum_figure(
         remarks: further lines below the panels.
     """
     flags = _rows_of_flags({name: band for name, band in (marks or {}).items() if band[0] <= upto}, upto)
-    notes = [*_descriptions(series), *_beyond(marks or {}, upto), *remarks]
+    beyond = [_mark(name, band) for name, band in (marks or {}).items() if band[0] > upto]
+    notes = [*_descriptions(series), *([f"beyond the axis: {', '.join(beyond)}"] if beyond else []), *remarks]
     above = LINE / 72 * (1 + max((flag.row for flag in flags), default=-1))
     height = SPECTRUM_PANEL[1] * len(directions) + above + 0.19 * len(notes) + 0.9
     figure = titled((SPECTRUM_PANEL[0], height), "Amplitude spectrum")
@@ -300,7 +290,10 @@ def spectrogram_figure(
     figure = titled((SPECTRUM_PANEL[0], 4.9), cut(title, 70))
     axes = figure.subplots()
     _colours(figure, axes, spectrogram, upto, decibel, *UNITS[kind])
-    handles = [_line(axes, *drawn) for drawn in zip((lines or {}).items(), cycle(LINES), strict=False)]
+    handles = []
+    for (name, (time, frequency)), style in zip((lines or {}).items(), cycle(LINES), strict=False):
+        axes.plot(time, frequency, **style)
+        handles.append(Line2D([], [], label=cut(name, 40), **style))
     half = 0.5 / spectrogram.resolution
     axes.set_xlim(spectrogram.time[0] - half, spectrogram.time[-1] + half)
     axes.set_ylim(0, upto)
@@ -351,7 +344,7 @@ def _flags(axes: Axes, flags: Sequence[_Flag], *, labelled: bool) -> None:
     for text, (low, high), row in flags:
         axes.axvline(low, color=GREY, linewidth=0.7, zorder=1)
         if high > low:
-            axes.axvspan(low, high, color=GREY, alpha=SHADE, linewidth=0, zorder=0)
+            axes.axvspan(low, high, color=GREY, alpha=0.15, linewidth=0, zorder=0)
         if labelled:
             line = {"arrowstyle": "-", "color": GREY, "linewidth": 0.7, "relpos": (0, 0), "shrinkA": 0, "shrinkB": 0}
             place: Any = {"xycoords": axes.get_xaxis_transform(), "arrowprops": line}
@@ -368,23 +361,15 @@ def _colours(
     if decibel:
         shown = 20 * np.log10(np.maximum(shown, np.finfo(float).tiny))
         top, unit = float(shown.max()), f"dB re 1 {unit}"
-        bottom = top + FLOOR
-    scale = Normalize(bottom, top or 1.0) if decibel else PowerNorm(ROOT, bottom, top or 1.0)
+        bottom = top - 60.0
+    # in proportion to the root of the amplitude, so that an order is seen beside its resonances
+    scale = Normalize(bottom, top or 1.0) if decibel else PowerNorm(0.5, bottom, top or 1.0)
     mesh = axes.pcolormesh(
         spectrogram.time, spectrogram.frequency[inside], shown, cmap="Blues", norm=scale, shading="gouraud"
     )
-    bar = figure.colorbar(mesh, ax=axes, pad=0.02, extend="min" if decibel else "neither")
-    bar.set_label(f"amplitude, 0-peak [{unit}]", fontsize=9)
-    bar.ax.tick_params(labelsize=8)
+    colour_bar(figure, axes, mesh, f"amplitude, 0-peak [{unit}]", extend="min" if decibel else "neither")
     axes.set_facecolor("#E4E4E4")
     plain(axes)
-
-
-def _line(axes: Axes, line: tuple[str, tuple[np.ndarray, np.ndarray]], style: Style) -> Line2D:
-    """Draw a line over the colours and return what stands for it in the key."""
-    name, (time, frequency) = line
-    axes.plot(time, frequency, **style)
-    return Line2D([], [], label=cut(name, 40), **style)
 
 
 def _descriptions(series: Mapping[str, Spectrum]) -> Iterator[str]:
@@ -397,12 +382,6 @@ def _descriptions(series: Mapping[str, Spectrum]) -> Iterator[str]:
     resolutions = [spectrum.resolution for spectrum in series.values()]
     if max(resolutions) > 1.01 * min(resolutions):
         yield "resolutions differ: compare the heights of steady sines only, not of what swells, decays or is noise"
-
-
-def _beyond(marks: Mapping[str, Band], upto: float) -> Iterator[str]:
-    beyond = [_mark(name, band) for name, band in marks.items() if band[0] > upto]
-    if beyond:
-        yield f"beyond the axis: {', '.join(beyond)}"
 
 
 def orders_figure(spectra: Spectra) -> Figure:
@@ -439,11 +418,6 @@ def _orders(spectra: Spectra) -> Iterator[tuple[str, OrderTrack, int, str | None
     for name, track in spectra.tracks.items():
         for o in range(len(track.orders)):
             yield name, track, o, spectra.elsewhere(name, o)
-
-
-def _line_name(track: OrderTrack, order: int, name: str) -> str:
-    """Return how an order is called among the lines of `Spectra.lines`."""
-    return f"{track.orders[order]:g} x {name}"
 
 
 def _order(track: OrderTrack, order: int, name: str) -> str:

@@ -15,7 +15,7 @@ from ident.present.diagnose import cause_and_remedies, diagnose_sections, judged
 from ident.present.figures.diagnose import diagnose_figures
 from ident.present.figures.show import show_figure
 from ident.present.html.explore.page import script_hash
-from ident.present.html.page import READABLE, Frame, Page, Picture, Section, moving_modes, picture
+from ident.present.html.page import READABLE, Frame, Page, Picture, Section, moving_modes, picture, provenance
 from ident.present.report import Report, Table, cut
 from ident.present.show import sums
 from ident.present.words import MM, sentence
@@ -23,23 +23,21 @@ from ident.present.words import MM, sentence
 # -------- Arm section
 # The arm itself as a section of a page: drawn to scale, and what looks odd about its numbers.
 
-ALT = "The arm from the side and from above, with its bodies, mass centres, joints and points."
-CAPTION = (
-    "To scale. Boxes are the bodies' shapes, or, dashed, boxes of the same inertia; the area of a black dot is in "
-    "proportion to the mass."
-)
-MODES_ALT = "The first modes of the arm, swinging about the arm at rest."
-MODES_CAPTION = "The first modes, over the arm at rest (grey); exaggerated, and slowed down to one pace."
-
 
 def arm_section(view: ArmView, title: str) -> Section:
     """Return masses and reach of an arm, what looks odd, and its picture."""
     odd = [f"Looks odd: {each}." for each in view.oddities] or ["None of its numbers looks odd."]
     failure = [f"No modes: {view.failure}."] if view.failure else []
-    drawn = [picture(show_figure(view, modes=False), ALT, CAPTION)]
+    alt = "The arm from the side and from above, with its bodies, mass centres, joints and points."
+    caption = (
+        "To scale. Boxes are the bodies' shapes, or, dashed, boxes of the same inertia; the area of a black dot is in "
+        "proportion to the mass."
+    )
+    drawn = [picture(show_figure(view, modes=False), alt, caption)]
     if view.analysis:
-        still, moving = moving_modes(view, still=True), moving_modes(view)
-        drawn.append(Picture(still, MODES_ALT, MODES_CAPTION, READABLE, moving))
+        alt = "The first modes of the arm, swinging about the arm at rest."
+        caption = "The first modes, over the arm at rest (grey); exaggerated, and slowed down to one pace."
+        drawn.append(Picture(moving_modes(view, still=True), alt, caption, READABLE, moving_modes(view)))
     return Section(title, (f"{sums(view)}.", *failure, *odd), tuple(drawn))
 
 
@@ -74,11 +72,13 @@ def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any], view: ArmView, 
     inputs: dict[str, ArmFile | Campaign | Log] = {"arm": basis.arm_file, "campaign": campaign}
     inputs |= {"path": basis.log} if basis.log else {}
     report = diagnose_sections(diagnosis)
+    summary = [(label, sentence(text)) for label, text in cause_and_remedies(diagnosis)]
+    summary += [("Caution", f"{sentence(each.text)} {sentence(each.remedy)}") for each in report.findings]
     return Page(
         f"Vibration of {cut(basis.arm.name, 60)}",
         f"{cut(basis.motion.name, 80)}; measured: {cut(campaign.path, 60)}; {head['created'][:10]}",
         judged(diagnosis),
-        tuple((label, sentence(text)) for label, text in _summary(diagnosis, report)),
+        (*summary, ("Model", sentence(of_model(diagnosis)))),
         (
             *_stages(diagnosis, report),
             arm_section(view, "The arm with the identified numbers"),
@@ -86,16 +86,8 @@ def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any], view: ArmView, 
         ),
         Table("Inputs", ("what", "file", "SHA-256"), tuple((w, file.path, file.sha256) for w, file in inputs.items())),
         tuple(_assumptions(basis.arm_file)),
-        tuple(_provenance(head)),
+        provenance(head),
     )
-
-
-def _summary(diagnosis: Diagnosis, report: Report) -> Iterator[tuple[str, str]]:
-    """Yield cause, remedies, cautions and the model, each with its label."""
-    yield from cause_and_remedies(diagnosis)
-    for finding in report.findings:
-        yield "Caution", f"{sentence(finding.text)} {sentence(finding.remedy)}"
-    yield "Model", of_model(diagnosis)
 
 
 def _stages(diagnosis: Diagnosis, report: Report) -> Iterator[Section]:
@@ -160,12 +152,3 @@ def _assumptions(arm_file: ArmFile) -> Iterator[str]:
     yield "The priors of the fit and the sigmas of the campaign are as given; the model itself is taken as correct."
     yield "A change leaves all other numbers as they are: a stiffer drive weighs the same, a body keeps its inertia."
     yield "Draws are simulated by the fast method, linearised about the quasi-static deflection."
-
-
-def _provenance(head: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    yield "format", str(head["format"])
-    yield "created", str(head["created"])
-    yield from ((name, str(version)) for name, version in head["software"].items())
-    yield from (
-        (f"option {name}", str(value)) for name, value in head["options"].items() if value not in (None, [], {}, "")
-    )

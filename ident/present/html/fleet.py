@@ -2,7 +2,7 @@
 
 import re
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 from urllib.parse import quote
@@ -26,9 +26,12 @@ from ident.present.fleet import (
     what_stands_out,
 )
 from ident.present.html.diagnose import arm_section
-from ident.present.html.page import Page, Picture, Section, picture
-from ident.present.report import Finding, Table, Verdict, cut
+from ident.present.html.page import Page, Section, picture, provenance
+from ident.present.report import Table, Verdict, cut
 from ident.present.words import in_shown_unit, percent, sentence
+
+FILE_HEAD = ("what", "file", "SHA-256")
+"""Head of a table of what went in."""
 
 
 def file_name(robot: Robot) -> str:
@@ -50,25 +53,22 @@ def fleet_page(fleet: Fleet, label: str, head: Mapping[str, Any], pages: str, vi
     assert said.verdict is not None
     sections = [_robots(fleet, pages)]
     if population:
-        sections += [_population(fleet, population), _next(fleet)]
+        prior = priors_section(fleet)
+        tables = (replace(part, caption="Priors") for part in prior.parts if isinstance(part, Table))
+        words = "With these priors a few measurements of the next robot are enough."
+        sections += [_population(fleet, population), Section(prior.title, (words, *tables))]
     sections += [arm_section(view, "The arm that all of them are fitted to")] if view else []
     arms = sorted({(robot.arm.path, robot.arm.sha256) for robot in fleet.robots})
     return Page(
         f"Fleet {cut(label, 60)}",
         f"{said.subject}; {head['created'][:10]}",
         said.verdict,
-        tuple(("Caution", _caution(each)) for each in said.findings),
+        tuple(("Caution", " ".join(map(sentence, filter(None, (each.text, each.remedy))))) for each in said.findings),
         tuple(sections),
-        Table(
-            "Arms; each robot's own page has its files", ("what", "file", "SHA-256"), tuple(("arm", *a) for a in arms)
-        ),
+        Table("Arms; each robot's own page has its files", FILE_HEAD, tuple(("arm", *arm) for arm in arms)),
         ("Robots are of one design; a stiffness is log-normal from robot to robot, except for outliers.",),
-        tuple(_provenance(head)),
+        provenance(head),
     )
-
-
-def _caution(finding: Finding) -> str:
-    return " ".join(sentence(words) for words in (finding.text, finding.remedy) if words)
 
 
 def _robots(fleet: Fleet, pages: str) -> Section:
@@ -101,22 +101,12 @@ def _state(fleet: Fleet, i: int, r: int | None) -> str:
 
 
 def _population(fleet: Fleet, population: Population) -> Section:
-    drawn = tuple(_picture(fleet, population, i) for i in range(len(fleet.names)))
+    drawn, shown = [], "each robot's own fit and its shrunk estimate with 95 % intervals, in the order of their names."
+    for i, name in enumerate(fleet.names):
+        words, figure = stiffness_words(name), stiffness_figure(fleet, population, i)
+        drawn.append(picture(figure, f"{words} of all robots beside the population", f"{words}: {shown}"))
     table = replace(population_table(fleet, population), caption="The population")
-    return Section("The population", (*trust_in(fleet, population), table), drawn)
-
-
-def _picture(fleet: Fleet, population: Population, i: int) -> Picture:
-    words = stiffness_words(fleet.names[i])
-    caption = f"{words}: each robot's own fit and its shrunk estimate with 95 % intervals, in the order of their names."
-    alt = f"{words} of all robots beside the population"
-    return picture(stiffness_figure(fleet, population, i), alt, caption)
-
-
-def _next(fleet: Fleet) -> Section:
-    said = priors_section(fleet)
-    tables = (replace(part, caption="Priors") for part in said.parts if isinstance(part, Table))
-    return Section(said.title, ("With these priors a few measurements of the next robot are enough.", *tables))
+    return Section("The population", (*trust_in(fleet, population), table), tuple(drawn))
 
 
 def robot_page(fleet: Fleet, i: int, label: str, head: Mapping[str, Any], above: str) -> Page:
@@ -130,6 +120,7 @@ def robot_page(fleet: Fleet, i: int, label: str, head: Mapping[str, Any], above:
         above: address of the fleet's page, relative to this one.
     """
     robot, r = fleet.robots[i], fleet.members.index(i) if i in fleet.members else None
+    files = {"campaign": robot.campaign, "arm": robot.arm}
     command = shlex.join(["ident", "fit", robot.campaign.path, "--arm", robot.arm.path])
     sections = [_stiffnesses(fleet, robot, r)] if not robot.failed else []
     findings = tuple(robot.error.splitlines()) or (f"{robot.measurements} measurements.", *map(sentence, robot.doubts))
@@ -140,13 +131,9 @@ def robot_page(fleet: Fleet, i: int, label: str, head: Mapping[str, Any], above:
         _of_robot(fleet, robot, r),
         (),
         tuple(sections),
-        Table(
-            "Inputs",
-            ("what", "file", "SHA-256"),
-            (("campaign", robot.campaign.path, robot.campaign.sha256), ("arm", robot.arm.path, robot.arm.sha256)),
-        ),
+        Table("Inputs", FILE_HEAD, tuple((what, file.path, file.sha256) for what, file in files.items())),
         (),
-        tuple(_provenance(head)),
+        provenance(head),
         (f"All robots of {cut(label, 60)}", above),
     )
 
@@ -169,19 +156,16 @@ def _of_robot(fleet: Fleet, robot: Robot, r: int | None) -> Verdict:
 
 def _stiffnesses(fleet: Fleet, robot: Robot, r: int | None) -> Section:
     population, judged, unit = fleet.population, fleet.deviations, in_shown_unit(robot.names[0], 1.0)[1]
-    own = [f"{in_shown_unit(n, float(np.exp(x)))[0]:#.4g}" for n, x in zip(robot.names, robot.theta, strict=True)]
+    own = _shown(robot, robot.theta)
     words, sd = [stiffness_words(name) for name in robot.names], [percent(float(x)) for x in robot.sd]
     head: tuple[str, ...] = (f"stiffness [{unit}]", "own fit", "std. error of ln")
     rows = list(zip(words, own, sd, strict=True))
     if population is None or judged is None or r is None:
         return Section("Stiffnesses", (Table("By its own data", head, tuple(rows)),))
-    shrunk = [
-        f"{in_shown_unit(n, float(np.exp(x)))[0]:#.4g}"
-        for n, x in zip(robot.names, population.robot_mean[r], strict=True)
-    ]
     against, chance = against_median(population, r), [percent(float(p)) for p in judged.p[r]]
     head = (*head, "with the fleet", "against its median", "chance if healthy")
-    full = tuple((*row, *more) for row, *more in zip(rows, shrunk, against, chance, strict=True))
+    columns = _shown(robot, population.robot_mean[r]), against, chance
+    full = tuple((*row, *more) for row, *more in zip(rows, *columns, strict=True))
     note = (
         "With the fleet: by its own data, with the fleet as the prior. Chance if healthy: probability that this "
         "stiffness of a healthy robot differs as much from the other robots. "
@@ -191,9 +175,7 @@ def _stiffnesses(fleet: Fleet, robot: Robot, r: int | None) -> Section:
     return Section("Stiffnesses", (Table("Own fit and fleet", head, full, (), note, fleet.standing_out.get(r, ())),))
 
 
-def _provenance(head: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    yield "format", str(head["format"])
-    yield "created", str(head["created"])
-    yield from ((name, str(version)) for name, version in head["software"].items())
-    given = ((name, value) for name, value in head["options"].items() if value not in (None, [], {}, ""))
-    yield from ((f"option {name}", str(value)) for name, value in given)
+def _shown(robot: Robot, theta: np.ndarray) -> list[str]:
+    """Write the stiffnesses of a robot in the unit that is shown."""
+    values = zip(robot.names, np.exp(theta).tolist(), strict=True)
+    return [f"{in_shown_unit(name, value)[0]:#.4g}" for name, value in values]

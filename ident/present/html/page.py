@@ -7,7 +7,7 @@ autoescape, and a content security policy refuses whatever a text might still as
 import base64
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -21,19 +21,18 @@ from jaxtyping import Float
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import escape
 from matplotlib import rc_context
-from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from ident.assess.show import ArmView
 from ident.files import replace_file
 from ident.identify.modal_analysis import ModalAnalysis
-from ident.present.figures.modes import NAME_STYLES, SWING
-from ident.present.figures.show import View, views
+from ident.present.figures.modes import swing_of
+from ident.present.figures.show import View, most_seen, views
+from ident.present.figures.style import colour_of
 from ident.present.report import Part, Table, Verdict
 from ident.text import one_line
 
-TEMPLATE = "page.html.jinja"
 NARROW = 32
 """Characters up to which a table's cell stays on one line."""
 NUMBER = re.compile(r"\W*\d")
@@ -141,7 +140,7 @@ def _template() -> Template:
         autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {"columns": columns, "data_uri": data_uri, "whole": escape}
-    return environment.from_string((files("ident.present.html") / TEMPLATE).read_text("utf-8"))
+    return environment.from_string((files("ident.present.html") / "page.html.jinja").read_text("utf-8"))
 
 
 def write_page(page: Page, path: Path) -> None:
@@ -160,14 +159,19 @@ def shown(value: object) -> object:
 
 def columns(table: Table) -> list[str]:
     """Return how each column is set: `wide` text on several lines, a `number` to the right, or `words`."""
-    cells = [[one_line(row[j]) for row in table.texts] for j in range(len(table.head))]
-    return [_look(column, names=j == 0) for j, column in enumerate(cells)]
+    looks = []
+    for j in range(len(table.head)):
+        cells = [one_line(row[j]) for row in table.texts]
+        look = "number" if j > 0 and any(map(NUMBER.match, cells)) else "words"
+        looks.append("wide" if any(len(cell) > NARROW for cell in cells) else look)
+    return looks
 
 
-def _look(column: list[str], *, names: bool) -> str:
-    if any(len(cell) > NARROW for cell in column):
-        return "wide"
-    return "number" if not names and any(NUMBER.match(cell) for cell in column) else "words"
+def provenance(head: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Return format, date, versions and options of a result file, by name."""
+    options = {f"option {name}": value for name, value in head["options"].items() if value not in (None, [], {}, "")}
+    values = {"format": head["format"], "created": head["created"], **head["software"], **options}
+    return tuple((name, str(value)) for name, value in values.items())
 
 
 def data_uri(svg: str) -> str:
@@ -190,8 +194,6 @@ STYLE = (
     "text{font:13px system-ui,sans-serif;fill:#1b1f24}.soft{fill:#57606a;font-size:12px}"
     "polyline{fill:none;stroke-linejoin:round;stroke-linecap:round}.still{display:none}"
 )
-REDUCED = "@media (prefers-reduced-motion:reduce),print{.moving{display:none}.still{display:inline}}"
-"""Rules of a moving picture for who wants no motion; browsers apply them where it is opened by itself."""
 STILL = ".moving{display:none}.still{display:inline}"
 """Rules of a still picture."""
 
@@ -212,7 +214,8 @@ def moving_modes(view: ArmView, *, still: bool = False) -> str:
         f'<g transform="translate({i % columns * WIDTH:g} {i // columns * (HEIGHT + MODE_WORDS):g})">{mode}</g>'
         for i, mode in enumerate(_modes(analysis, count, views(view)))
     )
-    rules = STYLE + (STILL if still else REDUCED)
+    # browsers apply the rule for who wants no motion where a moving picture is opened by itself
+    rules = STYLE + (STILL if still else f"@media (prefers-reduced-motion:reduce),print{{{STILL}}}")
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]:g} {size[1]:g}" width="{size[0]:g}" '
         f'height="{size[1]:g}"><style>{rules}</style><rect width="100%" height="100%" fill="#fff"/>{modes}</svg>\n'
@@ -220,17 +223,14 @@ def moving_modes(view: ArmView, *, still: bool = False) -> str:
 
 
 def _modes(analysis: ModalAnalysis, count: int, seen: tuple[View, View]) -> Iterator[str]:
-    rest, moved = analysis.outline
-    length = float(np.linalg.norm(np.diff(rest, axis=1), axis=0).sum())
-    for i in range(count):
-        swing = SWING * length * moved[:, :, i] / np.linalg.norm(moved[:, :, i], axis=0).max()
-        view = max(seen, key=lambda each: float(np.linalg.norm(each.of(swing))))
-        label = analysis.labels[i]
+    for i, label in enumerate(analysis.labels[:count]):
+        swing = swing_of(analysis, i)
+        view = most_seen(seen, swing)
         words = f"{i + 1}: {analysis.modes.frequency[i]:.2f} Hz, {label}"
         yield (
             f'<text x="{ROOM:g}" y="20">{escape(words)}</text>'
             f'<text class="soft" x="{ROOM:g}" y="37">{escape(view.name)}</text>'
-            + _swinging(view.of(rest), view.of(swing), str(NAME_STYLES[f"{label.direction} {label.kind}"]["color"]))
+            + _swinging(view.of(analysis.outline[0]), view.of(swing), colour_of(label))
         )
 
 
@@ -263,15 +263,9 @@ def _swinging(rest: Float[np.ndarray, "2 K"], swing: Float[np.ndarray, "2 K"], c
 
 LARGEST = 1_500_000
 """Characters of an SVG above which its data are drawn as pixels."""
-DPI = 200
-"""Pixels an inch of what is drawn as pixels."""
-LETTER = 10
-"""Pixels of the smallest letter that can be read."""
 SETTINGS: dict[Any, Any] = {"svg.hashsalt": "ident", "svg.fonttype": "path", "path.simplify_threshold": 0.25}
-NOTHING = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 ILLEGAL = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that no XML document may hold."""
-PROLOGUE = re.compile(r"^.*?(?=<svg)", re.DOTALL)
 
 
 def picture(figure: Figure, alt: str, caption: str) -> Picture:
@@ -282,34 +276,22 @@ def picture(figure: Figure, alt: str, caption: str) -> Picture:
         alt: what can be seen in it, for whoever can't see it.
         caption: what it shows and how to read it.
     """
-    svg = _bounded(figure)
-    letters = [text.get_fontsize() for text in figure.findobj(Text) if text.get_text().strip()]
-    width = 72 * figure.get_size_inches()[0]
-    return Picture(svg, alt, caption, ceil(LETTER * width / min(letters)) if letters else 0)
-
-
-def _bounded(figure: Figure) -> str:
     svg = _svg(figure)
     if len(svg) > LARGEST:
-        for artist in _data(figure):
-            artist.set_rasterized(True)
+        for axes in figure.axes:
+            for artist in (*axes.lines, *axes.collections, *axes.patches, *axes.images):
+                artist.set_rasterized(True)  # what is drawn from data, and not the frame or the words about it
         svg = _svg(figure)
-    return svg
+    letters = [text.get_fontsize() for text in figure.findobj(Text) if text.get_text().strip()]
+    width = 72 * figure.get_size_inches()[0]
+    return Picture(svg, alt, caption, ceil(10 * width / min(letters)) if letters else 0)  # letters of 10 px are read
 
 
 def _svg(figure: Figure) -> str:
     text = StringIO()
     with warnings.catch_warnings(), rc_context(SETTINGS):
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        figure.savefig(text, format="svg", dpi=DPI, metadata=NOTHING)
-    return PROLOGUE.sub("", ILLEGAL.sub("", text.getvalue()))
-
-
-def _data(figure: Figure) -> list[Artist]:
-    """Return what is drawn from data, and not the frame or the words about it."""
-    return [
-        artist
-        for axes in figure.axes
-        for artists in (axes.lines, axes.collections, axes.patches, axes.images)
-        for artist in artists
-    ]
+        nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+        figure.savefig(text, format="svg", dpi=200, metadata=nothing)
+    svg = ILLEGAL.sub("", text.getvalue())
+    return svg[svg.index("<svg") :]
