@@ -3,17 +3,20 @@
 import math
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ident.arm.plausibility import belt_mismatches
-from ident.assess.scenario import Basis
-from ident.identify.check import SpringCheck
-from ident.identify.values import Values
 from ident.present.report import Finding, Section, cut
 from ident.present.words import counted, degrees, sentence
 from ident.text import one_line
-from ident.vibrate.fast import Passage
+
+if TYPE_CHECKING:
+    from ident.assess.scenario import Basis
+    from ident.identify.check import SpringCheck
+    from ident.identify.values import Values
+    from ident.vibrate.fast import Passage
 
 GUESSED = ("assumed", "calibrated")
 """Origins of numbers that were not measured: assumed, or set so that a result comes out."""
@@ -27,12 +30,12 @@ PARTS = {
 }
 
 
-def subject(basis: Basis) -> str:
+def subject(basis: "Basis") -> str:
     """Name the arm and its motion: `LCD transfer arm, extension, cycloid, 10 %`."""
     return f"{cut(basis.arm.name, 36)}, {cut(basis.motion.name, 36)}"
 
 
-def same_motion(basis: Basis) -> str:
+def same_motion(basis: "Basis") -> str:
     """Return the options with which another command takes the same motion, load and values; each after a space."""
     values = [("--fit", basis.fit), ("--posterior", basis.posterior), ("--path", basis.log)]
     words = [f"{option} {shlex.quote(one_line(given.path))}" for option, given in values if given and given.path]
@@ -44,7 +47,7 @@ def same_motion(basis: Basis) -> str:
 
 
 def motion_section(
-    basis: Basis, *, elastic_belts: bool, rate: float, method: str, more: Sequence[str] = (), varied: bool = False
+    basis: "Basis", *, elastic_belts: bool, rate: float, method: str, more: Sequence[str] = (), varied: bool = False
 ) -> Section:
     """Return what was simulated, how, and with which values.
 
@@ -72,7 +75,7 @@ def motion_section(
     return Section("Simulated motion", tuple(sentences))
 
 
-def _excitation(basis: Basis, *, varied: bool) -> Iterator[str]:
+def _excitation(basis: "Basis", *, varied: bool) -> Iterator[str]:
     """Say what is unknown of the excitation, and what the draws have."""
     for low, high in sorted(set(basis.unknown.errors.values())):
         ends = " to ".join(f"{2 * np.rad2deg(end) * 3600:g}" for end in (low, high))
@@ -85,7 +88,7 @@ def _excitation(basis: Basis, *, varied: bool) -> Iterator[str]:
         yield "A varied number changes by the same factor, or difference, in the nominal arm and in every draw."
 
 
-def basis_findings(basis: Basis) -> Iterator[Finding]:
+def basis_findings(basis: "Basis") -> Iterator[Finding]:
     """Yield what casts doubt on a simulation: an arm without drives, belts that do not fit, contradicting values."""
     if not basis.arm.drives:
         yield Finding("the arm file has no [[drive]]: only the motion itself excites the arm", "add its drives")
@@ -96,7 +99,7 @@ def basis_findings(basis: Basis) -> Iterator[Finding]:
         yield Finding(text, "sample and fit the same campaign")
 
 
-def assumption_findings(basis: Basis) -> Iterator[Finding]:
+def assumption_findings(basis: "Basis") -> Iterator[Finding]:
     """Yield how many numbers of drives, belts and stroke are assumed."""
     names, _ = assumed(basis)
     if names:
@@ -105,25 +108,25 @@ def assumption_findings(basis: Basis) -> Iterator[Finding]:
         yield Finding(f"amplitudes rest on {len(names)} assumed numbers ({', '.join(_fields(basis, names))})", remedy)
 
 
-def transmission_finding(basis: Basis) -> Iterator[Finding]:
+def transmission_finding(basis: "Basis") -> Iterator[Finding]:
     """Yield that the drives are taken to have no transmission error, where they are."""
     if without_transmission_error(basis):
         yield Finding("transmission error is set to 0, real drives have some", "try --errors 30:60 (arc seconds)")
 
 
-def all_findings(basis: Basis) -> Iterator[Finding]:
+def all_findings(basis: "Basis") -> Iterator[Finding]:
     """Yield all that bears on a simulated amplitude."""
     yield from basis_findings(basis)
     yield from assumption_findings(basis)
     yield from transmission_finding(basis)
 
 
-def without_transmission_error(basis: Basis) -> bool:
+def without_transmission_error(basis: "Basis") -> bool:
     """Tell whether there are drives, and none has a transmission error."""
     return bool(basis.arm.drives) and not any(np.any(np.asarray(drive.error)) for drive in basis.arm.drives)
 
 
-def values_in_words(fit: Values | None, posterior: Values | None) -> Iterator[str]:
+def values_in_words(fit: "Values | None", posterior: "Values | None") -> Iterator[str]:
     """Say which numbers an arm has taken over."""
     yield from (f"  {words}" for words in _taken_over(fit, posterior))
     yield from (f"  REMARK: {values.remark}" for values in (fit, posterior) if values and values.remark)
@@ -137,7 +140,7 @@ def changes_in_words(changed: Mapping[str, float]) -> Iterator[str]:
         yield f"  set: {path} = {value:g}"
 
 
-def _taken_over(fit: Values | None, posterior: Values | None) -> Iterator[str]:
+def _taken_over(fit: "Values | None", posterior: "Values | None") -> Iterator[str]:
     """Say which values were taken over, and from which files."""
     for values, what in ((fit, "fitted values"), (posterior, "draws of the posterior")):
         if values is None:
@@ -151,14 +154,14 @@ def _taken_over(fit: Values | None, posterior: Values | None) -> Iterator[str]:
         yield "the nominal arm has the medians of these draws"
 
 
-def _outside(fit: Values | None, posterior: Values | None) -> tuple[str, ...]:
+def _outside(fit: "Values | None", posterior: "Values | None") -> tuple[str, ...]:
     return fit.outside(posterior) if fit and posterior else ()
 
 
 # -------- Assumed numbers
 
 
-def assumed(basis: Basis) -> tuple[list[str], int]:
+def assumed(basis: "Basis") -> tuple[list[str], int]:
     """Return the assumed or calibrated numbers of drives, belts and stroke, and how many such numbers there are.
 
     Left out are numbers that the user has set, and the stroke where a log is replayed.
@@ -170,7 +173,7 @@ def assumed(basis: Basis) -> tuple[list[str], int]:
     return names, len(origins)
 
 
-def assumed_section(basis: Basis) -> Iterator[Section]:
+def assumed_section(basis: "Basis") -> Iterator[Section]:
     """Yield which numbers of the excitation are assumed or calibrated, where any are."""
     names, count = assumed(basis)
     if not names:
@@ -185,7 +188,7 @@ def assumed_section(basis: Basis) -> Iterator[Section]:
     yield Section("Assumed or calibrated numbers", (f"{share}. No amplitude is better known than these.", *lists))
 
 
-def _fields(basis: Basis, names: Sequence[str]) -> dict[str, dict[str, None]]:
+def _fields(basis: "Basis", names: Sequence[str]) -> dict[str, dict[str, None]]:
     """Return what is named of drives, belts and stroke, by kind: `{"drives": {"ratio": None, ...}, ...}`."""
     kinds = {part.name: type(part).__name__ for part in basis.arm.parts()}
     fields: dict[str, dict[str, None]] = {}
@@ -199,7 +202,7 @@ def _fields(basis: Basis, names: Sequence[str]) -> dict[str, dict[str, None]]:
 # Curved springs in words: what a campaign can tell of them, and where vibration passes T1.
 
 
-def springs_in_words(springs: Sequence[SpringCheck]) -> Iterator[Section]:
+def springs_in_words(springs: Sequence["SpringCheck"]) -> Iterator[Section]:
     """Yield of each spring whether the data can tell it from a linear one, and how it is loaded meanwhile."""
     lines = []
     for each in springs:
@@ -218,7 +221,7 @@ def springs_in_words(springs: Sequence[SpringCheck]) -> Iterator[Section]:
         yield Section(title, tuple(lines))
 
 
-def passage_findings(passages: Sequence[Passage]) -> Iterator[Finding]:
+def passage_findings(passages: Sequence["Passage"]) -> Iterator[Finding]:
     """Yield which springs change their stiffness within a motion, as their load passes T1."""
     for each in passages:
         yield Finding(

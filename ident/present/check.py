@@ -2,16 +2,13 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.identify.check import CampaignCheck
 from ident.identify.problem import LabelDoubt, row_names
-from ident.inference.identifiability import Leverage
 from ident.inference.information import WEAK_ABOVE, Information
 from ident.inference.optima import is_tie
-from ident.inference.parameters import Parameter
 from ident.present.basis import springs_in_words
 from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut
 from ident.present.warnings import (
@@ -39,6 +36,11 @@ from ident.present.words import (
     with_tied,
 )
 
+if TYPE_CHECKING:
+    from ident.identify.check import CampaignCheck
+    from ident.inference.identifiability import Leverage
+    from ident.inference.parameters import Parameter
+
 CORRELATED = 0.9
 """Correlation from which a pair of parameters is named."""
 SLIGHT = 0.05
@@ -55,7 +57,7 @@ WORDS = {"identifiable": "identifiable", "weak": "weak", "open": "not determined
 """How a report calls the verdict on a parameter."""
 
 
-def check_sections(check: CampaignCheck) -> Report:
+def check_sections(check: "CampaignCheck") -> Report:
     """Return all that is said of a check."""
     causes = leading_explanations(check.explanations, check.campaign)
     conflict = contradiction(check.cross_predictions, check.campaign.measurements)
@@ -77,7 +79,7 @@ def check_sections(check: CampaignCheck) -> Report:
     )
 
 
-def _verdict(check: CampaignCheck) -> Verdict:
+def _verdict(check: "CampaignCheck") -> Verdict:
     """Judge a campaign: READY TO FIT, PARTLY where some unknowns are identifiable, NOT READY for none or conflict."""
     count, fine = len(check.verdicts), check.verdicts.count("identifiable")
     if check.missing.any():
@@ -102,7 +104,7 @@ def _verdict(check: CampaignCheck) -> Verdict:
     return Verdict("READY TO FIT", known, "good")
 
 
-def _reason(check: CampaignCheck, i: int) -> str:
+def _reason(check: "CampaignCheck", i: int) -> str:
     if check.information is None:
         return "-"
     if check.verdicts[i] == "unknown":
@@ -122,7 +124,7 @@ def _within(sd: float) -> str:
     return scatter(sd).replace("factor", "a factor of")
 
 
-def _consistency(check: CampaignCheck) -> str:
+def _consistency(check: "CampaignCheck") -> str:
     """Say in a line whether the data agree."""
     agree = check.consistency
     if agree is None or check.contradictory:
@@ -132,7 +134,7 @@ def _consistency(check: CampaignCheck) -> str:
     return "There is one kind of measurement only, so that no other can check it."
 
 
-def _findings(check: CampaignCheck, *, explained: bool) -> Iterator[Finding]:
+def _findings(check: "CampaignCheck", *, explained: bool) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
     measured, names = check.campaign.measurements, row_names(check.campaign)
     yield from odd_numbers(check.arm)
@@ -162,7 +164,7 @@ def _findings(check: CampaignCheck, *, explained: bool) -> Iterator[Finding]:
 # -------- Details
 
 
-def _details(check: CampaignCheck) -> Iterator[Section]:
+def _details(check: "CampaignCheck") -> Iterator[Section]:
     meaning = (
         f"identifiable: the std. error is below a factor of {math.exp(WEAK_ABOVE):.2g} at all {check.tried} points "
         "tried: the arm file's values and others about them, since one point may mislead. Priors do not count. not "
@@ -179,7 +181,7 @@ def _details(check: CampaignCheck) -> Iterator[Section]:
     yield from explanation_section(check.explanations, check.campaign)
 
 
-def _others(check: CampaignCheck) -> Iterator[Section]:
+def _others(check: "CampaignCheck") -> Iterator[Section]:
     """Yield which other values give the same data, or that none were found."""
     others, items = check.others, check.problem.parameters.items
     if others is None:
@@ -201,13 +203,13 @@ def _others(check: CampaignCheck) -> Iterator[Section]:
     yield Section("Other values that give the same data" + ("" if rows else ": none found"), (*table, text))
 
 
-def _changed(item: Parameter, value: float) -> str:
+def _changed(item: "Parameter", value: float) -> str:
     start = float(item.start)
     change = f"{value / start:.3g} times" if item.positive and start else f"{value:.4g} {unit_of(item.name)}"
     return f"{item.name} {change}"
 
 
-def _combinations(check: CampaignCheck) -> Iterator[Section]:
+def _combinations(check: "CampaignCheck") -> Iterator[Section]:
     known = check.information
     if known is None:
         return
@@ -231,7 +233,7 @@ def _combinations(check: CampaignCheck) -> Iterator[Section]:
     yield Section(title, (*parts, *_correlations(items, known)))
 
 
-def _correlations(items: Sequence[Parameter], known: Information) -> Iterator[str]:
+def _correlations(items: Sequence["Parameter"], known: Information) -> Iterator[str]:
     correlation = np.triu(np.nan_to_num(known.correlation), 1)
     pairs = [tuple(map(int, pair)) for pair in np.argwhere(np.abs(correlation) > CORRELATED)]
     for i, j in sorted(pairs, key=lambda pair: -abs(correlation[pair]))[:10]:
@@ -241,11 +243,11 @@ def _correlations(items: Sequence[Parameter], known: Information) -> Iterator[st
         yield f"Largest correlation {correlation[i, j]:+.2f}, {_pair(items[i], items[j])}."
 
 
-def _pair(one: Parameter, other: Parameter) -> str:
+def _pair(one: "Parameter", other: "Parameter") -> str:
     return f"between {parameter_in_words(one)} and {parameter_in_words(other)}"
 
 
-def _measurements(check: CampaignCheck) -> Iterator[Section]:
+def _measurements(check: "CampaignCheck") -> Iterator[Section]:
     part = check.leverage
     if part is None:
         return
@@ -272,13 +274,13 @@ def _measurements(check: CampaignCheck) -> Iterator[Section]:
     yield Section("Influence of each measurement", (table,))
 
 
-def _dominates(part: Leverage, i: int) -> str:
+def _dominates(part: "Leverage", i: int) -> str:
     if part.lost[i]:
         return f"dominates; without it {', '.join(part.lost[i])} not identifiable"
     return "dominates" + "; one combination not determined without it" * bool(part.opened[i])
 
 
-def _labels(check: CampaignCheck) -> Iterator[Section]:
+def _labels(check: "CampaignCheck") -> Iterator[Section]:
     measured, names = check.campaign.measurements, row_names(check.campaign)
     modal = any(m.kind in ("frequency", "damping_ratio") for m in measured)
     if not modal or check.missing.any():
@@ -301,7 +303,7 @@ def _labels(check: CampaignCheck) -> Iterator[Section]:
         yield Section(title, (Table("", ("row", "mode", "ambiguous on"), rows, note=note),))
 
 
-def _doubt(check: CampaignCheck, doubt: LabelDoubt) -> Iterator[str]:
+def _doubt(check: "CampaignCheck", doubt: LabelDoubt) -> Iterator[str]:
     if doubt.near_draw:
         yield f"its mode, {doubt.mode}, is named by a narrow margin: a small change may rename it"
     if doubt.crossing:
@@ -312,7 +314,7 @@ def _doubt(check: CampaignCheck, doubt: LabelDoubt) -> Iterator[str]:
         yield f"no label, and taken for {doubt.mode}, although row {other}, for another mode, is equal: label both"
 
 
-def _agreement(check: CampaignCheck) -> Iterator[Section]:
+def _agreement(check: "CampaignCheck") -> Iterator[Section]:
     agree = check.consistency
     if agree is None:
         return
@@ -331,7 +333,7 @@ def _agreement(check: CampaignCheck) -> Iterator[Section]:
 # -------- Rows
 
 
-def check_rows(check: CampaignCheck) -> list[dict[str, Any]]:
+def check_rows(check: "CampaignCheck") -> list[dict[str, Any]]:
     """Return a row for each parameter: verdict, and standard deviations of theta by the data alone [-].
 
     NaN where the model has no answer.

@@ -1,16 +1,18 @@
 """A comparison of two campaigns: what is said of it, and its rows for programs."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.identify.compare import Comparison
 from ident.identify.fit import CampaignFit
 from ident.inference.change import LEVEL
 from ident.inference.information import holm
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut, with_remedy, without_empty_columns
 from ident.present.words import counted, in_shown_unit, percent, sentence, some, unit_of
+
+if TYPE_CHECKING:
+    from ident.identify.compare import Comparison
 
 KINDS = {"k_bend": "bending", "k_tors": "torsion"}
 NUMBERS_LISTED = 5
@@ -19,7 +21,7 @@ PAIRS = 8
 """Pairs of campaigns on the first screen without a change, at most."""
 
 
-def compare_sections(comparisons: Sequence[Comparison], unpaired: Sequence[str] = ()) -> Report:
+def compare_sections(comparisons: Sequence["Comparison"], unpaired: Sequence[str] = ()) -> Report:
     """Return all that is said: of one pair a verdict, its stiffnesses and what to check; of many an overview first."""
     if len(comparisons) == 1 and not unpaired:
         (one,) = comparisons
@@ -29,13 +31,13 @@ def compare_sections(comparisons: Sequence[Comparison], unpaired: Sequence[str] 
     return _overview(comparisons, unpaired)
 
 
-def _campaigns(comparison: Comparison) -> str:
+def _campaigns(comparison: "Comparison") -> str:
     before, after = (cut(name, 30) for name in comparison.names)
     arm = f"{cut(comparison.fits[0].arm.name, 40)}: " if comparison.fits else ""
     return f"{arm}{before}, then {after}"
 
 
-def _counts(comparison: Comparison) -> str:
+def _counts(comparison: "Comparison") -> str:
     if comparison.independent:
         count = len(comparison.change.names)
         return f"{count} stiffness{'es' * (count != 1)} compared"
@@ -43,7 +45,7 @@ def _counts(comparison: Comparison) -> str:
     return f"{counts} measurements fitted together, {counted(len(comparison.change.names), 'change')} free"
 
 
-def _verdict(comparison: Comparison) -> Verdict:
+def _verdict(comparison: "Comparison") -> Verdict:
     """Judge a pair: CHANGED where chi-squared falls by more than chance with free changes, else NO CHANGE."""
     change = comparison.change
     test = f"T = {round(change.statistic, 6):.3g} on {change.mean:.1f} degrees of freedom, p = {change.p_value:.2g}"
@@ -55,7 +57,7 @@ def _verdict(comparison: Comparison) -> Verdict:
     return Verdict("CHANGED", reason, "caution")
 
 
-def _changed(comparison: Comparison) -> list[str]:
+def _changed(comparison: "Comparison") -> list[str]:
     change = comparison.change
     return [stiffness_words(name) for name, is_so in zip(change.names, change.changed, strict=True) if is_so]
 
@@ -66,7 +68,7 @@ def stiffness_words(name: str) -> str:
     return f"{cut(joint, 24)} in {KINDS[field]}" if field in KINDS else cut(name, 30)
 
 
-def _table(comparison: Comparison) -> Table:
+def _table(comparison: "Comparison") -> Table:
     change = comparison.change
     rows = []
     for i, name in enumerate(change.names):
@@ -87,7 +89,7 @@ def ratio_words(log: float) -> str:
     return f"{100 * (ratio - 1):+.1f} %" if 0.5 < ratio < 2 else f"x {ratio:.3g}"
 
 
-def _meaning(comparison: Comparison) -> str:
+def _meaning(comparison: "Comparison") -> str:
     together = "" if comparison.independent else " All values are fitted to both campaigns together."
     return (
         "T: fall of the minimum chi-squared when all changes are free; p: probability of a larger one if nothing has "
@@ -96,7 +98,7 @@ def _meaning(comparison: Comparison) -> str:
     )
 
 
-def _findings(comparison: Comparison) -> Iterator[Finding]:
+def _findings(comparison: "Comparison") -> Iterator[Finding]:
     """Yield what may feign a change, then what to look at, the weightiest first."""
     change = comparison.change
     if comparison.independent:
@@ -128,7 +130,7 @@ def _findings(comparison: Comparison) -> Iterator[Finding]:
 # -------- Several pairs
 
 
-def _overview(comparisons: Sequence[Comparison], unpaired: Sequence[str]) -> Report:
+def _overview(comparisons: Sequence["Comparison"], unpaired: Sequence[str]) -> Report:
     together = holm([each.change.p_value for each in comparisons])
     rows = []
     for each, p in zip(comparisons, together, strict=True):
@@ -152,7 +154,7 @@ def _overview(comparisons: Sequence[Comparison], unpaired: Sequence[str]) -> Rep
     )
 
 
-def _pair(comparison: Comparison) -> Section:
+def _pair(comparison: "Comparison") -> Section:
     """Return a pair of several: its verdict, its stiffnesses and what to check."""
     verdict, findings = _verdict(comparison), map(with_remedy, _findings(comparison))
     words = f"{_counts(comparison)}. {verdict.word}: {verdict.reason}"
@@ -167,13 +169,13 @@ def level_words() -> str:
 # -------- Rows
 
 
-def compare_rows(comparisons: Sequence[Comparison], unpaired: Sequence[str] = ()) -> list[dict[str, Any]]:
+def compare_rows(comparisons: Sequence["Comparison"], unpaired: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Return a row for each stiffness: both values [SI], their ratio with its 95 % interval, p, and the verdict."""
     several = len(comparisons) > 1
     return [({"campaigns": each.name} if several else {}) | row for each in comparisons for row in _rows(each)]
 
 
-def _rows(comparison: Comparison) -> list[dict[str, Any]]:
+def _rows(comparison: "Comparison") -> list[dict[str, Any]]:
     change, interval = comparison.change, np.exp(comparison.change.interval)
     return [
         {

@@ -4,13 +4,11 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.assess.diagnose import Diagnosis
 from ident.assess.remedies import CONFIDENT, MOVED, STIFFER, VERIFIED, Remedy
-from ident.identify.compare import Validation
 from ident.present.basis import (
     assumed,
     basis_findings,
@@ -23,7 +21,11 @@ from ident.present.design import UNSURE, unsure_words
 from ident.present.report import Cell, Finding, Part, Report, Section, Table, Verdict, short_power
 from ident.present.resonance import caused_words, grouped, sources_words
 from ident.present.words import MM, beside, counted, in_shown_unit, is_stiffness, percent, rounded, sentence
-from ident.vibrate.evaluator import BinomialEstimate
+
+if TYPE_CHECKING:
+    from ident.assess.diagnose import Diagnosis
+    from ident.identify.compare import Validation
+    from ident.vibrate.evaluator import BinomialEstimate
 
 # -------- Remedy words
 # A remedy in words: something to do.
@@ -61,7 +63,7 @@ SENSITIVITIES = 12
 """Sensitivities that are listed."""
 
 
-def diagnose_sections(diagnosis: Diagnosis) -> Report:
+def diagnose_sections(diagnosis: "Diagnosis") -> Report:
     """Return all that is said of a finished diagnosis; the details have a section for each stage."""
     basis, fit = diagnosis.task.basis, diagnosis.identification.sampled.fitted
     verdict = judged(diagnosis)
@@ -76,7 +78,7 @@ def diagnose_sections(diagnosis: Diagnosis) -> Report:
     )
 
 
-def judged(diagnosis: Diagnosis) -> Verdict:
+def judged(diagnosis: "Diagnosis") -> Verdict:
     """Judge the arm: OK where it is accepted, NOT DECIDED where data or draws leave it open, else NOT OK."""
     vibration = diagnosis.vibration
     peak, limit, within = float(vibration.peak.max()), vibration.limit, float(vibration.peak.max()) <= vibration.limit
@@ -94,12 +96,12 @@ def judged(diagnosis: Diagnosis) -> Verdict:
     return Verdict("NOT OK", f"{compared} ({chance}).", "bad")
 
 
-def chance_words(estimate: BinomialEstimate) -> str:
+def chance_words(estimate: "BinomialEstimate") -> str:
     """Write the 95 % interval of a probability, rounded outwards: `96 to 100 %`."""
     return f"{math.floor(100 * estimate.interval[0])} to {math.ceil(100 * estimate.interval[1])} %"
 
 
-def cause_and_remedies(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
+def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
     """Yield what makes most of the vibration and what helps, each with its label: Cause, Remedy, or."""
     yield "Cause", _cause(diagnosis)
     best, verified = diagnosis.advised, diagnosis.verified
@@ -120,7 +122,7 @@ def cause_and_remedies(diagnosis: Diagnosis) -> Iterator[tuple[str, str]]:
         yield "or", f"{change_words(other)}{_numbers(diagnosis, other)}: {size} (not verified)"
 
 
-def _cause(diagnosis: Diagnosis) -> str:
+def _cause(diagnosis: "Diagnosis") -> str:
     groups = grouped(diagnosis.resonance.crossings)
     if not groups:
         return contribution_words(diagnosis) or "the motion itself; no drive comes near a natural frequency"
@@ -136,7 +138,7 @@ def _cause(diagnosis: Diagnosis) -> str:
     return f"{who} {does} {first.label} ({first.natural:.2f} Hz) {when}, {caused_words(groups[0])} by itself"
 
 
-def _numbers(diagnosis: Diagnosis, remedy: Remedy) -> str:
+def _numbers(diagnosis: "Diagnosis", remedy: Remedy) -> str:
     """Write the number that a remedy changes, or how long the motion takes with it; nothing of several numbers."""
     if remedy.kind == "speed":
         before = diagnosis.task.basis.motion.arrival
@@ -148,7 +150,7 @@ def _numbers(diagnosis: Diagnosis, remedy: Remedy) -> str:
     return short_power(f" ({before:.3g} to {after:.3g} {unit})")
 
 
-def of_model(diagnosis: Diagnosis) -> str:
+def of_model(diagnosis: "Diagnosis") -> str:
     """Say how well the model is determined, and how well it predicts postures that were not measured."""
     fit, validation = diagnosis.identification.sampled.fitted, diagnosis.validation
     fixed = f"{fit.information.fixed} of {len(fit.information.names)} combinations determined"
@@ -156,7 +158,7 @@ def of_model(diagnosis: Diagnosis) -> str:
     return f"{fixed} (chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom}){far}"
 
 
-def _next(diagnosis: Diagnosis, *, in_doubt: bool, good: bool) -> str:
+def _next(diagnosis: "Diagnosis", *, in_doubt: bool, good: bool) -> str:
     known = diagnosis.identification.sampled.fitted.information
     if in_doubt:
         return "ident fit {campaign}"
@@ -166,7 +168,7 @@ def _next(diagnosis: Diagnosis, *, in_doubt: bool, good: bool) -> str:
     return "" if good else f"ident design {{arm}} {limit}{same_motion(diagnosis.task.basis)}"
 
 
-def _cautions(diagnosis: Diagnosis) -> Iterator[Finding]:
+def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
     """Yield how far a diagnosis holds where the measurements do not bear it, the weightiest first."""
     basis, known = diagnosis.task.basis, diagnosis.identification.sampled.fitted.information
     for doubt in diagnosis.identification.sampled.fitted.doubts:
@@ -224,20 +226,20 @@ class StageReport:
         return f"{self.number}/{self.count} {self.name}: {self.result}{' (from an earlier run)' * self.resumed}"
 
 
-def stage_report(diagnosis: Diagnosis, stage: str, *, resumed: bool = False) -> StageReport:
+def stage_report(diagnosis: "Diagnosis", stage: str, *, resumed: bool = False) -> StageReport:
     """Return what a finished stage of a diagnosis says."""
     stages = [each for each in _STAGES if each not in ("remedies", "verification")]
     count = len(stages if "vibration" in diagnosis.stages and diagnosis.vibration.accepted else _STAGES)
     return StageReport(list(_STAGES).index(stage) + 1, count, stage, _STAGES[stage].result(diagnosis), resumed)
 
 
-def _stiffness_result(diagnosis: Diagnosis) -> str:
+def _stiffness_result(diagnosis: "Diagnosis") -> str:
     fit = diagnosis.identification.sampled.fitted
     doubt = "; IN DOUBT" if fit.doubts else ""
     return f"{fit.information.fixed} of {len(fit.information.names)} combinations determined{doubt}"
 
 
-def _stiffness(diagnosis: Diagnosis) -> Iterator[Part]:
+def _stiffness(diagnosis: "Diagnosis") -> Iterator[Part]:
     identified = diagnosis.identification
     fit, withheld = identified.sampled.fitted, bool(identified.sampled.withheld)
     rank, count = fit.information.fixed, len(fit.information.names)
@@ -258,14 +260,14 @@ def _stiffness(diagnosis: Diagnosis) -> Iterator[Part]:
     yield Table("Posterior", ("number", "median", "95 % interval", "unit"), tuple(rows), note=note.strip())
 
 
-def _trust_result(diagnosis: Diagnosis) -> str:
+def _trust_result(diagnosis: "Diagnosis") -> str:
     validation = diagnosis.validation
     if not validation.told:
         return "no posture can be predicted from others"
     return f"{validation.covered} of {len(validation.z)} measurements within the interval predicted from other postures"
 
 
-def _trust(diagnosis: Diagnosis) -> Iterator[Part]:
+def _trust(diagnosis: "Diagnosis") -> Iterator[Part]:
     validation = diagnosis.validation
     if not validation.told:
         yield "No posture can be predicted from others: that takes two postures or more, one with enough information."
@@ -291,16 +293,16 @@ def _trust(diagnosis: Diagnosis) -> Iterator[Part]:
     yield Table("Prediction error in postures that were not measured (95 %)", head, rows, note=note)
 
 
-def scope_words(validation: Validation) -> str:
+def scope_words(validation: "Validation") -> str:
     """Say how well each kind of measurement is predicted: `within 1.5 % in frequency`."""
     return ", ".join(f"within {percent(s.half)} in {s.kind.replace('_', ' ')}" for s in validation.scopes)
 
 
-def _resonance_result(diagnosis: Diagnosis) -> str:
+def _resonance_result(diagnosis: "Diagnosis") -> str:
     return _cause(diagnosis) if diagnosis.resonance.crossings else "no drive comes near a natural frequency"
 
 
-def _resonance(diagnosis: Diagnosis) -> Iterator[Part]:
+def _resonance(diagnosis: "Diagnosis") -> Iterator[Part]:
     resonance, changed = diagnosis.resonance, diagnosis.task.basis.changed
     yield from (f"Set from here on: {path} = {value:g}." for path, value in changed.items())
     if not resonance.crossings:
@@ -325,13 +327,13 @@ def _resonance(diagnosis: Diagnosis) -> Iterator[Part]:
     yield Table("Resonance along the motion, by the vibration caused", head, tuple(rows), note=note)
 
 
-def _vibration_result(diagnosis: Diagnosis) -> str:
+def _vibration_result(diagnosis: "Diagnosis") -> str:
     vibration = diagnosis.vibration
     kept = f"kept by {vibration.keeps.count} of {vibration.keeps.draws} draws"
     return f"{beside(MM * vibration.peak.max(), MM * vibration.limit)} mm, limit {MM * vibration.limit:g} mm, {kept}"
 
 
-def _vibration(diagnosis: Diagnosis) -> Iterator[Part]:
+def _vibration(diagnosis: "Diagnosis") -> Iterator[Part]:
     vibration, peak = diagnosis.vibration, diagnosis.vibration.peak
     yield (
         f"By the exact equations the end point vibrates by up to {MM * peak.max():.3g} mm ({'xyz'[int(peak.argmax())]})"
@@ -361,7 +363,7 @@ def _vibration(diagnosis: Diagnosis) -> Iterator[Part]:
     yield Table("Largest vibration [mm]", head, rows, ("", ".3f", ""), note)
 
 
-def contribution_words(diagnosis: Diagnosis) -> str:
+def contribution_words(diagnosis: "Diagnosis") -> str:
     """Say what makes the vibration at the worst phases; nothing where all phases are known."""
     over = diagnosis.vibration.phases
     if over is None:
@@ -380,12 +382,12 @@ def contribution_words(diagnosis: Diagnosis) -> str:
     )
 
 
-def _sensitivities_result(diagnosis: Diagnosis) -> str:
+def _sensitivities_result(diagnosis: "Diagnosis") -> str:
     sensitivities = diagnosis.sensitivities
     return f"most on {joined([sensitivities.paths[i] for i in sensitivities.order[:3]])}"
 
 
-def _sensitivities(diagnosis: Diagnosis) -> Iterator[Part]:
+def _sensitivities(diagnosis: "Diagnosis") -> Iterator[Part]:
     sensitivities = diagnosis.sensitivities
     column = int(np.argmax(sensitivities.amplitude))
     percents = ", ".join(f"{sensitivities.elasticity[i, column]:+.2g}" for i in sensitivities.order[:3])
@@ -405,12 +407,12 @@ def _sensitivities(diagnosis: Diagnosis) -> Iterator[Part]:
     yield Table("Sensitivities, the strongest first", head, tuple(rows), ("", ".4g", "", "", ""), note)
 
 
-def _remedies_result(diagnosis: Diagnosis) -> str:
+def _remedies_result(diagnosis: "Diagnosis") -> str:
     good = sum(remedy.meets_limit for remedy in diagnosis.remedies)
     return f"{good} of {len(diagnosis.remedies)} remedies keep the limit with probability {100 * CONFIDENT:g} % or more"
 
 
-def _remedies(diagnosis: Diagnosis) -> Iterator[Part]:
+def _remedies(diagnosis: "Diagnosis") -> Iterator[Part]:
     yield f"{_remedies_result(diagnosis)}."
     moved = f" mass centres of the last joint's bodies moved by {100 * MOVED:g} % of their length,"
     yield (
@@ -431,7 +433,7 @@ def _remedies(diagnosis: Diagnosis) -> Iterator[Part]:
     yield Table("Remedies", head, tuple(rows), ("", "", ".3f", "", ".2f", ".1f", ".2f"), note, strong)
 
 
-def _verification_result(diagnosis: Diagnosis) -> str:
+def _verification_result(diagnosis: "Diagnosis") -> str:
     assert diagnosis.advised is not None
     assert diagnosis.verified is not None
     size = f"{beside(MM * diagnosis.verified.largest, MM * diagnosis.verified.limit)} mm"
@@ -439,7 +441,7 @@ def _verification_result(diagnosis: Diagnosis) -> str:
     return f"{change_words(diagnosis.advised)}: {size}, limit {kept}"
 
 
-def _verification(diagnosis: Diagnosis) -> Iterator[Part]:
+def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
     remedy, verified, verifications = diagnosis.advised, diagnosis.verified, diagnosis.verifications
     assert remedy is not None
     assert verified is not None
@@ -473,8 +475,8 @@ class _Stage:
     """How a stage is told: its title, its result in a line, and its details."""
 
     title: str
-    result: Callable[[Diagnosis], str]
-    details: Callable[[Diagnosis], Iterator[Part]]
+    result: Callable[["Diagnosis"], str]
+    details: Callable[["Diagnosis"], Iterator[Part]]
 
 
 _STAGES: Mapping[str, _Stage] = {
@@ -491,7 +493,7 @@ _STAGES: Mapping[str, _Stage] = {
 # -------- Rows
 
 
-def diagnose_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+def diagnose_rows(diagnosis: "Diagnosis") -> list[dict[str, Any]]:
     """Return a row for each remedy, the best first: what it changes and what comes of it [SI]."""
     verifications = diagnosis.verifications
     return [

@@ -2,21 +2,23 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ident.arm.arm import Arm, stiffness_paths
-from ident.assess.explore import Exploration
 from ident.assess.repetition import SAME, Difference
-from ident.identify.values import Identified, Values
 from ident.present.predict import values_used
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut, short_power
 from ident.present.words import counted, unit_of
 from ident.text import one_line
 
+if TYPE_CHECKING:
+    from ident.assess.explore import Exploration
+    from ident.identify.values import Identified, Values
+
 SHOWN = ("k_bend", "k_tors", "tau_bend", "tau_tors")
 
 
-def identified_lines(arm: Arm, found: Identified, date: str, posture: tuple[float, ...] | None = None) -> list[str]:
+def identified_lines(arm: Arm, found: "Identified", date: str, posture: tuple[float, ...] | None = None) -> list[str]:
     """Return where the bushings of an arm come from, each of their numbers with its interval, and what else was fitted.
 
     Args:
@@ -37,7 +39,7 @@ def identified_lines(arm: Arm, found: Identified, date: str, posture: tuple[floa
     return [*lines, "", *_numbers(arm, found)]
 
 
-def _numbers(arm: Arm, found: Identified) -> Iterator[str]:
+def _numbers(arm: Arm, found: "Identified") -> Iterator[str]:
     bushings = [f"{joint.name}.{field}" for joint in arm.joints for field in SHOWN]
     own = set(arm.paths())
     for path in (*bushings, *(path for path in found.values if path in own and path not in bushings)):
@@ -55,9 +57,9 @@ def _numbers(arm: Arm, found: Identified) -> Iterator[str]:
 
 
 def explore_sections(
-    exploration: Exploration,
-    fit: Values | None = None,
-    posterior: Values | None = None,
+    exploration: "Exploration",
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
     changed: Mapping[str, float] | None = None,
 ) -> Report:
     """Say which sliders the page has, and which values it begins with.
@@ -80,7 +82,7 @@ def explore_sections(
     return Report(subject, answer=(*lines, *origin), findings=cautions)
 
 
-def explore_rows(exploration: Exploration, *_: object) -> list[dict[str, Any]]:
+def explore_rows(exploration: "Exploration", *_: object) -> list[dict[str, Any]]:
     """Return a row for each number that has a slider."""
     arm, carried = exploration.arm, exploration.carried
     rows = [{"name": p, "value": float(arm.get(p)), "unit": unit_of(p)} for p in stiffness_paths(arm)]

@@ -2,17 +2,14 @@
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.identify.fit import CampaignFit
 from ident.identify.problem import row_names
 from ident.identify.unknowns import is_of_loop
-from ident.inference.fit import Fit
 from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information, half_width
 from ident.inference.optima import unmet
-from ident.inference.parameters import Parameter
 from ident.measure import KINDS
 from ident.present.report import (
     Cell,
@@ -68,6 +65,11 @@ from ident.present.words import (
 )
 from ident.units import QUANTITIES
 
+if TYPE_CHECKING:
+    from ident.identify.fit import CampaignFit
+    from ident.inference.fit import Fit
+    from ident.inference.parameters import Parameter
+
 EVERY = 200
 """Measurements up to which all are listed."""
 FARTHEST = 24
@@ -78,7 +80,7 @@ FAR_OFF, OWN = 2.5, 0.1
 """Standard deviations off from which what was said of a number is doubted; the prior's share below which it is idle."""
 
 
-def fit_sections(fit: CampaignFit) -> Report:
+def fit_sections(fit: "CampaignFit") -> Report:
     """Return all that is said of a fit."""
     causes = leading_explanations(fit.explanations, fit.campaign)
     conflict = contradiction(fit.cross_predictions, fit.campaign.measurements)
@@ -95,7 +97,7 @@ def fit_sections(fit: CampaignFit) -> Report:
     )
 
 
-def _subject(fit: CampaignFit) -> str:
+def _subject(fit: "CampaignFit") -> str:
     items = [item for item in fit.problem.parameters.items if not item.nuisance]
     word = "unknown stiffness" if all(is_stiffness(item.name) for item in items) else "unknown"
     plural = "es" if word.endswith("ss") else "s"
@@ -112,7 +114,7 @@ def _subject(fit: CampaignFit) -> str:
 # -------- Verdict
 
 
-def _verdict(fit: CampaignFit) -> Verdict:
+def _verdict(fit: "CampaignFit") -> Verdict:
     """Judge a fit: NOT USABLE in doubt or where nothing is determined, GOOD where all is, PARTLY between."""
     if refusal := refused(fit):
         return refusal
@@ -132,7 +134,7 @@ def _verdict(fit: CampaignFit) -> Verdict:
     return Verdict(f"GOOD if {assumed}" if assumed else "GOOD", f"{every} {known}", "good")
 
 
-def refused(fit: CampaignFit) -> Verdict | None:
+def refused(fit: "CampaignFit") -> Verdict | None:
     """Return why a fit is not usable: it is in doubt, or the data contradict an assumption; else None."""
     if fit.doubts:
         rank, own = fit.information.rank, len(fit.information.directions)
@@ -145,32 +147,32 @@ def refused(fit: CampaignFit) -> Verdict | None:
     return Verdict("NOT USABLE", sentence(asked.text), "bad") if asked else None
 
 
-def _own(fit: CampaignFit) -> list[int]:
+def _own(fit: "CampaignFit") -> list[int]:
     """Return the places of the unknowns that are no nuisances."""
     return np.flatnonzero(~fit.problem.parameters.nuisance).tolist()
 
 
-def _is_determined(fit: CampaignFit, i: int) -> bool:
+def _is_determined(fit: "CampaignFit", i: int) -> bool:
     """Tell whether an unknown has an interval that holds one optimum alone."""
     half = half_width(0.95) * fit.information.sd[i]
     single = all(abs(each.theta[i] - fit.best.theta[i]) < half for each in fit.rivals)
     return bool(fit.supported[i]) and single
 
 
-def _determined(fit: CampaignFit) -> int:
+def _determined(fit: "CampaignFit") -> int:
     return sum(_is_determined(fit, i) for i in _own(fit))
 
 
-def _chi_squared(fit: CampaignFit) -> str:
+def _chi_squared(fit: "CampaignFit") -> str:
     p = "" if math.isnan(fit.p_value) else f" (p = {fit.p_value:.2g})"
     return f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"
 
 
-def _starts(fit: Fit) -> int:
+def _starts(fit: "Fit") -> int:
     return sum(optimum.starts for optimum in fit.optima) + fit.failed
 
 
-def _residuals(fit: CampaignFit) -> str:
+def _residuals(fit: "CampaignFit") -> str:
     """Name the largest standardised residual, and say whether the kinds of measurement agree."""
     if not fit.farthest_off:
         return ""
@@ -188,7 +190,7 @@ def _residuals(fit: CampaignFit) -> str:
     return f"{within} {kinds_agree(fit.cross_predictions)}"
 
 
-def _findings(fit: CampaignFit, *, explained: bool) -> Iterator[Finding]:
+def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
     yield from odd_numbers(fit.arm)
     if (asked := asked_for(fit)) and not fit.doubts:
@@ -209,7 +211,7 @@ def _findings(fit: CampaignFit, *, explained: bool) -> Iterator[Finding]:
         yield Finding(text, "measure what `ident plan` proposes")
 
 
-def _competing(fit: Fit) -> Iterator[Finding]:
+def _competing(fit: "Fit") -> Iterator[Finding]:
     """Yield that other optima fit as well, or nearly."""
     costs = [optimum.score - fit.best.score for optimum in fit.rivals[fit.ties :]]
     if fit.ties:
@@ -228,7 +230,7 @@ def _competing(fit: Fit) -> Iterator[Finding]:
 # -------- Values
 
 
-def _values_table(fit: CampaignFit) -> Table:
+def _values_table(fit: "CampaignFit") -> Table:
     """Return each value with its interval, or why it has none."""
     items, own = fit.problem.parameters.items, _own(fit)
     unit = shared_unit(items[i].name for i in own)
@@ -238,7 +240,7 @@ def _values_table(fit: CampaignFit) -> Table:
     return without_empty_columns(Table("", head, rows))
 
 
-def _value_row(fit: CampaignFit, i: int, *, with_unit: bool) -> tuple[Cell, ...]:
+def _value_row(fit: "CampaignFit", i: int, *, with_unit: bool) -> tuple[Cell, ...]:
     item, value = fit.problem.parameters.items[i], float(fit.best.values[i])
     number, unit = in_shown_unit(item.name, value)
     after = f" {unit}" if with_unit else ""
@@ -251,7 +253,7 @@ def _value_row(fit: CampaignFit, i: int, *, with_unit: bool) -> tuple[Cell, ...]
     return with_tied(item), written(number, "#.4g") + after, interval, error, _start(item, value)
 
 
-def _start(item: Parameter, value: float) -> str:
+def _start(item: "Parameter", value: float) -> str:
     """Write the arm file's value, with how far the fitted one is from it: implausible outside the prior's 95 %."""
     start = float(item.start)
     number = short_power(f"{in_shown_unit(item.name, start)[0]:.4g}")
@@ -263,7 +265,7 @@ def _start(item: Parameter, value: float) -> str:
     return f"{number} ({change}{', implausible' * bool(wide)})"
 
 
-def why_no_interval(fit: Fit, i: int) -> str:
+def why_no_interval(fit: "Fit", i: int) -> str:
     """Return why a parameter has no interval; nothing where it has one."""
     known = fit.information
     if known.supported[i] or fit.problem.parameters.nuisance[i]:
@@ -274,7 +276,7 @@ def why_no_interval(fit: Fit, i: int) -> str:
 # -------- Details
 
 
-def _details(fit: CampaignFit) -> Iterator[Section]:
+def _details(fit: "CampaignFit") -> Iterator[Section]:
     yield _intervals_section(fit)
     if fit.contradictory:
         hint = what_may_be_wrong(fit.cross_predictions)
@@ -299,7 +301,7 @@ def _details(fit: CampaignFit) -> Iterator[Section]:
         yield Section("Correlated errors", (correlated,))
 
 
-def _compromise(fit: Fit) -> str:
+def _compromise(fit: "Fit") -> str:
     """Name the value that a contradiction takes farthest from the arm file's; nothing where none can be compared."""
     items = fit.problem.parameters.items
     ratios = {item.name: v / float(item.start) for v, item in zip(fit.best.values, items, strict=True) if item.positive}
@@ -309,7 +311,7 @@ def _compromise(fit: Fit) -> str:
     return f"The fit is a compromise that takes {name} to {ratios[name]:.2g} times the arm file's value."
 
 
-def _intervals_section(fit: CampaignFit) -> Section:
+def _intervals_section(fit: "CampaignFit") -> Section:
     """Return each value with the ends of its interval relative to it."""
     rows = []
     for i in _own(fit):
@@ -328,7 +330,7 @@ def _intervals_section(fit: CampaignFit) -> Section:
     return Section("Fitted values", (table, sentence(_chi_squared(fit))))
 
 
-def _end(item: Parameter, value: float, end: float) -> str:
+def _end(item: "Parameter", value: float, end: float) -> str:
     """Write how far an interval reaches to one side, as `-3.7 %`."""
     if item.positive:
         return in_percent(float(end) / value - 1)
@@ -336,7 +338,7 @@ def _end(item: Parameter, value: float, end: float) -> str:
     return f"{factor * (float(end) - value):+.2g} {unit}"
 
 
-def _measurements(fit: CampaignFit) -> Section:
+def _measurements(fit: "CampaignFit") -> Section:
     """Return each measurement next to its prediction; of many, those that are farthest off."""
     count, off, z, many = len(fit.campaign), fit.off, fit.standardised, len(fit.campaign) > EVERY
     shown = sorted(fit.farthest_off[:FARTHEST]) if many else range(count)
@@ -366,7 +368,7 @@ def _measurements(fit: CampaignFit) -> Section:
     return Section(title, (Table("", head, tuple(rows), forms, note), *by_kind))
 
 
-def _by_kind(fit: CampaignFit) -> Table:
+def _by_kind(fit: "CampaignFit") -> Table:
     """Return for each kind how far its values are off."""
     kinds, outliers = np.array([m.kind for m in fit.campaign]), fit.suspicious
     rows = []
@@ -378,7 +380,7 @@ def _by_kind(fit: CampaignFit) -> Table:
     return Table("Residuals by kind; all are in the result file", head, tuple(rows), ("", "d", "+.2f", ".2f", "d"))
 
 
-def _uncertain_numbers(fit: CampaignFit) -> Iterator[Section]:
+def _uncertain_numbers(fit: "CampaignFit") -> Iterator[Section]:
     """Yield for each number that is not exactly known what the fit makes of it, and what knowing it would gain."""
     parameters, known = fit.problem.parameters, fit.information
     places = [i for i, item in enumerate(parameters.items) if item.nuisance and not is_of_loop(item.name)]
@@ -401,13 +403,13 @@ def _uncertain_numbers(fit: CampaignFit) -> Iterator[Section]:
     yield Section("Numbers that are not exactly known", (table, *advice))
 
 
-def _known_to(item: Parameter, sd: float) -> str:
+def _known_to(item: "Parameter", sd: float) -> str:
     if not np.isfinite(sd):
         return "free"
     return f"{100 * sd:.2g} %" if item.positive else size_in_words(item, sd)
 
 
-def _cost(fit: CampaignFit, i: int) -> str:
+def _cost(fit: "CampaignFit", i: int) -> str:
     """Name the unknown whose interval a number widens most."""
     known, own = fit.information, ~fit.problem.parameters.nuisance
     shared = np.where(own, np.nan_to_num(known.correlation[i]), 0.0)
@@ -416,7 +418,7 @@ def _cost(fit: CampaignFit, i: int) -> str:
     return f"{known.names[worst]} by {100 * wider:.2g} %" if wider >= 0.01 else "hardly anything"
 
 
-def _advice(item: Parameter, known: Information, i: int, off: float) -> str:
+def _advice(item: "Parameter", known: Information, i: int, off: float) -> str:
     """Say whether the data contradict what was said of a number, or know it better."""
     if not np.isfinite(item.prior_sd):
         return ""
@@ -427,7 +429,7 @@ def _advice(item: Parameter, known: Information, i: int, off: float) -> str:
     return ""
 
 
-def _origins(fit: CampaignFit) -> Section:
+def _origins(fit: "CampaignFit") -> Section:
     """Return for each unknown the arm file's value, the fitted one, and where the information comes from."""
     known, items = fit.information, fit.problem.parameters.items
     rows = []
@@ -450,7 +452,7 @@ def _origins(fit: CampaignFit) -> Section:
     return Section("Where the information comes from", (table, *notes))
 
 
-def _optima(fit: Fit) -> Section:
+def _optima(fit: "Fit") -> Section:
     """Return the optima, the answer first."""
     failed = f"; {fit.failed} starts reached none" if fit.failed else ""
     first = f"; the first {LISTED} of them" if len(fit.optima) > LISTED else ""
@@ -472,7 +474,7 @@ def _optima(fit: Fit) -> Section:
 # -------- Rows
 
 
-def fit_rows(fit: CampaignFit) -> list[dict[str, Any]]:
+def fit_rows(fit: "CampaignFit") -> list[dict[str, Any]]:
     """Return a row for each parameter: value, interval [SI] and whether the data support it."""
     names = fit.problem.parameters.names
     return [
@@ -490,7 +492,7 @@ def fit_rows(fit: CampaignFit) -> list[dict[str, Any]]:
     ]
 
 
-def measurement_rows(fit: CampaignFit) -> list[dict[str, Any]]:
+def measurement_rows(fit: "CampaignFit") -> list[dict[str, Any]]:
     """Return a row for each measurement: what it is, measured, predicted and sigma [SI], and how far it is off.
 
     `residual` is (measured - predicted) / sigma [-], as reports have it; `too_far_off` marks what they mark. Angles are

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,14 +14,16 @@ from ident.arm.arm import ANYWHERE
 from ident.errors import InputError, Problem
 from ident.files import replace_file
 from ident.identify.candidates import CLOSE, PARTS, RESOLUTION, Experiment, HammerPlan
-from ident.identify.plan import CampaignPlan
 from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
-from ident.inference.parameters import Parameter
 from ident.measure import format_campaign
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, kept, without_empty_columns
 from ident.present.warnings import drive_states
 from ident.present.words import counted, degrees, lowered, percent, scatter, unit_of
 from ident.text import one_line
+
+if TYPE_CHECKING:
+    from ident.identify.plan import CampaignPlan
+    from ident.inference.parameters import Parameter
 
 RANKED = 8
 """Postures that are listed."""
@@ -35,7 +37,7 @@ COLUMNS = 4
 """Standard deviations that are shown of each parameter, from now on; the last one always is."""
 
 
-def plan_sections(plan: CampaignPlan, hammer: Sequence[HammerPlan] = ()) -> Report:
+def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Report:
     """Return all that is said of a plan."""
     batch = _batch_table(plan, LISTED) if plan.steps else "No experiment is needed."
     into = "append it to the campaign" if plan.fit else "fit it"
@@ -50,7 +52,7 @@ def plan_sections(plan: CampaignPlan, hammer: Sequence[HammerPlan] = ()) -> Repo
     )
 
 
-def _subject(plan: CampaignPlan) -> str:
+def _subject(plan: "CampaignPlan") -> str:
     campaign = plan.fit.campaign if plan.fit else None
     known = f"{counted(len(campaign), 'measurement')} of {cut(campaign.name, 30)}" if campaign else "the prior alone"
     return f"Plan of {counted(len(plan.steps), 'experiment')} on {cut(plan.arm.name, 40)}, starting from {known}"
@@ -59,7 +61,7 @@ def _subject(plan: CampaignPlan) -> str:
 # -------- Verdict
 
 
-def _verdict(plan: CampaignPlan) -> Verdict:
+def _verdict(plan: "CampaignPlan") -> Verdict:
     """Judge a batch: PROVISIONAL where the fit is in doubt; else by the target, or by what stays hardly known."""
     items, loose = plan.sought, _loose(plan)
     fine = len(items) - len(loose)
@@ -78,7 +80,7 @@ def _verdict(plan: CampaignPlan) -> Verdict:
     return Verdict("SUFFICIENT", reached, "good")
 
 
-def _reached(plan: CampaignPlan) -> str:
+def _reached(plan: "CampaignPlan") -> str:
     """Say how well the unknowns will be known at the end of the batch."""
     items, loose, last = plan.sought, _loose(plan), plan.sd[-1]
     minutes = sum(step.cost for step in plan.steps)
@@ -90,7 +92,7 @@ def _reached(plan: CampaignPlan) -> str:
     return f"Every std. error is at most {sd_in_words(items[worst], float(last[worst]))} {after}."
 
 
-def _target(plan: CampaignPlan) -> str:
+def _target(plan: "CampaignPlan") -> str:
     """Say whether the target is reached, at the best estimate and on the other plausible arms; nothing without one."""
     if not plan.settings.target:
         return ""
@@ -104,12 +106,12 @@ def _target(plan: CampaignPlan) -> str:
     return f"{reached} and on all {draws} other plausible arms." if draws else f"{reached}."
 
 
-def _loose(plan: CampaignPlan) -> list[int]:
+def _loose(plan: "CampaignPlan") -> list[int]:
     """Return the unknowns that the batch leaves known to a factor only."""
     return [i for i, item in enumerate(plan.sought) if item.positive and plan.sd[-1, i] >= LOOSE]
 
 
-def _findings(plan: CampaignPlan, hammer: Sequence[HammerPlan]) -> Iterator[Finding]:
+def _findings(plan: "CampaignPlan", hammer: Sequence[HammerPlan]) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
     if plan.fit:
         yield from drive_states(plan.arm, plan.fit.campaign)
@@ -129,7 +131,7 @@ def _findings(plan: CampaignPlan, hammer: Sequence[HammerPlan]) -> Iterator[Find
         yield Finding(f"further doubts about the fit: {'; '.join(others)}", "see `ident fit` first")
 
 
-def _loose_findings(plan: CampaignPlan) -> Iterator[Finding]:
+def _loose_findings(plan: "CampaignPlan") -> Iterator[Finding]:
     """Yield which unknowns stay known to a factor only, and what would determine each."""
     hopeless = []
     for i in _loose(plan):
@@ -150,7 +152,7 @@ def _loose_findings(plan: CampaignPlan) -> Iterator[Finding]:
 # -------- Tables
 
 
-def criterion_in_words(plan: CampaignPlan) -> tuple[str, str]:
+def criterion_in_words(plan: "CampaignPlan") -> tuple[str, str]:
     """Return what experiments are chosen for, and the unit of the gain."""
     if plan.criterion.lower() == D_OPTIMAL:
         return "information on all parameters (D-optimal)", "nat"
@@ -166,12 +168,12 @@ def experiment_in_words(experiment: Experiment) -> str:
     return parts + (f", {experiment.load}" if experiment.load else "")
 
 
-def sd_in_words(item: Parameter, sd: float) -> str:
+def sd_in_words(item: "Parameter", sd: float) -> str:
     """Write a standard deviation of theta: in percent or as a factor, or in the unit of a quantity of either sign."""
     return scatter(sd) if item.positive else f"{sd * float(item.scale):.2g} {unit_of(item.name)}"
 
 
-def _batch_table(plan: CampaignPlan, most: int) -> Table:
+def _batch_table(plan: "CampaignPlan", most: int) -> Table:
     """Return the first experiments of the batch with their costs and gains."""
     unit = criterion_in_words(plan)[1]
     rows: list[tuple[Cell, ...]] = []
@@ -185,7 +187,7 @@ def _batch_table(plan: CampaignPlan, most: int) -> Table:
     return Table("", head, tuple(rows), forms, note)
 
 
-def _sd_table(plan: CampaignPlan, title: str, shown: Sequence[int]) -> Table:
+def _sd_table(plan: "CampaignPlan", title: str, shown: Sequence[int]) -> Table:
     """Return the std. error of each unknown after some steps of the batch, and its range over plausible arms."""
     steps = list(dict.fromkeys(shown))
     rows: list[tuple[Cell, ...]] = []
@@ -205,7 +207,7 @@ def _from_to(ends: Sequence[str]) -> str:
     return f"{first[0]} to {' '.join(last)}" if first[1:] == last[1:] else " to ".join(ends)
 
 
-def _experiments_table(plan: CampaignPlan, title: str, chosen: Sequence[int], *, with_posture: bool = True) -> Table:
+def _experiments_table(plan: "CampaignPlan", title: str, chosen: Sequence[int], *, with_posture: bool = True) -> Table:
     """Return experiments as the next one, each with its gain and the unknown that it improves most."""
     rows: list[tuple[Cell, ...]] = []
     for rank, i in enumerate(chosen, 1):
@@ -228,7 +230,7 @@ def _experiments_table(plan: CampaignPlan, title: str, chosen: Sequence[int], *,
 # -------- Details
 
 
-def _details(plan: CampaignPlan, hammer: Sequence[HammerPlan]) -> Iterator[Section]:
+def _details(plan: "CampaignPlan", hammer: Sequence[HammerPlan]) -> Iterator[Section]:
     yield _candidates(plan)
     yield from _batch(plan)
     shown = sorted({*range(min(COLUMNS, len(plan.sd))), len(plan.sd) - 1})
@@ -238,7 +240,7 @@ def _details(plan: CampaignPlan, hammer: Sequence[HammerPlan]) -> Iterator[Secti
     yield _assumptions(plan)
 
 
-def _candidates(plan: CampaignPlan) -> Section:
+def _candidates(plan: "CampaignPlan") -> Section:
     """Return what was compared, the best next experiments, and what else could be done at the best posture."""
     different, every = len(np.unique(plan.grid.seen[plan.grid.seen >= 0])), len(plan.predictions.postures)
     distinct = f"{every} distinct postures"
@@ -266,7 +268,7 @@ def _candidates(plan: CampaignPlan) -> Section:
     )
 
 
-def _where(plan: CampaignPlan) -> str:
+def _where(plan: "CampaignPlan") -> str:
     """Say which postures were compared."""
     workspace = plan.arm.workspace
     line = f"on the line ({', '.join(f'{share:g}' for share in workspace.line)}), " if workspace.line else ""
@@ -274,7 +276,7 @@ def _where(plan: CampaignPlan) -> str:
     return where + (f", above {workspace.lowest:g} m" if math.isfinite(workspace.lowest) else "")
 
 
-def _batch(plan: CampaignPlan) -> Iterator[Section]:
+def _batch(plan: "CampaignPlan") -> Iterator[Section]:
     """Yield what each value of the batch gives."""
     if not plan.steps:
         return
@@ -318,7 +320,7 @@ def _hammer(plans: Sequence[HammerPlan]) -> Iterator[Section]:
     yield Section("Hammer tests: where to measure and to hit, along the base's axes", (*words, places))
 
 
-def _assumptions(plan: CampaignPlan) -> Section:
+def _assumptions(plan: "CampaignPlan") -> Section:
     instruments = plan.instruments
     shares = ", ".join(f"{100 * share:.2g} % of each {kind}" for kind, share in instruments.sigma.items())
     costs = ", ".join(f"{PARTS[part]} {cost:g}" for part, cost in instruments.costs.items())
@@ -347,7 +349,7 @@ def _assumptions(plan: CampaignPlan) -> Section:
 # A plan as rows, and as a campaign with empty values to fill in.
 
 
-def write_form(plan: CampaignPlan, path: Path) -> None:
+def write_form(plan: "CampaignPlan", path: Path) -> None:
     """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes."""
     _refuse_filled(path)
     campaign = plan.campaign()
@@ -370,7 +372,7 @@ def write_form(plan: CampaignPlan, path: Path) -> None:
     replace_file(path, lambda file: file.write(text.getvalue().encode()), make_folders=True)
 
 
-def plan_rows(plan: CampaignPlan) -> list[dict[str, Any]]:
+def plan_rows(plan: "CampaignPlan") -> list[dict[str, Any]]:
     """Return a row for each experiment of the batch: posture [deg], load, what is done, cost [min], gain, nat."""
     return [
         {

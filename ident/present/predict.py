@@ -2,18 +2,20 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.assess.predict import Prediction
-from ident.identify.modal_analysis import ModalAnalysis
-from ident.identify.values import Values
 from ident.measure import DRIVE_STATES
 from ident.present.basis import changes_in_words, values_in_words
 from ident.present.report import Cell, Finding, Part, Report, Section, Table, cut
 from ident.present.show import largest_shares
 from ident.present.words import MM, counted, degrees, sentence, span
+
+if TYPE_CHECKING:
+    from ident.assess.predict import Prediction
+    from ident.identify.modal_analysis import ModalAnalysis
+    from ident.identify.values import Values
 
 FEW = 2
 """Postures of which each has a table of its own on the first screen; of more, each has a row."""
@@ -26,9 +28,9 @@ CAUTIONS = ("WARNING: ", "REMARK: ")
 
 
 def predict_sections(
-    predictions: Sequence[Prediction],
-    fit: Values | None = None,
-    posterior: Values | None = None,
+    predictions: Sequence["Prediction"],
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
     changed: Mapping[str, float] | None = None,
 ) -> Report:
     """Return modes, strain energy and deflection at each posture.
@@ -57,7 +59,7 @@ def predict_sections(
 
 
 def values_used(
-    fit: Values | None, posterior: Values | None, changed: Mapping[str, float]
+    fit: "Values | None", posterior: "Values | None", changed: Mapping[str, float]
 ) -> tuple[tuple[str, ...], tuple[Finding, ...]]:
     """Return in sentences which values are not the arm file's, and what casts doubt on them."""
     lines = [line.strip() for line in (*values_in_words(fit, posterior), *changes_in_words(changed))]
@@ -65,7 +67,7 @@ def values_used(
     return tuple(sentence(line) for line in lines if not line.startswith(CAUTIONS)), doubts
 
 
-def _findings(predictions: Sequence[Prediction]) -> Iterator[Finding]:
+def _findings(predictions: Sequence["Prediction"]) -> Iterator[Finding]:
     for each in predictions:
         analysis = each.analysis
         for name, angle, (low, high) in analysis.beyond_limits():
@@ -84,7 +86,7 @@ def _findings(predictions: Sequence[Prediction]) -> Iterator[Finding]:
 # -------- First screen
 
 
-def _each(predictions: Sequence[Prediction]) -> Iterator[Part]:
+def _each(predictions: Sequence["Prediction"]) -> Iterator[Part]:
     """Yield modes and deflection of each posture."""
     for each in predictions:
         yield _modes(each, degrees(each.analysis.posture) if len(predictions) > 1 else "", MODES)
@@ -97,7 +99,7 @@ def _each(predictions: Sequence[Prediction]) -> Iterator[Part]:
         yield _deflection_table(rows)
 
 
-def _modes(each: Prediction, caption: str, most: int) -> Table:
+def _modes(each: "Prediction", caption: str, most: int) -> Table:
     """Return the modes of a posture, with the two largest shares of strain energy of each."""
     analysis, drawn = each.analysis, each.frequency is not None
     rows: list[tuple[Cell, ...]] = []
@@ -112,11 +114,11 @@ def _modes(each: Prediction, caption: str, most: int) -> Table:
     return Table(caption, head, tuple(rows), ("d", "", ".4f", *[""] * drawn, ".2f", ""), note)
 
 
-def _mode(analysis: ModalAnalysis, i: int) -> str:
+def _mode(analysis: "ModalAnalysis", i: int) -> str:
     return f"{analysis.labels[i]}{' (?)' if analysis.ambiguous[i] else ''}"
 
 
-def _overview(predictions: Sequence[Prediction]) -> Iterator[Part]:
+def _overview(predictions: Sequence["Prediction"]) -> Iterator[Part]:
     """Yield a row for each posture: its lowest frequencies, and by how much the end point moves."""
     end = list(predictions[0].analysis.deflection)[-1:]
     count = min(MODES, *(len(each.analysis.labels) for each in predictions))
@@ -149,7 +151,7 @@ def _moved(moved: np.ndarray, *, total: bool = True) -> tuple[float | None, ...]
 # -------- Details
 
 
-def _details(each: Prediction, *, alone: bool) -> Iterator[Section]:
+def _details(each: "Prediction", *, alone: bool) -> Iterator[Section]:
     """Yield the strain energy of the modes, and what the first screen does not show: all of it where alone."""
     analysis = each.analysis
     where = degrees(analysis.posture)
@@ -166,7 +168,7 @@ def _details(each: Prediction, *, alone: bool) -> Iterator[Section]:
         yield Section(title, (_deflection_table(tuple(rows)),))
 
 
-def _shares(each: Prediction) -> Iterator[Table]:
+def _shares(each: "Prediction") -> Iterator[Table]:
     """Yield the shares of bending and torsion of each joint [%] by mode, for a few joints at a time."""
     modes, joints = each.analysis.modes, each.analysis.arm.joints
     for k in range(0, len(joints), ACROSS):
@@ -182,7 +184,7 @@ def _shares(each: Prediction) -> Iterator[Table]:
 # -------- Rows
 
 
-def predict_rows(predictions: Sequence[Prediction], *_: object) -> list[dict[str, Any]]:
+def predict_rows(predictions: Sequence["Prediction"], *_: object) -> list[dict[str, Any]]:
     """Return a row for each mode at each posture: angles [deg], load, frequency [Hz], label, damping ratio [-].
 
     Frequencies and damping ratios have quantiles of 5 and 95 %, NaN without draws.

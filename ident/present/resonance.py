@@ -1,11 +1,10 @@
 """Resonance along a motion: what is said of the crossings of pulley and natural frequencies; crossings as rows."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from ident.assess.scenario import Basis
 from ident.present.basis import (
     assumed_section,
     assumption_findings,
@@ -18,6 +17,9 @@ from ident.present.report import Cell, Finding, Part, Report, Section, Table, Ve
 from ident.present.words import MM, counted, degrees, percent
 from ident.vibrate.branches import BAND, Branches
 from ident.vibrate.resonance import MARGIN, QUASI_STEADY, Excitation, ResonanceCrossing, Source
+
+if TYPE_CHECKING:
+    from ident.assess.scenario import Basis
 
 # -------- Words
 # What figure and report say alike: numbers of resonance crossings, names of what excites.
@@ -100,7 +102,7 @@ Group = Sequence[ResonanceCrossing]
 
 
 def resonance_sections(
-    basis: Basis,
+    basis: "Basis",
     branches: Branches,
     excitation: Excitation,
     crossings: Sequence[ResonanceCrossing],
@@ -181,7 +183,7 @@ def _table(branches: Branches, groups: Sequence[Group], note: str = "") -> Table
     return Table("", (*head, *["near"] * drawn), tuple(rows), (*forms, *[""] * drawn), note)
 
 
-def _findings(basis: Basis, branches: Branches, excitation: Excitation) -> Iterator[Finding]:
+def _findings(basis: "Basis", branches: Branches, excitation: Excitation) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
     for veering in branches.veerings:
         names = " and ".join(str(branches.labels[b]) for b in veering.branches)
@@ -204,7 +206,7 @@ def _findings(basis: Basis, branches: Branches, excitation: Excitation) -> Itera
 
 
 def _details(
-    basis: Basis, branches: Branches, excitation: Excitation, groups: Sequence[Group], margin: float
+    basis: "Basis", branches: Branches, excitation: Excitation, groups: Sequence[Group], margin: float
 ) -> Iterator[Section]:
     lines = zip(excitation.sources, excitation.frequency, strict=True)
     peaks = ", ".join(f"{source} ({source.drive}) up to {line.max():.2f} Hz" for source, line in lines)

@@ -2,12 +2,10 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.identify.compare import CampaignSample
-from ident.identify.fit import CampaignFit
 from ident.identify.problem import row_names
 from ident.inference.chains import LONG_ENOUGH, MIXED, Diagnosis
 from ident.inference.draws import LEARNED, combinations, quantiles, share_of_prior
@@ -34,11 +32,15 @@ from ident.present.words import (
     unit_of,
 )
 
+if TYPE_CHECKING:
+    from ident.identify.compare import CampaignSample
+    from ident.identify.fit import CampaignFit
+
 LEAST_BELOW = 0.005
 """Share of the simulated values on either side of a measured one below which that lies outside the prediction."""
 
 
-def sample_sections(result: CampaignSample) -> Report:
+def sample_sections(result: "CampaignSample") -> Report:
     """Return all that is said of a posterior."""
     fit = result.fitted
     conflict = contradiction(fit.cross_predictions, fit.campaign.measurements)
@@ -62,18 +64,18 @@ def sample_sections(result: CampaignSample) -> Report:
     )
 
 
-def _own(result: CampaignSample) -> list[int]:
+def _own(result: "CampaignSample") -> list[int]:
     """Return the places of the fit's unknowns that are no nuisances, model factors among them."""
     return np.flatnonzero(~result.fitted.problem.parameters.nuisance).tolist()
 
 
-def _main(result: CampaignSample) -> list[int]:
+def _main(result: "CampaignSample") -> list[int]:
     """Return the places of what the first screen shows: the unknowns and the noise scales."""
     count = len(result.fitted.problem.parameters.items)
     return [*_own(result), *range(count, len(result.sample.posterior.parameters.items))]
 
 
-def _mostly_prior(result: CampaignSample) -> list[int]:
+def _mostly_prior(result: "CampaignSample") -> list[int]:
     """Return the places of the unknowns of which little is known beyond the prior."""
     share = share_of_prior(result.sample, result.sample.basins[0])
     return [i for i in _own(result) if share[i] > LEARNED]
@@ -82,7 +84,7 @@ def _mostly_prior(result: CampaignSample) -> list[int]:
 # -------- Verdict
 
 
-def _verdict(result: CampaignSample) -> Verdict:
+def _verdict(result: "CampaignSample") -> Verdict:
     """Judge a posterior: NOT USABLE as its fit, TOO SHORT, DOUBTFUL, SEVERAL OPTIMA, PARTLY or GOOD."""
     sample, fit, short = result.sample, result.fitted, _shortfall(result)
     refusal = refused(fit)
@@ -115,16 +117,16 @@ def _verdict(result: CampaignSample) -> Verdict:
     return Verdict(f"GOOD if {assumed}" if assumed else "GOOD", f"All {len(own)} unknowns {known}", "good")
 
 
-def _short_chains(result: CampaignSample) -> list[Diagnosis]:
+def _short_chains(result: "CampaignSample") -> list[Diagnosis]:
     target = result.sample.settings.target_ess
     return [each for each in result.sample.diagnosis if not each.enough(target)]
 
 
-def _more_steps(result: CampaignSample) -> int:
+def _more_steps(result: "CampaignSample") -> int:
     return max(each.more_steps(result.sample.settings.target_ess) for each in _short_chains(result))
 
 
-def _shortfall(result: CampaignSample) -> str:
+def _shortfall(result: "CampaignSample") -> str:
     """Say in what the chains miss their criterion, and how many steps are missing; nothing where they meet it."""
     target, chains = result.sample.settings.target_ess, _short_chains(result)
     if not chains:
@@ -139,7 +141,7 @@ def _shortfall(result: CampaignSample) -> str:
     return f"{why}; about {_more_steps(result)} more steps are needed"
 
 
-def _next(result: CampaignSample) -> str:
+def _next(result: "CampaignSample") -> str:
     if _verdict(result).word == "NOT USABLE":
         return "ident fit {campaign}"
     if _short_chains(result):
@@ -152,7 +154,7 @@ def _next(result: CampaignSample) -> str:
 # -------- Findings
 
 
-def _findings(result: CampaignSample) -> Iterator[Finding]:
+def _findings(result: "CampaignSample") -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
     fit, names = result.fitted, result.sample.posterior.parameters.names
     if result.withheld:
@@ -169,7 +171,7 @@ def _findings(result: CampaignSample) -> Iterator[Finding]:
         yield Finding(text, "measure what `ident plan` proposes")
 
 
-def what_to_do(fit: CampaignFit) -> Iterator[Finding]:
+def what_to_do(fit: "CampaignFit") -> Iterator[Finding]:
     """Yield what to do about a posterior whose fit is in doubt."""
     yield Finding("a row, label, unit or mass may be wrong", "check the candidates that `ident fit` names")
     kinds = [cross for cross in contradicting(fit.cross_predictions) if (cross.measured * cross.predicted > 0).all()]
@@ -183,7 +185,7 @@ def what_to_do(fit: CampaignFit) -> Iterator[Finding]:
     yield Finding("if the data are right, the model is not", remedy)
 
 
-def _below(result: CampaignSample) -> np.ndarray:
+def _below(result: "CampaignSample") -> np.ndarray:
     """Return of each measurement the share of the simulated values that are less."""
     simulated = result.posterior_predictive.simulated
     return (simulated < np.array([m.value for m in result.fitted.campaign])).mean(0)
@@ -193,7 +195,7 @@ def _outside(below: np.ndarray) -> np.ndarray:
     return ~((below > LEAST_BELOW) & (below < 1 - LEAST_BELOW))
 
 
-def _farthest(result: CampaignSample) -> str:
+def _farthest(result: "CampaignSample") -> str:
     """Name the measurement that lies farthest out in what the posterior predicts."""
     below = _below(result)
     out, i = _outside(below), int(np.argmax(np.abs(below - 0.5)))
@@ -207,7 +209,7 @@ def _farthest(result: CampaignSample) -> str:
 # -------- Values
 
 
-def _values(result: CampaignSample, basin: int, places: Sequence[int]) -> Table:
+def _values(result: "CampaignSample", basin: int, places: Sequence[int]) -> Table:
     """Return unknowns about one optimum: median, interval, the fit's and the arm file's value, share of the prior."""
     sample = result.sample
     items = sample.posterior.parameters.items
@@ -232,12 +234,12 @@ def _values(result: CampaignSample, basin: int, places: Sequence[int]) -> Table:
 # -------- Details
 
 
-def of_first(result: CampaignSample) -> str:
+def of_first(result: "CampaignSample") -> str:
     """Say about which optimum it is, where there are several."""
     return f" about optimum {result.sample.basins[0] + 1}" if len(result.sample.basins) > 1 else ""
 
 
-def _further_values(result: CampaignSample) -> Section:
+def _further_values(result: "CampaignSample") -> Section:
     """Return the values that the first screen does not show, and the priors."""
     items = result.sample.posterior.parameters.items
     shown = [i for i, item in enumerate(items) if not item.name.startswith(SETUP)]
@@ -253,7 +255,7 @@ def _further_values(result: CampaignSample) -> Section:
     return Section("Values and priors", (*tables, note, *priors))
 
 
-def _combinations(result: CampaignSample) -> Iterator[Section]:
+def _combinations(result: "CampaignSample") -> Iterator[Section]:
     items = result.fitted.problem.parameters.items
     if len(items) < 2 or result.withheld:
         return
@@ -263,7 +265,7 @@ def _combinations(result: CampaignSample) -> Iterator[Section]:
     yield Section(title, tuple(known))
 
 
-def _measurements(result: CampaignSample) -> Section:
+def _measurements(result: "CampaignSample") -> Section:
     """Return each measurement next to what the posterior predicts."""
     below = _below(result)
     out, rows, names = _outside(below), [], row_names(result.fitted.campaign)
@@ -282,7 +284,7 @@ def _measurements(result: CampaignSample) -> Section:
     return Section(f"Measurements and predictions{of_first(result)}", (Table("", head, tuple(rows), forms, note),))
 
 
-def _optima(result: CampaignSample) -> Iterator[Section]:
+def _optima(result: "CampaignSample") -> Iterator[Section]:
     basins, left_out = result.sample.basins, len(result.fitted.optima) - len(set(result.sample.started))
     parts: list[str | Table] = []
     if len(basins) > 1 and result.weights is None:
@@ -299,7 +301,7 @@ def _optima(result: CampaignSample) -> Iterator[Section]:
         yield Section("Optima", tuple(parts))
 
 
-def _chains(result: CampaignSample) -> Section:
+def _chains(result: "CampaignSample") -> Section:
     """Return how far the chains can be trusted, and how the uncertain numbers were treated."""
     sample = result.sample
     rows = []
@@ -335,7 +337,7 @@ def _chains(result: CampaignSample) -> Section:
 # -------- Rows
 
 
-def sample_rows(result: CampaignSample) -> list[dict[str, Any]]:
+def sample_rows(result: "CampaignSample") -> list[dict[str, Any]]:
     """Return a row for each unknown about each optimum: median, intervals [SI], and how far to trust them."""
     sample, names = result.sample, result.sample.posterior.parameters.names
     return [

@@ -4,19 +4,22 @@ import math
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.arm.arm import Arm
 from ident.arm.fields import fields_in
-from ident.assess.show import ArmNames, ArmView
-from ident.identify.modal_analysis import ModalAnalysis
 from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut, kept
 from ident.present.words import counted, degrees, sentence
 from ident.text import one_line
 
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.assess.show import ArmNames, ArmView
+    from ident.identify.modal_analysis import ModalAnalysis
 
-def show_sections(view: ArmView) -> Report:
+
+def show_sections(view: "ArmView") -> Report:
     """Return all that is said of an arm: numbers that look wrong, first modes, every number [SI] with its origin."""
     odd, failed, sag = view.oddities, [Finding(view.failure)] if view.failure else [], ""
     if view.analysis:
@@ -36,7 +39,7 @@ def show_sections(view: ArmView) -> Report:
     )
 
 
-def sums(view: ArmView) -> str:
+def sums(view: "ArmView") -> str:
     """Return masses and reach in a line."""
     loads = [f"{solid.name} {solid.mass:.4g} kg" for solid in view.solids if solid.kind == "payload"]
     bodies = sum(solid.kind != "payload" for solid in view.solids)
@@ -47,7 +50,7 @@ def sums(view: ArmView) -> str:
     return f"{joints} joints{turning}; {mass}; reach {view.reach:.3g} m"
 
 
-def _verdict(view: ArmView) -> Verdict:
+def _verdict(view: "ArmView") -> Verdict:
     """Judge an arm by the plausibility checks of its numbers, and by whether it has modes."""
     origins = Counter(view.arm_file.origins.values())
     counts = ", ".join(f"{count} {origin}" for origin, count in origins.most_common())
@@ -62,7 +65,7 @@ def _verdict(view: ArmView) -> Verdict:
     return Verdict("PLAUSIBLE", f"{passed} {sentence(numbers) if numbers else ''}".rstrip(), "good")
 
 
-def _modes(view: ArmView) -> Iterator[Table]:
+def _modes(view: "ArmView") -> Iterator[Table]:
     """Yield the first modes, where the arm has any."""
     if view.analysis:
         labels, frequency = view.analysis.labels, view.analysis.modes.frequency
@@ -73,7 +76,7 @@ def _modes(view: ArmView) -> Iterator[Table]:
         yield Table("", head, rows, ("d", "", ".2f", ""))
 
 
-def largest_shares(analysis: ModalAnalysis, i: int) -> str:
+def largest_shares(analysis: "ModalAnalysis", i: int) -> str:
     """Name the two bushing stiffnesses with the largest shares of the strain energy of the i-th mode."""
     shares = {
         f"{joint.name}.{stiffness}": float(share[j, i])
@@ -84,7 +87,7 @@ def largest_shares(analysis: ModalAnalysis, i: int) -> str:
     return ", ".join(f"{path} {100 * shares[path]:.0f} %" for path in most)
 
 
-def _joints(view: ArmView) -> Section:
+def _joints(view: "ArmView") -> Section:
     rows = tuple(
         (joint.name, f"({_vector(np.asarray(joint.axis))})", _limits(joint.limits, joint.driven))
         for joint in view.arm.joints
@@ -98,7 +101,7 @@ def _limits(limits: tuple[float, float], driven: bool) -> str:
     return within if driven else "no pin: elastic only"
 
 
-def number_rows(arm: Arm, origins: Mapping[str, str]) -> Iterator[tuple[str, str, str, str]]:
+def number_rows(arm: "Arm", origins: Mapping[str, str]) -> Iterator[tuple[str, str, str, str]]:
     """Yield path, value [SI], unit and origin of every number or vector."""
     for part in arm.parts():
         for field in fields_in(part):
@@ -120,7 +123,7 @@ def _vector(value: np.ndarray) -> str:
 Choices = Mapping[str, Sequence[str]]
 
 
-def names_sections(names: ArmNames, kinds: Mapping[str, str], choices: Choices, columns: Choices) -> Report:
+def names_sections(names: "ArmNames", kinds: Mapping[str, str], choices: Choices, columns: Choices) -> Report:
     """Return every name of an arm, by what takes it: in short, and with values, units and limits in the details.
 
     Args:
@@ -165,7 +168,9 @@ def _grouped(paths: Sequence[str]) -> Iterator[str]:
     yield from (f"{', '.join(names)}: {words}" for words, names in parts.items())
 
 
-def _names_details(names: ArmNames, kinds: Mapping[str, str], choices: Choices, columns: Choices) -> Iterator[Section]:
+def _names_details(
+    names: "ArmNames", kinds: Mapping[str, str], choices: Choices, columns: Choices
+) -> Iterator[Section]:
     arm = names.arm_file.arm
     numbers = tuple(
         (each.path, each.value + 0.0, each.unit, each.origin, "factor" if each.factor else "difference")

@@ -2,11 +2,10 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.assess.simulate import Simulation
 from ident.present.basis import (
     assumed_section,
     assumption_findings,
@@ -20,8 +19,11 @@ from ident.present.basis import (
 )
 from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut
 from ident.present.words import MM, counted, degrees, percent
-from ident.vibrate.compare import Comparison
 from ident.vibrate.study import DIRECTIONS
+
+if TYPE_CHECKING:
+    from ident.assess.simulate import Simulation
+    from ident.vibrate.compare import Comparison
 
 METHODS = {
     "fast": "fast, equations linearised about the quasi-static deflection",
@@ -34,7 +36,7 @@ NEGLIGIBLE = 0.005
 """Part of a peak below which it is not worth a number on the first screen."""
 
 
-def simulate_sections(simulation: Simulation) -> Report:
+def simulate_sections(simulation: "Simulation") -> Report:
     """Return all that is said of a simulated motion."""
     motion = simulation.response.motion
     held = float(motion.breaks[-1]) - motion.arrival
@@ -53,7 +55,7 @@ def simulate_sections(simulation: Simulation) -> Report:
     )
 
 
-def _verdict(simulation: Simulation) -> Verdict | None:
+def _verdict(simulation: "Simulation") -> Verdict | None:
     """Judge a motion: NOT OK where it exceeds the limit, MARGINAL where it may, INCOMPLETE when interrupted, else OK.
 
     It may where some phases or draws exceed the limit. Without a limit nothing is judged.
@@ -75,7 +77,7 @@ def _verdict(simulation: Simulation) -> Verdict | None:
     return Verdict("OK", f"{size} keeps {limit} in all directions{more}.", "good")
 
 
-def _exceeding(simulation: Simulation) -> tuple[str, bool]:
+def _exceeding(simulation: "Simulation") -> tuple[str, bool]:
     """Say with which share of the phases and draws the limit is exceeded, and tell whether any phases or draws do."""
     limit, words, may = simulation.limit, [], False
     if limit is None:
@@ -94,7 +96,7 @@ def _exceeding(simulation: Simulation) -> tuple[str, bool]:
 # -------- First screen
 
 
-def _answer(simulation: Simulation) -> Iterator[Part]:
+def _answer(simulation: "Simulation") -> Iterator[Part]:
     yield _sizes_table(simulation)
     over = simulation.phases
     if over is not None and not simulation.comparisons:
@@ -110,7 +112,7 @@ def _answer(simulation: Simulation) -> Iterator[Part]:
         yield _ratios(simulation)
 
 
-def _sizes_table(simulation: Simulation) -> Table:
+def _sizes_table(simulation: "Simulation") -> Table:
     """Return for each direction the peak, its range over draws or phases, and the other sizes."""
     sizes, over, draws = simulation.sizes, simulation.phases, simulation.draws
     peaks = simulation.time[np.abs(simulation.vibration).argmax(1)]
@@ -128,7 +130,7 @@ def _sizes_table(simulation: Simulation) -> Table:
     return Table("", tuple(columns), tuple(zip(*columns.values(), strict=True)))
 
 
-def _largest(simulation: Simulation) -> str:
+def _largest(simulation: "Simulation") -> str:
     """Say when the vibration is largest, in which posture, and how fast the pulleys turn then."""
     way, place = np.unravel_index(np.argmax(np.abs(simulation.vibration)), simulation.vibration.shape)
     posture = degrees(np.asarray(simulation.response.posture)[:, place].tolist())
@@ -138,7 +140,7 @@ def _largest(simulation: Simulation) -> str:
     return f"Largest: {size} mm in {DIRECTIONS[way]} at {simulation.time[place]:.4g} s, at {posture}{pulleys}."
 
 
-def _ratios(simulation: Simulation) -> Table:
+def _ratios(simulation: "Simulation") -> Table:
     """Return how the simulated vibration compares with a measured trace."""
     rows = tuple(
         (direction, each.peak_ratio, each.rms_ratio, each.band_rms_ratio, *_dominant(each))
@@ -148,12 +150,12 @@ def _ratios(simulation: Simulation) -> Table:
     return Table("Simulated over measured", head, rows, ("", ".3f", ".3f", ".3f", ".3f", ".3f"))
 
 
-def _dominant(comparison: Comparison) -> list[float | None]:
+def _dominant(comparison: "Comparison") -> list[float | None]:
     sizes = (comparison.simulated, comparison.measured)
     return [size.dominant.frequency if size.dominant else None for size in sizes]
 
 
-def _findings(simulation: Simulation) -> Iterator[Finding]:
+def _findings(simulation: "Simulation") -> Iterator[Finding]:
     """Yield what bears on the result, the weightiest first."""
     basis, spans = simulation.basis, simulation.slack
     if spans:
@@ -178,7 +180,7 @@ def _findings(simulation: Simulation) -> Iterator[Finding]:
 # -------- Details
 
 
-def _details(simulation: Simulation) -> Iterator[Section]:
+def _details(simulation: "Simulation") -> Iterator[Section]:
     yield _motion(simulation)
     meaning = (
         f"Vibration: displacement of {simulation.point} from its quasi-static position, with the arm file's phases. "
@@ -194,7 +196,7 @@ def _details(simulation: Simulation) -> Iterator[Section]:
     yield from assumed_section(simulation.basis)
 
 
-def _motion(simulation: Simulation) -> Section:
+def _motion(simulation: "Simulation") -> Section:
     rate = (len(simulation.time) - 1) / (simulation.time[-1] - simulation.time[0])
     fastest = ", ".join(f"{name} {frequency.max():.3g} Hz" for name, (_, frequency) in simulation.pulleys.items())
     return motion_section(
@@ -206,7 +208,7 @@ def _motion(simulation: Simulation) -> Section:
     )
 
 
-def _phases(simulation: Simulation) -> Iterator[Section]:
+def _phases(simulation: "Simulation") -> Iterator[Section]:
     over = simulation.phases
     if over is None:
         return
@@ -227,7 +229,7 @@ def _shares(limit: float, each: np.ndarray, any_of: float) -> str:
     return f"Probability that the peak exceeds {MM * limit:g} mm: {ways}, {percent(any_of)} in any direction."
 
 
-def _bands(simulation: Simulation) -> Iterator[Section]:
+def _bands(simulation: "Simulation") -> Iterator[Section]:
     draws = simulation.draws
     if draws is None:
         return
@@ -243,7 +245,7 @@ def _bands(simulation: Simulation) -> Iterator[Section]:
     yield Section(title, (Table("", head, tuple(rows)), *limit))
 
 
-def _trace(simulation: Simulation) -> Iterator[Section]:
+def _trace(simulation: "Simulation") -> Iterator[Section]:
     if not simulation.comparisons or simulation.trace is None:
         return
     acceleration = simulation.trace.kind == "acceleration"
@@ -263,7 +265,7 @@ def _trace(simulation: Simulation) -> Iterator[Section]:
     yield Section(f"Against {cut(simulation.trace.path, 60)}, {span[0]:.4g} to {span[1]:.4g} s [{unit}]", (table,))
 
 
-def _methods(simulation: Simulation) -> Iterator[Section]:
+def _methods(simulation: "Simulation") -> Iterator[Section]:
     if simulation.study.other is None:
         return
     ways = zip(DIRECTIONS, simulation.study.difference, strict=True)
@@ -273,7 +275,7 @@ def _methods(simulation: Simulation) -> Iterator[Section]:
     yield Section("Fast method against exact", (f"Largest difference over the peak{span}: {shares}.",))
 
 
-def _belts(simulation: Simulation) -> Iterator[Section]:
+def _belts(simulation: "Simulation") -> Iterator[Section]:
     if not simulation.arm.belts:
         return
     tension, names = simulation.tension, [belt.name for belt in simulation.arm.belts]
@@ -289,7 +291,7 @@ def _belts(simulation: Simulation) -> Iterator[Section]:
     yield Section("Belts", (f"Smallest tension: {smallest}.", *slack))
 
 
-def _moments(simulation: Simulation) -> Section:
+def _moments(simulation: "Simulation") -> Section:
     rows = []
     for joint, bending, torsion in zip(simulation.arm.joints, *simulation.moments, strict=True):
         about = np.abs(torsion)
@@ -308,11 +310,11 @@ def _all_mm(values: Iterable[float]) -> list[str]:
     return [_mm(float(value)) for value in values]
 
 
-def _held(simulation: Simulation) -> float:
+def _held(simulation: "Simulation") -> float:
     return float(simulation.time[-1]) - simulation.response.motion.arrival
 
 
-def _settled(simulation: Simulation, value: float) -> str:
+def _settled(simulation: "Simulation", value: float) -> str:
     if math.isnan(value):
         return "-"
     if value == 0:
@@ -327,7 +329,7 @@ def _interval(values: np.ndarray) -> str:
     return f"{low:.4f} to {high:.4f}"
 
 
-def _settling(simulation: Simulation, values: np.ndarray) -> str:
+def _settling(simulation: "Simulation", values: np.ndarray) -> str:
     if np.isnan(values).any():
         return "-"
     low, high = np.quantile(values, QUANTILES, method="nearest")
@@ -339,7 +341,7 @@ def _settling(simulation: Simulation, values: np.ndarray) -> str:
 # -------- Rows
 
 
-def simulate_rows(simulation: Simulation) -> list[dict[str, Any]]:
+def simulate_rows(simulation: "Simulation") -> list[dict[str, Any]]:
     """Return the sizes of the vibration as rows, one for each direction [m, s]; NaN for what does not apply."""
     sizes, place = simulation.sizes, np.argmax(np.abs(simulation.vibration), axis=1)
     columns = {

@@ -2,14 +2,16 @@
 
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ident.assess.spectrum import PEAKS, Band, MarkedModes, Spectra
 from ident.present.report import Cell, Part, Report, Section, Table, cut
 from ident.present.words import counted, degrees
-from ident.vibrate.spectra import Peak
+
+if TYPE_CHECKING:
+    from ident.vibrate.spectra import Peak
 
 UNITS = {"displacement": (1e3, "mm"), "acceleration": (1.0, "m/s^2")}
 """Unit in which each kind of trace is reported, and how many there are in the SI unit."""
@@ -89,7 +91,7 @@ def _peaks_table(spectra: Spectra, name: str, caption: str, most: int) -> Table:
     return Table(caption, head[:shown], tuple(row[:shown] for row in rows), forms[:shown])
 
 
-def _mode(spectra: Spectra, name: str, direction: str, peak: Peak) -> tuple[str, str]:
+def _mode(spectra: Spectra, name: str, direction: str, peak: "Peak") -> tuple[str, str]:
     """Name the mode near a peak with the range of its frequency, if there is one."""
     label = spectra.mode_near(name, direction, peak.frequency)
     return (label, hertz(spectra.modes.bands[label])) if label and spectra.modes else ("none", "")

@@ -5,12 +5,11 @@ import io
 from collections.abc import Iterator, Mapping
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ident.arm.fields import field_of
-from ident.assess.design import SweepStudy
 from ident.files import replace_file
 from ident.present.basis import (
     all_findings,
@@ -22,10 +21,13 @@ from ident.present.basis import (
 from ident.present.report import Cell, Part, Report, Section, Table, Verdict, cut, short_power
 from ident.present.words import MM, counted, in_shown_unit, percent, unit_of, value_in_words
 from ident.text import one_line
-from ident.vibrate.evaluator import Variable
 from ident.vibrate.simulate import MEASURES
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import LINES, NOTABLE, Axis, Sweep, Trend, below, curve, trends
+
+if TYPE_CHECKING:
+    from ident.assess.design import SweepStudy
+    from ident.vibrate.evaluator import Variable
 
 # -------- Words
 # What is swept, and how an amplitude goes with it.
@@ -45,7 +47,7 @@ def axis_in_words(axis: Axis, *, brief: bool = False) -> str:
     return f"{axis.name}, {', '.join([f'{field.words} of {part}', *component])}"
 
 
-def change_in_words(variable: Variable, change: float) -> str:
+def change_in_words(variable: "Variable", change: float) -> str:
     """Write a change as `1.26x` or `+0.05 m`."""
     if variable.shifted:
         return f"{change:+.4g} {unit_of(variable.paths[0])}".removesuffix(" -")
@@ -117,7 +119,7 @@ LISTED = 8
 """Parameters on the first screen."""
 
 
-def sweep_sections(study: SweepStudy) -> Report:
+def sweep_sections(study: "SweepStudy") -> Report:
     """Return all that is said of a sweep."""
     names = " by ".join(cut(axis.name, 24) for axis in study.sweeps[0].axes)
     varied = f"map of {names}" if study.is_map else f"{counted(len(study.sweeps), 'parameter')}, one at a time"
@@ -133,7 +135,7 @@ def sweep_sections(study: SweepStudy) -> Report:
     )
 
 
-def _verdict(study: SweepStudy) -> Verdict | None:
+def _verdict(study: "SweepStudy") -> Verdict | None:
     """Judge an arm: OK if it keeps the limit, REACHABLE if a value in the ranges does, else NOT REACHABLE.
 
     MARGINAL if it keeps the limit, but some draws do not. Without a limit nothing is judged.
@@ -162,7 +164,7 @@ def _verdict(study: SweepStudy) -> Verdict | None:
     return Verdict("REACHABLE", f"{exceeds}; {mm(largest[best].min())} mm with {place}{chances}.", "caution")
 
 
-def _exceeding_now(study: SweepStudy) -> float | None:
+def _exceeding_now(study: "SweepStudy") -> float | None:
     """Return the share of draws that exceed the limit as the arm is; None where that is no point of a sweep."""
     if study.limit is None or not study.draws or study.is_map:
         return None
@@ -173,7 +175,7 @@ def _exceeding_now(study: SweepStudy) -> float | None:
     return None
 
 
-def _answer(study: SweepStudy) -> Iterator[Part]:
+def _answer(study: "SweepStudy") -> Iterator[Part]:
     sizes = ", ".join(f"{d} {mm(size)} mm" for d, size in zip(DIRECTIONS, study.present, strict=True))
     over = "the mean" if study.measure == "rms" else "the largest"
     phases = f", {over} over the unknown imbalance phases" if study.basis.unknown.phases else ""
@@ -202,7 +204,7 @@ def _trends(sweep: Sweep) -> dict[str, tuple[Trend, Trend | None]]:
     return {name: (whole, about) for name, whole, about in trends(sweep)}
 
 
-def _map_extremes(study: SweepStudy, sweep: Sweep) -> Iterator[Part]:
+def _map_extremes(study: "SweepStudy", sweep: Sweep) -> Iterator[Part]:
     """Yield where each direction, and the largest of them, is least and largest, and where the limit is kept."""
     largest = sweep.amplitude.max(0)
     rows = []
@@ -233,7 +235,7 @@ def _point(sweep: Sweep, place: int) -> str:
 # -------- Details
 
 
-def _details(study: SweepStudy) -> Iterator[Section]:
+def _details(study: "SweepStudy") -> Iterator[Section]:
     speeds = any(axis.is_speed for sweep in study.sweeps for axis in sweep.axes)
     yield motion_section(
         study.basis,
@@ -259,7 +261,7 @@ def _axis(axis: Axis) -> str:
     return f"{present}; {count} values from {_value(axis, low)} to {_value(axis, high)}, {spacing}."
 
 
-def _parameter(study: SweepStudy, sweep: Sweep) -> Iterator[Part]:
+def _parameter(study: "SweepStudy", sweep: Sweep) -> Iterator[Part]:
     """Yield amplitudes at each value, with bands and the probability that the limit is exceeded; and their trends."""
     (axis,) = sweep.axes
     factor, unit = in_shown_unit(axis.paths[0], 1.0)
@@ -338,12 +340,12 @@ def _mark(axis: Axis, value: float) -> str:
 # -------- Rows
 
 
-def sweep_rows(study: SweepStudy) -> list[dict[str, Any]]:
+def sweep_rows(study: "SweepStudy") -> list[dict[str, Any]]:
     """Return a row for each amplitude: value in SI, the speed in %; mm; 5 and 95 % of the draws, NaN without."""
     return [row for sweep in study.sweeps for row in _rows(sweep)]
 
 
-def write_csv(study: SweepStudy, head: Mapping[str, Any], path: Path) -> None:
+def write_csv(study: "SweepStudy", head: Mapping[str, Any], path: Path) -> None:
     """Write the amplitudes as CSV, with their origin, the head of the result file, above them."""
     basis, rows = study.basis, sweep_rows(study)
     notes = [

@@ -1,15 +1,17 @@
 """A cross-validation: what is said of it, and its rows for programs."""
 
 from collections.abc import Collection, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.identify.compare import Validation
-from ident.inference.scrutiny import HeldOut
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, without_empty_columns
 from ident.present.warnings import drive_states
 from ident.present.words import counted, in_read_unit, percent, sentence, some
+
+if TYPE_CHECKING:
+    from ident.identify.compare import Validation
+    from ident.inference.scrutiny import HeldOut
 
 PARTS = {"posture": "postures", "kind": "kinds of measurement", "row": "rows", "fraction": "fifths"}
 """What is left out at a time, in words."""
@@ -19,7 +21,7 @@ FEW, ROWS = 6, 8
 """Parts on the first screen, at most, and rows where a part has several."""
 
 
-def validate_sections(validation: Validation) -> Report:
+def validate_sections(validation: "Validation") -> Report:
     """Return all that is said of a validation."""
     fit, absolute = validation.fit, _absolute_kinds(validation)
     following = "ident fit" if validation.missed or fit.doubts else "ident sample" if validation.told else "ident plan"
@@ -34,7 +36,7 @@ def validate_sections(validation: Validation) -> Report:
     )
 
 
-def _verdict(validation: Validation) -> Verdict:
+def _verdict(validation: "Validation") -> Verdict:
     """Judge a model by what it predicts: VALID, PARTLY where parts are not predicted, NOT VALID, NOT TESTED."""
     fit, parts, told = validation.fit, validation.parts, validation.told
     if not told:
@@ -53,7 +55,7 @@ def _verdict(validation: Validation) -> Verdict:
     return Verdict("VALID", f"{inside} Smallest p of {counted(len(parts), 'part')}: {least:.2g}.", "good")
 
 
-def _absolute_kinds(validation: Validation) -> set[str]:
+def _absolute_kinds(validation: "Validation") -> set[str]:
     """Return the kinds that have a value near zero, of which no percentage is given."""
     campaign = validation.fit.campaign
     sizes = {kind: [abs(m.value) for m in campaign if m.kind == kind] for kind in {m.kind for m in campaign}}
@@ -61,7 +63,7 @@ def _absolute_kinds(validation: Validation) -> set[str]:
     return {kind for kind, sizes in sizes.items() if kind not in never and min(sizes) <= SMALL * max(sizes)}
 
 
-def _scope_table(validation: Validation, absolute: Collection[str]) -> tuple[Table, ...]:
+def _scope_table(validation: "Validation", absolute: Collection[str]) -> tuple[Table, ...]:
     """Return how far measurements of each kind will lie from their prediction; nothing where none was predicted."""
     rows: list[tuple[Cell, ...]] = []
     for kind in dict.fromkeys(m.kind for m in validation.fit.campaign):
@@ -80,7 +82,7 @@ def _size(kind: str, absolute: Collection[str], size: float) -> str:
     return f"{number:.2g} {unit}".strip()
 
 
-def _parts_table(validation: Validation, absolute: Collection[str], *, few: bool = False) -> Table:
+def _parts_table(validation: "Validation", absolute: Collection[str], *, few: bool = False) -> Table:
     """Return each part with its errors; on the first screen those that are farthest off."""
     missed = {part.name for part in validation.missed}
     parts = validation.parts
@@ -95,7 +97,7 @@ def _parts_table(validation: Validation, absolute: Collection[str], *, few: bool
 
 
 def _part_rows(
-    validation: Validation, part: HeldOut, absolute: Collection[str], is_missed: bool
+    validation: "Validation", part: "HeldOut", absolute: Collection[str], is_missed: bool
 ) -> Iterator[tuple[Cell, ...]]:
     """Yield the relative errors of a part, and the absolute ones of each kind that has values near zero."""
     if not part.told:
@@ -120,7 +122,7 @@ def _part_rows(
         )
 
 
-def _findings(validation: Validation) -> Iterator[Finding]:
+def _findings(validation: "Validation") -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
     fit, parts = validation.fit, validation.parts
     if validation.missed and fit.doubts:
@@ -138,7 +140,7 @@ def _findings(validation: Validation) -> Iterator[Finding]:
 # -------- Details
 
 
-def _details(validation: Validation, absolute: Collection[str]) -> Iterator[Section]:
+def _details(validation: "Validation", absolute: Collection[str]) -> Iterator[Section]:
     note = (
         "rms error, largest: measured less predicted, relative to the measured value. expected rms: by the std. errors "
         "of the prediction, of noise and of what the other data leave undetermined. p: probability of errors as large, "
@@ -174,7 +176,7 @@ def _details(validation: Validation, absolute: Collection[str]) -> Iterator[Sect
 # -------- Rows
 
 
-def validate_rows(validation: Validation) -> list[dict[str, Any]]:
+def validate_rows(validation: "Validation") -> list[dict[str, Any]]:
     """Return a row for each measurement: the part it belongs to, value, prediction and standard deviation [SI]."""
     campaign = validation.fit.campaign.measurements
     return [

@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.arm.arm import Arm
 from ident.arm.plausibility import oddities
 from ident.identify.explanations import MARGIN, SLIP, Change, Explanation, Explanations, Telling
 from ident.identify.fit import KINDS, Assumption, Assumptions, CampaignFit, of_kind
@@ -13,7 +13,6 @@ from ident.identify.hypotheses import NUMBER_KINDS
 from ident.identify.problem import Ramp, row_names
 from ident.inference.fit import FEW, CrossPrediction, contradicting
 from ident.inference.information import RARE, standard_deviations
-from ident.measure import Campaign, Measurement
 from ident.present.report import Cell, Finding, Part, Section, Table, cut
 from ident.present.words import (
     MOST_ROWS,
@@ -29,11 +28,15 @@ from ident.present.words import (
     three_digits,
 )
 
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.measure import Campaign, Measurement
+
 # -------- Agreement
 # Whether the kinds of measurement agree.
 
 
-def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement], note: str = "") -> Section:
+def agreement(predictions: Sequence[CrossPrediction], measured: Sequence["Measurement"], note: str = "") -> Section:
     """Return of each kind how far it is off the others and the prior, and of a small kind each value as well.
 
     Args:
@@ -69,13 +72,13 @@ def kinds_agree(predictions: Sequence[CrossPrediction]) -> str:
     return f"{kinds_in_words([cross.kind for cross in predictions]).capitalize()} agree (p = {least:.2g})."
 
 
-def against(cross: CrossPrediction, i: int, m: Measurement) -> tuple[float, float, str]:
+def against(cross: CrossPrediction, i: int, m: "Measurement") -> tuple[float, float, str]:
     """Return what the other kinds predict for the i-th value of a small kind, what was measured, and the unit."""
     value, unit = in_read_unit(m.kind, cross.measured[i])
     return in_read_unit(m.kind, cross.predicted[i])[0], value, unit
 
 
-def contradiction(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement]) -> tuple[str, ...]:
+def contradiction(predictions: Sequence[CrossPrediction], measured: Sequence["Measurement"]) -> tuple[str, ...]:
     """Say in a sentence which value of a small kind is farthest from what the other kinds predict; nothing for none."""
     small = [
         (np.abs(cross.z), cross)
@@ -125,7 +128,7 @@ def what_may_be_wrong(predictions: Sequence[CrossPrediction]) -> str:
 # -------- Odd numbers
 
 
-def odd_numbers(arm: Arm) -> tuple[Finding, ...]:
+def odd_numbers(arm: "Arm") -> tuple[Finding, ...]:
     """Return the numbers of an arm that look wrong: a wrong arm file is the commonest cause of a wrong stiffness."""
     odd = oddities(arm)
     more = len(odd) - MOST_ROWS
@@ -134,7 +137,7 @@ def odd_numbers(arm: Arm) -> tuple[Finding, ...]:
     return (*named, *rest)
 
 
-def drive_states(arm: Arm, campaign: Campaign) -> tuple[Finding, ...]:
+def drive_states(arm: "Arm", campaign: "Campaign") -> tuple[Finding, ...]:
     """Warn of rows measured with a servo on, where the arm file describes no servo."""
     own = [name for name, m in zip(row_names(campaign), campaign, strict=True) if m.drives == "servo"]
     if arm.servos or not own:
@@ -313,7 +316,7 @@ CHECKS = {
 }
 
 
-def leading_explanations(found: Explanations | None, campaign: Campaign) -> tuple[Table, ...]:
+def leading_explanations(found: Explanations | None, campaign: "Campaign") -> tuple[Table, ...]:
     """Return the most probable causes with what to check, and what to measure to tell them apart; maybe nothing."""
     if found is None or not found.fitting:
         return ()
@@ -325,7 +328,7 @@ def leading_explanations(found: Explanations | None, campaign: Campaign) -> tupl
     return (Table("", ("", several, "what to do"), rows), *discriminating(found.telling, len(leading)))
 
 
-def explanation_section(found: Explanations | None, campaign: Campaign) -> tuple[Section, ...]:
+def explanation_section(found: Explanations | None, campaign: "Campaign") -> tuple[Section, ...]:
     """Return what would reconcile a campaign, most probable first, and what would tell the leading causes apart."""
     if found is None:
         return ()
@@ -357,11 +360,11 @@ def explanation_section(found: Explanations | None, campaign: Campaign) -> tuple
     return (Section(title, (*above, table, *below, *discriminating(found.telling, LISTED))),)
 
 
-def _causes(item: Explanation, campaign: Campaign) -> str:
+def _causes(item: Explanation, campaign: "Campaign") -> str:
     return " and ".join(_words(change, campaign) for change in item.changes)
 
 
-def _words(change: Change, campaign: Campaign) -> str:
+def _words(change: Change, campaign: "Campaign") -> str:
     """Say what would have to be otherwise, and by how much."""
     rows, of = _rows(change.rows, campaign), cut(change.of, 24)
     match change.kind:
@@ -395,7 +398,7 @@ def _words(change: Change, campaign: Campaign) -> str:
             return f"{thing} of {joint} {does}: {_amount(change)} of {KINDS[change.kind].of}"
 
 
-def _quantity(m: Measurement) -> str:
+def _quantity(m: "Measurement") -> str:
     """Name what a row measured without its posture and load, which its number tells."""
     if m.kind == "frequency":
         return m.mode or "the frequency"
@@ -410,7 +413,7 @@ def _amount(change: Change) -> str:
     return f"{percent(change.amount, '+')} +- {percent(change.sd)}"
 
 
-def _rows(rows: Sequence[int], campaign: Campaign) -> str:
+def _rows(rows: Sequence[int], campaign: "Campaign") -> str:
     if len(rows) == len(campaign):
         return "all rows"
     return f"row{'s' * (len(rows) > 1)} {some([row_names(campaign)[i] for i in rows], ROWS)}"
@@ -468,7 +471,7 @@ def hysteresis(fit: CampaignFit) -> tuple[Section, ...]:
     return (_ramps(table, fit.campaign, fit.loops),)
 
 
-def expected_hysteresis(campaign: Campaign, ramps: Sequence[Ramp]) -> tuple[Section, ...]:
+def expected_hysteresis(campaign: "Campaign", ramps: Sequence[Ramp]) -> tuple[Section, ...]:
     """Return for each ramp of loads how well the width of its hysteresis loop will be known."""
     if not ramps:
         return ()
@@ -481,7 +484,7 @@ def expected_hysteresis(campaign: Campaign, ramps: Sequence[Ramp]) -> tuple[Sect
     return (_ramps(Table("", ("loop", "width known within", "rows"), tuple(rows), note=note), campaign, ramps),)
 
 
-def _ramps(table: Table, campaign: Campaign, ramps: Sequence[Ramp]) -> Section:
+def _ramps(table: Table, campaign: "Campaign", ramps: Sequence[Ramp]) -> Section:
     """Return the table of the loops, and which of them were measured in one direction only."""
     ways = [(ramp, {campaign.measurements[i].ramp for i in ramp.rows}) for ramp in ramps]
     one_way = (

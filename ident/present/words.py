@@ -3,21 +3,24 @@
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
 from ident.arm.fields import SPEED, STIFFNESS, field_of
 from ident.identify.unknowns import SETUP, is_of_loop, kind_of
-from ident.inference.fit import Fit
-from ident.inference.information import Direction, Information, TradeOff
-from ident.inference.parameters import Parameter
 from ident.measure import DRIVE_STATES, Campaign, Measurement
 from ident.measure.load import DIFFERENCES, format_direction
 from ident.measure.load import KINDS as MEASURED
-from ident.modal.frf import Place
 from ident.present.report import Section, Table, cut, kept
 from ident.units import QUANTITIES, stiffness_unit
+
+if TYPE_CHECKING:
+    from ident.inference.fit import Fit
+    from ident.inference.information import Direction, Information, TradeOff
+    from ident.inference.parameters import Parameter
+    from ident.modal.frf import Place
 
 # -------- Units
 # How numbers are shown: in the units that people read. What a number of the arm is: `ident.arm.fields`.
@@ -147,7 +150,7 @@ def span(low: float, high: float) -> str:
     return f"{low:.4g} to {high:.4g}"
 
 
-def main_factors(direction: Direction, spread: Float[np.ndarray, "P"]) -> list[int]:
+def main_factors(direction: "Direction", spread: Float[np.ndarray, "P"]) -> list[int]:
     """Return which parameters take part in a direction, by falling exponent.
 
     An exponent may be small and its factor matter all the same, where that parameter is hardly known.
@@ -163,7 +166,7 @@ def main_factors(direction: Direction, spread: Float[np.ndarray, "P"]) -> list[i
     return [first, *(i for i in others if matters[i])]
 
 
-def direction_name(direction: Direction, names: Sequence[str], spread: Float[np.ndarray, "P"]) -> str:
+def direction_name(direction: "Direction", names: Sequence[str], spread: Float[np.ndarray, "P"]) -> str:
     """Name a direction by its main parameters: a product, or a ratio where they are traded against each other."""
     order = main_factors(direction, spread)
     first, *others = (i for i in order[:2] if abs(direction.weights[i]) > NOTABLE)
@@ -245,7 +248,7 @@ def some(names: Sequence[str], most: int = MOST_ROWS) -> str:
     return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
-def shares(known: Information, i: int) -> tuple[float | None, float | None, float | None]:
+def shares(known: "Information", i: int) -> tuple[float | None, float | None, float | None]:
     """Return the shares of what is known of a parameter: from the data alone, its own prior, data with other priors."""
     if not math.isfinite(known.sd[i]):
         return None, None, None
@@ -260,7 +263,7 @@ def in_percent(share: float) -> str:
     return percent(share, "+")
 
 
-def priors_in_words(items: Sequence[Parameter]) -> Iterator[str]:
+def priors_in_words(items: Sequence["Parameter"]) -> Iterator[str]:
     """Say which priors there are, one line for all parameters that share a form."""
     forms: dict[str, list[str]] = {}
     for item in items:
@@ -269,7 +272,7 @@ def priors_in_words(items: Sequence[Parameter]) -> Iterator[str]:
         yield form if len(forms) == 1 else f"{form}: {', '.join(names)}"
 
 
-def _prior(item: Parameter) -> str:
+def _prior(item: "Parameter") -> str:
     sd, flat, centre = float(item.prior_sd), float(item.flat), float(item.centre)
     if not math.isfinite(sd):
         return "none"
@@ -284,18 +287,18 @@ def _prior(item: Parameter) -> str:
     return f"log-normal about {about}, 95 % within a factor of {as_factor(1.96 * sd, 3)}"
 
 
-def size_in_words(item: Parameter, theta: float, sign: str = "") -> str:
+def size_in_words(item: "Parameter", theta: float, sign: str = "") -> str:
     """Write a change of theta of a number of either sign in the unit that people read it in: `6.4 mm`."""
     size, unit = read_unit(item.name)
     return f"{theta * float(item.scale) / size:{sign}.2g} {unit}"
 
 
-def with_tied(item: Parameter) -> str:
+def with_tied(item: "Parameter") -> str:
     """Name a parameter with what is tied to it."""
     return item.name if len(item.paths) == 1 else f"{item.name} (and {', '.join(item.paths[1:])})"
 
 
-def parameter_in_words(item: Parameter) -> str:
+def parameter_in_words(item: "Parameter") -> str:
     """Name a parameter in physical words: `torsion of joint2`; as it is called, if it is none of an arm's."""
     part, _, rest = item.name.partition(".")
     if part == "discrepancy":
@@ -305,7 +308,7 @@ def parameter_in_words(item: Parameter) -> str:
     return f"{name} (and what is tied to it)" if len(item.paths) > 1 else name
 
 
-def balance(weights: Sequence[float], items: Sequence[Parameter], least: float = NOTABLE) -> str:
+def balance(weights: Sequence[float], items: Sequence["Parameter"], least: float = NOTABLE) -> str:
     """Say which parameters a direction sets against each other: `torsion of joint2 against torsion of joint3`.
 
     Those of a weight below `least`, relative to the largest, are left out.
@@ -324,7 +327,7 @@ def balance(weights: Sequence[float], items: Sequence[Parameter], least: float =
 # Combinations of parameters in words: how well each is known, and what may change unnoticed.
 
 
-def what_is_fixed(fit: Fit) -> Section:
+def what_is_fixed(fit: "Fit") -> Section:
     """Return which combinations the data determine, best known first, and how well; no width for a fit in doubt."""
     known, items = fit.information, fit.problem.parameters.items
     rows = []
@@ -337,7 +340,7 @@ def what_is_fixed(fit: Fit) -> Section:
     return Section(title, (Table("", ("combination", "std. error"), tuple(rows)),) if rows else ())
 
 
-def what_is_open(known: Information, items: tuple[Parameter, ...]) -> Section | None:
+def what_is_open(known: "Information", items: tuple["Parameter", ...]) -> Section | None:
     """Return what else may change unnoticed, for each combination that the data do not determine; maybe nothing."""
     trades = known.trade_offs()
     if not trades:
@@ -347,7 +350,7 @@ def what_is_open(known: Information, items: tuple[Parameter, ...]) -> Section | 
     return Section(title, tuple(f"{in_words(trade, items)} would not show in the data" for trade in trades))
 
 
-def product(direction: Direction, items: tuple[Parameter, ...], spread: Float[np.ndarray, "P"]) -> str:
+def product(direction: "Direction", items: tuple["Parameter", ...], spread: Float[np.ndarray, "P"]) -> str:
     """Write a direction as a product of powers of parameters; one of either sign enters as its exponential.
 
     Args:
@@ -367,7 +370,7 @@ def product(direction: Direction, items: tuple[Parameter, ...], spread: Float[np
     return f" {kept('* ')}".join(powers)
 
 
-def in_words(trade: TradeOff, items: tuple[Parameter, ...]) -> str:
+def in_words(trade: "TradeOff", items: tuple["Parameter", ...]) -> str:
     """Say what else changes unnoticed when one parameter rises by 10 %, or by a tenth of its scale."""
     step = math.log(1.1)
     moved = [
@@ -380,7 +383,7 @@ def in_words(trade: TradeOff, items: tuple[Parameter, ...]) -> str:
     return f"{lead}{along}"
 
 
-def _change(item: Parameter, theta: float) -> str:
+def _change(item: "Parameter", theta: float) -> str:
     if item.positive:
         return f"{item.name} by {percent(math.expm1(theta), '+')}"
     return f"{item.name} by {size_in_words(item, theta, '+')}"
@@ -390,7 +393,7 @@ def _change(item: Parameter, theta: float) -> str:
 # Where and along what was measured, in words.
 
 
-def place_in_words(place: Place) -> str:
+def place_in_words(place: "Place") -> str:
     """Write a place as `tip -z`, or with the components of its direction."""
     axes = np.array(place.direction)
     along = np.flatnonzero(abs(axes) > 1 - 1e-9)

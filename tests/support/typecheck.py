@@ -7,8 +7,8 @@ from inspect import isclass
 import jaxtyping
 from beartype import BeartypeConf, beartype
 
-ROOMS = ("arm", "assess", "description", "identify", "inference", "measure", "modal", "present", "vibrate")
-"""What is checked: not ident.cli, where typer hands None to an eager flag that is annotated bool."""
+ROOMS = ("arm", "assess", "description", "identify", "inference", "measure", "modal", "vibrate")
+"""What is checked: not ident.present, which imports the values that it shows for type checkers alone, nor ident.cli."""
 CALLS = 300
 """Of a function, and constructions of a class, that are checked in each process."""
 MADE = 30

@@ -1,6 +1,7 @@
 """Figures of a design: amplitude against change norm, and the vibration before and after."""
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,9 +30,11 @@ from ident.present.figures.style import (
 )
 from ident.present.report import cut
 from ident.present.words import MM, value_in_words
-from ident.vibrate.design import Design, Place, Verification
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import NEARBY
+
+if TYPE_CHECKING:
+    from ident.vibrate.design import Design, Place, Verification
 
 WIDTH = 8.0
 """Of a figure [inch]."""
@@ -79,7 +82,7 @@ def before_after_figure(study: DesignStudy) -> Figure:
     return figure
 
 
-def _before_after(axes: Axes, study: DesignStudy, checks: Verification, i: int) -> bool:
+def _before_after(axes: Axes, study: DesignStudy, checks: "Verification", i: int) -> bool:
     """Draw one direction, and return whether the limit was drawn, too: elsewhere it would flatten the curves."""
     plain(axes, grid=True)
     for check, style in ((checks.before, BEFORE), (checks.after, AFTER)):
@@ -96,7 +99,7 @@ def _before_after(axes: Axes, study: DesignStudy, checks: Verification, i: int) 
     return shows_limit
 
 
-def _curve(axes: Axes, study: DesignStudy, design: Design) -> None:
+def _curve(axes: Axes, study: DesignStudy, design: "Design") -> None:
     """Draw the curve, the limit and the places that have a name."""
     amounts, sizes = [place.change_norm for place in design.curve], [MM * place.largest for place in design.curve]
     axes.plot(amounts, sizes, color=BLUE, linewidth=1.4, marker=".", markersize=5, zorder=3)
@@ -117,7 +120,7 @@ def _curve(axes: Axes, study: DesignStudy, design: Design) -> None:
     axes.legend(handles=handles, loc="best", frameon=False, fontsize=9)
 
 
-def _bars(axes: Axes, design: Design) -> None:
+def _bars(axes: Axes, design: "Design") -> None:
     """Draw by how much each number is changed at each change norm: as a factor, or as a share of the widest change."""
     variables, places = design.evaluator.variables, list(_changed(design))
     spans = np.array([variable.span(design.evaluator.arm) for variable in variables])
@@ -150,7 +153,7 @@ def _bars(axes: Axes, design: Design) -> None:
     as_written(key.get_texts())
 
 
-def _named(design: Design) -> Iterator[tuple[str, Place]]:
+def _named(design: "Design") -> Iterator[tuple[str, "Place"]]:
     yield "present", design.present
     if design.minimum_change is not None and not unchanged(design.minimum_change):
         yield "minimum change", design.minimum_change
@@ -158,7 +161,7 @@ def _named(design: Design) -> Iterator[tuple[str, Place]]:
         yield "best", design.best
 
 
-def _changed(design: Design) -> Iterator[tuple[str, Place]]:
+def _changed(design: "Design") -> Iterator[tuple[str, "Place"]]:
     """Yield the places whose changes are drawn, ascending, each with its label."""
     _, *named = _named(design)
     places = [("", one) for one in design.curve[1:-1] if all(one is not place for _, place in named)] + named

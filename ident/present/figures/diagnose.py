@@ -2,12 +2,12 @@
 
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ident.assess.diagnose import Diagnosis
 from ident.present.diagnose import SENSITIVITIES, change_words
 from ident.present.figures.fit import validate_figure
 from ident.present.figures.resonance import resonance_figure
@@ -15,19 +15,22 @@ from ident.present.figures.style import BLUE, note, plain, ratio_axis, rows
 from ident.present.report import cut
 from ident.present.words import MM
 
+if TYPE_CHECKING:
+    from ident.assess.diagnose import Diagnosis
+
 RED = "#C1432B"
 """Colour of the limit."""
 WIDTH = 9.0
 """Width of the figures [inch]."""
 
 
-def diagnose_figures(diagnosis: Diagnosis) -> dict[str, Figure]:
+def diagnose_figures(diagnosis: "Diagnosis") -> dict[str, Figure]:
     """Return the figures of the finished stages, by the names of the stages; not every stage has one."""
     drawn = {stage: _FIGURES[stage](diagnosis) for stage in diagnosis.stages if stage in _FIGURES}
     return {stage: figure for stage, figure in drawn.items() if figure is not None}
 
 
-def _stiffness_figure(diagnosis: Diagnosis) -> Figure | None:
+def _stiffness_figure(diagnosis: "Diagnosis") -> Figure | None:
     """Draw the interval of each number relative to its median; a coordinate may be about zero and has no ratio."""
     low, median, high = diagnosis.identification.quantiles
     above = np.flatnonzero(low > 0)
@@ -44,7 +47,7 @@ def _stiffness_figure(diagnosis: Diagnosis) -> Figure | None:
     return figure
 
 
-def _resonance_figure(diagnosis: Diagnosis) -> Figure | None:
+def _resonance_figure(diagnosis: "Diagnosis") -> Figure | None:
     resonance = diagnosis.resonance
     if resonance.branches is None or resonance.excitation is None:
         return None
@@ -52,7 +55,7 @@ def _resonance_figure(diagnosis: Diagnosis) -> Figure | None:
     return resonance_figure(resonance.branches, resonance.excitation, resonance.crossings, title=title)
 
 
-def _vibration_figure(diagnosis: Diagnosis) -> Figure:
+def _vibration_figure(diagnosis: "Diagnosis") -> Figure:
     """Draw the vibration in each direction over time, with the limit."""
     response, limit = diagnosis.vibration.response, MM * diagnosis.vibration.limit
     figure = Figure(figsize=(WIDTH, 5.4), layout="constrained")
@@ -70,7 +73,7 @@ def _vibration_figure(diagnosis: Diagnosis) -> Figure:
     return figure
 
 
-def _sensitivities_figure(diagnosis: Diagnosis) -> Figure:
+def _sensitivities_figure(diagnosis: "Diagnosis") -> Figure:
     """Draw how the largest amplitude depends on the numbers, the strongest on top."""
     sensitivities = diagnosis.sensitivities
     order = sensitivities.order[:SENSITIVITIES]
@@ -87,7 +90,7 @@ def _sensitivities_figure(diagnosis: Diagnosis) -> Figure:
     return figure
 
 
-def _remedies_figure(diagnosis: Diagnosis) -> Figure:
+def _remedies_figure(diagnosis: "Diagnosis") -> Figure:
     """Draw the largest vibration after each remedy against the limit."""
     task, remedies = diagnosis.task, diagnosis.remedies
     figure, axes = _rows([f"{rank}. {change_words(remedy)}" for rank, remedy in enumerate(remedies, 1)])
@@ -110,7 +113,7 @@ def _rows(names: Sequence[str]) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-_FIGURES: Mapping[str, Callable[[Diagnosis], Figure | None]] = {
+_FIGURES: Mapping[str, Callable[["Diagnosis"], Figure | None]] = {
     "stiffness": _stiffness_figure,
     "trust": lambda diagnosis: validate_figure(diagnosis.validation) if diagnosis.validation.told else None,
     "resonance": _resonance_figure,

@@ -5,7 +5,7 @@ Figures are made without pyplot, so that nothing global is touched.
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,13 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
 
-from ident.identify.compare import Comparison, Validation
-from ident.identify.fit import CampaignFit
 from ident.inference.information import WEAK_ABOVE, Direction
 from ident.inference.optima import Ending
-from ident.inference.parameters import Parameter
 from ident.inference.profile import Profile, threshold
-from ident.measure import Measurement
 from ident.present.compare import level_words
 from ident.present.figures.style import (
     BLUE,
@@ -46,6 +42,12 @@ from ident.present.profile import level_in_words, span_text
 from ident.present.report import cut
 from ident.present.words import MM, direction_name, is_length, lowered, read_unit, short
 
+if TYPE_CHECKING:
+    from ident.identify.compare import Comparison, Validation
+    from ident.identify.fit import CampaignFit
+    from ident.inference.parameters import Parameter
+    from ident.measure import Measurement
+
 KIND_STYLES: dict[str, Style] = {
     "frequency": {"color": BLUE, "marker": "o"},
     "deflection": {"color": ORANGE, "marker": "s"},
@@ -71,7 +73,7 @@ REACH = 30.0
 """Factor beyond the fitted values at which the frame cuts an interval off."""
 
 
-def fit_figure(fit: CampaignFit) -> Figure:
+def fit_figure(fit: "CampaignFit") -> Figure:
     """Draw a fit at one glance: values, the combinations that the data determine, residuals; the verdict is its title.
 
     Filled markers are what the data determine, hollow ones what they do not.
@@ -106,7 +108,7 @@ def _stack(figure: Figure, cell: SubplotSpec, heights: Sequence[float]) -> list[
     return [figure.add_subplot(grid[i]) for i in range(len(heights))]
 
 
-def _values(axes: Axes, fit: CampaignFit, group: Sequence[int], *, shift: bool) -> None:
+def _values(axes: Axes, fit: "CampaignFit", group: Sequence[int], *, shift: bool) -> None:
     items = fit.problem.parameters.items
     interval, supported = fit.interval(), [bool(fit.supported[i]) for i in group]
     drawn = [_as_drawn(items[i], (fit.best.values[i], *interval[i]), shift) for i in group]
@@ -138,7 +140,7 @@ def _values(axes: Axes, fit: CampaignFit, group: Sequence[int], *, shift: bool) 
     rows(axes.twinx(), texts, side="right")
 
 
-def _as_drawn(item: Parameter, numbers: Sequence[float], shift: bool) -> list[float]:
+def _as_drawn(item: "Parameter", numbers: Sequence[float], shift: bool) -> list[float]:
     """Return value and ends of an interval relative to the arm file, or as shifts [mm] from it."""
     centre = float(item.start)
     return [MM * (x - centre) if shift else x / centre if centre else math.nan for x in map(float, numbers)]
@@ -162,7 +164,7 @@ def _shift_span(drawn: Sequence[Sequence[float]]) -> tuple[float, float]:
     return -size, size
 
 
-def _directions(axes: Axes, fit: CampaignFit) -> None:
+def _directions(axes: Axes, fit: "CampaignFit") -> None:
     """Draw the std. error of each combination; undetermined ones, and all where the fit is in doubt, have none."""
     known, doubts = fit.information, bool(fit.doubts)
     directions = _shown(fit)
@@ -193,7 +195,7 @@ def _directions(axes: Axes, fit: CampaignFit) -> None:
     heading(axes, f"Combinations determined: {known.fixed} of {len(directions)}", keys)
 
 
-def _shown(fit: CampaignFit) -> tuple[Direction, ...]:
+def _shown(fit: "CampaignFit") -> tuple[Direction, ...]:
     """Return the directions as they are shown: those that the data fix, then those that they leave open."""
     return (*fit.combinations, *(direction for direction in fit.information.directions if direction.open))
 
@@ -203,7 +205,7 @@ def _key(filled: Sequence[bool], solid: str, hollow: str) -> dict[str, Style]:
     return {text: style for text, style in ((solid, FILLED), (hollow, HOLLOW)) if (style is FILLED) in filled}
 
 
-def _residuals(axes: Axes, fit: CampaignFit) -> None:
+def _residuals(axes: Axes, fit: "CampaignFit") -> None:
     """Draw measured minus predicted in its standard deviations, a row for each measurement, sorted by kind.
 
     Outliers have a black rim; what no other measurement checks is hollow.
@@ -234,7 +236,7 @@ def _residuals(axes: Axes, fit: CampaignFit) -> None:
     heading(axes, "Residuals", keys, columns=3)
 
 
-def measurement_rows(axes: Axes, measured: Sequence[Measurement], words: str) -> None:
+def measurement_rows(axes: Axes, measured: Sequence["Measurement"], words: str) -> None:
     """Make one row for each measurement; of many, say only in words what the rows are."""
     if len(measured) <= DENSE:
         rows(axes, [cut(short(m), LABEL) for m in measured])
@@ -256,7 +258,7 @@ def _cloud(axes: Axes, kinds: Sequence[str], z: np.ndarray, outliers: np.ndarray
 # The figure of a comparison: the ratio of each stiffness after to before.
 
 
-def compare_figure(comparison: Comparison) -> Figure:
+def compare_figure(comparison: "Comparison") -> Figure:
     """Draw the ratio of each stiffness after to before, with its 95 % interval; those that have changed are orange."""
     change = comparison.change
     before, after = (cut(name, 24) for name in comparison.names)
@@ -286,7 +288,7 @@ PROFILE_PANEL = (3.7, 2.75)
 """Width and height of a panel [inch]."""
 
 
-def profile_figure(fit: CampaignFit, profiles: Sequence[Profile]) -> Figure:
+def profile_figure(fit: "CampaignFit", profiles: Sequence[Profile]) -> Figure:
     """Draw profiles: delta chi-squared against each parameter, relative to its fitted value.
 
     A curve that leaves the panel through its top ends an interval; an arrow at the side means open.
@@ -392,7 +394,7 @@ MOST = 60
 """Measurements that are drawn as rows: of more, those that are farthest off."""
 
 
-def validate_figure(validation: Validation) -> Figure:
+def validate_figure(validation: "Validation") -> Figure:
     """Draw how far each measurement lies from its prediction, and observed against predicted quantiles."""
     told = validation.told
     count = sum(len(part.places) for part in told)
@@ -413,7 +415,7 @@ def validate_figure(validation: Validation) -> Figure:
     return figure
 
 
-def _off(axes: Axes, validation: Validation) -> None:
+def _off(axes: Axes, validation: "Validation") -> None:
     """Draw a row for each measurement, part by part; of many, those that are farthest off."""
     campaign, missed = validation.fit.campaign.measurements, {part.name for part in validation.missed}
     z, names, colours = [], [], []

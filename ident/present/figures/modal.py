@@ -1,6 +1,7 @@
 """Figure of a posture's frequency responses: size and coherence over frequency, a panel for each response."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,15 +9,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 
-from ident.arm.modes import Label
-from ident.assess.modal import IdentifiedModes
 from ident.modal.ambient import AmbientTest
-from ident.modal.frf import ModalTest, Place
 from ident.modal.modes import Modes
 from ident.modal.parameters import PhasePlane, phase_planes
 from ident.present.figures.style import BLUE, GREY, ORANGE, PALE, PINK, Style, key_below, note, plain, titled
 from ident.present.report import cut
 from ident.present.words import counted, degrees, place_in_words
+
+if TYPE_CHECKING:
+    from ident.arm.modes import Label
+    from ident.assess.modal import IdentifiedModes
+    from ident.modal.frf import ModalTest, Place
 
 # -------- Ambient
 # Figure of an ambient test: singular values of the spectral density, with lines of what turns.
@@ -25,7 +28,7 @@ HARMONIC: Style = {"color": PINK, "linewidth": 1.0, "linestyle": ":"}
 """Look of a line of something that turns."""
 
 
-def ambient_figure(test: AmbientTest, identified: IdentifiedModes | None = None) -> Figure:
+def ambient_figure(test: AmbientTest, identified: "IdentifiedModes | None" = None) -> Figure:
     """Draw the singular values of the spectral density matrix, the modes, and the harmonics that were taken out."""
     figure = titled((9.0, 4.4), f"Responses without a force at {degrees(test.posture)}")
     axes = figure.subplots()
@@ -72,12 +75,12 @@ COLORS = (BLUE, ORANGE, PINK, GREY)
 """Of the forces, or of the directions at a point, in their order."""
 
 
-def measured_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes | None = None) -> Figure:
+def measured_figure(test: "ModalTest | AmbientTest", identified: "IdentifiedModes | None" = None) -> Figure:
     """Draw what was measured at a posture."""
     return ambient_figure(test, identified) if isinstance(test, AmbientTest) else modal_figure(test, identified)
 
 
-def modal_figure(test: ModalTest, identified: IdentifiedModes | None = None) -> Figure:
+def modal_figure(test: "ModalTest", identified: "IdentifiedModes | None" = None) -> Figure:
     """Draw accelerance of mean, single hits and identified modes, and coherence, of each response.
 
     A colour stands for each force.
@@ -113,7 +116,7 @@ def modal_figure(test: ModalTest, identified: IdentifiedModes | None = None) -> 
     return figure
 
 
-def _response(axes: Axes, test: ModalTest, o: int) -> None:
+def _response(axes: Axes, test: "ModalTest", o: int) -> None:
     frf = test.frf
     axes.set_yscale("log")
     for i, color in zip(range(len(frf.references)), COLORS, strict=False):
@@ -128,7 +131,7 @@ def _response(axes: Axes, test: ModalTest, o: int) -> None:
     _named(axes, "accelerance [1/kg]")
 
 
-def _coherence(axes: Axes, test: ModalTest, o: int) -> None:
+def _coherence(axes: Axes, test: "ModalTest", o: int) -> None:
     for i, color in zip(range(len(test.frf.references)), COLORS, strict=False):
         axes.plot(test.frf.frequency, test.coherence[o, i], color=color, linewidth=0.9)
     axes.set_ylim(0, 1.05)
@@ -151,7 +154,7 @@ WITHIN = 2.4477
 """Half axes of an ellipse that holds 95 %, in standard deviations."""
 
 
-def argand_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes) -> Figure:
+def argand_figure(test: "ModalTest | AmbientTest", identified: "IdentifiedModes") -> Figure:
     """Draw each mode's motion at the responses as arrows in the complex plane, with ellipses that hold 95 %."""
     planes = phase_planes(identified.modes)
     columns = min(4, len(planes))
@@ -177,7 +180,7 @@ def argand_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes) ->
     return figure
 
 
-def _name(label: Label | None) -> str:
+def _name(label: "Label | None") -> str:
     return cut(str(label), 24) if label else "no certain name"
 
 
@@ -198,7 +201,7 @@ def _panel(axes: Axes, plane: PhasePlane, looks: Sequence[tuple[str, str]]) -> N
     axes.tick_params(labelsize=7)
 
 
-def _looks(places: Sequence[Place]) -> list[tuple[str, str]]:
+def _looks(places: Sequence["Place"]) -> list[tuple[str, str]]:
     """Return colour and end of each response."""
     points = list(dict.fromkeys(place.point for place in places))
     nth = [sum(other.point == place.point for other in places[:o]) for o, place in enumerate(places)]
@@ -210,7 +213,7 @@ def _looks(places: Sequence[Place]) -> list[tuple[str, str]]:
 # Figure of how a posture's modes were chosen: poles over orders, and the MAC with the arm's modes.
 
 
-def stabilisation_figure(test: ModalTest | AmbientTest, identified: IdentifiedModes) -> Figure:
+def stabilisation_figure(test: "ModalTest | AmbientTest", identified: "IdentifiedModes") -> Figure:
     """Draw the poles of all orders with the clusters that modes were made of, and MAC and names of the modes."""
     figure = titled((9.0, 7.6), f"Modes at {degrees(test.posture)}")
     upper, lower = figure.subplots(2, 1, height_ratios=[3, 2])
@@ -228,7 +231,7 @@ def stabilisation_figure(test: ModalTest | AmbientTest, identified: IdentifiedMo
     return figure
 
 
-def _poles(axes: Axes, test: ModalTest | AmbientTest, identified: IdentifiedModes) -> None:
+def _poles(axes: Axes, test: "ModalTest | AmbientTest", identified: "IdentifiedModes") -> None:
     """Draw the diagram over the size of the responses."""
     diagram = identified.modes.diagram
     lasting = diagram.cluster >= 0
@@ -253,7 +256,7 @@ def _poles(axes: Axes, test: ModalTest | AmbientTest, identified: IdentifiedMode
     plain(size, left=False)
 
 
-def _mac(axes: Axes, identified: IdentifiedModes) -> None:
+def _mac(axes: Axes, identified: "IdentifiedModes") -> None:
     """Draw MAC as cells: rows are measured modes with their name or doubt, columns the arm's."""
     labels, modes = identified.labels, identified.modes
     axes.imshow(labels.mac, cmap="Blues", vmin=0, vmax=1, aspect="auto")

@@ -1,6 +1,7 @@
 """Pictures of an arm's modes at a posture, and of the arm in motion."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -9,12 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ident.assess.predict import Prediction
-from ident.identify.modal_analysis import ModalAnalysis
 from ident.present.figures.style import BLUE, GREY, NAME_STYLES, ORANGE, Style, colour_of, heading, plain
 from ident.present.report import cut
 from ident.present.words import MM, degrees
-from ident.vibrate.response import Outline, Response
+
+if TYPE_CHECKING:
+    from ident.assess.predict import Prediction
+    from ident.identify.modal_analysis import ModalAnalysis
+    from ident.vibrate.response import Outline, Response
 
 # -------- Motion
 # Pictures of an arm at work: the way of its end point, and the moving arm, its vibration drawn larger than it is.
@@ -27,7 +30,7 @@ PALEST = "#C8C8C8"
 ROUND: Style = {"solid_joinstyle": "round"}
 
 
-def path_figure(response: Response, shown: Outline) -> Figure:
+def path_figure(response: "Response", shown: "Outline") -> Figure:
     """Draw the way of the end point, its vibration made larger, and the arm at some moments, in two views.
 
     Args:
@@ -52,7 +55,7 @@ def path_figure(response: Response, shown: Outline) -> Figure:
     return figure
 
 
-def motion_animation(response: Response, shown: Outline, *, fps: float = 10.0, dpi: float = 64.0) -> FuncAnimation:
+def motion_animation(response: "Response", shown: "Outline", *, fps: float = 10.0, dpi: float = 64.0) -> FuncAnimation:
     """Return the moving, vibrating arm as an animation in two views, one picture for each moment of the outline.
 
     The title tells how much slower than the arm the pictures follow each other.
@@ -121,19 +124,19 @@ VIEW_WIDTH = 5.2
 """Width of one view [inch]."""
 
 
-def largest_swing(analysis: ModalAnalysis) -> float:
+def largest_swing(analysis: "ModalAnalysis") -> float:
     """Return how large the largest displacement of a mode is drawn [m]."""
     rest, _ = analysis.outline
     return SWING * float(np.linalg.norm(np.diff(rest, axis=1), axis=0).sum())
 
 
-def swing_of(analysis: ModalAnalysis, i: int) -> np.ndarray:
+def swing_of(analysis: "ModalAnalysis", i: int) -> np.ndarray:
     """Return the displacements (3, K) of the i-th mode as they are drawn [m]."""
     moved = analysis.outline[1][:, :, i]
     return np.asarray(largest_swing(analysis) * moved / np.linalg.norm(moved, axis=0).max())
 
 
-def mode_figure(analysis: ModalAnalysis) -> Figure:
+def mode_figure(analysis: "ModalAnalysis") -> Figure:
     """Draw the arm at rest in grey, and its lowest modes in colour, from the side and from above.
 
     A mode's amplitude is arbitrary; it is drawn so large that one sees it, and the title says how large.
@@ -169,7 +172,7 @@ def mode_figure(analysis: ModalAnalysis) -> Figure:
     return figure
 
 
-def frequency_figure(predictions: Sequence[Prediction], joint: int) -> Figure:
+def frequency_figure(predictions: Sequence["Prediction"], joint: int) -> Figure:
     """Draw natural frequencies against the angle of one joint, by what the modes are.
 
     Hollow markers are modes that are named by a near draw; bars are bands of a posterior.

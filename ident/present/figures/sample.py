@@ -1,7 +1,7 @@
 """Figures of a sampled posterior (what it says, corner plot, traces), of plans and of fleets."""
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -13,9 +13,6 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from ident.identify.candidates import main_joints
-from ident.identify.compare import CampaignSample
-from ident.identify.fleet import Fleet
-from ident.identify.plan import CampaignPlan
 from ident.identify.unknowns import is_of_loop
 from ident.inference.draws import (
     LEARNED,
@@ -27,7 +24,6 @@ from ident.inference.draws import (
     ratio_to_prior,
     share_of_prior,
 )
-from ident.inference.population import Population
 from ident.present.figures.fit import DENSE, PANEL, ROW, measurement_rows
 from ident.present.figures.style import (
     BLUE,
@@ -56,6 +52,12 @@ from ident.present.report import cut
 from ident.present.sample import of_first
 from ident.present.words import SETUP, degrees, direction_name, in_shown_unit
 
+if TYPE_CHECKING:
+    from ident.identify.compare import CampaignSample
+    from ident.identify.fleet import Fleet
+    from ident.identify.plan import CampaignPlan
+    from ident.inference.population import Population
+
 CORNER_DRAWS = 20000
 """Draws, at most, in the corner plot."""
 WIDE_SPAN = 5.0
@@ -65,12 +67,12 @@ WIDE: Style = {"marker": "", "linestyle": "-", "linewidth": 1.2, "color": BLUE}
 NARROW: Style = {"marker": "", "linestyle": "-", "linewidth": 3.6, "color": BLUE}
 
 
-def sample_figures(result: CampaignSample) -> dict[str, Figure]:
+def sample_figures(result: "CampaignSample") -> dict[str, Figure]:
     """Return all figures of a sample by name: `posterior`, `corner` and `trace`."""
     return {"posterior": posterior_figure(result), "corner": corner_figure(result), "trace": trace_figure(result)}
 
 
-def posterior_figure(result: CampaignSample) -> Figure:
+def posterior_figure(result: "CampaignSample") -> Figure:
     """Draw posterior against prior, parameter by parameter and in combination, and predicted against measured."""
     items = _shown(result)
     combined = combinations(result.sample) if len(result.fitted.problem.parameters.items) > 1 else []
@@ -90,7 +92,7 @@ def posterior_figure(result: CampaignSample) -> Figure:
     return figure
 
 
-def _against_prior(axes: Axes, result: CampaignSample) -> None:
+def _against_prior(axes: Axes, result: "CampaignSample") -> None:
     """Draw prior and posterior of each parameter relative to the arm file, lengths as exponentials of theta."""
     parameters, shown = result.sample.posterior.parameters, _shown(result)
     proper, share = parameters.proper[shown], share_of_prior(result.sample)[shown]
@@ -123,7 +125,7 @@ def _draw_intervals(axes: Axes, y: int, band: np.ndarray, levels: np.ndarray, co
     axes.plot([lower, upper], [y, y], **{**NARROW, "color": colour}, solid_capstyle="butt")
 
 
-def _shown(result: CampaignSample) -> list[int]:
+def _shown(result: "CampaignSample") -> list[int]:
     """Return the places of the unknowns that are shown: all but frames of setups and widths of loops."""
     names = result.sample.posterior.parameters.names
     return [i for i, name in enumerate(names) if not (name.startswith(SETUP) or is_of_loop(name))]
@@ -140,7 +142,7 @@ def _frame(own: np.ndarray, prior: np.ndarray) -> tuple[float, float, bool]:
     return left / pad, right * pad, hidden
 
 
-def _combinations(axes: Axes, result: CampaignSample) -> None:
+def _combinations(axes: Axes, result: "CampaignSample") -> None:
     """Draw the spread of each combination over the draws, and what the prior alone would leave."""
     known, parameters = combinations(result.sample), result.fitted.problem.parameters
     names = parameters.names
@@ -162,7 +164,7 @@ def _combinations(axes: Axes, result: CampaignSample) -> None:
     heading(axes, "Parameters in combination, best known first", keys)
 
 
-def _predicted(axes: Axes, result: CampaignSample) -> None:
+def _predicted(axes: Axes, result: "CampaignSample") -> None:
     """Draw each measured value less the band of its predictions, in standard deviations of the measurement."""
     campaign, drawn = result.fitted.campaign, result.posterior_predictive
     sigma, measured = np.array([m.sigma for m in campaign]), np.array([m.value for m in campaign])
@@ -181,7 +183,7 @@ def _predicted(axes: Axes, result: CampaignSample) -> None:
     heading(axes, "Measured against predicted", keys)
 
 
-def corner_figure(result: CampaignSample) -> Figure:
+def corner_figure(result: "CampaignSample") -> Figure:
     """Draw all pairs of parameters against each other, relative to the centres of their priors."""
     import corner
 
@@ -220,7 +222,7 @@ def corner_figure(result: CampaignSample) -> Figure:
     return figure
 
 
-def trace_figure(result: CampaignSample) -> Figure:
+def trace_figure(result: "CampaignSample") -> Figure:
     """Draw one walker of each ensemble over the steps, parameter by parameter."""
     sample = result.sample
     names, draws = sample.posterior.parameters.names, len(sample.theta)
@@ -262,7 +264,7 @@ MOST = 300
 """Robots that are drawn, of more those that are farthest off, in the order of their names."""
 
 
-def fleet_figure(fleet: Fleet) -> Figure:
+def fleet_figure(fleet: "Fleet") -> Figure:
     """Draw a panel for each stiffness; robots in the order of their names."""
     population = fleet.population
     if population is None:
@@ -281,7 +283,7 @@ def fleet_figure(fleet: Fleet) -> Figure:
     return figure
 
 
-def stiffness_figure(fleet: Fleet, population: Population, i: int) -> Figure:
+def stiffness_figure(fleet: "Fleet", population: "Population", i: int) -> Figure:
     """Draw one stiffness of all robots."""
     figure = titled((6.4, 3.6), "")
     _panel(figure.subplots(), fleet, population, i)
@@ -299,7 +301,7 @@ def _fleet_key(figure: Figure, words: str) -> None:
     key_below(figure, handles, words)
 
 
-def _panel(axes: Axes, fleet: Fleet, population: Population, i: int) -> None:
+def _panel(axes: Axes, fleet: "Fleet", population: "Population", i: int) -> None:
     """Draw one stiffness of all members, of many of those that are farthest off."""
     least = fleet.deviations.p.min(1) if fleet.deviations else np.zeros(0)
     shown = np.sort(np.argsort(least, kind="stable")[:MOST])
@@ -349,7 +351,7 @@ CROSS: Style = {"marker": "x", "markersize": 8, "markeredgewidth": 2.2, "color":
 """A posture that was measured before."""
 
 
-def plan_figure(plan: CampaignPlan) -> Figure:
+def plan_figure(plan: "CampaignPlan") -> Figure:
     """Draw gain per hour over posture with the chosen experiments, and the standard deviations after each of them."""
     title = f"What to measure next on {cut(plan.arm.name, 50)}"
     figure = titled((13.0, 6.2), title, (0.12, 0.08), wspace=0.03)
@@ -359,7 +361,7 @@ def plan_figure(plan: CampaignPlan) -> Figure:
     return figure
 
 
-def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
+def _gain_over_posture(figure: Figure, axes: Axes, plan: "CampaignPlan") -> None:
     gain, postures, workspace = 60 * plan.gain_over_grid, plan.grid.postures, plan.arm.workspace
     scattered = plan.grid.sampled or bool(workspace.postures)
     listed = bool(workspace.postures) and len(postures) <= LISTED
@@ -392,7 +394,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: CampaignPlan) -> None:
     heading(axes, f"Gain of a first experiment over posture{rest}", entries)
 
 
-def _curve(axes: Axes, plan: CampaignPlan, angles: np.ndarray, gain: np.ndarray, joint: int) -> dict[int, Any]:
+def _curve(axes: Axes, plan: "CampaignPlan", angles: np.ndarray, gain: np.ndarray, joint: int) -> dict[int, Any]:
     """Draw the gain over one joint's angle, also through measured postures beside the grid; return where each is."""
     heights = 60 * plan.best_gain
     places = {
@@ -413,7 +415,7 @@ def _curve(axes: Axes, plan: CampaignPlan, angles: np.ndarray, gain: np.ndarray,
     return places
 
 
-def _bars(axes: Axes, plan: CampaignPlan, gain: np.ndarray) -> dict[int, Any]:
+def _bars(axes: Axes, plan: "CampaignPlan", gain: np.ndarray) -> dict[int, Any]:
     """Draw a bar for each listed posture; return where the bars of those that show different things end."""
     rows(axes, [degrees(posture) for posture in plan.grid.postures])
     axes.barh(range(len(gain)), np.nan_to_num(gain), height=0.5, color=PALE_BLUE)
@@ -423,7 +425,7 @@ def _bars(axes: Axes, plan: CampaignPlan, gain: np.ndarray) -> dict[int, Any]:
     return {place: (float(gain[row]), row) for place, row in first.items() if place < len(plan.best_gain)}
 
 
-def _gain_label(plan: CampaignPlan) -> str:
+def _gain_label(plan: "CampaignPlan") -> str:
     words, unit = criterion_in_words(plan)
     return f"expected gain per hour [{unit}/h]: {cut(words, 60)}"
 
@@ -454,7 +456,7 @@ def _ticks(angles: np.ndarray) -> np.ndarray:
     return values[int(np.argmin(np.abs(values))) % every :: every]
 
 
-def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
+def _mark(axes: Axes, plan: "CampaignPlan", places: dict[int, Any]) -> None:
     """Mark postures that were measured, and number the chosen ones beside; several numbers share a place."""
     for i in set(np.flatnonzero(plan.measured).tolist()) & set(places):
         axes.plot(*places[i], linestyle="", zorder=3, clip_on=False, **CROSS)
@@ -470,7 +472,7 @@ def _mark(axes: Axes, plan: CampaignPlan, places: dict[int, Any]) -> None:
         note(axes, ", ".join(texts), place, (13, 13), **look, bbox=box, zorder=4)
 
 
-def _sd_over_experiments(axes: Axes, plan: CampaignPlan) -> None:
+def _sd_over_experiments(axes: Axes, plan: "CampaignPlan") -> None:
     """Draw the standard deviations of theta at the best estimate, now and after each experiment."""
     sd, experiments = 100 * plan.sd, range(len(plan.steps) + 1)
     parts = list(dict.fromkeys(name.split(".")[0] for name in plan.known.sought))

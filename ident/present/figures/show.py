@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,13 +14,15 @@ from matplotlib.ticker import MaxNLocator
 from scipy.optimize import isotonic_regression
 from scipy.spatial import ConvexHull, QhullError
 
-from ident.assess.show import ArmView, Hinge, Run, Solid
-from ident.identify.modal_analysis import ModalAnalysis
 from ident.present.figures.modes import swing_of
 from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, colour_of, plain
 from ident.present.report import cut
 from ident.present.show import sums
 from ident.present.words import degrees
+
+if TYPE_CHECKING:
+    from ident.assess.show import ArmView, Hinge, Run, Solid
+    from ident.identify.modal_analysis import ModalAnalysis
 
 # -------- Arm drawing
 # One view of an arm to scale: bodies with mass centres, joints, points, drives and belts, frames.
@@ -73,7 +75,7 @@ class View:
         return 3 - self.across - self.up
 
 
-def views(view: ArmView) -> tuple[View, View]:
+def views(view: "ArmView") -> tuple[View, View]:
     """Return the side view, along the longer horizontal axis, and the view from above."""
     low, high = span_of(view)
     wide = (high - low)[:2]
@@ -87,14 +89,14 @@ def most_seen(views: Sequence[View], swing: np.ndarray) -> View:
     return max(views, key=lambda each: float(np.linalg.norm(each.of(swing))))
 
 
-def span_of(view: ArmView) -> tuple[np.ndarray, np.ndarray]:
+def span_of(view: "ArmView") -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and highest corner (3,) [m] of all that is drawn."""
     places = [*(s.corners for s in view.solids), *(h.centre[:, None] for h in view.hinges), np.zeros((3, 1))]
     every = np.concatenate([*places, *(p[:, None] for p in view.points.values())], 1)
     return every.min(1), every.max(1)
 
 
-def draw_arm(axes: Axes, view: ArmView, seen: View, size: float) -> None:
+def draw_arm(axes: Axes, view: "ArmView", seen: View, size: float) -> None:
     """Draw an arm as seen; `size` [m] is that of the whole picture."""
     heaviest = max((solid.mass for solid in view.solids), default=0.0) or 1.0
     for solid in sorted(view.solids, key=lambda each: each.kind != "payload"):
@@ -114,7 +116,7 @@ def draw_arm(axes: Axes, view: ArmView, seen: View, size: float) -> None:
     _draw_frame(axes, np.zeros(3), np.eye(3), seen, 0.07 * size, named=True)
 
 
-def _draw_solid(axes: Axes, solid: Solid, seen: View) -> None:
+def _draw_solid(axes: Axes, solid: "Solid", seen: View) -> None:
     """Draw the outline of a body's box, dashed where only its inertia is known."""
     corners = seen.of(solid.corners).T
     try:
@@ -127,7 +129,7 @@ def _draw_solid(axes: Axes, solid: Solid, seen: View) -> None:
     axes.add_patch(patch)
 
 
-def _draw_hinge(axes: Axes, hinge: Hinge, seen: View, size: float) -> None:
+def _draw_hinge(axes: Axes, hinge: "Hinge", seen: View, size: float) -> None:
     style = KEY["bushing with pin" if hinge.driven else "bushing alone"]
     centre = seen.of(hinge.centre)
     if hinge.driven and abs(hinge.axis[seen.normal]) < TOWARDS:
@@ -139,7 +141,7 @@ def _draw_hinge(axes: Axes, hinge: Hinge, seen: View, size: float) -> None:
     _draw_frame(axes, hinge.centre, hinge.frame, seen, 0.03 * size, named=False)
 
 
-def _draw_belt(axes: Axes, belt: Run, seen: View) -> None:
+def _draw_belt(axes: Axes, belt: "Run", seen: View) -> None:
     """Draw both spans about the pulleys where one sees them as circles, else the plane of the belt as a line."""
     ends = seen.of(belt.ends)
     along = ends[:, 1] - ends[:, 0]
@@ -311,7 +313,7 @@ class Panel:
         return axes
 
 
-def show_figure(view: ArmView, *, modes: bool = True) -> Figure:
+def show_figure(view: "ArmView", *, modes: bool = True) -> Figure:
     """Draw an arm from the side and from above to scale, and say what looks odd.
 
     Args:
@@ -346,7 +348,7 @@ def show_figure(view: ArmView, *, modes: bool = True) -> Figure:
     return figure
 
 
-def panels(view: ArmView) -> tuple[Panel, Panel]:
+def panels(view: "ArmView") -> tuple[Panel, Panel]:
     """Return the side view and the view from above, one below the other for a flat arm, else side by side."""
     seen = views(view)
     low, high = span_of(view)
@@ -367,7 +369,7 @@ def panels(view: ArmView) -> tuple[Panel, Panel]:
     return first, second
 
 
-def draw_panel(figure: Figure, view: ArmView, panel: Panel, at: tuple[float, float]) -> None:
+def draw_panel(figure: Figure, view: "ArmView", panel: Panel, at: tuple[float, float]) -> None:
     """Draw a view; bodies, joints and points are named where there is room for it."""
     axes = panel.place(figure, at)
     draw_arm(axes, view, panel.seen, float((panel.high - panel.low).max()))
@@ -397,7 +399,7 @@ def draw_panel(figure: Figure, view: ArmView, panel: Panel, at: tuple[float, flo
         label_rows(axes, others, panel.low[1], panel.scale, within, up=False)
 
 
-def _draw_mode(axes: Axes, analysis: ModalAnalysis, i: int, views: tuple[View, View]) -> None:
+def _draw_mode(axes: Axes, analysis: "ModalAnalysis", i: int, views: tuple[View, View]) -> None:
     """Draw a mode in the view in which it moves most, the other end of its swing paler."""
     rest, swing, label = analysis.outline[0], swing_of(analysis, i), analysis.labels[i]
     seen, colour = most_seen(views, swing), colour_of(label)
@@ -411,7 +413,7 @@ def _draw_mode(axes: Axes, analysis: ModalAnalysis, i: int, views: tuple[View, V
     axes.set_title(name, fontsize=8.5, loc="left", color="black")
 
 
-def _findings(view: ArmView) -> list[str]:
+def _findings(view: "ArmView") -> list[str]:
     """Return the numbers that look wrong, folded."""
     found = [f"no modes: {view.failure}"] if view.failure else []
     found += [str(odd) for odd in view.oddities]
@@ -420,7 +422,7 @@ def _findings(view: ArmView) -> list[str]:
     return ["Numbers that look wrong", *lines] if found else ["All numbers are plausible."]
 
 
-def key_of(figure: Figure, view: ArmView, at: tuple[float, float]) -> None:
+def key_of(figure: Figure, view: "ArmView", at: tuple[float, float]) -> None:
     """Explain the signs that occur; `at` is the key's upper right corner as shares of the figure."""
     kinds = {solid.kind for solid in view.solids}
     there = {

@@ -5,7 +5,7 @@ Texts from files are drawn as they are: a `$` in a name is no formula (`parse_ma
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -17,9 +17,11 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, Locator, LogLocator, MaxNLocator, NullLocator
 
-from ident.arm.modes import Label
-from ident.assess.scenario import Basis
 from ident.present.report import cut
+
+if TYPE_CHECKING:
+    from ident.arm.modes import Label
+    from ident.assess.scenario import Basis
 
 BLUE, ORANGE, GREEN, PINK = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 """Colours that a colour-blind reader tells apart (Okabe and Ito, 2002)."""
@@ -64,7 +66,7 @@ def note(axes: Axes, text: str, at: tuple[Any, Any], offset: tuple[float, float]
     axes.annotate(text, at, xytext=offset, **(style | more))
 
 
-def colour_of(label: Label) -> str:
+def colour_of(label: "Label") -> str:
     """Return the colour of a mode."""
     return str(NAME_STYLES[f"{label.direction} {label.kind}"]["color"])
 
@@ -99,7 +101,7 @@ def heading(axes: Axes, title: str, entries: Mapping[str, Style], *, columns: in
     legend.get_title().set(fontweight="bold", fontsize=10, parse_math=False)
 
 
-def motion_title(what: str, basis: Basis) -> str:
+def motion_title(what: str, basis: "Basis") -> str:
     """Return what a figure shows, of which arm and motion."""
     return f"{what}: {cut(basis.arm.name, 30)}\n{cut(basis.motion.name, 60)}"
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +11,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator
 
-from ident.assess.design import SweepStudy
 from ident.present.figures.style import (
     BLUE,
     GREEN,
@@ -33,6 +32,9 @@ from ident.present.words import MM, in_shown_unit
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import Axis, Sweep, curve, has_present
 
+if TYPE_CHECKING:
+    from ident.assess.design import SweepStudy
+
 WIDTH = 8.0
 """Width of a figure [inch]."""
 COLUMN = 4
@@ -50,7 +52,7 @@ DEEPEST = 1e-3
 """Lowest amplitude that is drawn, as a share of the highest."""
 
 
-def sweep_figure(study: SweepStudy) -> Figure:
+def sweep_figure(study: "SweepStudy") -> Figure:
     """Draw the amplitudes in x, y and z against each parameter, or the largest of them over a map of two."""
     if study.is_map:
         return _map_figure(study)
@@ -65,7 +67,7 @@ def sweep_figure(study: SweepStudy) -> Figure:
     return figure
 
 
-def _logarithmic(axes: Axes, study: SweepStudy) -> None:
+def _logarithmic(axes: Axes, study: "SweepStudy") -> None:
     """Make the amplitudes' axis logarithmic, so that the largest direction does not flatten the others."""
     top = MM * max(_largest(study), _limit(study))
     low = MM * min(float(curve(sweep)[1].min()) for sweep in study.sweeps)
@@ -77,7 +79,7 @@ def _logarithmic(axes: Axes, study: SweepStudy) -> None:
     set_ticks(axes.yaxis, LogLocator(subs=(1.0, 2.0, 5.0)), "{:g}".format)
 
 
-def _panels(study: SweepStudy) -> tuple[Figure, list[Axes]]:
+def _panels(study: "SweepStudy") -> tuple[Figure, list[Axes]]:
     count = len(study.sweeps)
     columns = 1 if count <= COLUMN else 2
     lines = -(-count // columns)
@@ -93,7 +95,7 @@ def _panels(study: SweepStudy) -> tuple[Figure, list[Axes]]:
     return figure, grid[:count]
 
 
-def _curves(axes: Axes, study: SweepStudy, sweep: Sweep) -> None:
+def _curves(axes: Axes, study: "SweepStudy", sweep: Sweep) -> None:
     (axis,) = sweep.axes
     values, amplitudes = curve(sweep)
     factor = in_shown_unit(axis.paths[0], 1.0)[0]
@@ -155,19 +157,19 @@ def _ticks(low: float, high: float) -> list[float]:
     return ticks
 
 
-def _largest(study: SweepStudy) -> float:
+def _largest(study: "SweepStudy") -> float:
     """Return the largest amplitude that is drawn [m]."""
     bands = [float(sweep.band[1].max()) for sweep in study.sweeps if sweep.draws is not None]
     return max([*bands, *(float(curve(sweep)[1].max()) for sweep in study.sweeps)])
 
 
-def _limit(study: SweepStudy) -> float:
+def _limit(study: "SweepStudy") -> float:
     """Return the limit [m] if an amplitude comes so near that it is drawn; elsewhere it would flatten the curves."""
     limit = study.limit or 0.0
     return limit if _largest(study) > NEAR * limit else 0.0
 
 
-def _entries(study: SweepStudy) -> Iterator[Line2D | Patch]:
+def _entries(study: "SweepStudy") -> Iterator[Line2D | Patch]:
     for direction, style in zip(DIRECTIONS, WAYS, strict=True):
         yield Line2D([], [], label=direction.upper(), **style)
     if any(has_present(axis) for sweep in study.sweeps for axis in sweep.axes):
@@ -179,7 +181,7 @@ def _entries(study: SweepStudy) -> Iterator[Line2D | Patch]:
         yield Line2D([], [], color=GREY, linewidth=0.8, linestyle=":", label=label)
 
 
-def _map_figure(study: SweepStudy) -> Figure:
+def _map_figure(study: "SweepStudy") -> Figure:
     """Draw filled contours of the largest amplitude over x, y and z."""
     (sweep,) = study.sweeps
     figure = titled((WIDTH, 6.4), motion_title(f"Vibration of {study.basis.point}", study.basis), (0.08, 0.08))
@@ -198,7 +200,7 @@ def _map_figure(study: SweepStudy) -> Figure:
     return figure
 
 
-def _marks(axes: Axes, study: SweepStudy, sweep: Sweep) -> Iterator[Line2D]:
+def _marks(axes: Axes, study: "SweepStudy", sweep: Sweep) -> Iterator[Line2D]:
     """Mark present design, best point and limit, and yield what stands for them in the key."""
     largest = sweep.amplitude.max(0)
     scales = [in_shown_unit(axis.paths[0], 1.0)[0] for axis in sweep.axes]

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +13,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ident.assess.simulate import Simulation, alike
-from ident.assess.spectrum import Band, Spectra
 from ident.present.figures.style import (
     BLUE,
     GREEN,
@@ -35,9 +34,12 @@ from ident.present.figures.style import (
 from ident.present.report import cut
 from ident.present.spectrum import UNITS, hertz, where
 from ident.present.words import MM
-from ident.vibrate.orders import OrderTrack, Spectrogram
-from ident.vibrate.spectra import Spectrum
 from ident.vibrate.study import DIRECTIONS
+
+if TYPE_CHECKING:
+    from ident.assess.spectrum import Band, Spectra
+    from ident.vibrate.orders import OrderTrack, Spectrogram
+    from ident.vibrate.spectra import Spectrum
 
 # -------- Simulate
 # Figures of a simulated motion: vibration of the end point, and what joints, belts and pulleys do meanwhile.
@@ -206,7 +208,7 @@ LINES = _styles(1.6, (ORANGE, GREEN, "black", PINK))
 """Styles of a pulley's orders: over the blue of a spectrogram, and the same over time."""
 
 
-def spectra_figure(spectra: Spectra) -> Figure:
+def spectra_figure(spectra: "Spectra") -> Figure:
     """Draw the spectra of one or two traces with the modes of an arm, a panel for each direction."""
     remarks, modes = [spectra.remark] if spectra.remark else [], spectra.modes
     if modes:
@@ -218,7 +220,7 @@ def spectra_figure(spectra: Spectra) -> Figure:
     )
 
 
-def spectrogram_figures(spectra: Spectra, *, decibel: bool = False) -> dict[str, Figure]:
+def spectrogram_figures(spectra: "Spectra", *, decibel: bool = False) -> dict[str, Figure]:
     """Draw the spectrogram of each direction, with a line for each order of each pulley."""
     time = spectra.traces[spectra.name].time
     same = {f"{track.orders[o]:g} x {name}" for name, track, o, other in _orders(spectra) if other}
@@ -231,9 +233,9 @@ def spectrogram_figures(spectra: Spectra, *, decibel: bool = False) -> dict[str,
 
 
 def spectrum_figure(
-    series: Mapping[str, Spectrum],
+    series: Mapping[str, "Spectrum"],
     directions: Sequence[str] = ("X", "Z"),
-    marks: Mapping[str, Band] | None = None,
+    marks: Mapping[str, "Band"] | None = None,
     *,
     upto: float = 20.0,
     kind: str = "displacement",
@@ -269,7 +271,7 @@ def spectrum_figure(
 
 
 def spectrogram_figure(
-    spectrogram: Spectrogram,
+    spectrogram: "Spectrogram",
     lines: Mapping[str, tuple[Float[np.ndarray, "_"], Float[np.ndarray, "_"]]] | None = None,
     *,
     title: str = "Spectrogram",
@@ -304,7 +306,7 @@ def spectrogram_figure(
     return figure
 
 
-def _spectra(axes: Axes, series: Mapping[str, Spectrum], column: int, upto: float, factor: float) -> None:
+def _spectra(axes: Axes, series: Mapping[str, "Spectrum"], column: int, upto: float, factor: float) -> None:
     """Draw one direction of each spectrum, the axis from zero to what is seen."""
     top = 0.0
     for spectrum, style in zip(series.values(), cycle(SERIES), strict=False):
@@ -320,11 +322,11 @@ class _Flag(NamedTuple):
     """A mark: its text, and from which to which frequency [Hz] it reaches, in which row above the panel."""
 
     text: str
-    band: Band
+    band: "Band"
     row: int
 
 
-def _rows_of_flags(marks: Mapping[str, Band], upto: float) -> list[_Flag]:
+def _rows_of_flags(marks: Mapping[str, "Band"], upto: float) -> list[_Flag]:
     """Return the marks, each above the rows of all others that its text reaches over."""
     flags: list[_Flag] = []
     for name, band in sorted(marks.items(), key=lambda mark: -mark[1][0]):
@@ -335,7 +337,7 @@ def _rows_of_flags(marks: Mapping[str, Band], upto: float) -> list[_Flag]:
     return flags
 
 
-def _mark(name: str, band: Band) -> str:
+def _mark(name: str, band: "Band") -> str:
     return f"{cut(name, 24)}: {hertz(band)}"
 
 
@@ -352,7 +354,7 @@ def _flags(axes: Axes, flags: Sequence[_Flag], *, labelled: bool) -> None:
 
 
 def _colours(
-    figure: Figure, axes: Axes, spectrogram: Spectrogram, upto: float, decibel: bool, factor: float, unit: str
+    figure: Figure, axes: Axes, spectrogram: "Spectrogram", upto: float, decibel: bool, factor: float, unit: str
 ) -> None:
     """Draw the amplitudes, straight between bins and segments, and the bar that tells them."""
     inside = spectrogram.frequency <= upto + spectrogram.resolution
@@ -372,7 +374,7 @@ def _colours(
     plain(axes)
 
 
-def _descriptions(series: Mapping[str, Spectrum]) -> Iterator[str]:
+def _descriptions(series: Mapping[str, "Spectrum"]) -> Iterator[str]:
     """Yield how the spectra were made: one line for all that were made alike."""
     alike: dict[str, list[str]] = {}
     for name, spectrum in series.items():
@@ -384,7 +386,7 @@ def _descriptions(series: Mapping[str, Spectrum]) -> Iterator[str]:
         yield "resolutions differ: compare the heights of steady sines only, not of what swells, decays or is noise"
 
 
-def orders_figure(spectra: Spectra) -> Figure:
+def orders_figure(spectra: "Spectra") -> Figure:
     """Draw the amplitude of each pulley's orders over time, a panel for each direction; none that is another's."""
     factor, unit = UNITS[spectra.kind]
     count = len(spectra.directions)
@@ -413,12 +415,12 @@ def orders_figure(spectra: Spectra) -> Figure:
     return figure
 
 
-def _orders(spectra: Spectra) -> Iterator[tuple[str, OrderTrack, int, str | None]]:
+def _orders(spectra: "Spectra") -> Iterator[tuple[str, "OrderTrack", int, str | None]]:
     """Yield each order of each pulley, with the lower order that turns as fast, if there is one."""
     for name, track in spectra.tracks.items():
         for o in range(len(track.orders)):
             yield name, track, o, spectra.elsewhere(name, o)
 
 
-def _order(track: OrderTrack, order: int, name: str) -> str:
+def _order(track: "OrderTrack", order: int, name: str) -> str:
     return f"order {track.orders[order]:g} of {cut(name, 30)}"

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 from ident.measure import Campaign, write_campaign
 from ident.measure.covariance_and_frames import Reproducibility, covariance_path
 from ident.modal.ambient import AmbientTest
-from ident.modal.frf import ModalTest
 from ident.present.modal import reproducibility_in_words
 from ident.present.words import place_in_words
 
 if TYPE_CHECKING:
     import xarray
+
+    from ident.modal.frf import ModalTest
 
 
 def write_campaign_file(
@@ -30,7 +31,7 @@ def write_campaign_file(
     write_campaign(campaign, path, header_comments=comments)
 
 
-def modal_groups(tests: Sequence[ModalTest | AmbientTest], head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
+def modal_groups(tests: Sequence["ModalTest | AmbientTest"], head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
     """Return mean accelerance, real and imaginary, and coherence of each test, as `test1`, `test2`, ... of the root.
 
     Of an ambient test the singular values of the spectral density.
@@ -51,7 +52,7 @@ _Written = Iterator[tuple[str, Any, str, dict[str, Any]]]
 """Name, values, unit and coordinates."""
 
 
-def _responses(number: int, test: ModalTest) -> _Written:
+def _responses(number: int, test: "ModalTest") -> _Written:
     mean = test.frf.mean
     coordinates = {
         f"response{number}": [place_in_words(place) for place in test.frf.responses],

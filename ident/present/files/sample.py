@@ -8,19 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.assess.diagnose import Diagnosis
-from ident.identify.compare import CampaignSample
 from ident.identify.values import scaled_by
 from ident.inference.draws import LEVELS
-from ident.measure import Campaign
 from ident.present.files.document import plain
 
 if TYPE_CHECKING:
     import arviz
     import xarray
 
+    from ident.assess.diagnose import Diagnosis
+    from ident.identify.compare import CampaignSample
+    from ident.measure import Campaign
 
-def inference_data(result: CampaignSample, head: Mapping[str, Any]) -> "arviz.InferenceData":
+
+def inference_data(result: "CampaignSample", head: Mapping[str, Any]) -> "arviz.InferenceData":
     """Return draws, simulated data, observed data and sampler statistics, with where they come from; all SI.
 
     Every walker is a chain, as ArviZ has it for emcee; `ensemble` and `optimum` say where a chain belongs. Burn-in is
@@ -66,7 +67,7 @@ def groups_of(data: "arviz.InferenceData") -> "dict[str, xarray.Dataset]":
     return groups
 
 
-def sample_errors(result: CampaignSample) -> list[dict[str, float]]:
+def sample_errors(result: "CampaignSample") -> list[dict[str, float]]:
     """Return Monte Carlo standard errors of the numbers of `sample_rows` [SI]; infinite for diagnostics of the chains.
 
     References:
@@ -86,7 +87,7 @@ def sample_errors(result: CampaignSample) -> list[dict[str, float]]:
     ]
 
 
-def _columns(campaign: Campaign) -> dict[str, list[Any]]:
+def _columns(campaign: "Campaign") -> dict[str, list[Any]]:
     """Return what is known of each measurement, as columns."""
     return {
         "kind": [m.kind for m in campaign],
@@ -102,7 +103,7 @@ def _columns(campaign: Campaign) -> dict[str, list[Any]]:
 # The posterior of a diagnosis as a file.
 
 
-def posterior_groups(diagnosis: Diagnosis, head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
+def posterior_groups(diagnosis: "Diagnosis", head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
     """Return the posterior as the groups of a file of `ident sample`; `head` is the provenance."""
     sampled = diagnosis.identification.sampled
     return groups_of(inference_data(sampled, {**head, "trust": plain(sampled.trust)}))

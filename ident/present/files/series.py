@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.assess.simulate import Simulation
 from ident.files import replace_file
 from ident.present.files.document import PACKED
 from ident.present.words import MM
@@ -17,13 +16,15 @@ from ident.vibrate.study import DIRECTIONS
 if TYPE_CHECKING:
     import xarray
 
+    from ident.assess.simulate import Simulation
+
 
 LESS = "displacement of the end point less the quasi-static deflection"
 SPANS = ("upper", "lower")
 DIGITS = "%.10g"
 
 
-def write_csv(simulation: Simulation, head: Mapping[str, Any], path: Path) -> None:
+def write_csv(simulation: "Simulation", head: Mapping[str, Any], path: Path) -> None:
     """Write the series as CSV, which `read_trace` reads: vibration in mm, units in the header."""
     columns = dict(csv_columns(simulation))
     notes = [
@@ -42,7 +43,7 @@ def write_csv(simulation: Simulation, head: Mapping[str, Any], path: Path) -> No
     replace_file(path, write, make_folders=True)
 
 
-def csv_columns(simulation: Simulation) -> Iterator[tuple[str, np.ndarray]]:
+def csv_columns(simulation: "Simulation") -> Iterator[tuple[str, np.ndarray]]:
     """Yield header and values of each column."""
     yield "time [s]", simulation.time
     for direction, values in zip(DIRECTIONS, simulation.vibration, strict=True):
@@ -62,7 +63,7 @@ def csv_columns(simulation: Simulation) -> Iterator[tuple[str, np.ndarray]]:
         yield f"{name}.angle [rad]", angle
 
 
-def dataset(simulation: Simulation, head: Mapping[str, Any]) -> "xarray.Dataset":
+def dataset(simulation: "Simulation", head: Mapping[str, Any]) -> "xarray.Dataset":
     """Return all series with their dimensions, units and origin; SI."""
     import xarray
 
@@ -85,7 +86,7 @@ def dataset(simulation: Simulation, head: Mapping[str, Any]) -> "xarray.Dataset"
     return xarray.Dataset(variables, coordinates, attributes | {"arrival": simulation.response.motion.arrival})
 
 
-def simulate_groups(simulation: Simulation, head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
+def simulate_groups(simulation: "Simulation", head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
     """Return all series as the root of a netCDF file, compressed."""
     data = dataset(simulation, head)
     for part in data.data_vars.values():
@@ -93,7 +94,7 @@ def simulate_groups(simulation: Simulation, head: Mapping[str, Any]) -> "dict[st
     return {"/": data}
 
 
-def _variables(simulation: Simulation) -> Iterator[tuple[str, tuple[Any, ...]]]:
+def _variables(simulation: "Simulation") -> Iterator[tuple[str, tuple[Any, ...]]]:
     response, other = simulation.response, simulation.study.other
     moved = ("direction", "time")
     yield (

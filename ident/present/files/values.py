@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.arm.arm import Arm
 from ident.errors import InputError, Problem
 from ident.identify.values import BEST_ONLY, Draws, Robot, Values, doubtful
 from ident.present.files.document import check_version, read_document, read_group, whole
@@ -17,11 +16,13 @@ from ident.text import LARGEST_BINARY, one_line, read_bytes
 if TYPE_CHECKING:
     import xarray
 
+    from ident.arm.arm import Arm
+
 FIT = "a result file of ident fit (.fit.json)"
 POSTERIOR = "a posterior of ident sample (.sample.nc)"
 
 
-def read_fit(path: str | Path, arm: Arm) -> tuple[Values, Robot, float | None]:
+def read_fit(path: str | Path, arm: "Arm") -> tuple[Values, Robot, float | None]:
     """Return the fitted values of a result file, with what they were fitted, and at which height their base gives.
 
     Args:

@@ -2,14 +2,10 @@
 
 import shlex
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.assess.diagnose import Diagnosis
-from ident.assess.show import ArmView
-from ident.description.file import ArmFile
-from ident.measure import Campaign, Log
 from ident.present.design import unsure_words
 from ident.present.diagnose import cause_and_remedies, diagnose_sections, judged, of_model
 from ident.present.figures.diagnose import diagnose_figures
@@ -20,11 +16,17 @@ from ident.present.report import Report, Table, cut
 from ident.present.show import sums
 from ident.present.words import MM, sentence
 
+if TYPE_CHECKING:
+    from ident.assess.diagnose import Diagnosis
+    from ident.assess.show import ArmView
+    from ident.description.file import ArmFile
+    from ident.measure import Campaign, Log
+
 # -------- Arm section
 # The arm itself as a section of a page: drawn to scale, and what looks odd about its numbers.
 
 
-def arm_section(view: ArmView, title: str) -> Section:
+def arm_section(view: "ArmView", title: str) -> Section:
     """Return masses and reach of an arm, what looks odd, and its picture."""
     odd = [f"Looks odd: {each}." for each in view.oddities] or ["None of its numbers looks odd."]
     failure = [f"No modes: {view.failure}."] if view.failure else []
@@ -59,7 +61,7 @@ def explorer_section(page: str, command: str) -> Section:
 # -------- Diagnose
 
 
-def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any], view: ArmView, explorer: str) -> Page:
+def diagnose_page(diagnosis: "Diagnosis", head: Mapping[str, Any], view: "ArmView", explorer: str) -> Page:
     """Return the page of a finished diagnosis.
 
     Args:
@@ -90,7 +92,7 @@ def diagnose_page(diagnosis: Diagnosis, head: Mapping[str, Any], view: ArmView, 
     )
 
 
-def _stages(diagnosis: Diagnosis, report: Report) -> Iterator[Section]:
+def _stages(diagnosis: "Diagnosis", report: Report) -> Iterator[Section]:
     """Yield a section for each stage: what the report's details say of it, and its figure."""
     figures = diagnose_figures(diagnosis)
     for stage, section in zip(diagnosis.stages, report.details, strict=True):
@@ -98,7 +100,7 @@ def _stages(diagnosis: Diagnosis, report: Report) -> Iterator[Section]:
         yield Section(section.title, section.parts, drawn)
 
 
-def _captions(diagnosis: Diagnosis, stage: str) -> tuple[str, str]:
+def _captions(diagnosis: "Diagnosis", stage: str) -> tuple[str, str]:
     """Return the alternative text of a stage's figure, and its caption."""
     limit = f"{MM * diagnosis.task.limit:g} mm"
     direction = "xyz"[int(np.argmax(diagnosis.sensitivities.amplitude))]
@@ -132,7 +134,7 @@ def _captions(diagnosis: Diagnosis, stage: str) -> tuple[str, str]:
     }[stage]
 
 
-def _by_hand(diagnosis: Diagnosis, options: Mapping[str, Any]) -> str:
+def _by_hand(diagnosis: "Diagnosis", options: Mapping[str, Any]) -> str:
     """Name the command that makes the explorer by itself."""
     arm, campaign = diagnosis.task.basis.arm_file, diagnosis.identification.sampled.fitted.campaign
     words = ["ident", "explore", arm.path or "arm.toml", f"--posterior={campaign.name}.diagnose.nc"]
@@ -142,7 +144,7 @@ def _by_hand(diagnosis: Diagnosis, options: Mapping[str, Any]) -> str:
     return f"The explorer as a page of its own, whose address keeps its settings: {shlex.join(words)}"
 
 
-def _assumptions(arm_file: ArmFile) -> Iterator[str]:
+def _assumptions(arm_file: "ArmFile") -> Iterator[str]:
     """Say what was assumed."""
     origins = [origin for origin in arm_file.origins.values() if origin != "derived"]
     guessed = sum(origin in ("assumed", "calibrated") for origin in origins)

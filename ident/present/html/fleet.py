@@ -4,13 +4,11 @@ import re
 import shlex
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import numpy as np
 
-from ident.assess.show import ArmView
-from ident.identify.fleet import Fleet, Robot
 from ident.inference.population import FALSE_ALARM, Population
 from ident.present.compare import stiffness_words
 from ident.present.figures.sample import stiffness_figure
@@ -30,16 +28,20 @@ from ident.present.html.page import Page, Section, picture, provenance
 from ident.present.report import Table, Verdict, cut
 from ident.present.words import in_shown_unit, percent, sentence
 
+if TYPE_CHECKING:
+    from ident.assess.show import ArmView
+    from ident.identify.fleet import Fleet, Robot
+
 FILE_HEAD = ("what", "file", "SHA-256")
 """Head of a table of what went in."""
 
 
-def file_name(robot: Robot) -> str:
+def file_name(robot: "Robot") -> str:
     """Return the name of a robot's page."""
     return re.sub(r"[/\\\0]", "_", robot.name) + ".html"
 
 
-def fleet_page(fleet: Fleet, label: str, head: Mapping[str, Any], pages: str, view: ArmView | None = None) -> Page:
+def fleet_page(fleet: "Fleet", label: str, head: Mapping[str, Any], pages: str, view: "ArmView | None" = None) -> Page:
     """Return the page of all robots.
 
     Args:
@@ -71,7 +73,7 @@ def fleet_page(fleet: Fleet, label: str, head: Mapping[str, Any], pages: str, vi
     )
 
 
-def _robots(fleet: Fleet, pages: str) -> Section:
+def _robots(fleet: "Fleet", pages: str) -> Section:
     """Return the table of all robots: those that are odd first."""
     population = fleet.population
     place = {robot: r for r, robot in enumerate(fleet.members)}
@@ -91,7 +93,7 @@ def _robots(fleet: Fleet, pages: str) -> Section:
     return Section("The robots", (what_stands_out(), Table("The robots", head, rows, (), note, odd, links)))
 
 
-def _state(fleet: Fleet, i: int, r: int | None) -> str:
+def _state(fleet: "Fleet", i: int, r: int | None) -> str:
     robot = fleet.robots[i]
     if robot.failed:
         return "failed"
@@ -100,7 +102,7 @@ def _state(fleet: Fleet, i: int, r: int | None) -> str:
     return f"stands out: {outlying(fleet)[r]}" if r is not None and r in fleet.standing_out else ""
 
 
-def _population(fleet: Fleet, population: Population) -> Section:
+def _population(fleet: "Fleet", population: Population) -> Section:
     drawn, shown = [], "each robot's own fit and its shrunk estimate with 95 % intervals, in the order of their names."
     for i, name in enumerate(fleet.names):
         words, figure = stiffness_words(name), stiffness_figure(fleet, population, i)
@@ -109,7 +111,7 @@ def _population(fleet: Fleet, population: Population) -> Section:
     return Section("The population", (*trust_in(fleet, population), table), tuple(drawn))
 
 
-def robot_page(fleet: Fleet, i: int, label: str, head: Mapping[str, Any], above: str) -> Page:
+def robot_page(fleet: "Fleet", i: int, label: str, head: Mapping[str, Any], above: str) -> Page:
     """Return the page of one robot.
 
     Args:
@@ -138,7 +140,7 @@ def robot_page(fleet: Fleet, i: int, label: str, head: Mapping[str, Any], above:
     )
 
 
-def _of_robot(fleet: Fleet, robot: Robot, r: int | None) -> Verdict:
+def _of_robot(fleet: "Fleet", robot: "Robot", r: int | None) -> Verdict:
     if robot.failed:
         return Verdict("FAILED", "It has no fit; the reason is given under Data.", "bad")
     if robot.doubts:
@@ -154,7 +156,7 @@ def _of_robot(fleet: Fleet, robot: Robot, r: int | None) -> Verdict:
     return Verdict("STANDS OUT", f"{outlying(fleet)[r]} against the fleet's median; {healthy}.", "caution")
 
 
-def _stiffnesses(fleet: Fleet, robot: Robot, r: int | None) -> Section:
+def _stiffnesses(fleet: "Fleet", robot: "Robot", r: int | None) -> Section:
     population, judged, unit = fleet.population, fleet.deviations, in_shown_unit(robot.names[0], 1.0)[1]
     own = _shown(robot, robot.theta)
     words, sd = [stiffness_words(name) for name in robot.names], [percent(float(x)) for x in robot.sd]
@@ -175,7 +177,7 @@ def _stiffnesses(fleet: Fleet, robot: Robot, r: int | None) -> Section:
     return Section("Stiffnesses", (Table("Own fit and fleet", head, full, (), note, fleet.standing_out.get(r, ())),))
 
 
-def _shown(robot: Robot, theta: np.ndarray) -> list[str]:
+def _shown(robot: "Robot", theta: np.ndarray) -> list[str]:
     """Write the stiffnesses of a robot in the unit that is shown."""
     values = zip(robot.names, np.exp(theta).tolist(), strict=True)
     return [f"{in_shown_unit(name, value)[0]:#.4g}" for name, value in values]

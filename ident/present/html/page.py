@@ -14,7 +14,7 @@ from importlib.resources import files
 from io import StringIO
 from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -24,14 +24,16 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from ident.assess.show import ArmView
 from ident.files import replace_file
-from ident.identify.modal_analysis import ModalAnalysis
 from ident.present.figures.modes import swing_of
 from ident.present.figures.show import View, most_seen, views
 from ident.present.figures.style import colour_of
-from ident.present.report import Part, Table, Verdict
 from ident.text import one_line
+
+if TYPE_CHECKING:
+    from ident.assess.show import ArmView
+    from ident.identify.modal_analysis import ModalAnalysis
+    from ident.present.report import Part, Table, Verdict
 
 NARROW = 32
 """Characters up to which a table's cell stays on one line."""
@@ -96,7 +98,7 @@ class Section:
     """
 
     title: str
-    parts: tuple[Part, ...]
+    parts: tuple["Part", ...]
     pictures: tuple[Picture, ...] = ()
     frame: Frame | None = None
 
@@ -119,10 +121,10 @@ class Page:
 
     title: str
     subtitle: str
-    verdict: Verdict
+    verdict: "Verdict"
     summary: tuple[tuple[str, str], ...]
     sections: tuple[Section, ...]
-    inputs: Table
+    inputs: "Table"
     assumptions: tuple[str, ...] = ()
     provenance: tuple[tuple[str, str], ...] = ()
     above: tuple[str, str] = ("", "")
@@ -157,7 +159,7 @@ def shown(value: object) -> object:
     return value if hasattr(value, "__html__") else one_line(str(value))
 
 
-def columns(table: Table) -> list[str]:
+def columns(table: "Table") -> list[str]:
     """Return how each column is set: `wide` text on several lines, a `number` to the right, or `words`."""
     looks = []
     for j in range(len(table.head)):
@@ -198,7 +200,7 @@ STILL = ".moving{display:none}.still{display:inline}"
 """Rules of a still picture."""
 
 
-def moving_modes(view: ArmView, *, still: bool = False) -> str:
+def moving_modes(view: "ArmView", *, still: bool = False) -> str:
     """Return the first modes as an SVG document in which each swings, largest displacements alike.
 
     Args:
@@ -222,7 +224,7 @@ def moving_modes(view: ArmView, *, still: bool = False) -> str:
     )
 
 
-def _modes(analysis: ModalAnalysis, count: int, seen: tuple[View, View]) -> Iterator[str]:
+def _modes(analysis: "ModalAnalysis", count: int, seen: tuple[View, View]) -> Iterator[str]:
     for i, label in enumerate(analysis.labels[:count]):
         swing = swing_of(analysis, i)
         view = most_seen(seen, swing)

@@ -12,22 +12,24 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from ident.arm.chain import Moments
 from ident.assess.explore import Carried, Exploration, added, mass_of
-from ident.description.file import ArmFile
-from ident.identify.values import Values
-from ident.measure import Measurement
 from ident.measure.load import DIFFERENCES
 from ident.present.basis import changes_in_words, values_in_words
 from ident.present.html.page import shown
 from ident.text import one_line
 from ident.units import stiffness_unit
+
+if TYPE_CHECKING:
+    from ident.arm.chain import Moments
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure import Measurement
 
 # -------- Data
 # What a page knows of an arm, as plain data in SI: a matrix row by row, angles in radians unless said in degrees.
@@ -80,7 +82,7 @@ def _joint(exploration: Exploration, j: int) -> dict[str, Any]:
     }
 
 
-def _moments(moments: Moments, j: int) -> dict[str, Any]:
+def _moments(moments: "Moments", j: int) -> dict[str, Any]:
     return {
         "mass": float(moments.mass[j]),
         "first": _plain(moments.first[:, j]),
@@ -157,7 +159,7 @@ def _readings(exploration: Exploration) -> list[Mapping[str, Any]]:
     ]
 
 
-def _loads(exploration: Exploration, m: Measurement) -> list[dict[str, Any]] | None:
+def _loads(exploration: Exploration, m: "Measurement") -> list[dict[str, Any]] | None:
     """Return what each load case of a reading adds, the reference last; None where the page can't have it."""
     cases = [m.load, *([m.reference_load] if m.kind in DIFFERENCES else [])]
     found = [added(case, exploration.fixed, exploration.carried) for case in cases]
@@ -197,11 +199,11 @@ class Start:
 
 def explore_page(
     exploration: Exploration,
-    arm_file: ArmFile,
+    arm_file: "ArmFile",
     start: Start,
     *,
-    fit: Values | None = None,
-    posterior: Values | None = None,
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
 ) -> str:
     """Return the page as HTML; the same arm gives the same text.
 
@@ -241,7 +243,7 @@ def script_hash() -> str:
     return _hash(_script())
 
 
-def _remarks(exploration: Exploration, start: Start, fit: Values | None, posterior: Values | None) -> Iterator[str]:
+def _remarks(exploration: Exploration, start: Start, fit: "Values | None", posterior: "Values | None") -> Iterator[str]:
     yield "Drag, and see what the arm does."
     if exploration.arm.drives and not exploration.stroke:
         yield "The arm file has no [stroke]: how fast the pulleys turn is not known, so they are left out."
@@ -251,7 +253,7 @@ def _remarks(exploration: Exploration, start: Start, fit: Values | None, posteri
     yield from changes_in_words(start.changed)
 
 
-def _arguments(arm_file: ArmFile, start: Start, sources: Mapping[str, Values | None]) -> Iterator[str]:
+def _arguments(arm_file: "ArmFile", start: Start, sources: Mapping[str, "Values | None"]) -> Iterator[str]:
     """Yield what every command about this arm begins with."""
     yield arm_file.path or "arm.toml"
     for name, values in sources.items():
