@@ -12,7 +12,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.text import LARGEST_TEXT, decode, one_line, quoted, read_bytes
 
 # -------- Spreadsheet
@@ -23,11 +23,6 @@ LARGEST = 500_000_000
 FAILED = ("#N/A", "#REF!", "#VALUE!", "#DIV/0!", "#NAME?", "#NUM!", "#NULL!")
 """What a spreadsheet program stores as the value of a formula that failed."""
 EXPECTED = "a table as CSV or Excel sheet (.xlsx)"
-
-
-def is_sheet(file: str) -> bool:
-    """Tell by its name whether a file is an Excel sheet."""
-    return file.lower().endswith(".xlsx")
 
 
 def sheet_text(data: bytes, file: str) -> str:
@@ -87,8 +82,7 @@ def _check_formulas(values: list[tuple[Any, ...]], formulas: list[tuple[Any, ...
             elif isinstance(cell, str) and cell.startswith("=") and value is None:
                 got, remedy = f"the formula {cell[:40]} without its value", "save it in a spreadsheet program"
                 problems.append(Problem(f"{file}:{number}", got, "a value", remedy))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def _cells(row: tuple[Any, ...]) -> list[str]:
@@ -176,7 +170,36 @@ def table_text(data: bytes, file: str) -> str:
     Raises:
         InputError: the bytes are neither.
     """
-    return sheet_text(data, file) if is_sheet(file) else decode(data, file)
+    return sheet_text(data, file) if file.lower().endswith(".xlsx") else decode(data, file)
+
+
+def records_of(
+    data: bytes, path: str | Path, is_column: Callable[[str], bool], findings: Findings
+) -> tuple[str, str, list[Record]]:
+    """Return a table's name for messages, its delimiter and its records; what is no record is noted.
+
+    Args:
+        data: the bytes of the file.
+        path: names it.
+        is_column: whether a column may have a name, by which the delimiter is found.
+        findings: where problems are put.
+    """
+    file = one_line(str(path))
+    text = table_text(data, file)
+    delimiter = sniff_delimiter(text, is_column)
+    return file, delimiter, list(read_records(text, delimiter, file, findings))
+
+
+def fitting(records: list[Record], columns: int, delimiter: str, findings: Findings) -> list[Record]:
+    """Return the rows with as many cells as the header; the others are noted."""
+    findings += [misfit(where, len(cells), columns, delimiter) for where, cells in records if len(cells) != columns]
+    return [(where, cells) for where, cells in records if len(cells) == columns]
+
+
+def name_and_unit(cell: str) -> tuple[str, str]:
+    """Split a header cell `name [unit]`; the unit is empty where there is none."""
+    match = re.fullmatch(r"([^\[\]]*?)\s*(?:\[([^\]]*)\])?", cell)
+    return (match[1], (match[2] or "").strip()) if match else (cell, "")
 
 
 def sniff_delimiter(text: str, is_column: Callable[[str], bool]) -> str:
