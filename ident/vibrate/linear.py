@@ -470,7 +470,7 @@ def linearised(
         at: weights for the steps of an interval.
         loads: the load case.
     """
-    slow = _slow(arm, model, motion, loads, grid._replace(steps=at.steps))
+    M, D, slow = _slow(arm, model, motion, loads, grid._replace(steps=at.steps))
 
     def interval(h: Array, M: Array, D: Array, K: Array) -> tuple[Array, ...]:
         gain, yields = _transitions(M, D, K, jnp.asarray(at.about_nodes), h)
@@ -478,24 +478,18 @@ def linearised(
         return gain, yields, drift + push @ gain
 
     real = jnp.isfinite(jnp.asarray(grid.start))
-    transitions = in_chunks(interval, (jnp.asarray(grid.step), slow.M, slow.D, slow.K), real)
-    return Linear(slow.quasi_static, slow.K, slow.by_pin, slow.residual, slow.kinematics, *transitions)
+    gain, yields, along = in_chunks(interval, (jnp.asarray(grid.step), M, D, slow["K"]), real)
+    return Linear(**slow, gain=gain, yields=yields, along=along)
 
 
-class _Slow(NamedTuple):
-    """What changes with the posture alone, at the nodes of each interval."""
+def _slow(
+    arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, grid: TimeIntervals
+) -> tuple[Array, Array, dict[str, Any]]:
+    """Linearise the equations at the nodes, nothing exciting them: in the coordinates and in the pins' angles.
 
-    quasi_static: Float[Array, "P n m"]
-    M: Float[Array, "P n n m"]
-    D: Float[Array, "P n n m"]
-    K: Float[Array, "P n n m"]
-    by_pin: tuple[Array, ...]
-    residual: Float[Array, "P n m"]
-    kinematics: Kinematics
-
-
-def _slow(arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, grid: TimeIntervals) -> _Slow:
-    """Linearise the equations at the nodes, nothing exciting them: in the coordinates and in the pins' angles."""
+    Returns:
+        Mass and damping, and the fields of `Linear` that change with the posture alone.
+    """
     length = (grid.step * grid.steps)[:, None]
     smooth, commanded = balanced(model), command(model, motion, grid.nodes.ravel())
     y = quasi_static_deflection(arm, model, commanded.q, loads)
@@ -512,16 +506,19 @@ def _slow(arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, grid:
         return residual_of(smooth, eqx.tree_at(lambda t: t.pin, turning, Turning(*angles)), *line)
 
     still = jnp.zeros((model.joints, *y.shape[1:]))
-    slow = _Slow(
-        quasi_static=y,
-        M=slope(lambda ydd: residual(smooth, commanded, y, none, ydd), none),
-        D=slope(lambda yd: residual(smooth, commanded, y, yd, none), none),
-        K=slope(lambda y: residual(smooth, commanded, y, none, none), y),
-        by_pin=tuple(slope(partial(shifted, k), still) for k in range(3)) if model.transmission_error else (),
-        residual=residual_of(smooth, turning, *line),
-        kinematics=kinematics(smooth, turning.pin, *(bushing_rotations(model, part) for part in line)),
+    M = slope(lambda ydd: residual(smooth, commanded, y, none, ydd), none)
+    D = slope(lambda yd: residual(smooth, commanded, y, yd, none), none)
+    slow = {
+        "quasi_static": y,
+        "K": slope(lambda y: residual(smooth, commanded, y, none, none), y),
+        "by_pin": tuple(slope(partial(shifted, k), still) for k in range(3)) if model.transmission_error else (),
+        "residual": residual_of(smooth, turning, *line),
+        "kinematics": kinematics(smooth, turning.pin, *(bushing_rotations(model, part) for part in line)),
+    }
+    whole: tuple[Array, Array, dict[str, Any]] = jax.tree.map(
+        lambda x: jnp.moveaxis(by_interval(x), -2, 0), (M, D, slow)
     )
-    return jax.tree.map(lambda x: jnp.moveaxis(by_interval(x), -2, 0), slow)
+    return whole
 
 
 def advance(h: Array, n: int) -> tuple[Float[Array, "state state"], Float[Array, "state stages"]]:
