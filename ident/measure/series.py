@@ -278,36 +278,26 @@ def parse_log(data: bytes, path: str | Path, joints: Sequence[str]) -> Log:
 
 
 def _joint_problems(series: Series, joint: str) -> Iterator[Problem]:
-    if joint not in series and joint not in series.at_fault:
-        yield missing_column(series.header, joint, "angle", series.ignored)
-    elif joint in series:
-        yield from _far(series, joint) or _fast(series, joint)
-
-
-def _far(series: Series, joint: str) -> list[Problem]:
-    """Find the first angle that a column marked rad can't have."""
-    angles, unit = series[joint], series.columns[joint].unit
-    far = np.flatnonzero(abs(angles) > FARTHEST)
-    if unit not in ("rad", "radian", "radians") or not far.size:
-        return []
-    got, expected = f"{angles[far[0]]:.6g} rad", "at most ten turns, 62.8 rad"
-    remedy = f"if the angles are in degrees, write '{joint} [deg]' in the header"
-    return [Problem(series.where[far[0]], got, expected, remedy, joint)]
-
-
-def _fast(series: Series, joint: str) -> list[Problem]:
-    """Find the first jump of an angle that no joint makes."""
-    if TIME not in series:
-        return []
-    steps, jumps = np.diff(series[TIME]), np.diff(series[joint])
+    """Yield that a joint has no column, the first angle that one marked rad can't have, or jump that no joint makes."""
+    if joint not in series:
+        if joint not in series.at_fault:
+            yield missing_column(series.header, joint, "angle", series.ignored)
+        return
+    angles, far = series[joint], np.flatnonzero(abs(series[joint]) > FARTHEST)
+    if series.columns[joint].unit in ("rad", "radian", "radians") and far.size:
+        got, expected = f"{angles[far[0]]:.6g} rad", "at most ten turns, 62.8 rad"
+        remedy = f"if the angles are in degrees, write '{joint} [deg]' in the header"
+        yield Problem(series.where[far[0]], got, expected, remedy, joint)
+        return
+    steps, jumps = np.diff(series[TIME] if TIME in series else 0.0 * angles), np.diff(angles)
     fast = np.flatnonzero((steps > 0) & (abs(jumps) > FASTEST * steps))
     if not fast.size:
-        return []
+        return
     row = int(fast[0])
     got = f"a jump of {jumps[row]:.4g} rad within {steps[row]:.4g} s, {abs(jumps[row]) / steps[row]:.4g} rad/s"
     headers = " and ".join(f"'{name} [{series.columns[name].unit}]'" for name in (joint, TIME))
     remedy = f"check the units in {headers}, or remove the outlier"
-    return [Problem(series.where[row + 1], got, f"at most {FASTEST:g} rad/s", remedy, joint)]
+    yield Problem(series.where[row + 1], got, f"at most {FASTEST:g} rad/s", remedy, joint)
 
 
 # -------- Trace

@@ -51,7 +51,10 @@ def sheet_text(data: bytes, file: str) -> str:
         got = f"a damaged file, or another archive ({type(error).__name__})"
         raise InputError(Problem(file, got, EXPECTED, "save it anew")) from None
     _check_formulas(values, formulas, file)
-    lines = [_cells(row) for row in values]
+    lines = [[_written(value) for value in row] for row in values]
+    for cells in lines:
+        while cells and not cells[-1]:  # empty ones at the end of a row
+            cells.pop()
     width = next((len(cells) for cells in lines if cells and not cells[0].startswith("#")), 0)
     return "".join(_line(cells, width) for cells in lines)
 
@@ -83,14 +86,6 @@ def _check_formulas(values: list[tuple[Any, ...]], formulas: list[tuple[Any, ...
                 got, remedy = f"the formula {cell[:40]} without its value", "save it in a spreadsheet program"
                 problems.append(Problem(f"{file}:{number}", got, "a value", remedy))
     refuse(problems)
-
-
-def _cells(row: tuple[Any, ...]) -> list[str]:
-    """Return the cells of a row as text, empty ones at its end left out."""
-    cells = [_written(value) for value in row]
-    while cells and not cells[-1]:
-        cells.pop()
-    return cells
 
 
 def _line(cells: list[str], width: int) -> str:

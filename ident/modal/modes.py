@@ -11,7 +11,7 @@ from scipy.stats import chi2, t
 from threadpoolctl import threadpool_limits
 
 from ident.errors import InputError, Problem
-from ident.modal.frf import Frf
+from ident.modal.frf import Frf, Place
 from ident.modal.parameters import ModalParameters, Rejected
 from ident.modal.poles import (
     MOST_DAMPED,
@@ -398,6 +398,11 @@ class Modes(ModalParameters):
     frf: Frf
 
     @property
+    def responses(self) -> tuple[Place, ...]:
+        """(O,) where and along what was measured."""
+        return self.frf.responses
+
+    @property
     def doubtful(self) -> bool:
         """Whether the scatter of the hits contradicts the covariance by maximum likelihood."""
         return self.ratio.doubtful
@@ -406,6 +411,11 @@ class Modes(ModalParameters):
     def fitted(self) -> Complex[np.ndarray, "O I F"]:
         """Frequency responses of the modes [1/kg], at the lines within the band."""
         return self.model.accelerance(2j * np.pi * self.frf.frequency + self.frf.decay)
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """[Hz] between which modes were sought."""
+        return float(self.frf.frequency[0]), float(self.frf.frequency[-1])
 
 
 @threadpool_limits.wrap(limits=1)  # matrices are small: threads of BLAS would mostly wait for each other
@@ -488,8 +498,6 @@ def _modes(fit: Likelihood, frf: Frf, diagram: Diagram, rejected: tuple[Rejected
         -pole.real / np.abs(pole),
         model.shape[:, order],
         covariance,
-        frf.responses,
-        (float(frf.frequency[0]), float(frf.frequency[-1])),
         diagram,
         rejected,
         model.participation[:, order],

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from ident.errors import InputError, Problem
 from ident.measure.series import Speed
 from ident.modal.ambient import SLIP, AmbientTest, turning
-from ident.modal.frf import ModeSet
+from ident.modal.frf import ModeSet, Place
 from ident.modal.modes import SHARPEST, chosen_near
 from ident.modal.parameters import ModalParameters, Rejected
 from ident.modal.poles import Diagram, clustered, distance, physical
@@ -244,6 +244,16 @@ class OperationalModes(ModalParameters):
     remarks: tuple[str, ...]
 
     @property
+    def responses(self) -> tuple[Place, ...]:
+        """(O,) where and along what was measured."""
+        return self.test.responses
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """[Hz] between which modes were sought."""
+        return self.test.band
+
+    @property
     def doubtful(self) -> bool:
         """Whether the record is too short for its blocks to be independent of each other."""
         return self.decays < DECAYS
@@ -277,7 +287,7 @@ def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None)
     found = tracked.pick(kept)
     decays = test.correlations.duration * slowest / blocks
     remarks = tuple(_remarks(test, found, rejected, decays))
-    mode_values = found.frequency, found.damping, found.shape, found.covariance, test.responses, test.band
+    mode_values = found.frequency, found.damping, found.shape, found.covariance
     return OperationalModes(*mode_values, diagram, rejected, test, blocks, decays, remarks)
 
 

@@ -33,16 +33,22 @@ class ModalParameters(ModeSet, ABC):
     """Modes that were identified; their frequencies are undamped, |pole| / 2 pi.
 
     Attributes:
-        responses: (O,) where and along what was measured.
-        band: [Hz] between which modes were sought.
         diagram: poles over orders.
         rejected: poles that were taken for no mode, with why.
     """
 
-    responses: tuple[Place, ...]
-    band: tuple[float, float]
     diagram: Diagram
     rejected: tuple[Rejected, ...]
+
+    @property
+    @abstractmethod
+    def responses(self) -> tuple[Place, ...]:
+        """(O,) where and along what was measured."""
+
+    @property
+    @abstractmethod
+    def band(self) -> tuple[float, float]:
+        """[Hz] between which modes were sought."""
 
     @property
     @abstractmethod

@@ -533,15 +533,14 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
     by_name: dict[str, list[ChannelRow]] = {}
     for row in rows:
         by_name.setdefault(row.channel, []).append(row)
-    for same in by_name.values():
-        if len(same) > 1:
-            got = f"{quoted(same[0].channel)} {'twice' if len(same) == 2 else f'{len(same)} times'}"
-            problems.append(Problem(same[1].where, got, "each channel once", "keep one", "channel"))
     counts = Counter((channel.name, channel.reference) for channel in recording.channels)
     twice = {channel for (channel, _), count in counts.items() if count > 1}
     sound = {channel.name for channel in recording.channels if not channel.flaw}
     flawed = {channel.name: channel for channel in recording.channels if channel.flaw and channel.name not in sound}
-    for channel, (row, *_) in by_name.items():
+    for channel, (row, *more) in by_name.items():
+        if more:
+            got = f"{quoted(channel)} {'twice' if len(more) == 1 else f'{1 + len(more)} times'}"
+            problems.append(Problem(more[0].where, got, "each channel once", "keep one", "channel"))
         if channel in twice and row.role != IGNORED:
             got = f"{quoted(channel)} twice in {quoted(name)}"
             remedy = "give each channel of the file a name of its own"
