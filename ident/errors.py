@@ -1,6 +1,7 @@
 """What ident says when something is wrong: one sentence that names the place and the remedy."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,6 +61,21 @@ class InputError(IdentError):
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how another process makes it again."""
         return type(self), (self.problems,)
+
+
+@contextmanager
+def noted(problems: list[Problem]) -> Iterator[None]:
+    """Add the problems of an InputError to others, so that all are reported at once."""
+    try:
+        yield
+    except InputError as error:
+        problems += error.problems
+
+
+def refuse(problems: Iterable[Problem]) -> None:
+    """Raise an InputError if there is any problem."""
+    if problems := tuple(problems):
+        raise InputError(problems)
 
 
 class ModelError(IdentError):

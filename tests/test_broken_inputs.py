@@ -32,9 +32,10 @@ from ident.codec import Store
 from ident.errors import InputError
 from ident.identify.problem import pose
 from ident.identify.unknowns import stiffness_parameters
-from ident.measure import parse_campaign, parse_log, parse_trace
+from ident.measure import parse_campaign
 from ident.measure.channels import read_channels
 from ident.measure.recordings import read_recording
+from ident.measure.series import parse_log, parse_trace
 from ident.studies.motion import basis_of
 from ident.studies.options import flag_of, specs
 from ident.studies.result import check_place, written_to

@@ -5,9 +5,8 @@ are parallel to the base frame: z up, x along the unfolded arm, y to the left.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -16,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.fields import EXPECTED, STIFFNESS, fields_in, fields_of
+from ident.arm.fields import DAMPING, EXPECTED, LOSS, STIFFNESS, fields_in, fields_of
 from ident.arm.parts import (
     DIRECTIONS,
     PROFILES,
@@ -30,9 +29,9 @@ from ident.arm.parts import (
     Servo,
     Spring,
     Stroke,
-    check_inertia,
+    inertia_problems,
 )
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.programs import library
 from ident.text import did_you_mean, one_line, quoted, table_lines
 from ident.units import stiffness_unit
@@ -52,16 +51,16 @@ def check_drives(arm: "Arm") -> None:
     Raises:
         InputError: every problem, each with the name of its part.
     """
-    strokes = (arm.stroke,) if arm.stroke else ()
-    problems = [
-        *(problem for drive in arm.drives for problem in _of_drive(arm, drive)),
-        *(problem for belt in arm.belts for problem in _of_belt(arm, belt)),
-        *(problem for servo in arm.servos for problem in _of_servo(arm, servo)),
-        *(problem for stroke in strokes for problem in _of_stroke(arm, stroke)),
-        *(problem for part in (*arm.drives, *arm.belts, *arm.servos, *strokes) for problem in sign_problems(part)),
-    ]
-    if problems:
-        raise InputError(problems)
+    refuse(_drive_problems(arm))
+
+
+def _drive_problems(arm: "Arm") -> Iterator[Problem]:
+    parts = (*arm.drives, *arm.belts, *arm.servos, *([arm.stroke] if arm.stroke else []))
+    checks: dict[type, Any] = {Drive: _of_drive, Belt: _of_belt, Servo: _of_servo, Stroke: _of_stroke}
+    for part in parts:
+        yield from checks[type(part)](arm, part)
+    for part in parts:
+        yield from sign_problems(part)
 
 
 def _of_drive(arm: "Arm", drive: Drive) -> Iterator[Problem]:
@@ -194,18 +193,13 @@ def _first(value: Any) -> float:
 LOSS_OF = {"bending": "loss_bend", "torsion": "loss_tors"}
 
 
-def check_springs(arm: "Arm") -> None:
-    """Refuse springs that no arm can have; abstract values (under `jit` or `grad`) are not checked.
-
-    Raises:
-        InputError: every problem, each with the name of its spring.
-    """
-    problems = [problem for spring in arm.springs for problem in (*_of(arm, spring), *sign_problems(spring))]
-    if problems:
-        raise InputError(problems)
+def _spring_problems(arm: "Arm") -> Iterator[Problem]:
+    """Yield springs that no arm can have; abstract values (under `jit` or `grad`) are not checked."""
+    for spring in arm.springs:
+        yield from (*_of_spring(arm, spring), *sign_problems(spring))
 
 
-def _of(arm: "Arm", spring: Spring | CubicSpring) -> Iterator[Problem]:
+def _of_spring(arm: "Arm", spring: Spring | CubicSpring) -> Iterator[Problem]:
     names, direction = [joint.name for joint in arm.joints], spring.direction
     if spring.joint not in names:
         remedy = did_you_mean(spring.joint, names, "name a joint of this arm")
@@ -222,12 +216,7 @@ def _of(arm: "Arm", spring: Spring | CubicSpring) -> Iterator[Problem]:
         got = f"{spring.joint} with a loss factor in {direction}, too"
         remedy = f"take {LOSS_OF[direction]} out: loss factors hold for straight springs"
         yield Problem(spring.name, got, "a curved spring or a loss factor", remedy)
-    if isinstance(spring, Spring):
-        yield from _in_order(spring)
-
-
-def _in_order(spring: Spring) -> Iterator[Problem]:
-    first, second = number_of(spring.torque1), number_of(spring.torque2)
+    first, second = (number_of(getattr(spring, torque, None)) for torque in ("torque1", "torque2"))
     if first is not None and second is not None and (out := second <= first).any():
         got = f"T2 = {np.broadcast_to(second, out.shape)[out].flat[0]:g} N m"
         expected = f"more than T1 = {np.broadcast_to(first, out.shape)[out].flat[0]:g} N m"
@@ -302,7 +291,7 @@ class Arm(eqx.Module):
         if twice:
             raise InputError(Problem(self.name, f"{twice[0]} twice", "unique names", "rename one of them"))
         check_drives(self)
-        check_springs(self)
+        refuse(_spring_problems(self))
         self._check_workspace()
 
     def __str__(self) -> str:
@@ -340,6 +329,11 @@ class Arm(eqx.Module):
         return jnp.broadcast_shapes(
             *(jnp.shape(getattr(part, field.name))[field.rank :] for part in self.parts() for field in fields_in(part))
         )
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """All bodies but the payloads, from the base outwards."""
+        return tuple(body for joint in self.joints for body in (*joint.shaft, *joint.link))
 
     def parts(self) -> Iterator[Joint | Body | Point | Drive | Belt | Servo | Spring | CubicSpring | Stroke]:
         """Everything that has a name."""
@@ -389,27 +383,15 @@ class Arm(eqx.Module):
             bodies = tuple(changed(b) for b in old.shaft), tuple(changed(b) for b in old.link)
             return eqx.tree_at(lambda n: (n.shaft, n.link), changed(old), bodies)
 
+        plain = ("points", "drives", "belts", "servos", "springs")
         return eqx.tree_at(
-            lambda arm: (
-                arm.joints,
-                arm.points,
-                arm.payloads,
-                arm.drives,
-                arm.belts,
-                arm.servos,
-                arm.springs,
-                arm.stroke,
-            ),
+            lambda arm: (arm.joints, arm.payloads, arm.stroke, *(getattr(arm, name) for name in plain)),
             self,
             (
                 tuple(joint(j) for j in self.joints),
-                tuple(changed(p) for p in self.points),
                 tuple(eqx.tree_at(lambda n: n.body, p, changed(p.body)) for p in self.payloads),
-                tuple(changed(d) for d in self.drives),
-                tuple(changed(b) for b in self.belts),
-                tuple(changed(s) for s in self.servos),
-                tuple(changed(s) for s in self.springs),
                 changed(self.stroke),
+                *(tuple(map(changed, getattr(self, name))) for name in plain),
             ),
             is_leaf=lambda node: node is None,
         )
@@ -420,11 +402,7 @@ class Arm(eqx.Module):
 
     def numbers(self) -> dict[str, Array]:
         """All numbers [SI] by path: quicker than `get` for each."""
-        numbers = {}
-        for path, part, field, component in self._places():
-            value = getattr(part, field)
-            numbers[path] = _component(value, component)
-        return numbers
+        return {path: _component(getattr(part, field), end) for path, part, field, end in self._places()}
 
     def _check_workspace(self) -> None:
         count, where = len(self.driven), self.workspace
@@ -517,42 +495,25 @@ def on_soft_base(arm: Arm, height: float) -> Arm:
         remedy = "drop `soft_base`, or take that joint out of the arm file"
         got = f"{arm.name}, whose first joint {first.name} is undriven"
         raise InputError(Problem("soft_base", got, "an arm on a rigid base", remedy))
-    longest = FAR * _length(arm)
+    ends = [np.linalg.norm(point.position) for point in arm.points]
+    length = float(sum(np.linalg.norm(joint.offset) for joint in arm.joints[1:]) + max(ends, default=0.0))
+    longest = FAR * length
     if height > longest > 0:
         expected = f"a height below bushing 1 of {longest:.2g} m at most, {FAR:g} times the arm's length"
         raise InputError(Problem("soft_base", f"{height:g} m", expected, "give it in metres"))
     up = jnp.array([0.0, 0.0, height])
-    bodies = [body for joint in arm.joints for body in (*joint.shaft, *joint.link)]
-    mass = float(sum(body.mass for body in bodies)) / len(arm.joints)
+    mass = float(sum(body.mass for body in arm.bodies)) / len(arm.joints)
     square = (height / 4) ** 2
     inertia = mass * np.diag([square / 4 + height**2 / 12] * 2 + [square / 2])
-    base = Joint(
-        BASE,
-        offset=first.offset - up,
-        k_bend=STIFFER * first.k_bend,
-        k_tors=STIFFER * first.k_tors,
-        tau_bend=first.tau_bend,
-        tau_tors=first.tau_tors,
-        loss_bend=first.loss_bend,
-        loss_tors=first.loss_tors,
-        link=(Body(PEDESTAL, mass, up / 2, inertia),),
-        driven=False,
-    )
+    numbers: dict[str, Any] = {field: STIFFER * getattr(first, field) for field in STIFFNESS}
+    numbers |= {field: getattr(first, field) for field in (*DAMPING, *LOSS)}
+    pedestal = Body(PEDESTAL, mass, up / 2, inertia)
+    base = Joint(BASE, offset=first.offset - up, link=(pedestal,), driven=False, **numbers)
     raised = eqx.tree_at(lambda joint: joint.offset, first, up)
-    return eqx.tree_at(lambda arm: arm.joints, _checked_names(arm), (base, raised, *arm.joints[1:]))
-
-
-def _length(arm: Arm) -> float:
-    """Return the length of the arm [m], from bushing to bushing and on to its farthest point."""
-    ends = [np.linalg.norm(point.position) for point in arm.points]
-    return float(sum(np.linalg.norm(joint.offset) for joint in arm.joints[1:]) + max(ends, default=0.0))
-
-
-def _checked_names(arm: Arm) -> Arm:
     for part in arm.parts():
         if part.name in (BASE, PEDESTAL):
             raise InputError(Problem("soft_base", f"a part {part.name}", "that name for the base", "rename the part"))
-    return arm
+    return eqx.tree_at(lambda arm: arm.joints, arm, (base, raised, *arm.joints[1:]))
 
 
 # -------- Checks
@@ -573,17 +534,6 @@ def check_size(joints: int, where: str) -> None:
         raise InputError(Problem(where, f"{joints} joints", f"at most {MOST_JOINTS}", remedy))
 
 
-def check_arm(arm: Arm) -> None:
-    """Refuse numbers that no arm can have, as `Arm.replace` may have put in: signs, inertia, drives, a massless end.
-
-    Raises:
-        InputError: every problem, each with the name of its part.
-    """
-    problems = tuple(_problems(arm))
-    if problems:
-        raise InputError(problems)
-
-
 def massless_joints(joints: Sequence[Joint]) -> Iterator[tuple[int, str, str]]:
     """Yield the joints whose equation would be singular, the last one first: its place, why, and what it lacks.
 
@@ -593,10 +543,10 @@ def massless_joints(joints: Sequence[Joint]) -> Iterator[tuple[int, str, str]]:
     for place in reversed(range(len(joints))):
         last, inertia, mass = place == len(joints) - 1, np.zeros((3, 3)), 0.0
         for body in (*joints[place].shaft, *joints[place].link):
-            inertia += np.asarray(body.inertia) + _of_mass(float(body.mass), np.asarray(body.com))
+            inertia += np.asarray(body.inertia) + inertia_of_mass(float(body.mass), np.asarray(body.com))
             mass += float(body.mass)
         if not last:
-            inertia += _of_mass(mass or 1.0, np.asarray(joints[place + 1].offset))
+            inertia += inertia_of_mass(mass or 1.0, np.asarray(joints[place + 1].offset))
         moments = np.linalg.eigvalsh(inertia)
         if mass and moments[0] > 1e-12 * moments[2]:
             continue
@@ -608,30 +558,22 @@ def massless_joints(joints: Sequence[Joint]) -> Iterator[tuple[int, str, str]]:
             yield place, "no mass on the bushing", "inertia on every bushing"
 
 
-def _of_mass(mass: float, at: np.ndarray) -> np.ndarray:
+def inertia_of_mass(mass: float, at: np.ndarray) -> np.ndarray:
     """Return the inertia of a point mass about the origin (3, 3) [kg m^2]."""
     return mass * (at @ at * np.eye(3) - np.outer(at, at))
 
 
-def _problems(arm: Arm) -> Iterator[Problem]:
-    bodies = [body for joint in arm.joints for body in (*joint.shaft, *joint.link)]
-    bodies += [payload.body for payload in arm.payloads]
-    signs = [problem for part in (*arm.joints, *bodies, *arm.points) for problem in sign_problems(part)]
-    yield from signs
-    if signs:
-        return
-    for body in bodies:
-        yield from _raised(partial(check_inertia, body.name, body.mass, body.inertia))
-    yield from _raised(partial(check_drives, arm))
-    yield from _raised(partial(check_springs, arm))
+def check_arm(arm: Arm) -> None:
+    """Refuse numbers that no arm can have, as `Arm.replace` may have put in: signs, inertia, drives, a massless end.
+
+    Raises:
+        InputError: every problem, each with the name of its part.
+    """
+    bodies = (*arm.bodies, *(payload.body for payload in arm.payloads))
+    refuse(problem for part in (*arm.joints, *bodies, *arm.points) for problem in sign_problems(part))
+    problems = [problem for body in bodies for problem in inertia_problems(body.name, body.mass, body.inertia)]
+    problems += [*_drive_problems(arm), *_spring_problems(arm)]
     for place, got, expected in massless_joints(arm.joints):
         remedy = "give its shaft or link a positive mass, with inertia"
-        yield Problem(arm.joints[place].name, got, expected, remedy)
-
-
-def _raised(check: Callable[[], None]) -> tuple[Problem, ...]:
-    try:
-        check()
-    except InputError as error:
-        return error.problems
-    return ()
+        problems.append(Problem(arm.joints[place].name, got, expected, remedy))
+    refuse(problems)

@@ -47,10 +47,10 @@ class Loads(eqx.Module):
         return Loads(lift(self.payload, 1, rank), lift(self.mass, 1, rank), lift(self.force, 2, rank), moment)
 
 
-def no_loads(arm: Arm, batch: tuple[int, ...] = ()) -> Loads:
+def no_loads(arm: Arm) -> Loads:
     """Return the load case of the arm's own weight."""
     points = len(arm.points)
-    return Loads(jnp.zeros((len(arm.payloads), *batch)), jnp.zeros((points, *batch)), jnp.zeros((3, points, *batch)))
+    return Loads(jnp.zeros(len(arm.payloads)), jnp.zeros(points), jnp.zeros((3, points)))
 
 
 class Moments(eqx.Module):
@@ -296,12 +296,14 @@ def at_posture(
     if posture.shape[:1] != (len(arm.driven),):
         raise ModelError(f"the posture has {posture.shape[0]} angles; {arm.name} has {len(arm.driven)} joints")
     rank = posture.ndim - 1
-    loads = _lifted(no_loads(arm) if loads is None else loads, rank)
+    loads = no_loads(arm) if loads is None else loads
+    loads = loads.lifted(max(rank, loads.mass.ndim - 1))
     before, after = _frames(arm, posture)
     links = jnp.concatenate([before[:, :, :1], after[:, :, :-1]], 2)
     shaft, link = moments(arm, loads, loads.mass.ndim - 1)
     shaft, link = shaft.along(before), link.along(after)
-    bend, tors, damping = bushings(arm, matvec(before, axes(arm, rank)))
+    axis = matvec(before, axes(arm, rank))
+    bend, tors, damping = bushings(arm, axis)
     carrier = carriers(arm)
     held = Chain(
         offset=matvec(links, offsets(arm, rank)),
@@ -318,11 +320,11 @@ def at_posture(
         carrier=carrier,
         loss=losses(arm, bend, tors),
         couple=loads.moment,
-        curved=curved_springs(arm, matvec(before, axes(arm, rank))),
+        curved=curved_springs(arm, axis),
     )
     if servo is None or not arm.servos:
         return held
-    return replace(held, motors=_motors(arm, _unpinned(held, shaft, link), matvec(before, axes(arm, rank)), servo))
+    return replace(held, motors=_motors(arm, _unpinned(held, shaft, link), axis, servo))
 
 
 def _unpinned(held: Chain, shaft: Moments, link: Moments) -> Chain:
@@ -340,12 +342,10 @@ def _unpinned(held: Chain, shaft: Moments, link: Moments) -> Chain:
             return None
         return Curves(at_bushings(x.rise, 1), both(x.angle, x.angle, 1), at_bushings(x.cubic, 0))
 
-    def with_pins(x: CurvedSprings | None) -> CurvedSprings | None:
-        return None if x is None else CurvedSprings(both(x.axis, x.axis, 1), curves(x.bend), curves(x.tors))
-
+    curved = held.curved
     return replace(
         held,
-        curved=with_pins(held.curved),
+        curved=curved and CurvedSprings(both(curved.axis, curved.axis, 1), curves(curved.bend), curves(curved.tors)),
         offset=at_bushings(held.offset, 1),
         mass=both(shaft.mass, link.mass, 0),
         moment=both(shaft.first, link.first, 1),
@@ -379,11 +379,6 @@ def _motors(arm: Arm, free: Chain, axis: Float[Array, "3 N *#batch"], on: Float[
         on=jnp.asarray(on, float),
         joint=joint,
     )
-
-
-def _lifted(loads: Loads, rank: int) -> Loads:
-    """Give a load case as many batch axes as the postures have, unless it has more of its own."""
-    return loads.lifted(max(rank, loads.mass.ndim - 1))
 
 
 def body_axes(arm: Arm, posture: Float[AnyArray, "driven"], body: str) -> Float[np.ndarray, "3 3"]:

@@ -67,7 +67,10 @@ def cut(arm: Arm) -> CutArm:
         at = np.asarray(arm.joints[0].offset) - height * UP
         joints.append(_hinge("/foot", at, UP))
         hinges.append(Hinge(0, 1, link=False))
-    for joint, end, rigid in zip(arm.joints, ends, _rigid_links(arm, ends), strict=True):
+    after = [*(joint.driven for joint in arm.joints[1:]), True]
+    for joint, further, end in zip(arm.joints, after, ends, strict=True):
+        # links of some length are cut, between bushings that have pins, or at the arm's end
+        rigid = joint.driven and further and bool(np.linalg.norm(end) > 1e-6)
         own.append(len(joints))
         beyond = [rigid and bool(_beyond(body.com, end)) for body in joint.link]
         inner = tuple(body for body, far in zip(joint.link, beyond, strict=True) if not far)
@@ -78,9 +81,20 @@ def cut(arm: Arm) -> CutArm:
             outer = tuple(_shifted(body, at) for body, far in zip(joint.link, beyond, strict=True) if far)
             hinges.append(Hinge(len(joints), own[-1], link=True))
             joints.append(_hinge(_middle(joint.name), at, end / np.linalg.norm(end), outer))
-    points = tuple(_carried(point, cuts) for point in arm.points)
-    payloads = tuple(_loaded(payload, cuts) for payload in arm.payloads)
-    whole = Arm(arm.name, tuple(joints), points, payloads, arm.gravity, springs=arm.springs)
+
+    def half_way(joint: str, place: Any) -> np.ndarray | None:
+        """Return the hinge in the middle of a joint's link, if a place on the link lies beyond it."""
+        end = cuts.get(joint)
+        return None if end is None or not _beyond(place, end) else end / 2
+
+    points, payloads = list(arm.points), list(arm.payloads)
+    for k, point in enumerate(points):
+        if (half := half_way(point.joint, point.position)) is not None:
+            points[k] = Point(point.name, _middle(point.joint), np.asarray(point.position) - half)
+    for k, payload in enumerate(payloads):
+        if (half := half_way(payload.joint, payload.body.com)) is not None:
+            payloads[k] = Payload(_middle(payload.joint), _shifted(payload.body, half))
+    whole = Arm(arm.name, tuple(joints), tuple(points), tuple(payloads), arm.gravity, springs=arm.springs)
     return CutArm(whole, tuple(own), tuple(hinges), height)
 
 
@@ -97,13 +111,6 @@ def end_of(arm: Arm, place: int) -> Float[Array, "3"]:
     return jnp.asarray([*ends[::-1], *(body.com for body in bodies), np.zeros(3)][0])
 
 
-def _rigid_links(arm: Arm, ends: list[np.ndarray]) -> list[bool]:
-    """Tell which links are cut: those of some length between bushings that have pins, or at the arm's end."""
-    after = [*(joint.driven for joint in arm.joints[1:]), True]
-    rows = zip(arm.joints, after, ends, strict=True)
-    return [joint.driven and further and bool(np.linalg.norm(end) > 1e-6) for joint, further, end in rows]
-
-
 def _beyond(place: Any, end: Float[np.ndarray, "3"]) -> Any:
     return np.asarray(place) @ end > end @ end / 2
 
@@ -114,17 +121,3 @@ def _hinge(name: str, offset: Any, axis: Any, link: tuple[Body, ...] = ()) -> Jo
 
 def _shifted(body: Body, by: Float[np.ndarray, "3"]) -> Body:
     return eqx.tree_at(lambda b: b.com, body, jnp.asarray(body.com - by))
-
-
-def _carried(point: Point, ends: dict[str, np.ndarray]) -> Point:
-    end = ends.get(point.joint)
-    if end is None or not _beyond(point.position, end):
-        return point
-    return Point(point.name, _middle(point.joint), np.asarray(point.position) - end / 2)
-
-
-def _loaded(payload: Payload, ends: dict[str, np.ndarray]) -> Payload:
-    end = ends.get(payload.joint)
-    if end is None or not _beyond(payload.body.com, end):
-        return payload
-    return Payload(_middle(payload.joint), _shifted(payload.body, end / 2))

@@ -92,7 +92,11 @@ def largest_eigenpairs(A: Square, count: int) -> tuple[Float[Array, "count *#bat
     """
     d, e, reflectors = _tridiagonalize(A)
     mu = _bisect(d, e, count)
-    return mu, _reflect_back(_inverse_iteration(d, e, mu), reflectors)
+
+    def reflect_back(Y: Array, v: Array) -> tuple[Array, None]:
+        return Y - 2 * outer(v, (v[:, None] * Y).sum(0)), None
+
+    return mu, jax.lax.scan(reflect_back, _inverse_iteration(d, e, mu), reflectors, reverse=True)[0]
 
 
 def _tridiagonalize(A: Square) -> tuple[Array, Array, Array]:
@@ -203,13 +207,6 @@ def _orthonormalize(Y: Array) -> Array:
         return jnp.where(column > k, rest, jnp.where(column == k, y, Y)), None
 
     return jax.lax.scan(project, Y, jnp.arange(Y.shape[1]))[0]
-
-
-def _reflect_back(Y: Array, reflectors: Array) -> Array:
-    def reflect(Y: Array, v: Array) -> tuple[Array, None]:
-        return Y - 2 * outer(v, (v[:, None] * Y).sum(0)), None
-
-    return jax.lax.scan(reflect, Y, reflectors, reverse=True)[0]
 
 
 def _indices(A: Square) -> Array:

@@ -142,14 +142,6 @@ def potential_energy(chain: Chain, phi: Phi) -> Float[Array, "*#batch"]:
     return straight if chain.curved is None else straight + chain.curved.energy(phi).sum(0)
 
 
-def kinetic_energy(chain: Chain, phi: Phi, phi_dot: Phi) -> Float[Array, "*#batch"]:
-    """Return T, half the integral of |dr/dt|^2 dm [J], from the bodies' velocities."""
-    _, v = jax.jvp(lambda p: forward_kinematics(chain, p), (phi,), (phi_dot,))
-    translation = chain.mass * (v.centre * v.centre).sum(0) + 2 * (v.centre * matvec(v.axes, chain.moment)).sum(0)
-    turning = (matmul(v.axes, chain.second) * v.axes).sum((0, 1))
-    return (translation + turning).sum(0) / 2
-
-
 def mass_matrix(chain: Chain, phi: Phi) -> Float[Array, "n n *#batch"]:
     """Return M with T = dphi' M dphi / 2 [kg m^2].
 
@@ -164,7 +156,8 @@ def mass_matrix(chain: Chain, phi: Phi) -> Float[Array, "n n *#batch"]:
     arm = matvec(at.axes, chain.moment)
     second = matmul(matmul(at.axes, chain.second), transpose(at.axes))
     second = second + outer(arm, at.centre) + outer(at.centre, arm) + chain.mass * outer(at.centre, at.centre)
-    moved = _moved_by_both(phi.shape[1])
+    outboard = inboard(phi.shape[1]).T
+    moved = outboard[:, None] & outboard[None]  # of each pair of joints the bodies that both move
     mass = total(moved, jnp.broadcast_to(chain.mass, at.centre.shape[1:]), 0)
     moment = total(moved, chain.mass * at.centre + arm, 1)
     p_j, p_i = at.centre[:, :, None], at.centre[:, None]
@@ -275,12 +268,6 @@ def _crossed(chain: Chain, at: ForwardKinematics, couple: Float[Array, "3 P *#ba
 def inboard(n: int) -> np.ndarray:
     """Mark for each joint (n, n) those from the base up to it."""
     return np.greater_equal.outer(np.arange(n), np.arange(n))
-
-
-def _moved_by_both(n: int) -> np.ndarray:
-    """Mark for each pair of joints (n, n, n) the bodies that both move: those from the outer one on."""
-    outboard = inboard(n).T
-    return outboard[:, None] & outboard[None]
 
 
 def flat(x: Phi) -> Float[Array, "n *#batch"]:
@@ -422,10 +409,11 @@ def variations(chain: Chain, phi: Phi, v: Vector) -> tuple[Float[Array, "*#batch
     motors = chain.motors
     if motors is None:
         return second_variations(chain, phi, unflatten(v))
-    v, rest = _coupled(motors, v), _between(phi)
+    count = len(motors.joint)
+    v, rest = jnp.concatenate([v[:-count], v[-count:] * motors.on], 0), _between(phi)  # brakes hold the other motors
     ways = _ways(motors, v)
     potential, inertia = second_variations(motors.free, rest, ways)
-    at, a = forward_kinematics(motors.free, rest), v[-len(motors.joint) :]
+    at, a = forward_kinematics(motors.free, rest), v[-count:]
     rates = total(inboard(ways.shape[1]), matvec(at.rate, ways), 1)[:, ::2]
     spin = motors.ratio * (motors.share * a[None]).sum(1)
     along = (_pin_axes(motors, at) * rates).sum(0)
@@ -459,7 +447,7 @@ def _with_motors(motors: Motors, phi: Phi, M: Matrix, C: Matrix, H: Matrix) -> t
     free, rest, n = motors.free, _between(phi), M.shape[0]
     count = n + len(motors.joint)
     each = jnp.asarray(identity(count, phi.ndim - 2))
-    ways = jnp.stack([_flat_ways(motors, each[:, i]) for i in range(count)], 1)
+    ways = jnp.stack([flat(_ways(motors, each[:, i])) for i in range(count)], 1)
     at = forward_kinematics(free, rest)
     spins = jnp.concatenate([jnp.zeros((motors.share.shape[0], n, *motors.share.shape[2:])), motors.share], 1)
     spins = motors.ratio[:, None] * spins
@@ -493,23 +481,12 @@ def _beside(A: Matrix, diagonal: Float[Array, "A *#batch"]) -> Float[Array, "k k
     return jnp.concatenate([upper, lower], 0)
 
 
-def _coupled(motors: Motors, v: Vector) -> Vector:
-    """Return a direction without the motors that brakes hold."""
-    count = len(motors.joint)
-    return jnp.concatenate([v[:-count], v[-count:] * motors.on], 0)
-
-
 def _ways(motors: Motors, v: Vector) -> Float[Array, "3 N2 *#batch"]:
     """Return a direction of all coordinates as that of the bushings and pins, in turn."""
     count = len(motors.joint)
     pins = motors.axis * (motors.share * v[None, -count:]).sum(1)
     pairs = jnp.stack(jnp.broadcast_arrays(unflatten(v[:-count]), pins), 2)
     return pairs.reshape((3, -1, *pairs.shape[3:]))
-
-
-def _flat_ways(motors: Motors, v: Vector) -> Float[Array, "n2 *#batch"]:
-    ways = _ways(motors, v)
-    return jnp.swapaxes(ways, 0, 1).reshape((-1, *ways.shape[2:]))
 
 
 def _between(phi: Phi) -> Float[Array, "3 N2 *#batch"]:

@@ -18,6 +18,7 @@ References:
     smoothing is ours.
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import equinox as eqx
@@ -28,7 +29,7 @@ from jaxtyping import Array, Float
 
 from ident.arm.fields import names_of
 from ident.arm.rotations import identity, outer
-from ident.errors import InputError, Problem
+from ident.errors import Problem, refuse
 
 
 class Body(eqx.Module):
@@ -48,14 +49,10 @@ class Body(eqx.Module):
 
     def __init__(self, name: str, mass: Any, com: Any = (0.0, 0.0, 0.0), inertia: Any = ((0.0,) * 3,) * 3):
         self.name = name
-        self.mass, self.com, self.inertia = (
-            jnp.asarray(mass, float),
-            jnp.asarray(com, float),
-            jnp.asarray(inertia, float),
-        )
+        self.mass, self.com, self.inertia = (jnp.asarray(x, float) for x in (mass, com, inertia))
 
     def __check_init__(self) -> None:
-        check_inertia(self.name, self.mass, self.inertia)
+        refuse(inertia_problems(self.name, self.mass, self.inertia))
 
 
 class Joint(eqx.Module):
@@ -114,9 +111,9 @@ class Joint(eqx.Module):
         limits: tuple[float, float] = (-np.inf, np.inf),
     ):
         self.name, self.driven, self.limits = name, driven, limits
-        self.axis, self.offset = jnp.asarray(axis, float), jnp.asarray(offset, float)
-        self.k_bend, self.k_tors = jnp.asarray(k_bend, float), jnp.asarray(k_tors, float)
-        self.tau_bend, self.tau_tors = jnp.asarray(tau_bend, float), jnp.asarray(tau_tors, float)
+        self.axis, self.offset, self.k_bend, self.k_tors, self.tau_bend, self.tau_tors = (
+            jnp.asarray(x, float) for x in (axis, offset, k_bend, k_tors, tau_bend, tau_tors)
+        )
         self.loss_bend, self.loss_tors = (None if x is None else jnp.asarray(x, float) for x in (loss_bend, loss_tors))
         self.shaft, self.link = tuple(shaft), tuple(link)
 
@@ -150,14 +147,11 @@ class Payload(eqx.Module):
     body: Body
 
 
-def check_inertia(name: str, mass: Any, inertia: Any) -> None:
-    """Refuse a mass or an inertia tensor that no body can have.
+def inertia_problems(name: str, mass: Any, inertia: Any) -> Iterator[Problem]:
+    """Yield what is wrong with a mass or an inertia tensor that no body can have.
 
     A body's second moment tr(I)/2 - I of mass is positive semi-definite; this is the triangle inequality of its
     principal moments. Abstract values (under `jit` or `grad`) are not checked.
-
-    Raises:
-        InputError: the mass is negative or not finite, or the inertia is not symmetric or violates the inequality.
 
     References:
         Wensing, Kim, Slotine, "Linear matrix inequalities for physically consistent inertial parameter
@@ -169,22 +163,17 @@ def check_inertia(name: str, mass: Any, inertia: Any) -> None:
     if m.shape != () or tensor.shape != (3, 3):
         return
     if not (np.isfinite(m) and m >= 0):
-        raise InputError(Problem(name, f"mass {m}", "a mass >= 0 kg", "correct it", "mass"))
+        yield Problem(name, f"mass {m}", "a mass >= 0 kg", "correct it", "mass")
+        return
     size = max(np.abs(tensor).max(), 1e-300)
     if not np.isfinite(tensor).all() or np.abs(tensor - tensor.T).max() > 1e-9 * size:
-        raise InputError(Problem(name, "an asymmetric inertia", "a symmetric tensor", "correct it", "inertia"))
+        yield Problem(name, "an asymmetric inertia", "a symmetric tensor", "correct it", "inertia")
+        return
     principal = np.linalg.eigvalsh(tensor)
     if principal[0] < -1e-9 * size or principal[2] > (principal[0] + principal[1]) * (1 + 1e-9) + 1e-12 * size:
-        shown = ", ".join(f"{p:.4g}" for p in principal)
-        raise InputError(
-            Problem(
-                name,
-                f"principal moments {shown} kg m^2",
-                "positive moments, none above the sum of the other two",
-                "check units, signs and the reference point (the mass centre)",
-                "inertia",
-            )
-        )
+        got = f"principal moments {', '.join(f'{p:.4g}' for p in principal)} kg m^2"
+        expected = "positive moments, none above the sum of the other two"
+        yield Problem(name, got, expected, "check units, signs and the reference point (the mass centre)", "inertia")
 
 
 # -------- Drive
@@ -231,9 +220,7 @@ class Drive(eqx.Module):
 
     def __init__(self, name: str, joint: str, *, ratio: Any, **numbers: Any):
         self.name, self.joint = name, joint
-        for field in names_of("Drive"):
-            setattr(self, field, jnp.asarray(ratio if field == "ratio" else numbers.pop(field, 0.0), float))
-        _no_more(numbers)
+        _set_numbers(self, ratio=ratio, **numbers)
 
 
 class Belt(eqx.Module):
@@ -263,9 +250,7 @@ class Belt(eqx.Module):
 
     def __init__(self, name: str, driver: str, driven: str, **numbers: Any):
         self.name, self.driver, self.driven = name, driver, driven
-        for field in names_of("Belt"):
-            setattr(self, field, jnp.asarray(numbers.pop(field, 0.0), float))
-        _no_more(numbers)
+        _set_numbers(self, **numbers)
 
 
 class Servo(eqx.Module):
@@ -289,9 +274,7 @@ class Servo(eqx.Module):
 
     def __init__(self, name: str, joint: str, **numbers: Any):
         self.name, self.joint = name, joint
-        for field in names_of("Servo"):
-            setattr(self, field, jnp.asarray(numbers.pop(field, 0.0), float))
-        _no_more(numbers)
+        _set_numbers(self, **numbers)
 
 
 PROFILES = ("s-curve", "trapezoid", "cycloid")
@@ -323,14 +306,18 @@ class Stroke(eqx.Module):
 
     def __init__(self, direction: Any, *, profile: str = PROFILES[0], **numbers: Any):
         self.name, self.profile, self.direction = "stroke", profile, jnp.asarray(direction, float)
-        for field in names_of("Stroke"):
-            setattr(self, field, jnp.asarray(numbers.pop(field), float))
-        _no_more(numbers)
+        _set_numbers(self, default=None, **numbers)
 
 
-def _no_more(numbers: dict[str, Any]) -> None:
-    if numbers:
-        raise TypeError(f"unknown: {', '.join(numbers)}")
+def _set_numbers(part: eqx.Module, default: float | None = 0.0, **numbers: Any) -> None:
+    """Set the numbers of a part that its constructor was given, the others to a default; None where all are needed."""
+    names = names_of(type(part).__name__)
+    wrong = [name for name in numbers if name not in names]
+    wrong += [name for name in names if default is None and name not in numbers]
+    if wrong:
+        raise TypeError(f"unknown or missing: {', '.join(wrong)}")
+    for name in names:
+        setattr(part, name, jnp.asarray(numbers.get(name, default), float))
 
 
 # -------- Springs
@@ -370,8 +357,7 @@ class Spring(eqx.Module):
 
     def __init__(self, name: str, joint: str, direction: str, **numbers: Any):
         self.name, self.joint, self.direction = name, joint, direction
-        for field in names_of("Spring"):
-            setattr(self, field, jnp.asarray(numbers[field], float))
+        _set_numbers(self, default=None, **numbers)
 
 
 class CubicSpring(eqx.Module):

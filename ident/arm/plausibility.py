@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ident.arm.arm import Arm
+from ident.arm.arm import Arm, inertia_of_mass
 from ident.arm.fields import STIFFNESS
-from ident.arm.parts import Belt, Body, Drive, Joint
+from ident.arm.parts import Belt, Body
 
 # -------- Belt condition
 # Whether belts can run: pulleys at both ends of a belt must pass the same length of it all along the stroke.
@@ -66,8 +66,19 @@ def belt_mismatches(arm: "Arm") -> tuple[BeltMismatch, ...]:
     drives = {drive.joint: drive for drive in arm.drives}
     way = abs(float(arm.stroke.folded) - float(arm.stroke.unfolded))
     pairs = ((belt, drives[belt.driver], drives[belt.driven]) for belt in arm.belts)
-    every = [_mismatch(belt, (one, other), shares, way) for belt, one, other in pairs]
-    return tuple(mismatch for mismatch in every if mismatch.stretch > mismatch.allowed)
+    found = []
+    for belt, one, other in pairs:
+        share = shares[belt.driven]
+        passed = float(belt.driver_radius) * (float(one.ratio) - 1) * shares[belt.driver]
+        stretch = abs(passed - float(belt.driven_radius) * float(other.ratio) * share) * way
+        stiffness = float(belt.stiffness)
+        allowed = float(belt.pretension) / stiffness if stiffness else float("inf")
+        ratio, radius = (
+            passed / (float(x) * share) if float(x) * share else float("nan") for x in (belt.driven_radius, other.ratio)
+        )
+        if stretch > allowed:
+            found.append(BeltMismatch(belt.name, stretch, allowed, other.name, ratio, radius))
+    return tuple(found)
 
 
 def pin_shares(arm: "Arm", joint: str) -> dict[str, Any]:
@@ -91,20 +102,6 @@ def pin_shares(arm: "Arm", joint: str) -> dict[str, Any]:
         if belt.driven in shares and belt.driver not in shares:
             shares[belt.driver] = shares[belt.driven] / passed_on(belt)
     return shares
-
-
-def _mismatch(belt: Belt, drives: tuple[Drive, Drive], shares: dict[str, float], way: float) -> BeltMismatch:
-    one, other = drives
-    passed = float(belt.driver_radius) * (float(one.ratio) - 1) * shares[belt.driver]
-    taken = float(belt.driven_radius) * float(other.ratio) * shares[belt.driven]
-    stiffness = float(belt.stiffness)
-    allowed = float(belt.pretension) / stiffness if stiffness else float("inf")
-    ratio, radius = (_quotient(passed, float(x) * shares[belt.driven]) for x in (belt.driven_radius, other.ratio))
-    return BeltMismatch(belt.name, abs(passed - taken) * way, allowed, other.name, ratio, radius)
-
-
-def _quotient(passed: float, share: float) -> float:
-    return passed / share if share else float("nan")
 
 
 # -------- Oddity geometry
@@ -151,15 +148,11 @@ def link_end(arm: Arm, place: int) -> Float[np.ndarray, "3"]:
 
 def links(arm: Arm) -> tuple[Link, ...]:
     """Return shaft and link of every joint, from the base outwards."""
-    return tuple(
-        link
-        for place, joint in enumerate(arm.joints)
-        for link in (Link(joint.shaft, np.zeros(3)), Link(_with_payloads(arm, joint), link_end(arm, place)))
-    )
-
-
-def _with_payloads(arm: Arm, joint: Joint) -> tuple[Body, ...]:
-    return (*joint.link, *(payload.body for payload in arm.payloads if payload.joint == joint.name))
+    found = []
+    for place, joint in enumerate(arm.joints):
+        bodies = (*joint.link, *(payload.body for payload in arm.payloads if payload.joint == joint.name))
+        found += [Link(joint.shaft, np.zeros(3)), Link(bodies, link_end(arm, place))]
+    return tuple(found)
 
 
 def reach_of(arm: Arm) -> float:
@@ -271,8 +264,8 @@ def behaviour_oddities(
     damping_ratio: Float[np.ndarray, "m"],
     energy: Float[np.ndarray, "2 N"],
     sag: float,
-) -> tuple[Oddity, ...]:
-    """Return what looks odd about how an arm behaves at a posture.
+) -> Iterator[Oddity]:
+    """Yield what looks odd about how an arm behaves at a posture.
 
     Args:
         arm: the arm.
@@ -281,7 +274,18 @@ def behaviour_oddities(
         energy: (2, N) [-] strain energy of the first mode in bending and torsion of each joint.
         sag: [m] static deflection of the end point.
     """
-    return tuple(_behaviour(arm, frequency, damping_ratio, energy, sag))
+    field, joint = np.unravel_index(int(np.argmax(energy)), energy.shape)
+    path = f"{arm.joints[joint].name}.{STIFFNESS[field]}"
+    first, reach = float(frequency[0]), reach_of(arm)
+    if not LOWEST <= first <= HIGHEST:
+        got = f"the first natural frequency is {first:.3g} Hz, {100 * energy[field, joint]:.0f} % of its energy is here"
+        yield Oddity(path, got, f"{LOWEST:g} to {HIGHEST:g} Hz; check stiffnesses, masses and their units")
+    if sag > MOST_SAG * reach:
+        got = f"the end point sags by {1e3 * sag:.3g} mm, {100 * sag / reach:.2g} % of the reach of {reach:.3g} m"
+        yield Oddity(path, got, f"less than {100 * MOST_SAG:g} %")
+    if damping_ratio.max() > MOST_DAMPED:
+        got = f"mode {int(damping_ratio.argmax()) + 1} has a damping ratio of {100 * damping_ratio.max():.3g} %"
+        yield Oddity(f"{arm.joints[joint].name}.tau_bend", got, f"below {100 * MOST_DAMPED:g} %; tau is in seconds")
 
 
 def _lengths(arm: Arm, reach: float) -> Iterator[Oddity]:
@@ -316,10 +320,8 @@ def _bodies(every: Sequence[Link], reach: float, extents: Mapping[str, np.ndarra
             else:
                 yield from _gyration(f"{body.name}.inertia", mass, np.asarray(body.inertia), link, com, reach)
             if len(masses) > 2 and mass > 50 * (total - mass):
-                expected = 'less; unit = "g"?'
-                yield Oddity(
-                    f"{body.name}.mass", f"{mass:.4g} kg, all other bodies have {total - mass:.3g} kg", expected
-                )
+                got = f"{mass:.4g} kg, all other bodies have {total - mass:.3g} kg"
+                yield Oddity(f"{body.name}.mass", got, 'less; unit = "g"?')
 
 
 def _place(path: str, com: np.ndarray, link: Link, reach: float, extent: np.ndarray | None) -> Iterator[Oddity]:
@@ -422,8 +424,7 @@ def _together(bodies: Sequence[Body]) -> tuple[float, np.ndarray, np.ndarray]:
     com = np.asarray(sum(float(body.mass) * np.asarray(body.com) for body in bodies)) / (mass or 1.0)
     inertia = np.zeros((3, 3))
     for body in bodies:
-        way = np.asarray(body.com) - com
-        inertia += np.asarray(body.inertia) + float(body.mass) * (way @ way * np.eye(3) - np.outer(way, way))
+        inertia += np.asarray(body.inertia) + inertia_of_mass(float(body.mass), np.asarray(body.com) - com)
     return mass, com, inertia
 
 
@@ -507,20 +508,3 @@ def _drives(arm: Arm) -> Iterator[Oddity]:
         other = f" or driven_radius = {1e3 * each.radius:.6g} mm" if each.radius > 0 else ""
         got = f"one span would grow by {1e3 * each.stretch:.4g} mm over the stroke, {1e3 * each.allowed:.3g} slacken it"
         yield Oddity(each.belt, got, f"{each.drive}.ratio = {each.ratio:.6g}{other}")
-
-
-def _behaviour(
-    arm: Arm, frequency: np.ndarray, damping_ratio: np.ndarray, energy: np.ndarray, sag: float
-) -> Iterator[Oddity]:
-    field, joint = np.unravel_index(int(np.argmax(energy)), energy.shape)
-    path = f"{arm.joints[joint].name}.{STIFFNESS[field]}"
-    first, reach = float(frequency[0]), reach_of(arm)
-    if not LOWEST <= first <= HIGHEST:
-        got = f"the first natural frequency is {first:.3g} Hz, {100 * energy[field, joint]:.0f} % of its energy is here"
-        yield Oddity(path, got, f"{LOWEST:g} to {HIGHEST:g} Hz; check stiffnesses, masses and their units")
-    if sag > MOST_SAG * reach:
-        got = f"the end point sags by {1e3 * sag:.3g} mm, {100 * sag / reach:.2g} % of the reach of {reach:.3g} m"
-        yield Oddity(path, got, f"less than {100 * MOST_SAG:g} %")
-    if damping_ratio.max() > MOST_DAMPED:
-        got = f"mode {int(damping_ratio.argmax()) + 1} has a damping ratio of {100 * damping_ratio.max():.3g} %"
-        yield Oddity(f"{arm.joints[joint].name}.tau_bend", got, f"below {100 * MOST_DAMPED:g} %; tau is in seconds")

@@ -86,8 +86,7 @@ class Diagnosis:
     @property
     def identification(self) -> Identification:
         """How stiff the joints are."""
-        value: Identification = self.stages["stiffness"]
-        return value
+        return self.stages["stiffness"]
 
     @property
     def task(self) -> Task:
@@ -97,8 +96,7 @@ class Diagnosis:
     @property
     def validation(self) -> Validation:
         """How well each posture is predicted by the others; no part where all measurements are of one."""
-        value: tuple[HeldOut, ...] = self.stages["trust"]
-        return Validation(self.identification.sampled.fitted, LEAVE, value)
+        return Validation(self.identification.sampled.fitted, LEAVE, self.stages["trust"])
 
     @property
     def beyond(self) -> Mapping[str, float]:
@@ -113,20 +111,17 @@ class Diagnosis:
     @property
     def resonance(self) -> ResonanceAssessment:
         """Whether the drive meets a natural frequency."""
-        value: ResonanceAssessment = self.stages["resonance"]
-        return value
+        return self.stages["resonance"]
 
     @property
     def vibration(self) -> VibrationAssessment:
         """How far the arm vibrates."""
-        value: VibrationAssessment = self.stages["vibration"]
-        return value
+        return self.stages["vibration"]
 
     @property
     def sensitivities(self) -> Sensitivities:
         """Which numbers of the arm matter most."""
-        value: Sensitivities = self.stages["sensitivities"]
-        return value
+        return self.stages["sensitivities"]
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:
@@ -169,9 +164,8 @@ def assess_resonance(task: Task) -> ResonanceAssessment:
     followed = branches(task.basis.arm.replace(dict(task.band_draws)), task.basis.motion, loads=task.basis.loads)
     excited = excitation(task.basis.arm, task.basis.motion)
     near = resonance_crossings(followed, excited)
-    return ResonanceAssessment(
-        followed, excited, with_amplitudes(near, task.basis.arm, task.basis.motion, task.basis.loads)
-    )
+    caused = with_amplitudes(near, task.basis.arm, task.basis.motion, task.basis.loads)
+    return ResonanceAssessment(followed, excited, caused)
 
 
 def chosen(verifications: Sequence[Verification]) -> int:

@@ -119,7 +119,8 @@ def exploration(
     fixed = without(load, carried)
     model: Multibody = jax.tree.map(np.asarray, multibody(arm, loads_of(arm, fixed)))
     paths = set(stiffness_paths(arm))
-    bands = {path: _interval(values) for path, values in (draws or {}).items() if path in paths}
+    quantiles = {path: np.quantile(values, INTERVAL) for path, values in (draws or {}).items() if path in paths}
+    bands = {path: (float(low), float(high)) for path, (low, high) in quantiles.items()}
     speed = _stroke_speed(arm, extension) if extension is not None else None
     return Exploration(arm, model, fixed, carried, speed, bands, measured)
 
@@ -160,9 +161,7 @@ def added(load: Load, fixed: Load, carried: Carried) -> Added | None:
 
 def mass_of(load: Load, fixed: Load, carried: Carried) -> float | None:
     """Return how much [kg] of what is carried makes a load case; None where it is another one."""
-    if without(load, carried) != fixed:
-        return None
-    return _mass(load, carried)
+    return None if without(load, carried) != fixed else _mass(load, carried)
 
 
 def _mass(load: Load, carried: Carried) -> float:
@@ -176,10 +175,7 @@ def _check(arm: Arm, payload: str, measured: Campaign | None) -> None:
         remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
         raise InputError(Problem(arm.name, "no point", "at least one", remedy))
     if arm.springs:
-        got, remedy = (
-            f"a curved spring ({arm.springs[0].name})",
-            "take its table out: k_bend and k_tors stay",
-        )
+        got, remedy = f"a curved spring ({arm.springs[0].name})", "take its table out: k_bend and k_tors stay"
         raise InputError(Problem(arm.name, got, "straight springs, as the page computes with no others", remedy))
     names = [*(each.body.name for each in arm.payloads if float(each.body.mass) > 0), *(p.name for p in arm.points)]
     if payload and payload not in names:
@@ -199,7 +195,7 @@ def _carried(arm: Arm, load: Load, name: str) -> Carried:
             present, diagonal = mass if name in load.payloads else 0.0, np.diag(np.asarray(body.inertia)).copy()
             return Carried("payload", name, names.index(payload.joint), unit, mass, diagonal, 2 * mass, present)
     point = next((each for each in arm.points if each.name == name), arm.points[-1])
-    total = sum(float(body.mass) for joint in arm.joints for body in (*joint.shaft, *joint.link))
+    total = sum(float(body.mass) for body in arm.bodies)
     present = sum(mass for mass, where in load.masses if where == point.name)
     unit = _unit_moments(np.asarray(point.position), np.zeros((3, 3)))
     largest = max(_round_number(SHARE * total), 2 * present)
@@ -219,11 +215,6 @@ def _stroke_speed(arm: Arm, extension: Motion) -> StrokeSpeed:
     q, qd, _ = (np.asarray(x)[largest] / direction[largest] for x in extension(np.linspace(0, extension.arrival, FINE)))
     q[[0, -1]] = float(arm.stroke.folded), float(arm.stroke.unfolded)
     return StrokeSpeed(q, qd, extension.name)
-
-
-def _interval(values: Float[np.ndarray, "D"]) -> tuple[float, float]:
-    low, high = np.quantile(values, INTERVAL)
-    return float(low), float(high)
 
 
 def _round_number(value: float) -> float:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ from jaxtyping import Complex, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.parts import Point
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.identify.mode_names import Measured, ModeLabels, label_modes
 from ident.inference.parameters import Parameters
 from ident.measure import DEFINITIONS, Campaign, Measurement
@@ -20,7 +21,7 @@ from ident.measure.channels import FRAMES, ChannelRow, ChannelTable
 from ident.measure.covariance_and_frames import REPRODUCIBILITY, Covariance, Group, Reproducibility
 from ident.measure.load import named_points, unit_vector
 from ident.modal.ambient import AmbientTest
-from ident.modal.frf import ModalTest
+from ident.modal.frf import HeldArm, ModalTest
 from ident.modal.modes import Modes, modes_of, together
 from ident.modal.operational import OperationalModes, operational_modes
 from ident.modal.sources import POLE, FinishedModes, FinishedTest
@@ -84,7 +85,9 @@ def identify_modes(
         if not 1 <= number <= len(tests):
             remedy = "postures are numbered as in the report"
             raise InputError(Problem("modes", f"posture {number}", f"1 to {len(tests)}", remedy))
-    modes = _together([_modes(test, near.get(number)) for number, test in enumerate(tests, 1)])
+    every = [_modes(test, near.get(number)) for number, test in enumerate(tests, 1)]
+    hammer = iter(together([modes for modes in every if isinstance(modes, Modes)]))
+    modes = [next(hammer) if isinstance(each, Modes) else each for each in every]
     measured = [Measured(test.posture, each, test.load) for test, each in zip(tests, modes, strict=True)]
     labels = label_modes(arm, measured, parameters, seed=seed)
     return tuple(IdentifiedModes(*pair) for pair in zip(modes, labels, strict=True))
@@ -103,19 +106,12 @@ def _modes(test: ModalTest | AmbientTest, near: tuple[float, ...] | None) -> Mod
         return operational_modes(test, near=near) if isinstance(test, AmbientTest) else modes_of(test.frf, near=near)
     except InputError as error:
         where = one_line(", ".join(test.files))
-        problems = (Problem(where, each.got, each.expected, each.remedy, each.column) for each in error.problems)
-        raise InputError(problems) from None
-
-
-def _together(every: Sequence[Modes | OperationalModes]) -> list[Modes | OperationalModes]:
-    """Return the modes with those of hammer tests scaled by the scatter of all hits."""
-    hammer = iter(together([modes for modes in every if isinstance(modes, Modes)]))
-    return [next(hammer) if isinstance(modes, Modes) else modes for modes in every]
+        raise InputError(replace(each, where=where) for each in error.problems) from None
 
 
 def modal_campaign(
     name: str,
-    tests: Sequence[ModalTest | AmbientTest | FinishedTest],
+    tests: Sequence[HeldArm],
     identified: Sequence[Labelled],
     *,
     shapes: bool = False,
@@ -145,7 +141,7 @@ def modal_campaign(
 
 
 def observed_reproducibility(
-    tests: Sequence[ModalTest | AmbientTest | FinishedTest], identified: Sequence[Labelled], known: Reproducibility
+    tests: Sequence[HeldArm], identified: Sequence[Labelled], known: Reproducibility
 ) -> Reproducibility:
     """Return the reproducibility that tests of the same posture, load and drives show, by modes that have a name.
 
@@ -225,28 +221,19 @@ def _correlation(covariance: Float[np.ndarray, "r r"]) -> tuple[tuple[float, ...
     return tuple(map(tuple, ((whole + whole.T) / 2).tolist()))
 
 
-def _shape_rows(test: ModalTest | AmbientTest | FinishedTest, each: Labelled) -> Iterator[Measurement]:
+def _shape_rows(test: HeldArm, each: Labelled) -> Iterator[Measurement]:
     """Yield the motion of each response over the largest one, mode by mode."""
     places = each.modes.responses
     for i in _named(each):
         largest, values, slopes = _ratios(each.modes.shape[:, i])
         sigma = np.sqrt(np.diag(slopes @ each.modes.of_shape([i]) @ slopes.T))
         others = [place for j, place in enumerate(places) if j != largest]
-        for place, value, sd in zip(others, values.tolist(), sigma.tolist(), strict=True):
-            yield Measurement(
-                kind="shape",
-                posture=test.posture,
-                value=value,
-                sigma=sd,
-                mode=str(each.labels.given[i]),
-                of=POLE if _of(each) else None,
-                point=place.point,
-                direction=place.direction,
-                reference_point=places[largest].point,
-                reference_direction=places[largest].direction,
-                load=test.load,
-                drives=test.drives,
-            )
+        end = places[largest]
+        reference: dict[str, Any] = {"reference_point": end.point, "reference_direction": end.direction}
+        of = POLE if _of(each) else None
+        for place, *numbers in zip(others, values.tolist(), sigma.tolist(), strict=True):
+            where = {"point": place.point, "direction": place.direction, **reference}
+            yield _row(test, each, i, ("shape", *numbers), of=of, **where)
 
 
 def _of(each: Labelled) -> str | None:
@@ -255,22 +242,21 @@ def _of(each: Labelled) -> str | None:
     return None if of == DEFINITIONS[0] else of
 
 
-def _rows(test: ModalTest | AmbientTest | FinishedTest, each: Labelled) -> Iterator[Measurement]:
+def _rows(test: HeldArm, each: Labelled) -> Iterator[Measurement]:
     modes = each.modes
     for kind, values, sigma in zip(
         ("frequency", "damping_ratio"), (modes.frequency, modes.damping), modes.sigma, strict=True
     ):
+        of = _of(each) if kind == "frequency" else None
         for i in _named(each) if kind == "frequency" else _damped(each):
-            yield Measurement(
-                kind=kind,
-                posture=test.posture,
-                value=float(values[i]),
-                sigma=float(sigma[i]),
-                mode=str(each.labels.given[i]),
-                of=_of(each) if kind == "frequency" else None,
-                load=test.load,
-                drives=test.drives,
-            )
+            yield _row(test, each, i, (kind, float(values[i]), float(sigma[i])), of=of)
+
+
+def _row(test: HeldArm, each: Labelled, mode: int, numbers: tuple[Any, ...], **more: Any) -> Measurement:
+    """Return a measurement of a mode: its kind, value and standard deviation, and what else there is to say of it."""
+    kind, value, sigma = numbers
+    state: dict[str, Any] = {"posture": test.posture, "load": test.load, "drives": test.drives}
+    return Measurement(kind=kind, value=value, sigma=sigma, mode=str(each.labels.given[mode]), **state, **more)
 
 
 # -------- Places
@@ -297,8 +283,7 @@ def with_places(arm: Arm, table: ChannelTable) -> Arm:
             if point.joint != row.joint or not np.allclose(point.position, row.position):
                 got, remedy = f"another place of {quoted(row.point)}", "give each place a name of its own"
                 problems.append(Problem(row.where, got, "the same as above", remedy, "position"))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return eqx.tree_at(lambda a: a.points, arm, (*new.values(), *arm.points)) if new else arm
 
 
@@ -346,9 +331,8 @@ def _problems(arm: Arm, row: ChannelRow, own: set[str]) -> Iterator[Problem]:
         yield Problem(row.where, quoted(row.joint), f"a joint of {arm.name}", remedy, "joint")
     if row.point in own and row.position is not None:
         remedy = "empty joint and position, or give the place another name"
-        yield Problem(
-            row.where, f"a position of {quoted(row.point)}", "none: the arm has this point", remedy, "position"
-        )
+        got = f"a position of {quoted(row.point)}"
+        yield Problem(row.where, got, "none: the arm has this point", remedy, "position")
     payloads = {payload.body.name for payload in arm.payloads}
     for name in named_points(row.load):
         if name not in own:

@@ -76,15 +76,10 @@ def example(arm: Arm) -> Example:
     return Example(Campaign(measurements=tuple(_measured(arm.replace(truth)))), truth)
 
 
-def test_mass(arm: Arm) -> int:
-    """Return the mass [kg] that is hung on the end point."""
-    bodies = (body for joint in arm.joints for body in (*joint.shaft, *joint.link))
-    return max(1, round(SHARE * sum(float(body.mass) for body in bodies)))
-
-
 def _measured(arm: Arm) -> Iterator[Measurement]:
     rng, point = np.random.default_rng(SEED), arm.points[-1].name
-    load = Load.parse(f"{test_mass(arm)} kg @ {point}")
+    test_mass = max(1, round(SHARE * sum(float(body.mass) for body in arm.bodies)))
+    load = Load.parse(f"{test_mass} kg @ {point}")
     for posture in _postures(arm):
         bare, loaded = (modal_analysis(arm, posture, each, MODES) for each in (Load(), load))
         for label, f, unclear in zip(bare.labels, bare.modes.frequency.tolist(), bare.ambiguous, strict=True):

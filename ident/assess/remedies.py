@@ -11,7 +11,7 @@ from scipy.stats import binomtest
 from ident.assess.effort import DiagnosisEffort
 from ident.assess.scenario import Basis, OverPhases, Unknowns, at_share, over_phases
 from ident.errors import InputError, Problem
-from ident.vibrate.design_search import Effort, Point, Requirements, Search, settled, with_cut
+from ident.vibrate.design_search import Point, Requirements, Search, settled, with_cut
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, Variable, binomial_estimate, side_by_side
 from ident.vibrate.exact import Progress
 from ident.vibrate.response import Response, peak
@@ -86,15 +86,8 @@ class Task:
 
     def evaluator(self, *variables: Variable, draws: Draws | None = None) -> Evaluator:
         """Return what is simulated again and again; all of a task are one program."""
-        return Evaluator(
-            self.basis.arm,
-            self.basis.motion,
-            variables,
-            draws=draws or {},
-            loads=self.basis.loads,
-            rate=RATE,
-            step=self.step,
-        )
+        basis, draws = self.basis, draws or {}
+        return Evaluator(basis.arm, basis.motion, variables, draws=draws, loads=basis.loads, rate=RATE, step=self.step)
 
     def over_phases(self, evaluator: Evaluator) -> Evaluator:
         """Return the same over all phases that are not known, with the highest kinematic errors that may be."""
@@ -395,9 +388,9 @@ def _least(
 
 def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) -> Remedy:
     """Take the least change of several numbers that reaches the aim, or the least amplitude; from two starts."""
-    effort = Effort(task.effort.screened, task.effort.iterations)
-    oracle = partial(_likely, task)
-    search, _ = oracle(Search(task.evaluator(*variables), Requirements(), effort), np.zeros(len(variables)))
+    effort, oracle = task.effort, partial(_likely, task)
+    whole = Search(task.evaluator(*variables), Requirements(), effort.screened, effort.iterations)
+    search, _ = oracle(whole, np.zeros(len(variables)))
     starts, objective = search.starts(2, seed=0), search.objective
     quiet: list[Point] = []
     near = starts
@@ -433,7 +426,12 @@ def _slower_or_faster(task: Task) -> Remedy:
     """Return the speed nearest to the present one that meets the limit, else that of the least amplitude."""
     ratios = np.unique([ratio for ratio in task.effort.speeds if ratio != 1])
     ratios = ratios[ratios * task.basis.percent <= max(FULL, task.basis.percent)]
-    evaluators = [_at_speed(task, ratio, ratio / ratios[0]) for ratio in ratios]
+    own, motion = task.evaluator(draws=task.assessment_draws), task.basis.motion
+    clocks = ratios / ratios[0]  # at each speed as many samples and steps as at the slowest
+    evaluators = [
+        replace(own, motion=motion.at_speed(100 * ratio), rate=RATE * clock, step=task.step / clock)
+        for ratio, clock in zip(ratios, clocks, strict=True)
+    ]
     amplitude = np.array([each.alone.amplitudes(np.zeros((1, 0))).max() for each in evaluators])
     size = np.abs(np.log2(ratios))
     return _least(
@@ -442,13 +440,6 @@ def _slower_or_faster(task: Task) -> Remedy:
         task.limit,
         lambda k: _remedy(task, evaluators[k], "speed", np.zeros(0), ratio=ratios[k], change_norm=float(size[k])),
     )
-
-
-def _at_speed(task: Task, ratio: float, clock: float) -> Evaluator:
-    """Return what simulates at another speed, with as many samples and steps as where the clock is 1."""
-    evaluator = task.evaluator(draws=task.assessment_draws)
-    moved = task.basis.motion.at_speed(100 * ratio)
-    return replace(evaluator, motion=moved, rate=RATE * clock, step=task.step / clock)
 
 
 def _remedy(
@@ -478,18 +469,15 @@ def _remedy(
     )
 
 
-def verify_in_turn(
-    ranked: Sequence[Remedy], verify: Callable[[Remedy], Verification], count: int = VERIFIED
-) -> tuple[Verification, ...]:
+def verify_in_turn(ranked: Sequence[Remedy], verify: Callable[[Remedy], Verification]) -> tuple[Verification, ...]:
     """Verify the first remedy, and those that follow as long as they should meet the limit and none holds.
 
     Args:
         ranked: the best first.
         verify: verifies one.
-        count: remedies that are verified, at most.
     """
     verifications: list[Verification] = []
-    for remedy in ranked[:count]:
+    for remedy in ranked[:VERIFIED]:
         if verifications and (verifications[-1].holds or not remedy.meets_limit):
             break
         verifications.append(verify(remedy))

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm
-from ident.arm.fields import fields_in
+from ident.arm.fields import field_of
 from ident.arm.parts import Body
 from ident.arm.plausibility import Oddity, behaviour_oddities, oddities, reach_of
 from ident.description.file import ArmFile
@@ -20,6 +20,8 @@ from ident.identify.modal_analysis import ModalAnalysis, modal_analysis
 
 CORNERS = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3, indexing="ij")).reshape(3, 8)
 """Corners of a cube about the origin."""
+SHOWN_MODES = 4
+"""First modes of an arm that is drawn."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +134,7 @@ def home(arm: Arm) -> tuple[float, ...]:
     return tuple(float(np.clip(0.0, *joint.limits)) for joint in arm.driven)
 
 
-def arm_view(arm_file: ArmFile, posture: tuple[float, ...] | None = None, *, modes: int = 4) -> ArmView:
+def arm_view(arm_file: ArmFile, posture: tuple[float, ...] | None = None) -> ArmView:
     """Return an arm as it is drawn at a posture [rad], by default `home`, with its first modes and what looks odd.
 
     Raises:
@@ -144,12 +146,15 @@ def arm_view(arm_file: ArmFile, posture: tuple[float, ...] | None = None, *, mod
     analysis, failure = None, "the arm has no point: add a [[point]] at its end, by whose motion modes are named"
     if arm.points:
         try:
-            analysis, failure = modal_analysis(arm, posture, modes=modes), ""
+            analysis, failure = modal_analysis(arm, posture, modes=SHOWN_MODES), ""
         except ModelError as error:
             failure = str(error)
     if analysis:
         named = {each.path for each in found}
-        found += tuple(each for each in _behaviour(arm, analysis) if each.path not in named)
+        energy = np.stack([np.asarray(analysis.modes.bend)[:, 0], np.asarray(analysis.modes.tors)[:, 0]])
+        sag = float(np.linalg.norm(analysis.deflection[arm.points[-1].name]))
+        behaviour = np.asarray(analysis.modes.frequency), analysis.damping_ratio, energy, sag
+        found += tuple(each for each in behaviour_oddities(arm, *behaviour) if each.path not in named)
     hinges = tuple(_hinges(arm, posture))
     by_name = {hinge.name: hinge for hinge in hinges}
     return ArmView(
@@ -157,19 +162,13 @@ def arm_view(arm_file: ArmFile, posture: tuple[float, ...] | None = None, *, mod
         posture,
         hinges,
         tuple(_solids(arm_file, hinges)),
-        {p.name: _placed(by_name[p.joint], p.position) for p in arm.points},
+        {p.name: (at := by_name[p.joint]).centre + at.frame @ np.asarray(p.position) for p in arm.points},
         {drive.name: by_name[drive.joint].centre for drive in arm.drives},
         tuple(_runs(arm, by_name)),
         analysis,
         failure,
         found,
     )
-
-
-def _behaviour(arm: Arm, analysis: ModalAnalysis) -> tuple[Oddity, ...]:
-    energy = np.stack([np.asarray(analysis.modes.bend)[:, 0], np.asarray(analysis.modes.tors)[:, 0]])
-    sag = float(np.linalg.norm(analysis.deflection[arm.points[-1].name]))
-    return behaviour_oddities(arm, np.asarray(analysis.modes.frequency), analysis.damping_ratio, energy, sag)
 
 
 def _hinges(arm: Arm, posture: tuple[float, ...]) -> Iterator[Hinge]:
@@ -213,10 +212,6 @@ def _of_inertia(mass: float, inertia: np.ndarray) -> np.ndarray:
     second, axes = np.linalg.eigh(np.trace(inertia) / 2 * np.eye(3) - inertia)
     half = np.sqrt(3 * np.clip(second, 0.0, None) / mass) if mass else np.zeros(3)
     return axes @ (half[:, None] * CORNERS)
-
-
-def _placed(hinge: Hinge, place: object) -> np.ndarray:
-    return hinge.centre + hinge.frame @ np.asarray(place)
 
 
 def _runs(arm: Arm, hinges: dict[str, Hinge]) -> Iterator[Run]:
@@ -284,10 +279,6 @@ def arm_names(arm_file: ArmFile) -> ArmNames:
 
 
 def _numbers(arm_file: ArmFile) -> Iterator[Number]:
-    for part in arm_file.arm.parts():
-        for field in fields_in(part):
-            value = np.asarray(getattr(part, field.name))
-            for end, place in field.ends.items():
-                path = f"{part.name}.{field.name}{end}"
-                origin = arm_file.origins.get(path, "")
-                yield Number(path, float(value[place]), field.unit, origin, field.logarithmic)
+    for path, value in arm_file.arm.numbers().items():
+        if field := field_of(path):
+            yield Number(path, float(value), field.unit, arm_file.origins.get(path, ""), field.logarithmic)

@@ -1,9 +1,10 @@
 """A simulated motion as it is reported: all that the report, the files and the figures have in common."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +17,8 @@ from ident.vibrate.fast import LeavesTangentError, Passage, passages
 from ident.vibrate.response import Response, belt_tension, slack
 from ident.vibrate.simulate import superposition
 from ident.vibrate.study import Draws, SimulatedMotion, Sizes, measures
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -145,14 +148,17 @@ def simulated_over_phases(basis: Basis, elastic_belts: bool, rate: float, step: 
 
 def alike(lines: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Join lines that lie on one another under one name."""
-    groups: list[tuple[list[str], np.ndarray]] = []
-    for name, values in lines.items():
-        group = next(
-            (names for names, others in groups if np.allclose(values, others, rtol=1e-6, atol=1e-6, equal_nan=True)),
-            None,
-        )
-        if group is None:
-            groups.append(([name], values))
-        else:
-            group.append(name)
+    groups = grouped(lines, partial(np.allclose, rtol=1e-6, atol=1e-6, equal_nan=True))
     return {", ".join(names): values for names, values in groups}
+
+
+def grouped(items: Mapping[str, T], are_alike: Callable[[T, T], bool]) -> list[tuple[list[str], T]]:
+    """Return the names of items that are like the first of their group, and that one."""
+    groups: list[tuple[list[str], T]] = []
+    for name, item in items.items():
+        names = next((names for names, first in groups if are_alike(item, first)), None)
+        if names is None:
+            groups.append(([name], item))
+        else:
+            names.append(name)
+    return groups

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
-from ident.assess.simulate import alike
+from ident.assess.simulate import alike, grouped
 from ident.errors import InputError, Problem
 from ident.identify.binding import loads_of
 from ident.identify.modal_analysis import modal_analysis
@@ -105,11 +105,8 @@ def marked_along(arm: Arm, log: Log, span: tuple[float, float], load: Load) -> M
     angles = np.stack([np.interp(at, time, log.angles[joint.name]) for joint in arm.driven])
     found = branches(arm, replay(at, angles), count=MODES, times=at - at[0], loads=loads_of(arm, load))
     frequencies = {str(found.labels[b]): found.median[b] for b in np.argsort(found.median[:, -1])}
-    return MarkedModes(arm.name, load, _posture(angles[:, 0]), _posture(angles[:, -1]), frequencies)
-
-
-def _posture(angles: Float[np.ndarray, "driven"]) -> tuple[float, ...]:
-    return tuple(round(float(angle), 9) for angle in angles)
+    first, last = (tuple(round(float(angle), 9) for angle in angles[:, k]) for k in (0, -1))
+    return MarkedModes(arm.name, load, first, last, frequencies)
 
 
 # -------- Spectra
@@ -227,7 +224,8 @@ def cut(trace: Trace, pulleys: Mapping[str, Pulley], start: float | None, end: f
         raise InputError(Problem("start", got, expected, "widen it"))
     inside = slice(low, high)
     part = replace(trace, time=time[inside], values={d: values[inside] for d, values in trace.values.items()})
-    return part, {name: Pulley(_part(p.frequency, inside), _part(p.angle, inside)) for name, p in pulleys.items()}
+    parts = {name: [x if x is None else x[inside] for x in (p.frequency, p.angle)] for name, p in pulleys.items()}
+    return part, {name: Pulley(*part) for name, part in parts.items()}
 
 
 def common_directions(traces: Mapping[str, Trace], wanted: Sequence[str] | None) -> tuple[str, ...]:
@@ -249,7 +247,11 @@ def comparable(traces: Mapping[str, Trace]) -> tuple[dict[str, Trace], str]:
     """
     if len({trace.kind for trace in traces.values()}) == 1:
         return dict(traces), ""
-    made = {name: _differentiated(trace) for name, trace in traces.items() if trace.kind == "displacement"}
+    made = {}
+    for name, trace in traces.items():
+        if trace.kind == "displacement":
+            values = {direction: second_derivative(trace.time, x) for direction, x in trace.values.items()}
+            made[name] = replace(trace, kind="acceleration", values=values)
     return {**traces, **made}, f"{', '.join(made)}: a displacement, differentiated twice"
 
 
@@ -288,23 +290,7 @@ def order_tracks(
 
 def distinct(pulleys: Pulleys) -> dict[str, Pulley]:
     """Put pulleys that turn alike under one name: their orders cannot be told from each other."""
-    groups: list[tuple[list[str], Pulley]] = []
-    for name, pulley in pulleys.items():
-        group = next((names for names, other in groups if _turns_as(pulley, other)), None)
-        if group is None:
-            groups.append(([name], pulley))
-        else:
-            group.append(name)
-    return {" and ".join(names): pulley for names, pulley in groups}
-
-
-def _differentiated(trace: Trace) -> Trace:
-    values = {direction: second_derivative(trace.time, values) for direction, values in trace.values.items()}
-    return replace(trace, kind="acceleration", values=values)
-
-
-def _part(values: np.ndarray | None, inside: slice) -> np.ndarray | None:
-    return None if values is None else values[inside]
+    return {" and ".join(names): pulley for names, pulley in grouped(pulleys, _turns_as)}
 
 
 def _columns(trace: Trace, directions: Sequence[str]) -> Float[np.ndarray, "T D"]:
@@ -312,16 +298,11 @@ def _columns(trace: Trace, directions: Sequence[str]) -> Float[np.ndarray, "T D"
 
 
 def _turns_as(one: Pulley, other: Pulley) -> bool:
-    pairs = [(one.frequency, other.frequency)]
-    pairs.append((_turned(one.angle), _turned(other.angle)))
-    return all(_close(a, b) for a, b in pairs)
-
-
-def _turned(angle: np.ndarray | None) -> np.ndarray | None:
-    return None if angle is None else np.abs(angle - angle[0])
-
-
-def _close(a: np.ndarray | None, b: np.ndarray | None) -> bool:
-    if a is None or b is None:
-        return a is b
-    return bool(np.allclose(a, b, rtol=1e-6, atol=1e-6 * np.abs(a).max()))
+    angles = (None if each.angle is None else np.abs(each.angle - each.angle[0]) for each in (one, other))
+    for a, b in ((one.frequency, other.frequency), tuple(angles)):
+        if a is None or b is None:
+            if a is not b:
+                return False
+        elif not np.allclose(a, b, rtol=1e-6, atol=1e-6 * np.abs(a).max()):
+            return False
+    return True

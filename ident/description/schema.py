@@ -9,8 +9,19 @@ from pydantic_core import PydanticCustomError
 
 from ident.arm.arm import GRAVITY, Arm, Workspace
 from ident.arm.fields import LARGEST, LOSS, field_named, names_of
-from ident.arm.parts import Belt, Body, CubicSpring, Drive, Joint, Payload, Point, Servo, Spring, Stroke, check_inertia
-from ident.errors import InputError
+from ident.arm.parts import (
+    Belt,
+    Body,
+    CubicSpring,
+    Drive,
+    Joint,
+    Payload,
+    Point,
+    Servo,
+    Spring,
+    Stroke,
+    inertia_problems,
+)
 from ident.text import NAME, did_you_mean, quoted
 from ident.units import in_si, width
 
@@ -357,11 +368,8 @@ class BodyTable(Table):
         if (self.inertia is None) == (self.shape is None):
             got = "neither inertia nor shape" if self.shape is None else "both inertia and shape"
             raise complaint(got, "one of them", 'a body without extension has shape = { kind = "point" }')
-        try:
-            check_inertia(self.name, self.mass.number, self._tensor())
-        except InputError as error:
-            problem = error.problems[0]
-            raise complaint(problem.got, problem.expected, problem.remedy) from None
+        for problem in inertia_problems(self.name, self.mass.number, self._tensor()):
+            raise complaint(problem.got, problem.expected, problem.remedy)
         return self
 
     def _tensor(self) -> Any:

@@ -4,19 +4,17 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from ident.measure.campaign import Campaign, Measurement
-from ident.measure.load import DEFINITIONS, DRIVE_STATES, KINDS, OWN_WEIGHT, Load, parse_direction
-from ident.measure.reading import COLUMNS, format_campaign, parse_campaign, read_campaign, write_campaign
-from ident.units import NMM_PER_DEG, to_si
+from ident.measure.load import DEFINITIONS, DRIVE_STATES, KINDS, OWN_WEIGHT, Load
+from ident.measure.reading import format_campaign, parse_campaign, read_campaign, write_campaign
+from ident.units import to_si
 
 if TYPE_CHECKING:
-    from ident.measure.series import Log, Pulley, Trace, parse_log, parse_trace, read_log, read_pulleys, read_trace
+    from ident.measure.series import Log, Pulley, Trace, read_log, read_pulleys, read_trace
 
 __all__ = [
-    "COLUMNS",
     "DEFINITIONS",
     "DRIVE_STATES",
     "KINDS",
-    "NMM_PER_DEG",
     "OWN_WEIGHT",
     "Campaign",
     "Load",
@@ -26,9 +24,6 @@ __all__ = [
     "Trace",
     "format_campaign",
     "parse_campaign",
-    "parse_direction",
-    "parse_log",
-    "parse_trace",
     "read_campaign",
     "read_log",
     "read_pulleys",
@@ -37,7 +32,7 @@ __all__ = [
     "write_campaign",
 ]
 
-_SERIES = ("Log", "Pulley", "Trace", "parse_log", "parse_trace", "read_log", "read_pulleys", "read_trace")
+_SERIES = ("Log", "Pulley", "Trace", "read_log", "read_pulleys", "read_trace")
 """Series in time: they need NumPy, for which a campaign that is refused need not wait."""
 
 

@@ -1,11 +1,12 @@
 """What was measured, in SI units: measurements, and the campaign that holds them."""
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from ident.errors import InputError, Problem
-from ident.measure.covariance_and_frames import NO_SETUPS, Correlated, Covariance, Setups, check_name, correlated
+from ident.errors import InputError, Problem, refuse
+from ident.measure.covariance_and_frames import NO_SETUPS, Correlated, Covariance, Setups, correlated
 from ident.measure.load import (
     AXES,
     DEFINITIONS,
@@ -23,7 +24,7 @@ from ident.measure.load import (
     Vector,
     unit_vector,
 )
-from ident.text import nearest, one_line, quoted, table_lines
+from ident.text import NAME, nearest, one_line, quoted, table_lines
 from ident.units import QUANTITIES, si_factor
 
 # -------- Cells
@@ -73,26 +74,20 @@ def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Probl
         yield Problem("", got, "a reference load that differs from the load", remedy, "reference_load")
 
 
-def definition_problems(of: str | None) -> Iterator[Problem]:
-    """Find a word for what a frequency is that means nothing."""
-    if of and of not in DEFINITIONS:
-        remedy = f"write {near}" if (near := nearest(of, DEFINITIONS)) else "correct it, or leave it empty for undamped"
-        yield Problem("", quoted(of), f"one of {', '.join(DEFINITIONS)}", remedy, "of")
+WORDS = {
+    "of": (DEFINITIONS, "leave it empty for undamped"),
+    "drives": (DRIVE_STATES, f"leave it empty for {DRIVE_STATES[0]}"),
+    "ramp": (RAMPS, "leave the cell empty"),
+}
+"""Fields of few words, and what they say when they are empty."""
 
 
-def drive_state_problems(drives: str) -> Iterator[Problem]:
-    """Find a word for what held the motors that means nothing."""
-    if drives not in DRIVE_STATES:
-        near = nearest(drives, DRIVE_STATES)
-        remedy = f"write {near}" if near else f"correct it, or leave it empty for {DRIVE_STATES[0]}"
-        yield Problem("", quoted(drives), f"one of {', '.join(DRIVE_STATES)}", remedy, "drives")
-
-
-def ramp_problems(ramp: str) -> Iterator[Problem]:
-    """Find a word for the way of a ramp that means nothing."""
-    if ramp and ramp not in RAMPS:
-        remedy = f"write {near}" if (near := nearest(ramp, RAMPS)) else "correct it, or leave the cell empty"
-        yield Problem("", quoted(ramp), f"one of {', '.join(RAMPS)}", remedy, "ramp")
+def word_problems(name: str, word: str | None) -> Iterator[Problem]:
+    """Find a word of a field, one of `WORDS`, that means nothing."""
+    known, otherwise = WORDS[name]
+    if word and word not in known:
+        remedy = f"write {near}" if (near := nearest(word, known)) else f"correct it, or {otherwise}"
+        yield Problem("", quoted(word), f"one of {', '.join(known)}", remedy, name)
 
 
 def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
@@ -109,13 +104,6 @@ def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
     if not 0 < sigma < math.inf:
         expected, remedy = "a finite standard deviation above 0", "state how far the value may be off"
         yield Problem("", f"{sigma:g} {unit}".strip(), expected, remedy, "sigma")
-
-
-def resolution_problems(resolution: float) -> Iterator[Problem]:
-    """Find a resolution [SI] that can't be."""
-    if not 0 <= resolution < math.inf:
-        remedy = "give the step of the display in the value's unit, or leave the cell empty"
-        yield Problem("", f"{resolution:g}", "a resolution above 0", remedy, "resolution")
 
 
 # -------- Campaign
@@ -189,7 +177,12 @@ class Measurement:
     where: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
-        _check_kind(self)
+        if self.setup and not re.fullmatch(NAME, self.setup):
+            got, expected = quoted(self.setup), "a name such as tracker or tracker-2"
+            raise InputError(Problem(self.where, got, expected, "use letters, digits, _ and -", "setup"))
+        if self.kind not in KINDS:
+            expected = f"one of {', '.join(KINDS)}"
+            raise InputError(Problem(self.where, quoted(self.kind), expected, "correct the kind", "kind"))
         for name, value in _normalised(self).items():
             object.__setattr__(self, name, value)
         given = {name: str(getattr(self, name)) for name in ROLE_FIELDS if getattr(self, name)}
@@ -197,15 +190,16 @@ class Measurement:
             *role_problems(self.kind, given),
             *load_problems(self.kind, self.load, self.reference_load),
             *reference_problems(self),
-            *definition_problems(self.of),
-            *drive_state_problems(self.drives),
-            *ramp_problems(self.ramp),
+            *(problem for name in WORDS for problem in word_problems(name, getattr(self, name))),
             *value_problems(self.kind, self.value, self.sigma),
-            *resolution_problems(self.resolution),
-            *_posture_problems(self.posture),
         ]
-        if problems:
-            raise InputError(replace(problem, where=self.where) for problem in problems)
+        if not 0 <= self.resolution < math.inf:
+            remedy = "give the step of the display in the value's unit, or leave the cell empty"
+            problems.append(Problem("", f"{self.resolution:g}", "a resolution above 0", remedy, "resolution"))
+        if not self.posture or not all(map(math.isfinite, self.posture)):
+            got = quoted(" ".join(map(str, self.posture)))
+            problems.append(Problem("", got, "one finite angle for each joint", "correct the posture", "posture"))
+        refuse(replace(problem, where=self.where) for problem in problems)
 
     @property
     def spread(self) -> float:
@@ -239,18 +233,19 @@ class Campaign:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "measurements", tuple(self.measurements))
-        odd = [m for m in self.measurements if len(m.posture) != self.joints]
-        if odd:
-            expected, remedy = f"{self.joints}, as in the first measurement", "give every joint's angle"
-            got = (f"{len(m.posture)} joint angles" for m in odd)
-            raise InputError(
-                Problem(m.where, text, expected, remedy, "posture") for m, text in zip(odd, got, strict=True)
-            )
+        expected, remedy = f"{self.joints}, as in the first measurement", "give every joint's angle"
+        refuse(
+            Problem(m.where, f"{len(m.posture)} joint angles", expected, remedy, "posture")
+            for m in self.measurements
+            if len(m.posture) != self.joints
+        )
         known = self.covariance or Covariance(())
-        lost = [m for m in self.measurements if m.group and not known.has(m.group, m.member)]
-        if lost:
-            expected, remedy = "a correlation of its errors", "give the campaign's covariance"
-            raise InputError(Problem(m.where, f"the group {quoted(m.group)}", expected, remedy, "group") for m in lost)
+        expected, remedy = "a correlation of its errors", "give the campaign's covariance"
+        refuse(
+            Problem(m.where, f"the group {quoted(m.group)}", expected, remedy, "group")
+            for m in self.measurements
+            if m.group and not known.has(m.group, m.member)
+        )
 
     def __str__(self) -> str:
         """Return a short table: the first rows, each with what was measured, where, its value and its sigma."""
@@ -312,41 +307,21 @@ def reference_problems(m: Measurement) -> Iterator[Problem]:
         yield Problem("", "the reference itself", "another point or direction", remedy, "reference_point")
 
 
-def _check_kind(m: Measurement) -> None:
-    try:
-        check_name(m.setup)
-    except InputError as error:
-        raise InputError(replace(problem, where=m.where) for problem in error.problems) from None
-    if m.kind not in KINDS:
-        raise InputError(Problem(m.where, quoted(m.kind), f"one of {', '.join(KINDS)}", "correct the kind", "kind"))
-
-
 def _normalised(m: Measurement) -> dict[str, object]:
     downwards = KINDS[m.kind] == "length" and m.kind not in POSITIONS
     direction = m.direction or (GRAVITY_DIRECTION if downwards else None)
     return {
+        **{name: float(getattr(m, name)) for name in ("value", "sigma", "resolution")},
+        **{name: " ".join(getattr(m, name).split()) for name in ("repeat", "group")},
+        **{name: (getattr(m, name) or "").strip() or None for name in ("point", "joint", "reference_point")},
         "posture": tuple(float(angle) for angle in m.posture),
-        "value": float(m.value),
-        "sigma": float(m.sigma),
-        "resolution": float(m.resolution),
-        "repeat": " ".join(m.repeat.split()),
-        "group": " ".join(m.group.split()),
         "mode": " ".join((m.mode or "").lower().split()) or None,
         "of": None if (of := " ".join((m.of or "").lower().split())) == "undamped" else of or None,
         "drives": m.drives.strip().lower() or DRIVE_STATES[0],
-        "point": (m.point or "").strip() or None,
-        "joint": (m.joint or "").strip() or None,
         "setup": m.setup.strip(),
         "ramp": m.ramp.strip().lower(),
         "direction": unit_vector(direction) if direction else None,
-        "reference_point": (m.reference_point or "").strip() or None,
         "reference_direction": unit_vector(m.reference_direction) if m.reference_direction else None,
         "unit": m.unit.strip() or QUANTITIES[KINDS[m.kind]].si,
         "note": "\n".join(m.note.splitlines()).strip(),
     }
-
-
-def _posture_problems(posture: tuple[float, ...]) -> Iterator[Problem]:
-    if not posture or not all(map(math.isfinite, posture)):
-        got = quoted(" ".join(map(str, posture)))
-        yield Problem("", got, "one finite angle for each joint", "correct the posture", "posture")

@@ -5,14 +5,14 @@ import io
 import os
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.files import replace_file
-from ident.measure.campaign import drive_state_problems
+from ident.measure.campaign import word_problems
 from ident.measure.load import DRIVE_STATES, OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, LackingError, NoChannelError, Recording, is_recording, read_recording
 from ident.measure.series import Speed, parse_speeds
@@ -20,12 +20,11 @@ from ident.measure.table import (
     Findings,
     Record,
     decimal_mark,
-    misfit,
+    fitting,
+    name_and_unit,
     parse_number,
-    read_records,
     read_table,
-    sniff_delimiter,
-    table_text,
+    records_of,
 )
 from ident.text import did_you_mean, one_line, quoted
 from ident.units import sensor_factor, si_factor
@@ -39,29 +38,7 @@ QUANTITIES = {FORCE: ("force",), RESPONSE: _MOTION, REFERENCE: _MOTION, TIME: ("
 """What a channel of each role may measure; a length is a displacement."""
 FRAMES = ("base", "body")
 """In which frame a direction has its components: the base's, or that of the body which carries the point."""
-COLUMNS = (
-    "file",
-    "channel",
-    "role",
-    "point",
-    "joint",
-    "position",
-    "direction",
-    "frame",
-    "quantity",
-    "unit",
-    "sensitivity",
-    "full_scale",
-    "rate",
-    "decay",
-    "load",
-    "drives",
-    "harmonics",
-    "note",
-)
-"""Names of the columns, beside the joint angles `q1 [deg]`, ...; `position [mm]` has its unit in the header."""
 REQUIRED = ("file", "channel", "role", "point", "direction", "unit", "q1")
-_NAME = re.compile(r"(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\]]*)\])?")
 _ANGLE = re.compile(r"q[1-9][0-9]{0,2}")
 
 
@@ -124,6 +101,10 @@ class ChannelRow:
         return self.role in (FORCE, RESPONSE, REFERENCE)
 
 
+COLUMNS = (*(f.name for f in fields(ChannelRow) if f.name not in ("where", "posture", "in_volts")), "note")
+"""Names of the columns, beside the joint angles `q1 [deg]`, ...; `position [mm]` has its unit in the header."""
+
+
 @dataclass(frozen=True)
 class ChannelTable:
     """The channels of a modal test.
@@ -148,20 +129,22 @@ def read_channels(path: str | Path) -> ChannelTable:
     import hashlib
 
     data, findings = read_table(path), Findings()
-    file = one_line(str(path))
-    text = table_text(data, file)
-    delimiter = sniff_delimiter(text, lambda name: _split(name)[0].lower() in COLUMNS)
-    records = list(read_records(text, delimiter, file, findings))
+    is_column = lambda name: name_and_unit(name)[0].lower() in COLUMNS  # noqa: E731
+    file, delimiter, records = records_of(data, path, is_column, findings)
     if len(records) < 2:
         remedy = "see `ident modal --init`, which writes one to fill in"
         raise InputError([*findings, Problem(file, "no row", "a header and a row for each channel", remedy)])
     header = _Header.of(records[0], findings)
-    if findings:
-        raise InputError(findings)
-    rows = [row for record in records[1:] for row in _row(record, header, delimiter, findings)]
+    refuse(findings)
+    rows = list[ChannelRow]()
+    for where, cells in fitting(records[1:], len(header.names), delimiter, findings):
+        cell, mine = dict(zip(header.names, cells, strict=True)), Findings()
+        said = _fields(where, cell, header, delimiter, mine)
+        mine += [replace(problem, where=where) for problem in _lacks(cell, said)]
+        rows += [] if mine else [ChannelRow(where=where, **said)]
+        findings += mine
     findings += _repeated(rows)
-    if findings:
-        raise InputError(findings)
+    refuse(findings)
     return ChannelTable(str(path), hashlib.sha256(data).hexdigest(), tuple(rows))
 
 
@@ -175,11 +158,6 @@ def _repeated(rows: list[ChannelRow]) -> Iterator[Problem]:
             count = "twice" if len(same) == 2 else f"{len(same)} times"
             got = f"{quoted(same[0].channel)} of {quoted(same[0].file)} {count}"
             yield Problem(same[1].where, got, "each channel once", "keep one row", "channel")
-
-
-def _split(cell: str) -> tuple[str, str]:
-    match = _NAME.fullmatch(cell)
-    return (match["name"], (match["unit"] or "").strip()) if match else (cell, "")
 
 
 @dataclass(frozen=True)
@@ -196,7 +174,7 @@ class _Header:
     @classmethod
     def of(cls, record: Record, findings: Findings) -> "_Header":
         where, cells = record
-        named = [(name.lower(), unit) for name, unit in map(_split, cells)]
+        named = [(name.lower(), unit) for name, unit in map(name_and_unit, cells)]
         factors: dict[str, float] = {}
         for name, unit in named:
             quantity = "angle" if _ANGLE.fullmatch(name) else {"position": "length"}.get(name)
@@ -226,21 +204,6 @@ def _factor(unit: str, name: str, quantity: str) -> float:
     return si_factor(unit, quantity)
 
 
-def _row(record: Record, header: _Header, delimiter: str, findings: Findings) -> Iterator[ChannelRow]:
-    """Yield the row that a record says, or nothing where it is wrong."""
-    where, cells = record
-    if len(cells) != len(header.names):
-        findings.append(misfit(where, len(cells), len(header.names), delimiter))
-        return
-    cell = dict(zip(header.names, cells, strict=True))
-    mine = Findings()
-    fields = _fields(where, cell, header, delimiter, mine)
-    mine += [replace(problem, where=where) for problem in _lacks(cell, fields)]
-    findings += mine
-    if not mine:
-        yield ChannelRow(where=where, **fields)
-
-
 def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str, mine: Findings) -> dict[str, Any]:
     decimal = decimal_mark(delimiter, cell.values())
 
@@ -250,40 +213,32 @@ def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str
     role = cell["role"].lower()
     if role == IGNORED or not role:
         return {"file": cell["file"], "channel": cell["channel"], "role": IGNORED, "posture": ()}
-    direction, position = cell["direction"], cell.get("position", "")
+    direction, position, quantity = cell["direction"], cell.get("position", ""), cell.get("quantity", "").lower()
     volts = VOLTS.fullmatch(cell.get("sensitivity", ""))
     sensitivity, unit = (None, cell["unit"]) if volts else (number("sensitivity"), cell["unit"])
     if volts:
         sensitivity, unit = mine.attempt(where, "sensitivity", _volts, volts, unit, decimal) or (None, unit)
     return {
-        "file": cell["file"],
-        "channel": cell["channel"],
+        **{name: cell.get(name, "") for name in ("file", "channel", "point", "joint")},
+        **{name: number(name) for name in ("full_scale", "rate")},
         "role": role,
         "posture": tuple(
             (mine.attempt(where, name, _number, cell[name], decimal, None) or 0.0) * header.factors[name]
             for name in header.angles
             if role != TIME
         ),
-        "point": cell["point"],
-        "joint": cell.get("joint", ""),
         "position": mine.attempt(where, "position", _position, position, decimal, header.factors) if position else None,
         "direction": mine.attempt(where, "direction", parse_direction, direction, decimal) if direction else None,
         "frame": cell.get("frame", "").lower() or FRAMES[0],
-        "quantity": _quantity(cell.get("quantity", "")),
+        "quantity": "length" if quantity == "displacement" else quantity,
         "unit": unit,
         "sensitivity": sensitivity,
         "in_volts": volts is not None,
-        "full_scale": number("full_scale"),
-        "rate": number("rate"),
         "decay": number("decay") or 0.0,
         "load": mine.attempt(where, "load", Load.parse, cell.get("load", ""), decimal=decimal),
         "drives": cell.get("drives", "").lower() or DRIVE_STATES[0],
         "harmonics": mine.attempt(where, "harmonics", parse_speeds, cell.get("harmonics", ""), decimal) or (),
     }
-
-
-def _quantity(text: str) -> str:
-    return "length" if text.lower() == "displacement" else text.lower()
 
 
 def _number(text: str, decimal: str, above: float | None) -> float:
@@ -311,9 +266,9 @@ def _position(text: str, decimal: str, factors: Mapping[str, float]) -> Vector:
     return x, y, z
 
 
-def _lacks(cell: Mapping[str, str], fields: Mapping[str, Any]) -> Iterator[Problem]:
+def _lacks(cell: Mapping[str, str], said: Mapping[str, Any]) -> Iterator[Problem]:
     """Yield what a row lacks, or says of no meaning."""
-    role, frame, quantity = fields["role"], fields.get("frame", FRAMES[0]), fields.get("quantity", "")
+    role, frame, quantity = said["role"], said.get("frame", FRAMES[0]), said.get("quantity", "")
     for name in ("file", "channel"):
         if not cell[name]:
             yield Problem("", "nothing", f"the {name}'s name", "fill the cell", name)
@@ -323,11 +278,10 @@ def _lacks(cell: Mapping[str, str], fields: Mapping[str, Any]) -> Iterator[Probl
     if frame not in FRAMES:
         yield Problem("", quoted(frame), f"one of {', '.join(FRAMES)}", "correct it", "frame")
     if quantity and quantity not in QUANTITIES[role]:
-        yield Problem(
-            "", quoted(quantity), f"one of {', '.join(QUANTITIES[role])}, of a {role}", "correct it", "quantity"
-        )
+        expected = f"one of {', '.join(QUANTITIES[role])}, of a {role}"
+        yield Problem("", quoted(quantity), expected, "correct it", "quantity")
     if role in (FORCE, RESPONSE, REFERENCE):
-        yield from drive_state_problems(fields["drives"])
+        yield from word_problems("drives", said["drives"])
         for name, example in (("point", "a point of the arm"), ("direction", "x, -z, ... or three numbers")):
             if not cell[name]:
                 yield Problem("", "nothing", f"{example}, of a {role}", "fill the cell", name)
@@ -387,8 +341,7 @@ def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, 
         expected = "recordings: .uff, .unv, .csv, .mat, .lvm, .tdms, .wav, .h5"
         got = "nodes and no channel" if found else "a folder without recordings"
         problems = passed or [Problem(one_line(str(folder)), got, expected, "name another folder")]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return found
 
 
@@ -445,16 +398,12 @@ def _rows(name: str, recording: Recording) -> Iterator[dict[str, str]]:
         channel = by_name.get(each)
         flawed = channel is not None and bool(channel.flaw)
         role = {"force": FORCE, "acceleration": RESPONSE}.get(each.rpartition(" ")[2], "") if not flawed else ""
-        said = channel.unit if channel else _force_unit(recording, each)
+        of_force = (own.reference_unit for own in recording.channels if own.reference == each)
+        said = channel.unit if channel else next(of_force, "")
         unit = said if _is_taken(said, role) else ""
         hint = "" if unit == said or flawed else f"in {one_line(said)!r}: write unit and sensitivity"
         note = [_note(channel) if channel else "", hint, _place(recording, each)]
         yield {"file": name, "channel": each, "role": role, "unit": unit, "note": "; ".join(filter(None, note))}
-
-
-def _force_unit(recording: Recording, force: str) -> str:
-    """Return the unit of a force that frequency responses refer to, empty where they name none."""
-    return next((each.reference_unit for each in recording.channels if each.reference == force), "")
 
 
 def _is_taken(unit: str, role: str) -> bool:

@@ -2,16 +2,15 @@
 
 import hashlib
 import math
-import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.measure.load import Vector
-from ident.measure.table import Findings, misfit, parse_number, read_records, sniff_delimiter, table_text
-from ident.text import NAME, did_you_mean, nearest, one_line, quoted
+from ident.measure.table import Findings, fitting, parse_number, records_of
+from ident.text import did_you_mean, nearest, quoted
 from ident.units import si_factor
 
 # -------- Covariance
@@ -172,35 +171,29 @@ def covariance_path(path: str | Path) -> Path:
 
 def parse_covariance(data: bytes, path: Path, sizes: Mapping[str, int]) -> Covariance:
     """Read correlations from the bytes of a file; `path` names it in messages."""
-    file, findings = one_line(str(path)), Findings()
-    text = table_text(data, file)
-    delimiter = sniff_delimiter(text, COVARIANCE_COLUMNS.__contains__)
-    records = list(read_records(text, delimiter, file, findings))
+    findings = Findings()
+    file, delimiter, records = records_of(data, path, COVARIANCE_COLUMNS.__contains__, findings)
     if not records or records[0][1] != list(COVARIANCE_COLUMNS):
         where = records[0][0] if records else file
         findings.append(Problem(where, "another header", ",".join(COVARIANCE_COLUMNS), "write these columns"))
         raise InputError(findings)
     made = {name: [[float(i == j) for j in range(n)] for i in range(n)] for name, n in sizes.items() if n <= LARGEST}
-    findings += [_too_large(file, name, n) for name, n in sizes.items() if n > LARGEST]
+    for name, n in sizes.items():
+        if n > LARGEST:
+            got = f"a group {quoted(name)} of {n} rows"
+            findings.append(Problem(file, got, f"at most {LARGEST}", "split it"))
     said: set[tuple[str, int, int]] = set()
-    for where, cells in records[1:]:
-        if len(cells) != len(COVARIANCE_COLUMNS):
-            findings.append(misfit(where, len(cells), len(COVARIANCE_COLUMNS), delimiter))
-        elif pair := _pair(where, cells, sizes, findings):
+    for where, cells in fitting(records[1:], len(COVARIANCE_COLUMNS), delimiter, findings):
+        if pair := _pair(where, cells, sizes, findings):
             name, i, j, value = pair
             if (name, *sorted((i, j))) in said:
                 findings.append(Problem(where, "the pair again", "each pair once", "delete one of them"))
             said.add((name, min(i, j), max(i, j)))
             if name in made:
                 made[name][i][j] = made[name][j][i] = value
-    if findings:
-        raise InputError(findings)
+    refuse(findings)
     groups = tuple(Group(name, tuple(map(tuple, rows))) for name, rows in made.items())
     return Covariance(groups, str(path), hashlib.sha256(data).hexdigest())
-
-
-def _too_large(file: str, name: str, rows: int) -> Problem:
-    return Problem(file, f"a group {quoted(name)} of {rows} rows", f"at most {LARGEST}", "split it")
 
 
 def _pair(
@@ -243,15 +236,14 @@ def covariance_text(groups: Sequence[Group], campaign: str) -> str:
     """Return correlations as CSV text; pairs that are not correlated are left out."""
     columns = ",".join(COVARIANCE_COLUMNS)
     head = f"# {campaign}: rows i and j of each group, counted from 1; sigma stands there\n{columns}\n"
-    return head + "".join(f"{name},{i},{j},{value!r}\n" for name, i, j, value in _pairs(groups))
-
-
-def _pairs(groups: Sequence[Group]) -> Iterator[tuple[str, int, int, float]]:
-    for group in groups:
-        for i, row in enumerate(group.correlation):
-            for j in range(i + 1, len(row)):
-                if row[j]:
-                    yield group.name, i + 1, j + 1, row[j]
+    pairs = [
+        f"{group.name},{i},{j},{value!r}\n"
+        for group in groups
+        for i, row in enumerate(group.correlation, 1)
+        for j, value in enumerate(row, 1)
+        if j > i and value
+    ]
+    return head + "".join(pairs)
 
 
 # -------- Setups
@@ -324,27 +316,20 @@ def parse_setups(data: bytes, path: str | Path, names: Collection[str]) -> Setup
     Raises:
         InputError: something in it is wrong; every problem is listed.
     """
-    file, findings = one_line(str(path)), Findings()
-    text = table_text(data, file)
-    delimiter = sniff_delimiter(text, lambda name: name in SETUP_COLUMNS)
-    records = list(read_records(text, delimiter, file, findings))
+    findings = Findings()
+    file, delimiter, records = records_of(data, path, SETUP_COLUMNS.__contains__, findings)
     header = tuple(cell.lower() for cell in records[0][1]) if records else ()
     if sorted(header) != sorted(SETUP_COLUMNS):
         remedy = "see data/README.md; leave a cell empty where its number is to be found"
         raise InputError([*findings, Problem(file, "other columns", ", ".join(SETUP_COLUMNS), remedy)])
     found: dict[str, Setup] = {}
-    for where, cells in records[1:]:
-        if len(cells) != len(header):
-            findings.append(misfit(where, len(cells), len(header), delimiter))
-            continue
-        row = dict(zip(header, cells, strict=True))
-        setup = findings.attempt(where, "", _setup, row, names)
+    for where, cells in fitting(records[1:], len(header), delimiter, findings):
+        setup = findings.attempt(where, "", _setup, dict(zip(header, cells, strict=True)), names)
         if setup and setup.name in found:
             findings.append(Problem(where, f"{quoted(setup.name)} again", "each setup once", "delete one", "setup"))
         elif setup:
             found[setup.name] = setup
-    if findings:
-        raise InputError(findings)
+    refuse(findings)
     return Setups(tuple(found.values()), str(path), hashlib.sha256(data).hexdigest())
 
 
@@ -371,7 +356,12 @@ def _placed(
         raise InputError(Problem("", "nothing", f"a number, as {sigma} is not {FREE}", "give all three", missing))
     factor = _in(unit, si_factor, row[unit], quantity)
     x, y, z = (factor * _in(name, parse_number, row[name], ".") for name in names)
-    return (x, y, z), _sd(row[sigma], sigma, factor)
+    if row[sigma].lower() == FREE:
+        return (x, y, z), math.inf
+    number = _in(sigma, parse_number, row[sigma], ".")
+    if number < 0:
+        raise InputError(Problem("", quoted(row[sigma]), f"a number, 0 for known, or {FREE}", "correct it", sigma))
+    return (x, y, z), factor * number
 
 
 def _in(column: str, read: Callable[..., float], *args: Any) -> float:
@@ -383,37 +373,13 @@ def _in(column: str, read: Callable[..., float], *args: Any) -> float:
     return value
 
 
-def _sd(text: str, column: str, factor: float) -> float:
-    if text.lower() == FREE:
-        return math.inf
-    number = _in(column, parse_number, text, ".")
-    if number < 0:
-        raise InputError(Problem("", quoted(text), f"a number, 0 for known, or {FREE}", "correct it", column))
-    return factor * number
-
-
-def check_name(name: str) -> None:
-    """Refuse a name of a setup that no parameter could bear.
-
-    Raises:
-        InputError: it has other than letters, digits, `_` and `-`.
-    """
-    if name and not re.fullmatch(NAME, name):
-        remedy = "use letters, digits, _ and -"
-        raise InputError(Problem("", quoted(name), "a name such as tracker or tracker-2", remedy, "setup"))
-
-
 def setups_text(setups: Collection[Setup], campaign: str) -> str:
     """Return setups as CSV text."""
-    rows = [",".join(SETUP_COLUMNS), *(_row(setup) for setup in setups)]
-    return "\n".join([f"# {campaign}: frames of its setups, in the base frame", *rows, ""])
-
-
-def _row(setup: Setup) -> str:
-    place = [*(["", "", ""] if setup.origin is None else map(repr, setup.origin)), "m", _written(setup.sigma)]
-    turn = [*(["", "", ""] if setup.turn is None else map(repr, setup.turn)), "rad", _written(setup.turn_sigma)]
-    return ",".join([setup.name, *place, *turn])
-
-
-def _written(sigma: float) -> str:
-    return FREE if math.isinf(sigma) else repr(sigma)
+    lines = [f"# {campaign}: frames of its setups, in the base frame", ",".join(SETUP_COLUMNS)]
+    for setup in setups:
+        cells = [setup.name]
+        for vector, unit, sigma in ((setup.origin, "m", setup.sigma), (setup.turn, "rad", setup.turn_sigma)):
+            cells += [*(["", "", ""] if vector is None else map(repr, vector)), unit]
+            cells += [FREE if math.isinf(sigma) else repr(sigma)]
+        lines.append(",".join(cells))
+    return "\n".join([*lines, ""])

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.measure.table import format_number, parse_number
 from ident.text import NAME, quoted
 from ident.units import to_si
@@ -218,8 +218,7 @@ def _check_load(load: Load) -> None:
     ]
     twice = {name for name in load.payloads if load.payloads.count(name) > 1}
     problems += [_misread(name, "each payload once") for name in sorted(twice)]
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def named_points(load: Load) -> tuple[str, ...]:

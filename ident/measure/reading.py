@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.files import remove_file, replace_file, together
 from ident.measure.campaign import Campaign, Measurement, load_problems, role_problems, value_problems
 from ident.measure.covariance_and_frames import (
@@ -27,19 +27,17 @@ from ident.measure.covariance_and_frames import (
     setups_path,
     setups_text,
 )
-from ident.measure.load import DRIVE_STATES, KINDS, Load, Vector, format_direction, parse_direction
+from ident.measure.load import DRIVE_STATES, KINDS, Load, format_direction, parse_direction
 from ident.measure.table import (
     Findings,
     Record,
     decimal_mark,
+    fitting,
     format_number,
-    misfit,
     parse_fraction,
     parse_number,
-    read_records,
     read_table,
-    sniff_delimiter,
-    table_text,
+    records_of,
 )
 from ident.text import LONGEST_QUOTE, nearest, one_line, quoted
 from ident.units import si_factor
@@ -121,7 +119,11 @@ def read_header(record: Record, findings: Findings) -> Header:
     }
     unknown = [name for name in names if not is_column(name)]
     mine += [_unknown_column(where, name) for name in unknown]
-    mine += [Problem(where, *doubled) for doubled in _doubled(names)]
+    doubled = sorted({name for name in names if name and names.count(name) > 1})
+    mine += [
+        Problem(where, "the column twice", "it once", "remove or rename one", one_line(name[:LONGEST_QUOTE]))
+        for name in doubled
+    ]
     mine += [Problem(where, "no such column", *lacking) for lacking in _lacking(names)]
     findings += mine
     meant = {nearest(name, COLUMNS) for name in unknown}
@@ -146,11 +148,6 @@ def _unknown_column(where: str, name: str) -> Problem:
     return Problem(where, got, expected, remedy, one_line(name[:LONGEST_QUOTE]))
 
 
-def _doubled(names: list[str]) -> Iterator[tuple[str, str, str, str]]:
-    for name in sorted({name for name in names if name and names.count(name) > 1}):
-        yield "the column twice", "it once", "remove or rename one", one_line(name[:LONGEST_QUOTE])
-
-
 def _lacking(names: list[str]) -> Iterator[tuple[str, str, str]]:
     """Yield expectation, remedy and name of each column that is missing."""
     for name in ("kind", "value", "unit"):
@@ -166,20 +163,7 @@ def _lacking(names: list[str]) -> Iterator[tuple[str, str, str]]:
 
 # -------- Reading
 
-AS_TEXT = (
-    "mode",
-    "of",
-    "point",
-    "reference_point",
-    "joint",
-    "setup",
-    "ramp",
-    "drives",
-    "unit",
-    "repeat",
-    "group",
-    "note",
-)
+AS_TEXT = tuple(name for name in COLUMNS if name not in ("kind", *NUMERIC_COLUMNS))
 """Columns whose text is taken as it is."""
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -208,20 +192,17 @@ def parse_campaign(
     data: bytes, path: str | Path, covariance: bytes | None = None, setups: bytes | None = None
 ) -> Campaign:
     """Read a campaign from the bytes of a CSV file, and of those beside it; `path` names it in messages."""
-    file, findings = one_line(str(path)), Findings()
-    text = table_text(data, file)
-    delimiter = sniff_delimiter(text, is_column)
-    records = list(read_records(text, delimiter, file, findings))
+    findings = Findings()
+    file, delimiter, records = records_of(data, path, is_column, findings)
     if len(records) < 2:
-        raise InputError([*findings, _nothing_to_read(file, records)])
+        expected, remedy = "a header and a row for each measurement", "see data/README.md for the columns"
+        raise InputError([*findings, Problem(file, "only one row" if records else "no row", expected, remedy)])
     header = read_header(records[0], findings)
     rows, decimal = _rows(records[1:], header, delimiter, findings)
     read = [_read_row(row, header) for row in rows]
     measurements = _numbered(measurement for measurement in read if measurement is not None)
     findings += _duplicate_problems(measurements) if not header.broken else ()
-    wrong = [p for p in findings if p.where == header.where or p.column not in header.broken]
-    if wrong:
-        raise InputError(wrong)
+    refuse(p for p in findings if p.where == header.where or p.column not in header.broken)
     sha256 = hashlib.sha256(data).hexdigest()
     correlated, frames = _covariance(measurements, path, covariance), _setups(measurements, path, setups)
     return Campaign(Path(path).stem, str(path), sha256, delimiter, decimal, measurements, correlated, frames)
@@ -269,11 +250,6 @@ def _setups(measurements: Iterable[Measurement], path: str | Path, data: bytes |
     return parse_setups(data, beside, names)
 
 
-def _nothing_to_read(file: str, records: list[Record]) -> Problem:
-    expected, remedy = "a header and a row for each measurement", "see data/README.md for the columns"
-    return Problem(file, "only one row" if records else "no row", expected, remedy)
-
-
 @dataclass(frozen=True)
 class _Row:
     """One row: its place, its cells by column, the decimal mark, and where to put problems."""
@@ -295,10 +271,8 @@ class _Row:
 
 def _rows(records: list[Record], header: Header, delimiter: str, findings: Findings) -> tuple[list[_Row], str]:
     """Return the rows that fit the header, and their decimal mark."""
-    fitting = [(where, cells) for where, cells in records if len(cells) == len(header.names)]
-    misfits = [(where, len(cells)) for where, cells in records if len(cells) != len(header.names)]
-    findings += [misfit(where, count, len(header.names), delimiter) for where, count in misfits]
-    table = [(where, dict(zip(header.names, cells, strict=True))) for where, cells in fitting]
+    rows = fitting(records, len(header.names), delimiter, findings)
+    table = [(where, dict(zip(header.names, cells, strict=True))) for where, cells in rows]
     numeric = [name for name in header.names if name in header.angles or name in NUMERIC_COLUMNS]
     decimal = decimal_mark(delimiter, (cells[name] for _, cells in table for name in numeric))
     return [_Row(where, cells, decimal, findings) for where, cells in table], decimal
@@ -319,13 +293,18 @@ def _read_cells(row: _Row, header: Header) -> dict[str, Any]:
     value, sigma = _read_number(row, kind)
     return {
         "kind": kind,
-        "posture": tuple(_read_angle(row, name, factor) for name, factor in header.angles.items()),
+        "posture": tuple(
+            _scaled(row.attempt(name, parse_number, row[name], row.decimal), factor)
+            for name, factor in header.angles.items()
+        ),
         "value": value,
         "sigma": sigma,
         "resolution": _read_resolution(row, kind),
-        **{name: _read_direction(row, name) for name in ("direction", "reference_direction")},
-        "load": _read_load(row, "load"),
-        "reference_load": _read_load(row, "reference_load"),
+        **{
+            name: row.attempt(name, parse_direction, row[name], row.decimal) if row[name] else None
+            for name in ("direction", "reference_direction")
+        },
+        **{name: row.attempt(name, Load.parse, row[name], decimal=row.decimal) for name in ("load", "reference_load")},
         **{name: row[name] for name in AS_TEXT},
     }
 
@@ -348,18 +327,6 @@ def _known_kind(text: str) -> str:
         remedy = f"write {suggestion}" if suggestion else "correct the kind"
         raise InputError(Problem("", quoted(text), f"one of {', '.join(KINDS)}", remedy))
     return text.lower()
-
-
-def _read_direction(row: _Row, name: str) -> Vector | None:
-    return row.attempt(name, parse_direction, row[name], row.decimal) if row[name] else None
-
-
-def _read_load(row: _Row, name: str) -> Load | None:
-    return row.attempt(name, Load.parse, row[name], decimal=row.decimal)
-
-
-def _read_angle(row: _Row, name: str, factor: float) -> float | None:
-    return _scaled(row.attempt(name, parse_number, row[name], row.decimal), factor)
 
 
 def _read_number(row: _Row, kind: str | None) -> tuple[float | None, float | None]:
@@ -410,21 +377,15 @@ def _positive(text: str, decimal: str, what: str) -> float:
 
 
 def _duplicate_problems(measurements: tuple[Measurement, ...]) -> Iterator[Problem]:
-    for earlier, repeated in _duplicates(measurements):
-        got = f"a duplicate of row {earlier.where.rpartition(':')[2]}"
-        otherwise = "correct one of the labels" if repeated.mode else "label the modes if two modes share a frequency"
-        remedy = f"delete one of them, tell readings apart by a column repeat, or {otherwise}"
-        yield Problem(repeated.where, got, "each measurement once", remedy)
-
-
-def _duplicates(measurements: tuple[Measurement, ...]) -> Iterator[tuple[Measurement, Measurement]]:
-    """Yield each measurement that repeats an earlier one to the last digit, after the earlier one."""
+    """Yield the measurements that repeat an earlier one to the last digit."""
     first: dict[Measurement, Measurement] = {}
-    for measurement in measurements:
-        key = replace(measurement, sigma=abs(measurement.value) or 1.0, resolution=0.0, note="")
-        earlier = first.setdefault(key, measurement)
-        if earlier is not measurement:
-            yield earlier, measurement
+    for m in measurements:
+        earlier = first.setdefault(replace(m, sigma=abs(m.value) or 1.0, resolution=0.0, note=""), m)
+        if earlier is not m:
+            got = f"a duplicate of row {earlier.where.rpartition(':')[2]}"
+            otherwise = "correct one of the labels" if m.mode else "label the modes if two modes share a frequency"
+            remedy = f"delete one of them, tell readings apart by a column repeat, or {otherwise}"
+            yield Problem(m.where, got, "each measurement once", remedy)
 
 
 # -------- Writing
@@ -489,8 +450,10 @@ def campaign_text(campaign: Campaign, *, header_comments: Iterable[str] = (), re
 def format_campaign(campaign: Campaign, *, relative_sigma: bool = False) -> str:
     """Return a campaign as CSV text, with the columns that are in use."""
     angles = [f"q{joint} [deg]" for joint in range(1, campaign.joints + 1)]
-    rows = [dict(zip(angles, _degrees(m), strict=True)) | dict(_cells(m, relative_sigma)) for m in campaign]
-    used = [name for name in COLUMNS if name in _ALWAYS or any(row.get(name) for row in rows)]
+    degree = si_factor("deg", "angle")
+    postures = [dict(zip(angles, (_written(angle, degree) for angle in m.posture), strict=True)) for m in campaign]
+    rows = [posture | _cells(m, relative_sigma) for posture, m in zip(postures, campaign, strict=True)]
+    used = [name for name in COLUMNS if name in ("kind", "value", "unit") or any(row.get(name) for row in rows)]
     text = io.StringIO()
     columns = ["kind", *angles, *used[1:]]
     writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore", lineterminator="\n")
@@ -499,40 +462,22 @@ def format_campaign(campaign: Campaign, *, relative_sigma: bool = False) -> str:
     return text.getvalue()
 
 
-_ALWAYS = ("kind", "value", "unit")
-
-
-def _degrees(m: Measurement) -> list[str]:
-    return [_written(angle, si_factor("deg", "angle")) for angle in m.posture]
-
-
-def _cells(m: Measurement, relative_sigma: bool) -> Iterator[tuple[str, str]]:
+def _cells(m: Measurement, relative_sigma: bool) -> dict[str, str]:
+    """Return the cells of a measurement by column, but for its posture."""
     unit = WRITTEN_UNITS[KINDS[m.kind]]
     factor = si_factor(unit, KINDS[m.kind])
-    yield from (
-        ("kind", m.kind),
-        ("mode", m.mode or ""),
-        ("of", m.of or ""),
-        ("point", m.point or ""),
-        ("joint", m.joint or ""),
-        ("setup", m.setup),
-        ("ramp", m.ramp),
-        ("note", m.note),
-    )
-    yield "direction", format_direction(m.direction) if m.direction else ""
-    yield "reference_point", m.reference_point or ""
-    yield "reference_direction", format_direction(m.reference_direction) if m.reference_direction else ""
-    yield "load", str(m.load) if m.load else ""
-    yield "reference_load", str(m.reference_load) if m.reference_load else ""
-    yield "drives", m.drives if m.drives != DRIVE_STATES[0] else ""
-    yield from (("value", _written(m.value, factor)), ("unit", unit))
+    cells = {name: getattr(m, name) or "" for name in ("kind", *AS_TEXT)}
+    for name in ("direction", "reference_direction"):
+        cells[name] = format_direction(getattr(m, name)) if getattr(m, name) else ""
+    for name in ("load", "reference_load"):
+        cells[name] = str(getattr(m, name)) if getattr(m, name) else ""
+    cells |= {"value": _written(m.value, factor), "unit": unit}
     if relative_sigma and m.sigma < abs(m.value):
-        yield "relative_sigma", _written(m.sigma, abs(m.value))
+        cells["relative_sigma"] = _written(m.sigma, abs(m.value))
     else:
-        yield "sigma", _written(m.sigma, factor)
-    yield "resolution", _written(m.resolution, factor) if m.resolution else ""
-    yield "repeat", m.repeat
-    yield "group", m.group
+        cells["sigma"] = _written(m.sigma, factor)
+    cells["resolution"] = _written(m.resolution, factor) if m.resolution else ""
+    return cells | ({"drives": ""} if m.drives == DRIVE_STATES[0] else {})
 
 
 def _written(value: float, unit: float) -> str:

@@ -10,17 +10,16 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.measure.table import (
     Findings,
     Record,
     decimal_mark,
-    misfit,
+    fitting,
+    name_and_unit,
     parse_number,
-    read_records,
     read_table,
-    sniff_delimiter,
-    table_text,
+    records_of,
 )
 from ident.text import LARGEST_SAMPLES, LONGEST_QUOTE, NAME, nearest, one_line, quoted
 from ident.units import QUANTITIES, si_factor, to_si
@@ -36,8 +35,6 @@ MOST = 5
 
 STEPS = (1e-9, 1e9)
 """Steps of time [s] that a recording can have: a nanosecond to thirty years."""
-
-_HEADER = re.compile(r"(?P<name>[^\[\]]*?)\s*(?:\[(?P<unit>[^\]]*)\])?")
 
 
 @dataclass(frozen=True)
@@ -101,23 +98,22 @@ def parse_series(
     Returns:
         What could be read.
     """
-    file = one_line(str(path))
-    text = table_text(data, file)
-    delimiter = sniff_delimiter(text, lambda name: _split(name)[0].lower() == TIME or name.endswith("]"))
-    records = list(read_records(text, delimiter, file, findings))
+    is_column = lambda name: name_and_unit(name)[0].lower() == TIME or name.endswith("]")  # noqa: E731
+    file, delimiter, records = records_of(data, path, is_column, findings)
     if len(records) < 2:
-        expected = "a header and a row for each time"
-        raise InputError(
-            [*findings, Problem(file, "only one row" if records else "no row", expected, "check the file")]
-        )
+        got, expected = "only one row" if records else "no row", "a header and a row for each time"
+        raise InputError([*findings, Problem(file, got, expected, "check the file")])
     where, header = records[0]
     places = _places(where, header, {TIME: ("time",), **wanted}, findings)
-    fitting = _fitting(records[1:], len(header), delimiter, file, findings)
-    columns = _columns(fitting, places, decimal_mark(delimiter, _cells(fitting, places)), file, findings)
+    misfits = Findings()
+    rows_read = fitting(records[1:], len(header), delimiter, misfits)
+    findings += few(misfits, file)
+    decimal = decimal_mark(delimiter, (cells[place.index] for _, cells in rows_read for place in places))
+    columns = _columns(rows_read, places, decimal, file, findings)
     used = {place.index for place in places}
     ignored = tuple(cell for index, cell in enumerate(header) if index not in used)
     at_fault = frozenset(place.name for place in places if place.factor is None)
-    sha256, rows_at = hashlib.sha256(data).hexdigest(), tuple(w for w, _ in fitting)
+    sha256, rows_at = hashlib.sha256(data).hexdigest(), tuple(w for w, _ in rows_read)
     series = Series(file, sha256, where, rows_at, columns, at_fault, ignored)
     findings += few(_time_problems(series), file)
     given = len(records) - 1
@@ -130,7 +126,7 @@ def parse_series(
 def missing_column(where: str, name: str, quantity: str, header: Iterable[str]) -> Problem:
     """Return the problem of a column that is not there; a column of like name is suggested."""
     expected = f"a column '{name} [{EXAMPLES[quantity]}]'"
-    alike = nearest(name, (_split(cell)[0] for cell in header))
+    alike = nearest(name, (name_and_unit(cell)[0] for cell in header))
     remedy = f"rename {one_line(alike[:LONGEST_QUOTE])}" if alike else "add the column"
     return Problem(where, "no such column", expected, remedy, name)
 
@@ -156,20 +152,14 @@ class _Place:
     factor: float | None
 
 
-def _split(cell: str) -> tuple[str, str]:
-    """Split a header cell into name and unit."""
-    match = _HEADER.fullmatch(cell)
-    return (match["name"], (match["unit"] or "").strip()) if match else (cell, "")
-
-
 def _places(where: str, header: list[str], wanted: Mapping[str, tuple[str, ...]], findings: Findings) -> list[_Place]:
     places = []
     for name, quantities in wanted.items():
-        indices = [index for index, cell in enumerate(header) if _split(cell)[0].lower() == name.lower()]
+        indices = [index for index, cell in enumerate(header) if name_and_unit(cell)[0].lower() == name.lower()]
         if len(indices) > 1:
             findings.append(Problem(where, f"the column {len(indices)} times", "it once", "remove or rename one", name))
         if indices:
-            unit = _split(header[indices[0]])[1]
+            unit = name_and_unit(header[indices[0]])[1]
             measured = findings.attempt(where, name, _measured, unit, name, quantities)
             quantity, factor = measured or (quantities[0], None)
             places += [_Place(index, name, quantity, unit, factor) for index in indices]
@@ -192,16 +182,6 @@ def _measured(unit: str, name: str, quantities: tuple[str, ...]) -> tuple[str, f
     gravity = unit == "g" and "acceleration" in quantities
     remedy = "write g_0 for standard gravity, g is gram" if gravity else refusal.remedy
     raise InputError(Problem("", refusal.got, expected, remedy))
-
-
-def _fitting(records: list[Record], columns: int, delimiter: str, file: str, findings: Findings) -> list[Record]:
-    """Return the rows that fit the header."""
-    findings += few((misfit(w, len(cells), columns, delimiter) for w, cells in records if len(cells) != columns), file)
-    return [(where, cells) for where, cells in records if len(cells) == columns]
-
-
-def _cells(records: list[Record], places: list[_Place]) -> Iterator[str]:
-    return (cells[place.index] for _, cells in records for place in places)
 
 
 def _columns(
@@ -235,10 +215,8 @@ def _time_problems(series: Series) -> Iterator[Problem]:
         if steps[row - 1] <= 0:
             expected, remedy = "times that increase", "sort the rows or delete the repeated one"
         else:
-            expected, remedy = (
-                f"steps from {STEPS[0]:g} to {STEPS[1]:g} s",
-                "correct the time, or the unit in the header",
-            )
+            expected = f"steps from {STEPS[0]:g} to {STEPS[1]:g} s"
+            remedy = "correct the time, or the unit in the header"
         yield Problem(series.where[row], got, expected, remedy, TIME)
 
 
@@ -295,42 +273,31 @@ def parse_log(data: bytes, path: str | Path, joints: Sequence[str]) -> Log:
     findings = Findings()
     series = parse_series(data, path, dict.fromkeys(joints, ("angle",)), FEWEST_ROWS, findings)
     findings += [problem for joint in joints for problem in _joint_problems(series, joint)]
-    if findings:
-        raise InputError(findings)
+    refuse(findings)
     return Log(str(path), series.sha256, series[TIME], {joint: series[joint] for joint in joints}, series.ignored)
 
 
 def _joint_problems(series: Series, joint: str) -> Iterator[Problem]:
-    if joint not in series and joint not in series.at_fault:
-        yield missing_column(series.header, joint, "angle", series.ignored)
-    elif joint in series:
-        yield from _far(series, joint) or _fast(series, joint)
-
-
-def _far(series: Series, joint: str) -> list[Problem]:
-    """Find the first angle that a column marked rad can't have."""
-    angles, unit = series[joint], series.columns[joint].unit
-    far = np.flatnonzero(abs(angles) > FARTHEST)
-    if unit not in ("rad", "radian", "radians") or not far.size:
-        return []
-    got, expected = f"{angles[far[0]]:.6g} rad", "at most ten turns, 62.8 rad"
-    remedy = f"if the angles are in degrees, write '{joint} [deg]' in the header"
-    return [Problem(series.where[far[0]], got, expected, remedy, joint)]
-
-
-def _fast(series: Series, joint: str) -> list[Problem]:
-    """Find the first jump of an angle that no joint makes."""
-    if TIME not in series:
-        return []
-    steps, jumps = np.diff(series[TIME]), np.diff(series[joint])
+    """Yield that a joint has no column, the first angle that one marked rad can't have, or jump that no joint makes."""
+    if joint not in series:
+        if joint not in series.at_fault:
+            yield missing_column(series.header, joint, "angle", series.ignored)
+        return
+    angles, far = series[joint], np.flatnonzero(abs(series[joint]) > FARTHEST)
+    if series.columns[joint].unit in ("rad", "radian", "radians") and far.size:
+        got, expected = f"{angles[far[0]]:.6g} rad", "at most ten turns, 62.8 rad"
+        remedy = f"if the angles are in degrees, write '{joint} [deg]' in the header"
+        yield Problem(series.where[far[0]], got, expected, remedy, joint)
+        return
+    steps, jumps = np.diff(series[TIME] if TIME in series else 0.0 * angles), np.diff(angles)
     fast = np.flatnonzero((steps > 0) & (abs(jumps) > FASTEST * steps))
     if not fast.size:
-        return []
+        return
     row = int(fast[0])
     got = f"a jump of {jumps[row]:.4g} rad within {steps[row]:.4g} s, {abs(jumps[row]) / steps[row]:.4g} rad/s"
     headers = " and ".join(f"'{name} [{series.columns[name].unit}]'" for name in (joint, TIME))
     remedy = f"check the units in {headers}, or remove the outlier"
-    return [Problem(series.where[row + 1], got, f"at most {FASTEST:g} rad/s", remedy, joint)]
+    yield Problem(series.where[row + 1], got, f"at most {FASTEST:g} rad/s", remedy, joint)
 
 
 # -------- Trace
@@ -397,8 +364,7 @@ def parse_trace(data: bytes, path: str | Path) -> Trace:
     findings = Findings()
     series = parse_series(data, path, {direction: tuple(KINDS) for direction in DIRECTIONS}, TRACE_ROWS_MIN, findings)
     findings += [*_kind_problems(series), *_sampling_problems(series)]
-    if findings:
-        raise InputError(findings)
+    refuse(findings)
     given = [direction for direction in DIRECTIONS if direction in series]
     kind = KINDS[series.columns[given[0]].quantity]
     values = {direction: series[direction] for direction in given}
@@ -470,16 +436,11 @@ def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Pulley]:
     findings = Findings()
     wanted = {match["name"]: (FIELDS[match["field"]],) for match in there}
     series = parse_series(read_table(path, LARGEST_SAMPLES), path, wanted, TRACE_ROWS_MIN, findings)
-    if findings:
-        raise InputError(findings)
+    refuse(findings)
     return {
-        name: Pulley(**{field: series[f"{name}.{field}"] for field in _fields(name, wanted)})
+        name: Pulley(**{field: series[f"{name}.{field}"] for field in FIELDS if f"{name}.{field}" in wanted})
         for name in dict.fromkeys(match["pulley"] for match in there)
     }
-
-
-def _fields(pulley: str, columns: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
-    return (field for field in FIELDS if f"{pulley}.{field}" in columns)
 
 
 # -------- Speeds

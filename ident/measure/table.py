@@ -12,7 +12,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.text import LARGEST_TEXT, decode, one_line, quoted, read_bytes
 
 # -------- Spreadsheet
@@ -23,11 +23,6 @@ LARGEST = 500_000_000
 FAILED = ("#N/A", "#REF!", "#VALUE!", "#DIV/0!", "#NAME?", "#NUM!", "#NULL!")
 """What a spreadsheet program stores as the value of a formula that failed."""
 EXPECTED = "a table as CSV or Excel sheet (.xlsx)"
-
-
-def is_sheet(file: str) -> bool:
-    """Tell by its name whether a file is an Excel sheet."""
-    return file.lower().endswith(".xlsx")
 
 
 def sheet_text(data: bytes, file: str) -> str:
@@ -56,7 +51,10 @@ def sheet_text(data: bytes, file: str) -> str:
         got = f"a damaged file, or another archive ({type(error).__name__})"
         raise InputError(Problem(file, got, EXPECTED, "save it anew")) from None
     _check_formulas(values, formulas, file)
-    lines = [_cells(row) for row in values]
+    lines = [[_written(value) for value in row] for row in values]
+    for cells in lines:
+        while cells and not cells[-1]:  # empty ones at the end of a row
+            cells.pop()
     width = next((len(cells) for cells in lines if cells and not cells[0].startswith("#")), 0)
     return "".join(_line(cells, width) for cells in lines)
 
@@ -87,16 +85,7 @@ def _check_formulas(values: list[tuple[Any, ...]], formulas: list[tuple[Any, ...
             elif isinstance(cell, str) and cell.startswith("=") and value is None:
                 got, remedy = f"the formula {cell[:40]} without its value", "save it in a spreadsheet program"
                 problems.append(Problem(f"{file}:{number}", got, "a value", remedy))
-    if problems:
-        raise InputError(problems)
-
-
-def _cells(row: tuple[Any, ...]) -> list[str]:
-    """Return the cells of a row as text, empty ones at its end left out."""
-    cells = [_written(value) for value in row]
-    while cells and not cells[-1]:
-        cells.pop()
-    return cells
+    refuse(problems)
 
 
 def _line(cells: list[str], width: int) -> str:
@@ -176,7 +165,36 @@ def table_text(data: bytes, file: str) -> str:
     Raises:
         InputError: the bytes are neither.
     """
-    return sheet_text(data, file) if is_sheet(file) else decode(data, file)
+    return sheet_text(data, file) if file.lower().endswith(".xlsx") else decode(data, file)
+
+
+def records_of(
+    data: bytes, path: str | Path, is_column: Callable[[str], bool], findings: Findings
+) -> tuple[str, str, list[Record]]:
+    """Return a table's name for messages, its delimiter and its records; what is no record is noted.
+
+    Args:
+        data: the bytes of the file.
+        path: names it.
+        is_column: whether a column may have a name, by which the delimiter is found.
+        findings: where problems are put.
+    """
+    file = one_line(str(path))
+    text = table_text(data, file)
+    delimiter = sniff_delimiter(text, is_column)
+    return file, delimiter, list(read_records(text, delimiter, file, findings))
+
+
+def fitting(records: list[Record], columns: int, delimiter: str, findings: Findings) -> list[Record]:
+    """Return the rows with as many cells as the header; the others are noted."""
+    findings += [misfit(where, len(cells), columns, delimiter) for where, cells in records if len(cells) != columns]
+    return [(where, cells) for where, cells in records if len(cells) == columns]
+
+
+def name_and_unit(cell: str) -> tuple[str, str]:
+    """Split a header cell `name [unit]`; the unit is empty where there is none."""
+    match = re.fullmatch(r"([^\[\]]*?)\s*(?:\[([^\]]*)\])?", cell)
+    return (match[1], (match[2] or "").strip()) if match else (cell, "")
 
 
 def sniff_delimiter(text: str, is_column: Callable[[str], bool]) -> str:

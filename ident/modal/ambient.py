@@ -12,12 +12,11 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import csd, detrend, resample_poly
 from scipy.special import chdtri
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, noted, refuse
 from ident.measure.channels import ChannelTable
-from ident.measure.load import Load
 from ident.measure.recordings import Recording
 from ident.measure.series import Speed
-from ident.modal.frf import ModalTest, Place, Processing
+from ident.modal.frf import HeldArm, ModalTest, Place, Processing
 from ident.modal.hammer import ANTI_ALIAS, MAINS, modal_tests, overload
 from ident.modal.sources import Record, ambient_files, records
 from ident.text import one_line, quoted
@@ -222,7 +221,10 @@ class _Spectrum:
 def _refined(record: np.ndarray, step: float, rough: float, resolution: float) -> float:
     """Return the frequency at which a sine takes most of a record."""
     ends = rough - resolution, rough + resolution
-    taken = lambda frequency: -float((_sine(record, step, frequency) ** 2).sum())  # noqa: E731
+
+    def taken(frequency: float) -> float:
+        return -float((_sine(record, step, frequency) ** 2).sum())
+
     return float(minimize_scalar(taken, bounds=ends, method="bounded", options={"xatol": 1e-3 * resolution}).x)
 
 
@@ -253,14 +255,10 @@ class SpectralDensity:
 
 
 @dataclass(frozen=True)
-class AmbientTest:
+class AmbientTest(HeldArm):
     """What was recorded at one posture under one load, without a force.
 
     Attributes:
-        posture: (joints,) [rad]
-        load: the load case, sensors included.
-        drives: what held the motors.
-        files: from which.
         responses: (O,) where and along what was measured.
         references: rows of the responses with which all are correlated.
         scale: (O,) [SI] by which responses are divided: their standard deviations.
@@ -273,10 +271,6 @@ class AmbientTest:
         remarks: what else a reader should know.
     """
 
-    posture: tuple[float, ...]
-    load: Load
-    drives: str
-    files: tuple[str, ...]
     responses: tuple[Place, ...]
     references: tuple[int, ...]
     scale: Float[np.ndarray, "O"]
@@ -449,16 +443,11 @@ def measured_tests(
     rows = [row for row in table.rows if not any(fnmatchcase(name, row.file) for name in quiet)]
     tests: tuple[ModalTest | AmbientTest, ...] = ()
     problems: list[Problem] = []
-    try:
+    with noted(problems):
         if quiet:
             tests += ambient_tests(records(table, quiet), processing)
-    except InputError as error:
-        problems += error.problems
-    try:
+    with noted(problems):
         if any(row.counts for row in rows) or not quiet:
             tests = modal_tests(replace(table, rows=tuple(rows)), pushed, processing) + tests
-    except InputError as error:
-        problems += error.problems
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return tests

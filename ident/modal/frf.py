@@ -17,10 +17,11 @@ References:
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Complex, Float
 
 from ident.errors import InputError, Problem
 from ident.measure.load import Load
@@ -59,15 +60,42 @@ class Frf:
     def __post_init__(self) -> None:
         expected = (len(self.responses), len(self.references), len(self.frequency))
         if self.hits.ndim != 4 or self.hits.shape[1:] != expected:
-            wanted = f"shape (hits, {', '.join(map(str, expected))})"
-            raise InputError(
-                Problem("", f"hits of shape {self.hits.shape}", wanted, "see `responses`, `references`", "hits")
-            )
+            got, wanted = f"hits of shape {self.hits.shape}", f"shape (hits, {', '.join(map(str, expected))})"
+            raise InputError(Problem("", got, wanted, "see `responses`, `references`", "hits"))
 
     @property
     def mean(self) -> np.ndarray:
         """(O, I, F) [1/kg] the estimate: the average over hits (H1 where every hit has the same force spectrum)."""
         return self.hits.mean(axis=0)
+
+
+@dataclass(frozen=True)
+class ModeSet:
+    """Modes of a test, ascending in frequency, with their joint covariance.
+
+    Attributes:
+        frequency: (m,) [Hz]
+        damping: (m,) [-] damping ratio.
+        shape: (O, m) complex motion of each response.
+        covariance: (n, n) of frequencies, damping ratios, real and imaginary parts of the shapes mode by mode;
+            n = 2 m + 2 O m.
+    """
+
+    frequency: Float[np.ndarray, "m"]
+    damping: Float[np.ndarray, "m"]
+    shape: Complex[np.ndarray, "O m"]
+    covariance: Float[np.ndarray, "n n"]
+
+    @property
+    def sigma(self) -> Float[np.ndarray, "2 m"]:
+        """(2, m) [Hz, -] standard deviations of frequencies and damping ratios."""
+        return np.sqrt(np.diag(self.covariance))[: 2 * len(self.frequency)].reshape(2, -1)
+
+    def of_shape(self, modes: Sequence[int]) -> Float[np.ndarray, "k k"]:
+        """Return the joint covariance of the shapes of some modes: real parts, then imaginary ones, mode by mode."""
+        count, outputs = 2 * len(self.frequency), 2 * len(self.shape)
+        at = np.concatenate([count + mode * outputs + np.arange(outputs) for mode in modes])
+        return self.covariance[np.ix_(at, at)]
 
 
 # -------- Checks
@@ -255,14 +283,27 @@ class Rejected:
 
 
 @dataclass(frozen=True)
-class ModalTest:
-    """What was measured at one posture under one load.
+class HeldArm:
+    """How an arm was held in a test.
 
     Attributes:
         posture: (joints,) [rad]
         load: the load case, sensors included.
         drives: what held the motors.
-        files: from which.
+        files: that tell of the test.
+    """
+
+    posture: tuple[float, ...]
+    load: Load
+    drives: str
+    files: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ModalTest(HeldArm):
+    """What was measured at one posture under one load.
+
+    Attributes:
         frf: frequency responses with those of each hit.
         coherence: (O, I, F) [-]; ones for a single hit.
         duration: [s] of a record; 0 for finished frequency responses.
@@ -271,10 +312,6 @@ class ModalTest:
         remarks: what else a reader should know.
     """
 
-    posture: tuple[float, ...]
-    load: Load
-    drives: str
-    files: tuple[str, ...]
     frf: Frf
     coherence: np.ndarray
     duration: float

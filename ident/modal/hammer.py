@@ -1,8 +1,9 @@
 """From hits to frequency responses: the tests of a channel table, one for each posture and load."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -80,61 +81,44 @@ def find_hits(force: np.ndarray, step: float, rest: float) -> list[Hit]:
     if len(force) == 1:
         return list(_of_record(force[0], step, rest))
     level = PULSE * np.median(np.abs(force).max(1))
-    return [_of_block(number, block, level) for number, block in enumerate(force)]
-
-
-def _of_block(number: int, force: np.ndarray, level: float) -> Hit:
-    peak = float(np.abs(force).max())
-    noise = NOISE * _noise(force)
-    if peak <= max(level, noise) or not _stands_out(force):
-        return Hit(number, 0, 0, len(force), "no pulse of the force")
-    weak = max(REBOUND * peak, noise)
-    pulses = _distinct(force, _pulses(force, weak), weak)
-    return Hit(number, pulses[0][0], pulses[0][1], len(force), _double(force, pulses))
+    return [
+        _hit(number, (0, len(block)), block, NOISE * _noise(block))
+        if np.abs(block).max() > max(level, NOISE * _noise(block)) and _stands_out(block)
+        else Hit(number, 0, 0, len(block), "no pulse of the force")
+        for number, block in enumerate(force)
+    ]
 
 
 def _of_record(force: np.ndarray, step: float, rest: float) -> Iterator[Hit]:
-    level = max(PULSE * float(np.abs(force).max()), NOISE * _noise(force))
-    groups: list[list[tuple[int, int]]] = []
-    for pulse in _pulses(force, level) if _stands_out(force) else ():
-        if groups and (pulse[0] - groups[-1][-1][1]) * step < rest:
-            groups[-1].append(pulse)
-        else:
-            groups.append([pulse])
-    if not groups:
-        return
-    starts = [group[0][0] for group in groups]
-    for group, until in zip(groups, [*starts[1:], len(force)], strict=True):
-        begin = group[0][0]
-        near = force[begin : min(until, begin + math.ceil(rest / step))]
-        weak = max(REBOUND * float(np.abs(near).max()), NOISE * _noise(force))
-        pulses = _distinct(near, _pulses(near, weak), weak)
-        yield Hit(0, begin + pulses[0][0], begin + pulses[0][1], until, _double(near, pulses))
+    noise = NOISE * _noise(force)
+    level = max(PULSE * float(np.abs(force).max()), noise)
+    starts, last = list[int](), 0
+    for begin, end in _runs(np.abs(force) > level) if _stands_out(force) else ():
+        starts += [begin] if not starts or (begin - last) * step >= rest else []
+        last = end
+    for begin, until in pairwise([*starts, len(force)]):
+        yield _hit(0, (begin, until), force[begin : min(until, begin + math.ceil(rest / step))], noise)
+
+
+def _hit(block: int, span: tuple[int, int], near: np.ndarray, noise: float) -> Hit:
+    """Return the hit of a span of samples, of which those near its begin are given.
+
+    Its pulses push as the largest one does: filters ring to the other side, a hammer cannot pull.
+    """
+    size, sign = np.abs(near), np.sign(near[np.argmax(np.abs(near))])
+    level = max(REBOUND * float(size.max()), noise)
+    pulses = _runs(size > level)
+    pulses = [(a, b) for a, b in pulses if (sign * near[a:b]).max() > level] or pulses[:1]
+    flaw = ""
+    if len(pulses) > 1:
+        first, second = (float(size[a:b].max()) for a, b in pulses[:2])
+        flaw = f"a double hit: {second:.3g} N after {first:.3g} N"
+    return Hit(block, span[0] + pulses[0][0], span[0] + pulses[0][1], span[1], flaw)
 
 
 def _stands_out(force: np.ndarray) -> bool:
     """Tell whether anything rises above the noise about the force's median: a constant offset is no pulse."""
     return bool(np.abs(force - np.median(force)).max() > NOISE * _noise(force))
-
-
-def _pulses(force: np.ndarray, level: float) -> list[tuple[int, int]]:
-    """Return begin and end of each stretch in which the force exceeds a level."""
-    beyond = np.concatenate([[False], np.abs(force) > level, [False]])
-    edges = np.flatnonzero(np.diff(beyond.astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _distinct(force: np.ndarray, pulses: list[tuple[int, int]], level: float) -> list[tuple[int, int]]:
-    """Return the pulses that push as the largest one does: filters ring to the other side, a hammer cannot pull."""
-    sign = np.sign(force[np.argmax(np.abs(force))])
-    return [(a, b) for a, b in pulses if (sign * force[a:b]).max() > level] or pulses[:1]
-
-
-def _double(force: np.ndarray, pulses: list[tuple[int, int]]) -> str:
-    if len(pulses) < 2:
-        return ""
-    first, second = (float(np.abs(force[a:b]).max()) for a, b in pulses[:2])
-    return f"a double hit: {second:.3g} N after {first:.3g} N"
 
 
 def _noise(force: np.ndarray) -> float:
@@ -164,6 +148,7 @@ def overload(values: np.ndarray, full_scale: float | None) -> str:
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """Return begin and end of each stretch in which a mask is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
@@ -375,12 +360,13 @@ def modal_tests(
 def _test(group: list[Source], processing: Processing) -> ModalTest:
     finished = [source for source in group if source.force is None]
     if finished and len(finished) < len(group):
-        got, remedy = (
-            f"samples and frequency responses of one posture, {quoted(group[0].file)} among them",
-            "keep one kind",
-        )
-        raise InputError(Problem(one_line(finished[0].file), got, "one of them", remedy))
-    _check_steps(group)
+        got = f"samples and frequency responses of one posture, {quoted(group[0].file)} among them"
+        raise InputError(Problem(one_line(finished[0].file), got, "one of them", "keep one kind"))
+    for source in group:
+        if not np.isclose(source.step, group[0].step, rtol=1e-6):
+            rates = f"{1 / source.step:.6g}", f"{1 / group[0].step:.6g} Hz, as of {quoted(group[0].file)}"
+            remedy = "files of one posture need one sampling: resample them"
+            raise InputError(Problem(one_line(source.file), f"a rate of {rates[0]} Hz", rates[1], remedy))
     return _of_responses(group, processing) if finished else _of_samples(group, processing)
 
 
@@ -392,12 +378,10 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
         if not any(hit.end for hit in each):
             remedy = "look at the cable of the hammer and which channel is the force, or hit harder"
             raise InputError(Problem(one_line(source.file), "no pulse of the force", "at least one hit", remedy))
-    count = min(_samples(hit) for each in hits for hit in each if not hit.flaw or hit.end)
+    count = min(hit.until - hit.begin for each in hits for hit in each if not hit.flaw or hit.end)
     if count < FEWEST:
-        got = f"{max(count, 0)} samples behind a hit"
-        raise InputError(
-            Problem(one_line(group[0].file), got, f"at least {FEWEST}", "record for longer after each hit")
-        )
+        got, remedy = f"{max(count, 0)} samples behind a hit", "record for longer after each hit"
+        raise InputError(Problem(one_line(group[0].file), got, f"at least {FEWEST}", remedy))
     decay = max(source.decay for source in group)
     decay += exponential_decay(count * step, processing.window_end, decay)
     every = [spectra(source, each, count, decay) for source, each in zip(group, hits, strict=True)]
@@ -409,13 +393,28 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
         got = f"{kept.sum()} lines from {low:.4g} to {high:.4g} Hz"
         raise InputError(Problem(one_line(group[0].file), got, "at least two", "widen the band (`band`)"))
     frf, quality, remarks = _assembled(every, frequency[kept], kept, decay, processing.estimator)
-    remarks += [*_moving(every), *mains_lines(group, frequency[kept]), *_of_sources(group)]
-    return ModalTest(*group[0].state, _files(group), frf, quality, count * step, rejected, checks(frf), tuple(remarks))
+    return _assessed(
+        group,
+        frf,
+        quality,
+        [*remarks, *_moving(every), *mains_lines(group, frequency[kept])],
+        duration=count * step,
+        rejected=rejected,
+    )
 
 
-def _of_sources(group: Iterable[Source]) -> list[str]:
-    """Return what is said of the files, each once."""
-    return list(dict.fromkeys(remark for source in group for remark in source.remarks))
+def _assessed(
+    group: list[Source],
+    frf: Frf,
+    quality: np.ndarray,
+    remarks: list[str],
+    duration: float = 0.0,
+    rejected: tuple[Rejected, ...] = (),
+) -> ModalTest:
+    """Return a test with its checks, and with what is said of its files, each once."""
+    files = tuple(dict.fromkeys(source.file for source in group))
+    remarks = [*remarks, *dict.fromkeys(remark for source in group for remark in source.remarks)]
+    return ModalTest(*group[0].state, files, frf, quality, duration, rejected, checks(frf), tuple(remarks))
 
 
 def _moving(every: Iterable[Spectra]) -> Iterator[str]:
@@ -424,24 +423,6 @@ def _moving(every: Iterable[Spectra]) -> Iterator[str]:
         if each.moving:
             hits = f"hit{'s' * (len(each.moving) > 1)} {', '.join(map(str, each.moving))}"
             yield f"{each.source.file}: the arm still moved before {hits}; wait for longer"
-
-
-def _files(group: Iterable[Source]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(source.file for source in group))
-
-
-def _check_steps(group: Sequence[Source]) -> None:
-    """Refuse files of one test that were sampled differently."""
-    for source in group:
-        if not np.isclose(source.step, group[0].step, rtol=1e-6):
-            rates = f"{1 / source.step:.6g}", f"{1 / group[0].step:.6g} Hz, as of {quoted(group[0].file)}"
-            remedy = "files of one posture need one sampling: resample them"
-            raise InputError(Problem(one_line(source.file), f"a rate of {rates[0]} Hz", rates[1], remedy))
-
-
-def _samples(hit: Hit) -> int:
-    """Return how many samples there are of a hit, from its beginning."""
-    return hit.until - hit.begin
 
 
 def _assembled(
@@ -460,11 +441,9 @@ def _assembled(
     ]
     hits = np.stack([np.concatenate([contributions(f, a, estimator) for f, a in each], 1) for each in parts], 2)
     quality = np.stack([np.concatenate([coherence(f, a) for f, a in each], 0) for each in parts], 1)
-    remarks = []
-    if max(counts) > count:
-        remarks.append(
-            f"{count} hits count at each point, as many as at the one with fewest; others have up to {max(counts)}"
-        )
+    remarks, most = list[str](), max(counts)
+    if most > count:
+        remarks.append(f"{count} hits count at each point, as many as at the one with fewest; others have up to {most}")
     if count == 1:
         remarks.append("one hit at each point: its scatter, and so the coherence, is not known")
     return Frf(frequency, hits, responses, references, decay), quality, remarks
@@ -520,6 +499,4 @@ def _of_responses(group: list[Source], processing: Processing) -> ModalTest:
         )
         for source in group
     ]
-    frf, quality, remarks = _assembled(every, frequency[kept], kept, max(s.decay for s in group), "h1")
-    remarks += _of_sources(group)
-    return ModalTest(*first.state, _files(group), frf, quality, 0.0, (), checks(frf), tuple(remarks))
+    return _assessed(group, *_assembled(every, frequency[kept], kept, max(s.decay for s in group), "h1"))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Complex, Float
 from scipy.stats import chi2, t
 from threadpoolctl import threadpool_limits
 
@@ -48,8 +48,7 @@ class Likelihood:
 
     Attributes:
         model: the modes with the residuals.
-        covariance: (n, n) of the model's vector: the inverse of the full information matrix; zero for numbers that are
-            not estimated (the imaginary parts of real modes).
+        covariance: (n, n) of the model's vector: the inverse of the full information matrix.
         chi_squared: [-] of the whitened residuals.
         freedom: number of residuals less that of parameters.
         converged: whether the search ended by its own criterion.
@@ -66,31 +65,28 @@ class Likelihood:
     converged: bool
 
 
-def maximise(
-    frf: Frf, noise: Noise, start: ModalModel, *, real: bool = False, steps: int = STEPS, below: float = math.inf
-) -> Likelihood:
+def maximise(frf: Frf, noise: Noise, start: ModalModel, *, steps: int = STEPS, below: float = math.inf) -> Likelihood:
     """Search the modes that make the averaged functions most probable, by Levenberg and Marquardt's method.
 
     Args:
         frf: of the test.
         noise: of the functions.
         start: modes to begin with.
-        real: whether shapes are real.
         steps: at most.
         below: chi-squared that has to be reached within these steps: where the larger of the last two gains, in all
             steps that are left, would not do it, the search is given up.
     """
     s, mean = 2j * np.pi * frf.frequency + frf.decay, channels_of(frf.mean)
-    free = free_numbers(start, real)
-    model = start.replace(np.where(free, start.vector(), 0.0)) if real else start
-    cost, damping, converged, before = _cost(mean, noise, model, s), 1e-3, False, math.inf
+    model, cost, damping, converged, before = start, _cost(mean, noise, start, s), 1e-3, False, math.inf
     for left in reversed(range(steps)):
-        gradient, information = _normal_equations(mean, noise, model, s, free)
+        residual = noise.whiten(mean - channels_of(model.accelerance(s)))
+        slopes = noise.whiten(channels_of(model.slopes(s)))
+        gradient, information = slopes @ residual, slopes @ slopes.T
         scale = np.sqrt(np.diag(information))
         scaled = information / (scale[:, None] * scale)
         while damping < 1e8:
             step = scipy.linalg.solve(scaled + damping * np.eye(len(scale)), gradient / scale, assume_a="pos") / scale
-            new = model.replace(_moved(model.vector(), free, step))
+            new = model.replace(model.vector() + step)
             new_cost = _cost(mean, noise, new, s) if _is_sound(new) else np.inf
             if new_cost < cost:
                 break
@@ -105,17 +101,18 @@ def maximise(
         if cost - left * max(gained, before) > below:
             break
         before = gained
-    return Likelihood(model, _covariance(information, free), cost, 2 * mean.size - int(free.sum()), converged)
+    covariance = np.linalg.pinv(information / (scale[:, None] * scale), hermitian=True) / (scale[:, None] * scale)
+    return Likelihood(model, covariance, cost, 2 * mean.size - len(scale), converged)
 
 
-def nearby(frf: Frf, noise: Noise, fit: Likelihood, others: Sequence[Frf], *, real: bool) -> Float[np.ndarray, "h n"]:
+def nearby(frf: Frf, noise: Noise, fit: Likelihood, others: Sequence[Frf]) -> Float[np.ndarray, "h n"]:
     """Return the vectors of estimates from functions that differ little from those of a fit.
 
     By steps with the slopes and the information of the fit; by a search where these lead away, as where a mode beyond
     the band is hardly known.
     """
-    s, free, vector = 2j * np.pi * frf.frequency + frf.decay, free_numbers(fit.model, real), fit.model.vector()
-    gain = fit.covariance[:, free] @ noise.whiten(channels_of(fit.model.slopes(s)[free]))
+    s, vector = 2j * np.pi * frf.frequency + frf.decay, fit.model.vector()
+    gain = fit.covariance @ noise.whiten(channels_of(fit.model.slopes(s)))
     vectors = []
     for other in others:
         own, mean = vector, channels_of(other.mean)
@@ -125,24 +122,8 @@ def nearby(frf: Frf, noise: Noise, fit: Likelihood, others: Sequence[Frf], *, re
             costs.append(float(residual @ residual))
             own = own + gain @ residual
         settled = _is_sound(fit.model.replace(own)) and abs(costs[-1] - costs[-2]) < SETTLED and costs[-1] < costs[0]
-        vectors.append(own if settled else maximise(other, noise, fit.model, real=real, steps=FALLBACK).model.vector())
+        vectors.append(own if settled else maximise(other, noise, fit.model, steps=FALLBACK).model.vector())
     return np.array(vectors)
-
-
-def free_numbers(model: ModalModel, real: bool) -> Bool[np.ndarray, "n"]:
-    """Return which numbers of the model's vector are estimated."""
-    outputs, others = len(model.shape), len(model.participation) - 1
-    own = np.ones(model.size, bool)
-    if real:
-        own[2 + outputs : 2 + 2 * outputs] = False
-        own[2 + 2 * outputs + others :] = False
-    return np.concatenate([np.tile(own, len(model.pole)), np.ones(model.residual.size, bool)])
-
-
-def _moved(vector: np.ndarray, free: np.ndarray, step: np.ndarray) -> np.ndarray:
-    moved = vector.copy()
-    moved[free] += step
-    return moved
 
 
 def _is_sound(model: ModalModel) -> bool:
@@ -151,23 +132,6 @@ def _is_sound(model: ModalModel) -> bool:
 
 def _cost(mean: Complex[np.ndarray, "K F"], noise: Noise, model: ModalModel, s: np.ndarray) -> float:
     return float((noise.whiten(mean - channels_of(model.accelerance(s))) ** 2).sum())
-
-
-def _normal_equations(
-    mean: Complex[np.ndarray, "K F"], noise: Noise, model: ModalModel, s: np.ndarray, free: Bool[np.ndarray, "n"]
-) -> tuple[Float[np.ndarray, "f"], Float[np.ndarray, "f f"]]:
-    residual = noise.whiten(mean - channels_of(model.accelerance(s)))
-    slopes = model.slopes(s)
-    slopes = noise.whiten(channels_of(slopes if free.all() else slopes[free]))
-    return slopes @ residual, slopes @ slopes.T
-
-
-def _covariance(information: Float[np.ndarray, "f f"], free: Bool[np.ndarray, "n"]) -> Float[np.ndarray, "n n"]:
-    scale = np.sqrt(np.diag(information))
-    inverse = np.linalg.pinv(information / (scale[:, None] * scale), hermitian=True) / (scale[:, None] * scale)
-    full = np.zeros((len(free), len(free)))
-    full[np.ix_(free, free)] = inverse
-    return full
 
 
 # -------- Jackknife
@@ -207,7 +171,7 @@ class Ratio:
         return self.value * (float(t.isf(0.025, self.freedom)) / 1.959964) ** 2
 
 
-def jackknife(frf: Frf, noise: Noise, fit: Likelihood, *, real: bool = False) -> Ratio:
+def jackknife(frf: Frf, noise: Noise, fit: Likelihood) -> Ratio:
     """Repeat the estimate without each hit in turn and compare the scatter of the poles with the covariance.
 
     Var = (H - 1) / H sum_h (x_h - mean)^2, as a squared distance in the covariance of all poles, so that close modes,
@@ -219,7 +183,7 @@ def jackknife(frf: Frf, noise: Noise, fit: Likelihood, *, real: bool = False) ->
     count, size = len(frf.hits), fit.model.size
     poles = np.ravel([[r * size, r * size + 1] for r in fit.model.inside(frf.frequency)])
     others = [replace(frf, hits=np.delete(frf.hits, h, 0)) for h in range(count)]
-    without = nearby(frf, noise, fit, others, real=real)[:, poles]
+    without = nearby(frf, noise, fit, others)[:, poles]
     apart = without - without.mean(0)
     precision = np.linalg.inv(fit.covariance[np.ix_(poles, poles)])
     value = (count - 1) / count * (apart @ precision * apart).sum() / len(poles)
@@ -255,7 +219,7 @@ def starting_model(frf: Frf, noise: Noise, diagram: Diagram) -> ModalModel:
 
 
 def select(
-    frf: Frf, noise: Noise, start: ModalModel, candidates: np.ndarray | None, *, real: bool = False
+    frf: Frf, noise: Noise, start: ModalModel, candidates: np.ndarray | None
 ) -> tuple[Likelihood, tuple[Rejected, ...]]:
     """Add modes to a start while the data ask for more, and leave out those that they don't.
 
@@ -269,48 +233,45 @@ def select(
         start: modes of the stabilisation diagram.
         candidates: poles [rad/s] that were found, but not in enough orders; None where a person chose the modes, so
             that only such outside the band are added.
-        real: whether shapes are real.
 
     References:
         Schwarz, "Estimating the dimension of a model", Ann. Stat. 6, 1978.
     """
-    fit, rejected = _begun(frf, noise, start, real)
+    fit, rejected = _begun(frf, noise, start)
     for _ in range(MOST_ADDED):
-        more = _with_one_more(frf, noise, fit, _beyond(frf), real)
+        more = _with_one_more(frf, noise, fit, _beyond(frf))
         if more is None and candidates is not None:
-            more = _with_one_more(frf, noise, fit, _where_it_lacks(frf, noise, fit, candidates), real)
-        larger, lost = (fit, []) if more is None else _pruned(frf, noise, more, real)
+            more = _with_one_more(frf, noise, fit, _where_it_lacks(frf, noise, fit, candidates))
+        larger, lost = (fit, []) if more is None else _pruned(frf, noise, more)
         if _schwarz(frf, larger) >= _schwarz(frf, fit):
             break
         fit, rejected = larger, [*rejected, *lost]
     return fit, tuple(rejected)
 
 
-def _begun(frf: Frf, noise: Noise, start: ModalModel, real: bool) -> tuple[Likelihood, list[Rejected]]:
+def _begun(frf: Frf, noise: Noise, start: ModalModel) -> tuple[Likelihood, list[Rejected]]:
     """Return the fit of a start without what is no mode; where that loses one, with a mode outside the band if better.
 
     Where such a mode's tail is more than residuals can be, the search makes it of a mode that the start has within the
     band, which is lost then: the mode outside has to be there from the beginning.
     """
-    found = _pruned(frf, noise, maximise(frf, noise, start, real=real), real)
+    found = _pruned(frf, noise, maximise(frf, noise, start))
     if not found[1]:
         return found
     starts = [_start_with(frf, noise, start, pole) for pole in _beyond(frf)]
-    others = [_pruned(frf, noise, maximise(frf, noise, each, real=real), real) for each in starts]
+    others = [_pruned(frf, noise, maximise(frf, noise, each)) for each in starts]
     return min([found, *others], key=lambda each: _schwarz(frf, each[0]))
 
 
-def _with_one_more(
-    frf: Frf, noise: Noise, fit: Likelihood, poles: Iterable[np.ndarray], real: bool
-) -> Likelihood | None:
+def _with_one_more(frf: Frf, noise: Noise, fit: Likelihood, poles: Iterable[np.ndarray]) -> Likelihood | None:
     """Return the fit with the one of some poles that lowers chi-squared most; None where none lowers it enough."""
     starts = [_start_with(frf, noise, fit.model, pole) for pole in poles]
     below = fit.chi_squared - _price(frf, fit.model)
-    fits = [maximise(frf, noise, start, real=real, steps=FIRST_STEPS, below=below) for start in starts]
+    fits = [maximise(frf, noise, start, steps=FIRST_STEPS, below=below) for start in starts]
     best = min(fits, key=lambda each: each.chi_squared, default=fit)
     if best.chi_squared > below:
         return None
-    return maximise(frf, noise, best.model, real=real)
+    return maximise(frf, noise, best.model)
 
 
 def _schwarz(frf: Frf, fit: Likelihood) -> float:
@@ -322,12 +283,12 @@ def _price(frf: Frf, model: ModalModel) -> float:
     return model.size * math.log(2 * frf.mean.size)
 
 
-def _pruned(frf: Frf, noise: Noise, fit: Likelihood, real: bool) -> tuple[Likelihood, list[Rejected]]:
+def _pruned(frf: Frf, noise: Noise, fit: Likelihood) -> tuple[Likelihood, list[Rejected]]:
     """Leave out modes that are none, one at a time, the most doubtful first."""
     rejected: list[Rejected] = []
     while True:
         for r, why in _doubtful(frf, fit):
-            without = maximise(frf, noise, fit.model.without(r), real=real)
+            without = maximise(frf, noise, fit.model.without(r))
             gain, price = without.chi_squared - fit.chi_squared, _price(frf, fit.model)
             if why or gain < price:
                 why = why or f"chi-squared falls by {gain:.0f} only, where {price:.0f} is asked for"
@@ -462,7 +423,6 @@ def modes_of(
     frf: Frf,
     *,
     band: tuple[float, float] | None = None,
-    real: bool = False,
     near: Sequence[float] | None = None,
 ) -> Modes:
     """Identify the modes of a test with their joint covariance.
@@ -473,7 +433,6 @@ def modes_of(
     Args:
         frf: frequency response functions with their single hits.
         band: (2,) [Hz] lines that count; all above 0 Hz when not given.
-        real: whether shapes are real, as with proportional damping.
         near: (m,) [Hz] overrules the choice of modes: for each the pole of the diagram that lies nearest.
 
     Raises:
@@ -486,12 +445,11 @@ def modes_of(
         diagram = chosen_near(diagram, near)
     start = starting_model(frf, noise, diagram)
     candidates = None if near is not None else diagram.pole[diagram.passing]
-    fit, rejected = select(frf, noise, start, candidates, real=real)
+    fit, rejected = select(frf, noise, start, candidates)
     if not len(fit.model.inside(frf.frequency)):
-        raise InputError(
-            Problem("", "functions without a mode", "a resonance", "look at the functions and the band", "frf")
-        )
-    return _modes(fit, frf, diagram, rejected, jackknife(frf, noise, fit, real=real))
+        remedy = "look at the functions and the band"
+        raise InputError(Problem("", "functions without a mode", "a resonance", remedy, "frf"))
+    return _modes(fit, frf, diagram, rejected, jackknife(frf, noise, fit))
 
 
 def within(frf: Frf, band: tuple[float, float] | None) -> Frf:

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from ident.errors import InputError, Problem
 from ident.measure.series import Speed
 from ident.modal.ambient import SLIP, AmbientTest, turning
-from ident.modal.frf import Place
+from ident.modal.frf import ModeSet, Place
 from ident.modal.modes import SHARPEST, chosen_near
 from ident.modal.parameters import ModalParameters, Rejected
 from ident.modal.poles import Diagram, clustered, distance, physical
@@ -69,7 +69,9 @@ def realisations(
         1999.
     """
     outputs, _, lags = correlation.shape
-    hankel = _hankel(correlation, lags // 2)
+    rows = lags // 2
+    lag = 1 + np.arange(rows)[:, None] + np.arange(rows)
+    hankel = np.transpose(correlation[..., lag], (2, 0, 3, 1)).reshape(rows * outputs, -1)
     square = hankel @ hankel.T
     size = len(square)
     power, left = eigh(square, subset_by_index=(size - max(orders), size - 1))
@@ -81,12 +83,6 @@ def realisations(
         _realisation(solve_triangular(triangle[:n, :n], shifted[:n, :n]), observability[:outputs, :n], step)
         for n in np.minimum(orders, rank).tolist()
     )
-
-
-def _hankel(correlation: np.ndarray, rows: int) -> Float[np.ndarray, "iO iR"]:
-    outputs, inputs, _ = correlation.shape
-    lag = 1 + np.arange(rows)[:, None] + np.arange(rows)
-    return np.transpose(correlation[..., lag], (2, 0, 3, 1)).reshape(rows * outputs, rows * inputs)
 
 
 def _realisation(transition: np.ndarray, output: np.ndarray, step: float) -> Realisation:
@@ -103,27 +99,14 @@ LOST = 3.0
 
 
 @dataclass(frozen=True)
-class Tracked:
-    """The lasting poles of a diagram as modes.
+class Tracked(ModeSet):
+    """The lasting poles of a diagram as modes; shapes are accelerations, one at a response that has much of the mode.
 
     Attributes:
-        frequency: (m,) [Hz]
-        damping: (m,) [-]
-        shape: (O, m) complex accelerations, one at a response that has much of the mode.
-        covariance: (n, n) joint, in the order of `ident.modal.parameters`.
         lost: (m,) whether a pole is another one where a block is left out.
     """
 
-    frequency: Float[np.ndarray, "m"]
-    damping: Float[np.ndarray, "m"]
-    shape: Complex[np.ndarray, "O m"]
-    covariance: Float[np.ndarray, "n n"]
     lost: Bool[np.ndarray, "m"]
-
-    @property
-    def sigma(self) -> Float[np.ndarray, "2 m"]:
-        """(2, m) [Hz, -] standard deviations of frequencies and damping ratios."""
-        return np.sqrt(np.diag(self.covariance))[: 2 * len(self.frequency)].reshape(2, -1)
 
     def pick(self, kept: Sequence[int]) -> "Tracked":
         """Return some of the modes."""
@@ -161,16 +144,12 @@ def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int) -> Tracked
 
     ones = [numbers(parts.without(b)) for b in range(len(parts.blocks))]
     whole, _ = numbers(parts.mean)
-    vectors = np.array([_vector(each) for each, _ in ones])
+    vectors = np.array([np.concatenate([each[:, 0], each[:, 1], each[:, 2:].ravel()]) for each, _ in ones])
     lost = np.array([apart for _, apart in ones]).max(0) > LOST
     modes, outputs = len(diagram.chosen), len(test.responses)
     shape = whole[:, 2 : 2 + outputs] + 1j * whole[:, 2 + outputs :]
     covariance = _covariance(vectors, 2 * modes, 2 * outputs)
     return Tracked(whole[:, 0], whole[:, 1], shape.T, covariance, lost)
-
-
-def _vector(numbers: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n"]:
-    return np.concatenate([numbers[:, 0], numbers[:, 1], numbers[:, 2:].ravel()])
 
 
 def _numbers(
@@ -198,15 +177,10 @@ def _like(each: Realisation, diagram: Diagram, k: int) -> tuple[Realisation, int
 
 def _row(test: AmbientTest, each: Realisation, j: int, largest: int) -> Float[np.ndarray, "k"]:
     pole = each.pole[j]
-    motion = _accelerations(test, pole, each.shape[:, j])
+    motion = each.shape[:, j] * test.scale * pole ** np.array(test.order)  # in SI, as accelerations
     shape = motion / motion[largest]
     size = abs(pole)
     return np.concatenate([[size / (2 * np.pi), -pole.real / size], shape.real, shape.imag])
-
-
-def _accelerations(test: AmbientTest, pole: complex, shape: Complex[np.ndarray, "O"]) -> Complex[np.ndarray, "O"]:
-    """Return a shape in SI, velocities and displacements differentiated."""
-    return shape * test.scale * pole ** np.array(test.order)
 
 
 def _covariance(vectors: Float[np.ndarray, "B n"], poles: int, size: int) -> Float[np.ndarray, "n n"]:
@@ -362,11 +336,8 @@ def _only(diagram: Diagram, near: Sequence[float]) -> Diagram:
     numbers = diagram.cluster[poles]
     if (numbers < 0).any():
         apart = float(diagram.frequency[poles[numbers < 0][0]])
-        got, remedy = (
-            f"no lasting pole near {apart:.4g} Hz",
-            "name modes of which the diagram has poles in half the orders",
-        )
-        raise InputError(Problem("", got, "a pole that lasts", remedy, "modes"))
+        remedy = "name modes of which the diagram has poles in half the orders"
+        raise InputError(Problem("", f"no lasting pole near {apart:.4g} Hz", "a pole that lasts", remedy, "modes"))
     order = np.unique(numbers)
     cluster = np.full(len(diagram.cluster), -1)
     for place, number in enumerate(order):
@@ -410,7 +381,8 @@ def _remarks(test: AmbientTest, found: Tracked, rejected: Sequence[Rejected], de
             pair = f"{frequency[i]:.4g} and {frequency[i + 1]:.4g} Hz"
             yield f"WARNING: the close modes at {pair} are told apart by one reference: measure in a second direction"
     lines = [(line.frequency, f"{line}, which was taken out,") for line in test.harmonics]
-    lines += [(pole.frequency, f"what turns at {pole.frequency:.4g} Hz") for pole in rejected if _sharp(pole)]
+    sharp = [pole.frequency for pole in rejected if pole.damping < LEAST_DAMPED]
+    lines += [(line, f"what turns at {line:.4g} Hz") for line in sharp]
     for each, ratio in zip(frequency, damping, strict=True):
         for line, name in lines:
             if abs(line - each) < ratio * each:
@@ -418,7 +390,3 @@ def _remarks(test: AmbientTest, found: Tracked, rejected: Sequence[Rejected], de
         what = turning(test.speeds, each) if ratio < LIGHT else ""
         if what and all(abs(line - each) > SLIP * each for line, _ in lines):
             yield f"WARNING: the mode at {each:.4g} Hz may be that of {what}: repeat at another speed"
-
-
-def _sharp(pole: Rejected) -> bool:
-    return pole.damping < LEAST_DAMPED

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 import scipy.fft
@@ -388,8 +389,7 @@ def _least_squares(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return what each row of the functions moves by in each mode, and residuals; the columns' motion is known."""
     rows, columns, lines = mean.shape
-    factor = s**2 / (2j * poles.pole.imag[:, None])
-    own, mirror = factor / (s - poles.pole[:, None]), -factor / (s - poles.pole.conj()[:, None])
+    own, mirror = _terms(poles.pole, s)
     forward = poles.participation[:, :, None] * own
     back = poles.participation.conj()[:, :, None] * mirror
     power = powers(s)
@@ -468,7 +468,7 @@ def diagram_of(frf: Frf, noise: Noise) -> Diagram:
     """
     sides = sorted({True: len(frf.responses), False: len(frf.references)}.items(), key=lambda side: -side[1])
     diagrams = [_one_side(frf, noise, transposed, size) for transposed, size in sides]
-    return _joined([diagram for diagram in diagrams if diagram is not None])
+    return reduce(_with, [diagram for diagram in diagrams if diagram is not None])
 
 
 def mac(first: Complex[np.ndarray, "K n"], second: Complex[np.ndarray, "K m"]) -> Float[np.ndarray, "n m"]:
@@ -489,8 +489,16 @@ def _one_side(frf: Frf, noise: Noise, transposed: bool, size: int) -> Diagram | 
     if highest < 2:
         return None
     fit = PolynomialFit(frf, noise, highest, transposed)
-    solutions = [_physical(fit.poles(order), frf) for order in range(2, highest + 1)]
-    shapes = [_residues(model_of(frf, noise, poles)) if len(poles.pole) else _none(frf) for poles in solutions]
+    band, channels = (frf.frequency[0], frf.frequency[-1]), len(frf.responses) * len(frf.references)
+    every = [fit.poles(order) for order in range(2, highest + 1)]
+    solutions = [poles.pick(physical(poles.pole, band)) for poles in every]
+    shapes = []
+    for poles in solutions:
+        residue = np.zeros((channels, 0), complex)
+        if len(poles.pole):
+            model = model_of(frf, noise, poles)
+            residue = (model.shape[:, None] * model.participation[None]).reshape(channels, -1)
+        shapes.append(residue / np.linalg.norm(residue, axis=0))
     return clustered([each.order for each in solutions], [each.pole for each in solutions], shapes, transposed)
 
 
@@ -505,24 +513,11 @@ def clustered(
     return Diagram(order, np.full(len(order), transposed), pole, shape, cluster, chosen, passing)
 
 
-def _none(frf: Frf) -> np.ndarray:
-    return np.zeros((len(frf.responses) * len(frf.references), 0), complex)
-
-
 def physical(pole: Complex[np.ndarray, "n"], band: tuple[float, float]) -> Bool[np.ndarray, "n"]:
     """Tell which poles may be those of modes within a band [Hz]."""
     frequency, damping = np.abs(pole) / (2 * np.pi), -pole.real / np.abs(pole)
     inside = (frequency >= band[0]) & (frequency <= band[1]) & (pole.imag > 0)
     return inside & (damping > 0) & (damping < MOST_DAMPED)
-
-
-def _physical(poles: Poles, frf: Frf) -> Poles:
-    return poles.pick(physical(poles.pole, (frf.frequency[0], frf.frequency[-1])))
-
-
-def _residues(model: ModalModel) -> Complex[np.ndarray, "K m"]:
-    residue = (model.shape[:, None] * model.participation[None]).reshape(-1, len(model.pole))
-    return residue / np.linalg.norm(residue, axis=0)
 
 
 def distance(poles: tuple[np.ndarray, np.ndarray], shapes: tuple[np.ndarray, np.ndarray]) -> Float[np.ndarray, "n m"]:
@@ -569,13 +564,6 @@ def _medoid(pole: np.ndarray, shape: np.ndarray, members: np.ndarray) -> int:
     """Return the member that is nearest to the others."""
     own = pole[members], shape[:, members]
     return int(members[distance((own[0], own[0]), (own[1], own[1])).sum(0).argmin()])
-
-
-def _joined(diagrams: Sequence[Diagram]) -> Diagram:
-    first = diagrams[0]
-    for second in diagrams[1:]:
-        first = _with(first, second)
-    return first
 
 
 def _with(first: Diagram, second: Diagram) -> Diagram:

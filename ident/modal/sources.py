@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
-from jaxtyping import Complex, Float
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, noted, refuse
 from ident.measure.channels import (
     FORCE,
     IGNORED,
@@ -24,7 +23,7 @@ from ident.measure.load import Load
 from ident.measure.recordings import Channel, Recording, Shape
 from ident.measure.recordings.sampling import even_step
 from ident.measure.series import Speed
-from ident.modal.frf import Place
+from ident.modal.frf import HeldArm, ModeSet, Place
 from ident.text import did_you_mean, one_line, quoted
 from ident.units import GRAVITIES, POUNDS, STANDARD_GRAVITY, sensor_factor
 
@@ -37,62 +36,31 @@ POLE = "pole"
 
 
 @dataclass(frozen=True)
-class FinishedModes:
-    """Modes of a file, ascending in frequency.
+class FinishedModes(ModeSet):
+    """Modes of a file: damping ratios are zero where it has none, shapes of any scale; it says nothing of correlations.
 
     Attributes:
-        frequency: (m,) [Hz] see `of`.
-        damping: (m,) [-] damping ratios; zero where the file has none.
-        shape: (O, m) complex motion of each response, of any scale.
-        sd: (n,) standard deviations of frequencies, damping ratios, then real and imaginary parts of each shape.
         responses: places of the responses.
         of: what the frequencies are, one of `ident.measure.DEFINITIONS`.
     """
 
-    frequency: Float[np.ndarray, "m"]
-    damping: Float[np.ndarray, "m"]
-    shape: Complex[np.ndarray, "O m"]
-    sd: Float[np.ndarray, "n"]
     responses: tuple[Place, ...]
     of: str
-
-    @property
-    def covariance(self) -> Float[np.ndarray, "n n"]:
-        """Covariance, in the order of `sd`: a file says nothing of correlations."""
-        return np.diag(self.sd**2)
-
-    @property
-    def sigma(self) -> Float[np.ndarray, "2 m"]:
-        """(2, m) [Hz, -] standard deviations of frequencies and damping ratios."""
-        return self.sd[: 2 * len(self.frequency)].reshape(2, -1)
 
     @property
     def band(self) -> tuple[float, float]:
         """Lowest and highest frequency [Hz]."""
         return float(self.frequency[0]), float(self.frequency[-1])
 
-    def of_shape(self, modes: Sequence[int]) -> Float[np.ndarray, "k k"]:
-        """Return the covariance of the shapes of some modes: real parts, then imaginary ones, mode by mode."""
-        count, size = 2 * len(self.frequency), 2 * len(self.shape)
-        return np.diag(np.concatenate([self.sd[count + mode * size :][:size] for mode in modes]) ** 2)
-
 
 @dataclass(frozen=True)
-class FinishedTest:
+class FinishedTest(HeldArm):
     """A file of finished modes, and how the arm was held.
 
     Attributes:
-        posture: (joints,) [rad]
-        load: the load case, sensors included.
-        drives: what held the motors.
-        files: the file.
         modes: its modes.
     """
 
-    posture: tuple[float, ...]
-    load: Load
-    drives: str
-    files: tuple[str, ...]
     modes: FinishedModes
 
 
@@ -120,12 +88,9 @@ def finished_tests(
         rows = [row for row in table.rows if row.role == RESPONSE and fnmatchcase(name, row.file)]
         if not (is_finished(recording) and rows):
             continue
-        try:
+        with noted(problems):
             found.append(_test(name, recording, rows, sigma, of))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return tuple(found)
 
 
@@ -133,8 +98,7 @@ def _test(
     name: str, recording: Recording, rows: list[ChannelRow], sigma: Mapping[str, float], of: str | None
 ) -> FinishedTest:
     shapes = sorted(recording.shapes, key=lambda shape: shape.frequency)
-    if problems := [*_lacking(name, recording, rows), *_unsaid(name, shapes, sigma, of)]:
-        raise InputError(problems)
+    refuse([*_lacking(name, recording, rows), *_unsaid(name, shapes, sigma, of)])
     motion = np.array([[shape.motion[row.channel] for shape in shapes] for row in rows], complex)
     frequency, damping = (np.array([getattr(s, key) for s in shapes], float) for key in ("frequency", "damping_ratio"))
     sd = [s.sigma.get("frequency", sigma.get("frequency", 0.0) * s.frequency) for s in shapes]
@@ -143,7 +107,8 @@ def _test(
         share = sigma.get("shape", 0.0) * float(np.abs(motion[:, i]).max())
         sd += 2 * [s.sigma.get(row.channel, share) for row in rows]
     places = tuple(Place(row.point, row.direction) for row in rows if row.direction is not None)
-    modes = FinishedModes(frequency, damping, motion, np.array(sd), places, next(s.of for s in shapes) or of or "")
+    covariance = np.diag(np.array(sd) ** 2)
+    modes = FinishedModes(frequency, damping, motion, covariance, places, next(s.of for s in shapes) or of or "")
     return FinishedTest(rows[0].posture, rows[0].load, rows[0].drives, (name,), modes)
 
 
@@ -151,9 +116,8 @@ def _lacking(name: str, recording: Recording, rows: list[ChannelRow]) -> Iterato
     for row in rows:
         if any(row.channel not in shape.motion for shape in recording.shapes):
             remedy = did_you_mean(row.channel, recording.names, f"it has {', '.join(recording.names[:8])}")
-            yield Problem(
-                row.where, quoted(row.channel), f"a channel of each mode of {quoted(name)}", remedy, "channel"
-            )
+            expected = f"a channel of each mode of {quoted(name)}"
+            yield Problem(row.where, quoted(row.channel), expected, remedy, "channel")
         if row.sensitivity is not None:
             remedy = "empty the cell: a shape has any scale, the same for all of its channels"
             yield Problem(row.where, "a sensitivity", "none for finished modes", remedy, "sensitivity")
@@ -166,8 +130,7 @@ def _unsaid(name: str, shapes: Sequence[Shape], sigma: Mapping[str, float], of: 
     """Yield what neither the file nor the options say: it is asked for by name."""
     file = one_line(name)
     for kind in KINDS:
-        here = all(_has(shape, kind) for shape in shapes)
-        if not here and kind not in sigma:
+        if kind not in sigma and not all(_has(shape, kind) for shape in shapes):
             remedy = f"give their standard deviation as a share, such as `sigma` {kind}=0.01, or in the file"
             yield Problem(file, f"{kind} without a standard deviation", "one for each", remedy, "sigma")
     if not all(shape.of for shape in shapes) and not of:
@@ -200,9 +163,8 @@ def quantity_and_factor(row: ChannelRow, unit: str) -> tuple[str, float]:
     """
     if not (row.unit or unit):
         expected = f"a unit such as {EXAMPLES[row.role]}: neither the file nor the table has one"
-        raise InputError(
-            Problem(row.where, f"no unit of channel {quoted(row.channel)}", expected, "fill the cell", "unit")
-        )
+        got = f"no unit of channel {quoted(row.channel)}"
+        raise InputError(Problem(row.where, got, expected, "fill the cell", "unit"))
     quantity, factor = _measured(row, row.unit or unit)
     if row.sensitivity is not None:
         if not row.unit or sensor_factor(unit, quantity) is not None:
@@ -210,7 +172,11 @@ def quantity_and_factor(row: ChannelRow, unit: str) -> tuple[str, float]:
             expected = "numbers of the file for one unit of the table"
             raise InputError(Problem(row.where, got, expected, "leave the cell empty", "sensitivity"))
         return quantity, factor / (row.sensitivity * _per_volt(row, unit))
-    _check_agreement(row, unit, quantity, factor)
+    said = sensor_factor(unit, quantity) if row.unit and unit else factor
+    if said is None or not np.isclose(said, factor, rtol=1e-6):
+        got = f"{quoted(row.unit)} of channel {quoted(row.channel)}"
+        remedy = "give its sensitivity" if said is None else "correct one of them, or leave the cell empty"
+        raise InputError(Problem(row.where, got, f"{quoted(unit)}, as in the file", remedy, "unit"))
     return quantity, factor
 
 
@@ -236,24 +202,6 @@ def _per_volt(row: ChannelRow, unit: str) -> float:
         expected = f"a file in one of {', '.join(VOLTAGES)}"
         raise InputError(Problem(row.where, got, expected, "write the file's number for one unit", "sensitivity"))
     return 1 / VOLTAGES[unit]
-
-
-def _check_agreement(row: ChannelRow, unit: str, quantity: str, factor: float) -> None:
-    """Refuse a unit of the table that contradicts the file's."""
-    if not (row.unit and unit):
-        return
-    said = sensor_factor(unit, quantity)
-    if said is None or not np.isclose(said, factor, rtol=1e-6):
-        got = f"{quoted(row.unit)} of channel {quoted(row.channel)}"
-        remedy = "give its sensitivity" if said is None else "correct one of them, or leave the cell empty"
-        raise InputError(Problem(row.where, got, f"{quoted(unit)}, as in the file", remedy, "unit"))
-
-
-def unit_remark(row: ChannelRow, unit: str) -> str:
-    """Return what is said of a unit that means something else elsewhere; empty for others."""
-    written = row.unit or unit
-    meant = {**dict.fromkeys(GRAVITIES, f"standard gravity, {STANDARD_GRAVITY} m/s^2"), **dict.fromkeys(POUNDS, "lbf")}
-    return f"{quoted(written)} of {quoted(row.channel)} is read as {meant[written]}" if written in meant else ""
 
 
 # -------- Sources
@@ -290,14 +238,32 @@ class Response:
 
 
 @dataclass(frozen=True)
-class Source:
-    """What one file measured at one state of the arm by one force.
+class Recorded:
+    """A file, and the state of the arm that it is of.
 
     Attributes:
         file: its name, for messages.
         posture: (joints,) [rad]
         load: the load case, sensors included.
         drives: what held the motors.
+    """
+
+    file: str
+    posture: tuple[float, ...]
+    load: Load
+    drives: str
+
+    @property
+    def state(self) -> tuple[tuple[float, ...], Load, str]:
+        """At what posture, under what load and held by what it was measured."""
+        return self.posture, self.load, self.drives
+
+
+@dataclass(frozen=True)
+class Source(Recorded):
+    """What one file measured at one state of the arm by one force.
+
+    Attributes:
         decay: [1/s] of a window that the analyser has applied.
         step: [s] between samples, or [Hz] between lines.
         start: [Hz] first line of frequency responses.
@@ -308,10 +274,6 @@ class Source:
         remarks: what a reader should know.
     """
 
-    file: str
-    posture: tuple[float, ...]
-    load: Load
-    drives: str
     decay: float
     step: float
     start: float
@@ -320,11 +282,6 @@ class Source:
     full_scale: float | None
     responses: tuple[Response, ...]
     remarks: tuple[str, ...] = ()
-
-    @property
-    def state(self) -> tuple[tuple[float, ...], Load, str]:
-        """At what posture, under what load and held by what it was measured."""
-        return self.posture, self.load, self.drives
 
 
 def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[Source, ...]:
@@ -350,12 +307,9 @@ def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[S
         if not recording.channels:
             problems += _nodes_alone(name, rows, recordings)
             continue
-        try:
+        with noted(problems):
             found += _of_file(name, rows, recording) if any(row.counts for row in rows) else ()
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     if not found and not any(map(is_finished, recordings.values())):
         raise InputError(Problem(table.path, "no row of a response", "at least one", "fill in the column role", "role"))
     return tuple(found)
@@ -422,21 +376,23 @@ def _source(
             got, remedy = f"{quoted(force.channel)} of {quoted(name)} constant at {pushed.flat[0]:.4g} N", _CABLE
             raise InputError(Problem(force.where, got, "a force with hits", remedy, "channel"))
         full_scale = _full_scale(force)
+    units = {each.name: each.unit for each in used} | ({force.channel: used[0].reference_unit} if finished else {})
     return Source(
         name, force.posture, force.load, force.drives, force.decay, step, start, _place(force), pushed,
-        full_scale, responses, tuple(_unit_remarks(name, [force, *rows], used, finished)),
+        full_scale, responses, tuple(f"{name}: {remark}" for remark in _unit_remarks([force, *rows], units)),
     )  # fmt: skip
 
 
 _CABLE = "look at the cable of the hammer, and which channel of the file is the force"
 
 
-def _unit_remarks(name: str, rows: Sequence[ChannelRow], used: Sequence[Channel], finished: bool) -> Iterator[str]:
-    """Yield which units have been read as something that they mean only here."""
-    units = {each.name: each.unit for each in used} | ({rows[0].channel: used[0].reference_unit} if finished else {})
+def _unit_remarks(rows: Sequence[ChannelRow], units: Mapping[str, str]) -> Iterator[str]:
+    """Yield which units of the file, by channel, have been read as something that they mean only here."""
+    meant = {**dict.fromkeys(GRAVITIES, f"standard gravity, {STANDARD_GRAVITY} m/s^2"), **dict.fromkeys(POUNDS, "lbf")}
     for row in rows:
-        if remark := unit_remark(row, units[row.channel]):
-            yield f"{name}: {remark}"
+        written = row.unit or units[row.channel]
+        if written in meant:
+            yield f"{quoted(written)} of {quoted(row.channel)} is read as {meant[written]}"
 
 
 def has_responses(rows: Iterable[ChannelRow], recording: Recording) -> bool:
@@ -542,9 +498,8 @@ def _full_scale(row: ChannelRow) -> float | None:
     if row.full_scale is None:
         return None
     if not row.unit:
-        raise InputError(
-            Problem(row.where, "a full scale without unit", "the unit that it is in", "fill the cell", "unit")
-        )
+        expected = "the unit that it is in"
+        raise InputError(Problem(row.where, "a full scale without unit", expected, "fill the cell", "unit"))
     return row.full_scale * quantity_and_factor(replace(row, sensitivity=None), "")[1]
 
 
@@ -578,27 +533,23 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
     by_name: dict[str, list[ChannelRow]] = {}
     for row in rows:
         by_name.setdefault(row.channel, []).append(row)
-    for same in by_name.values():
-        if len(same) > 1:
-            got = f"{quoted(same[0].channel)} {'twice' if len(same) == 2 else f'{len(same)} times'}"
-            problems.append(Problem(same[1].where, got, "each channel once", "keep one", "channel"))
     counts = Counter((channel.name, channel.reference) for channel in recording.channels)
     twice = {channel for (channel, _), count in counts.items() if count > 1}
     sound = {channel.name for channel in recording.channels if not channel.flaw}
     flawed = {channel.name: channel for channel in recording.channels if channel.flaw and channel.name not in sound}
-    for channel, (row, *_) in by_name.items():
+    for channel, (row, *more) in by_name.items():
+        if more:
+            got = f"{quoted(channel)} {'twice' if len(more) == 1 else f'{1 + len(more)} times'}"
+            problems.append(Problem(more[0].where, got, "each channel once", "keep one", "channel"))
         if channel in twice and row.role != IGNORED:
-            got, remedy = (
-                f"{quoted(channel)} twice in {quoted(name)}",
-                "give each channel of the file a name of its own",
-            )
+            got = f"{quoted(channel)} twice in {quoted(name)}"
+            remedy = "give each channel of the file a name of its own"
             problems.append(Problem(row.where, got, "one channel of this name", remedy, "channel"))
         elif channel in flawed and row.role != IGNORED:
             got = f"{quoted(channel)} of {quoted(name)}: {flawed[channel].flaw}"
             remedy = flawed[channel].remedy or "give the channel the role ignore"
             problems.append(Problem(row.where, got, _USABLE, remedy, "channel"))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def check_state(rows: list[ChannelRow]) -> None:
@@ -630,10 +581,9 @@ def sampling_step(
         said |= {1 / row.rate for row in given if row.rate}
     where = (given or rows)[0].where
     if not said:
+        got = f"no sampling rate of {quoted(name)}"
         remedy = "give the column rate [Hz], or the role time to the channel that holds the times"
-        raise InputError(
-            Problem(where, f"no sampling rate of {quoted(name)}", "one: the file says none", remedy, "rate")
-        )
+        raise InputError(Problem(where, got, "one: the file says none", remedy, "rate"))
     for step in said:
         if not STEPS[0] <= step <= STEPS[1]:
             what, unit = ("lines", "Hz") if finished else ("samples", "s")
@@ -652,14 +602,10 @@ def sampling_step(
 
 
 @dataclass(frozen=True)
-class Record:
+class Record(Recorded):
     """What one file recorded at one state of the arm, without a force.
 
     Attributes:
-        file: its name, for messages.
-        posture: (joints,) [rad]
-        load: the load case, sensors included.
-        drives: what held the motors.
         step: [s] between samples.
         responses: what was measured.
         references: rows of the responses with which all are correlated.
@@ -667,20 +613,11 @@ class Record:
         remarks: what a reader should know.
     """
 
-    file: str
-    posture: tuple[float, ...]
-    load: Load
-    drives: str
     step: float
     responses: tuple[Response, ...]
     references: tuple[int, ...]
     speeds: tuple[Speed, ...]
     remarks: tuple[str, ...]
-
-    @property
-    def state(self) -> tuple[tuple[float, ...], Load, str]:
-        """At what posture, under what load and held by what it was recorded."""
-        return self.posture, self.load, self.drives
 
 
 def ambient_files(table: ChannelTable, recordings: Mapping[str, Recording]) -> frozenset[str]:
@@ -708,12 +645,9 @@ def records(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[R
     problems: list[Problem] = []
     made: list[Record] = []
     for name, recording in recordings.items():
-        try:
+        with noted(problems):
             made.append(_record(name, [row for row in table.rows if fnmatchcase(name, row.file)], recording))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return tuple(made)
 
 
@@ -733,15 +667,8 @@ def _record(name: str, rows: list[ChannelRow], recording: Recording) -> Record:
     speeds = tuple(dict.fromkeys(speed for row in counting for speed in row.harmonics))
     return Record(
         name, *_state(counting[0]), step, responses, references or tuple(range(len(counting))), speeds,
-        (*_forces(rows, recording), *_record_unit_remarks(name, counting, channels)),
+        (*_forces(rows, recording), *_unit_remarks(counting, {each.name: each.unit for each in used})),
     )  # fmt: skip
-
-
-def _record_unit_remarks(name: str, rows: list[ChannelRow], channels: Mapping[str, Channel]) -> Iterator[str]:
-    """Yield which units have been read as something that they mean only here."""
-    for row in rows:
-        if remark := unit_remark(row, channels[row.channel].unit):
-            yield remark
 
 
 def _forces(rows: list[ChannelRow], recording: Recording) -> Iterator[str]:

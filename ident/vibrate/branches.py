@@ -17,7 +17,7 @@ from ident.arm.modes import Label, in_shaft_axes, labels_of_shares, modes_about,
 from ident.arm.rotations import matvec
 from ident.errors import InputError, ModelError, Problem
 from ident.programs import jit, library
-from ident.vibrate.motion import Motion
+from ident.vibrate.motion import Motion, check_joints
 
 # -------- Tracking
 # Which mode at one posture is which at the next: matching by mass-weighted MAC, never by order of frequency.
@@ -79,7 +79,12 @@ def track(
     mixed = np.zeros(postures, bool)
 
     def step(a: int, b: int) -> _Step:
-        return _matched(frequency[:, b], followed[..., a], shape[..., b], (mass[..., a] + mass[..., b]) / 2)
+        before, weight = followed[..., a], (mass[..., a] + mass[..., b]) / 2
+        here = _turned(frequency[:, b], shape[..., b], weight @ before)
+        norms = [np.einsum("ni,nk,ki->i", x, weight, x) for x in (before, here)]
+        mac = (before.T @ weight @ here) ** 2 / np.multiply.outer(*norms)
+        own = _assigned(mac)
+        return _Step(own, here[:, own], mac[np.arange(modes), own])
 
     k = 0
     while k < postures - 1:
@@ -113,27 +118,12 @@ class _Step(NamedTuple):
         return float(self.mac[(before < count) | (self.place < count)].min())
 
 
-def _matched(frequency: np.ndarray, before: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> _Step:
-    here = _turned(frequency, shape, weight @ before)
-    mac = weighted_mac(before, here, weight)
-    place = _assigned(mac)
-    return _Step(place, here[:, place], mac[np.arange(len(place)), place])
-
-
 def _assigned(likeness: np.ndarray) -> np.ndarray:
     """Return for each row the column that is its own, so that they are most alike in all."""
     from scipy.optimize import linear_sum_assignment  # takes longer to import than a prediction to compute
 
     columns: np.ndarray = linear_sum_assignment(likeness, maximize=True)[1]
     return columns
-
-
-def weighted_mac(
-    a: Float[np.ndarray, "n i"], b: Float[np.ndarray, "n j"], weight: Float[np.ndarray, "n n"]
-) -> Float[np.ndarray, "i j"]:
-    """Return (a' M b)^2 / (a' M a b' M b) of each shape in a with each in b, between 0 and 1."""
-    norms = [np.einsum("ni,nk,ki->i", x, weight, x) for x in (a, b)]
-    return (a.T @ weight @ b) ** 2 / np.multiply.outer(*norms)
 
 
 def follow(
@@ -154,14 +144,10 @@ def follow(
     own = np.einsum("nmks,nok,omks->mks", shape, mass, shape, optimize=True)
     likeness = cross / own / np.einsum("nbk,nbk->bk", weighted, reference)[:, None, :, None]
     place = likeness.argmax(1)
-    for k, s in np.argwhere(_shared(place)):
+    shared = (np.diff(np.sort(place, axis=0), axis=0) == 0).any(0)  # two branches are most like the same mode
+    for k, s in np.argwhere(shared):
         place[:, k, s] = _assigned(likeness[:, :, k, s])
     return place, np.take_along_axis(likeness, place[:, None], 1)[:, 0]
-
-
-def _shared(place: Int[np.ndarray, "B K S"]) -> np.ndarray:
-    """Tell where two branches are most like the same mode."""
-    return (np.diff(np.sort(place, axis=0), axis=0) == 0).any(0)
 
 
 def _turned(frequency: np.ndarray, shape: np.ndarray, wanted: np.ndarray) -> np.ndarray:
@@ -340,7 +326,12 @@ def _chunks(
         spread = jnp.asarray(padded.reshape(padded.shape + (1,) * len(batch)))
         parts = tuple(np.asarray(x) for x in _modes(arm, spread, loads, computed))
         cut = [part[:, : some.shape[1]] for part in parts[:4]] + [part[:, :, : some.shape[1]] for part in parts[4:]]
-        _refuse_collapse(arm, some, cut[0])
+        lost = ~np.isfinite(cut[0]).all(0)
+        if lost.any():
+            k = int(np.argwhere(lost)[0, 0])
+            angles = ", ".join(f"{angle:.4g}" for angle in np.degrees(some[:, k]))
+            share = f" with {np.count_nonzero(lost[k])} of {lost[k].size} sets of numbers" if lost.ndim > 1 else ""
+            raise ModelError(f"{arm.name} has no stable equilibrium at ({angles}) deg{share}: raise the stiffnesses")
         yield tuple(cut)
 
 
@@ -361,15 +352,6 @@ def _modes(
     half = jax.vmap(lambda row: flat(in_shaft_axes(chain, unflatten(row))))(M)
     whole = jax.vmap(lambda column: flat(in_shaft_axes(chain, unflatten(column))), 1, 1)(half)
     return modes.frequency, ratio, torsion_share(modes), vertical_share(modes), turned, whole
-
-
-def _refuse_collapse(arm: Arm, postures: np.ndarray, frequency: np.ndarray) -> None:
-    lost = ~np.isfinite(frequency).all(0)
-    if lost.any():
-        k = int(np.argwhere(lost)[0, 0])
-        angles = ", ".join(f"{angle:.4g}" for angle in np.degrees(postures[:, k]))
-        share = f" with {np.count_nonzero(lost[k])} of {lost[k].size} sets of numbers" if lost.ndim > 1 else ""
-        raise ModelError(f"{arm.name} has no stable equilibrium at ({angles}) deg{share}: raise the stiffnesses")
 
 
 # -------- Branches
@@ -542,10 +524,7 @@ def motion_times(motion: Motion, times: Any = None) -> Float[np.ndarray, "T"]:
 
 def check(arm: Arm, motion: Motion, count: int = 1) -> None:
     """Refuse a motion of other joints than the arm's, an arm without a point and a count below 1."""
-    driven = motion.coefficients.shape[-1]
-    if driven != len(arm.driven):
-        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
-        raise InputError(Problem(motion.name, f"{driven} joint angles", expected, "give every joint's angle"))
+    check_joints(arm, motion)
     if not arm.points:
         raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
     if count < 1:

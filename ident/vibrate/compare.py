@@ -1,6 +1,5 @@
 """Simulated against measured vibration: sizes, frequencies and spectra of two traces, side by side."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal
@@ -9,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from ident.errors import Problem
+from ident.errors import InputError, Problem, refuse
 from ident.vibrate.spectra import (
     SHORTEST,
     Peak,
@@ -18,7 +17,6 @@ from ident.vibrate.spectra import (
     amplitude_spectrum,
     band_problems,
     peaks,
-    refuse,
     samples,
     trace_band_rms,
 )
@@ -132,9 +130,7 @@ class Comparison:
         return self.simulated.band_rms / self.measured.band_rms
 
 
-def compare(
-    simulated: Trace, measured: Trace, *, band: tuple[float, float], window: str = "hann", segments: int = 1
-) -> Comparison:
+def compare(simulated: Trace, measured: Trace, *, band: tuple[float, float]) -> Comparison:
     """Compare a simulated with a measured vibration.
 
     Both are brought to the coarser sampling, behind a filter against aliasing, and cut to their common time. A
@@ -147,26 +143,29 @@ def compare(
         simulated: displacement, or what was measured.
         measured: displacement or acceleration.
         band: [Hz] lowest and highest frequency, for the dominant frequency and the rms in the band.
-        window: of the spectra.
-        segments: number of segments that the spectra are averaged over.
 
     Returns:
         Sizes of both, and their ratios.
     """
-    refuse([*_quantity_problems(simulated, measured), *band_problems(*band)])
+    if simulated.quantity == "acceleration" and measured.quantity == "displacement":
+        remedy = "give the simulated displacement: neither trace is integrated"
+        raise InputError(Problem("simulated", "an acceleration", "a displacement, as was measured", remedy))
+    refuse(band_problems(*band))
     ours, theirs = samples(simulated.time, simulated.values), samples(measured.time, measured.values)
     if simulated.quantity != measured.quantity:
         ours = Samples(ours.time, second_derivative(ours.time, ours.values))
     step = max(ours.step, theirs.step)
     ours, theirs = _coarser(ours, step), _coarser(theirs, step)
     time = _common(ours, theirs, step)
-    sizes = [_size(Trace(time, _at(x, time), measured.quantity), band, window, segments) for x in (ours, theirs)]
-    refuse(_still(sizes[1]))
+    sizes = [_size(Trace(time, _at(x, time), measured.quantity), band) for x in (ours, theirs)]
+    if sizes[1].peak <= 1e-12 * np.abs(sizes[1].trace.values).max():
+        remedy = "choose the direction or the time in which it moves"
+        raise InputError(Problem("measured", "a constant", "a vibration", remedy))
     return Comparison(sizes[0], sizes[1], band)
 
 
-def _size(trace: Trace, band: tuple[float, float], window: str, segments: int) -> Size:
-    spectrum = amplitude_spectrum(trace.time, trace.values, window=window, segments=segments)
+def _size(trace: Trace, band: tuple[float, float]) -> Size:
+    spectrum = amplitude_spectrum(trace.time, trace.values)
     about = trace.values - trace.values.mean()
     largest = peaks(spectrum, 1, band)
     return Size(
@@ -197,7 +196,10 @@ def _common(one: Samples, other: Samples, step: float) -> np.ndarray:
     start, stop = max(one.time[0], other.time[0]), min(one.time[-1], other.time[-1])
     slack = 1e-6 * step
     time = grid.time[(grid.time >= start - slack) & (grid.time <= stop + slack)]
-    refuse(_little_in_common(one, other, len(time)))
+    if len(time) < SHORTEST:
+        spans = " and ".join(f"{x.time[0]:.4g} to {x.time[-1]:.4g} s" for x in (one, other))
+        remedy = "shift the clock of one, or choose traces of the same motion"
+        raise InputError(Problem("time", f"{spans}, {len(time)} samples in common", f"at least {SHORTEST}", remedy))
     return time
 
 
@@ -206,21 +208,3 @@ def _at(trace: Samples, time: np.ndarray) -> np.ndarray:
     from scipy.interpolate import make_interp_spline
 
     return np.asarray(make_interp_spline(trace.time, trace.values, k=5)(time))
-
-
-def _quantity_problems(simulated: Trace, measured: Trace) -> Iterator[Problem]:
-    if simulated.quantity == "acceleration" and measured.quantity == "displacement":
-        got, expected = "an acceleration", "a displacement, as was measured"
-        yield Problem("simulated", got, expected, "give the simulated displacement: neither trace is integrated")
-
-
-def _still(measured: Size) -> Iterator[Problem]:
-    if measured.peak <= 1e-12 * np.abs(measured.trace.values).max():
-        yield Problem("measured", "a constant", "a vibration", "choose the direction or the time in which it moves")
-
-
-def _little_in_common(one: Samples, other: Samples, count: int) -> Iterator[Problem]:
-    if count < SHORTEST:
-        spans = " and ".join(f"{x.time[0]:.4g} to {x.time[-1]:.4g} s" for x in (one, other))
-        remedy = "shift the clock of one, or choose traces of the same motion"
-        yield Problem("time", f"{spans}, {count} samples in common", f"at least {SHORTEST}", remedy)

@@ -232,21 +232,8 @@ FEW = 3
 """Places from which one that keeps the requirements is searched for."""
 CLOSE = 1e-7
 """Relative change of the amplitude at which an optimum counts as reached."""
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How much is computed.
-
-    Attributes:
-        screened: places at which the amplitude is computed before some are chosen as starts; a power of two.
-        iterations: from a start, at most.
-        iterations_with_draws: at most: each costs as many simulations as there are draws.
-    """
-
-    screened: int = 64
-    iterations: int = 60
-    iterations_with_draws: int = 12
+ITERATIONS_WITH_DRAWS = 12
+"""Iterations at most where each costs as many simulations as there are draws."""
 
 
 @dataclass(frozen=True)
@@ -256,13 +243,15 @@ class Search:
     Attributes:
         evaluator: with the variables.
         required: what must be met.
-        effort: how much is computed.
+        screened: places at which the amplitude is computed before some are chosen as starts; a power of two.
+        iterations: from a start, at most.
         cuts: sets of phases with which the amplitude is kept low, see `Objective`.
     """
 
     evaluator: Evaluator
     required: Requirements
-    effort: Effort = Effort()
+    screened: int = 64
+    iterations: int = 60
     cuts: tuple[Mapping[str, float], ...] = ()
 
     @cached_property
@@ -278,14 +267,14 @@ class Search:
         rows, slope = self._constraints(change_norm), np.append(np.zeros_like(start), 1.0)
         x = np.append(start, self.objective.largest(start) / self.objective.present)
         widest = [below_bound(self.objective), *map(widened, rows)]
-        u = self._minimize(lambda x: (x[-1], slope), x, widest, self.effort.iterations)[:-1]
+        u = self._minimize(lambda x: (x[-1], slope), x, widest)[:-1]
         return u if are_met(rows, u) else None
 
     def minimum_change(self, start: Point, limit: float) -> Point | None:
         """Return the place of the least change norm that meets the limit; None where none is reached."""
         rows = self._constraints()
         within = [below(self.objective, limit), *rows]
-        u = self._minimize(self.objective.squared_norm, start, within, self.effort.iterations)
+        u = self._minimize(self.objective.squared_norm, start, within)
         return u if are_met(rows, u) and self.objective.largest(u) < limit * (1 + 1e-3) else None
 
     def missed(self, u: Point) -> float:
@@ -295,7 +284,7 @@ class Search:
     def minimum_exceedance(self, start: Point, limit: float) -> Point:
         """Return the place of the least probability of exceeding the limit, from one of little amplitude on."""
         rows = self._constraints()
-        u = self._minimize(lambda u: self.objective.log_odds(u, limit), start, rows, self.effort.iterations_with_draws)
+        u = self._minimize(lambda u: self.objective.log_odds(u, limit), start, rows, ITERATIONS_WITH_DRAWS)
         candidates = [start, u] if are_met(rows, u) else [start]
         return min(candidates, key=lambda u: self.objective.log_odds(u, limit)[0])
 
@@ -310,9 +299,7 @@ class Search:
         missed = self._missed(places)
 
         def nearest(start: Point) -> Point:
-            return self._minimize(
-                lambda u: (float(((u - start) ** 2).sum()), 2 * (u - start)), start, rows, self.effort.iterations
-            )
+            return self._minimize(lambda u: (float(((u - start) ** 2).sum()), 2 * (u - start)), start, rows)
 
         return bool((missed <= 0).any()) or any(are_met(rows, nearest(places[k])) for k in np.argsort(missed)[:FEW])
 
@@ -344,7 +331,7 @@ class Search:
     def spread(self, seed: int) -> Float[np.ndarray, "places V"]:
         """Return places all over the bounds, no further than the largest change norm allows."""
         o = self.objective
-        u = o.low + qmc.Sobol(len(o.scale), seed=seed).random(self.effort.screened) * (o.high - o.low)
+        u = o.low + qmc.Sobol(len(o.scale), seed=seed).random(self.screened) * (o.high - o.low)
         norm = np.sqrt((o.weight * u**2).sum(1))
         return u * np.minimum(1.0, self.required.change_norm / np.maximum(norm, 1e-12))[:, None]
 
@@ -356,7 +343,7 @@ class Search:
         function: Callable[[np.ndarray], tuple[float, np.ndarray]],
         start: np.ndarray,
         rows: Sequence[Constraint],
-        iterations: int,
+        iterations: int | None = None,
     ) -> np.ndarray:
         """Minimise within the bounds of u; a further unknown is bounded by zero from below."""
         more = len(start) - len(self.objective.scale)
@@ -369,7 +356,7 @@ class Search:
             method="SLSQP",
             bounds=list(zip(low, high, strict=True)),
             constraints=[{"type": "ineq", "fun": row.value, "jac": row.slope} for row in rows],
-            options={"maxiter": iterations, "ftol": CLOSE},
+            options={"maxiter": iterations or self.iterations, "ftol": CLOSE},
         )
         return np.clip(answer.x, low, high)
 

@@ -17,7 +17,7 @@ from ident.arm.chain import Loads, at_posture
 from ident.arm.fields import COMPONENTS, field_of
 from ident.arm.mechanics import deflection, static_equilibrium
 from ident.arm.modes import lowest_eigenpairs, to_hertz
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import InputError, ModelError, Problem, refuse
 from ident.programs import AnyArray, cores, jit, library
 from ident.text import did_you_mean
 from ident.vibrate.exact import Progress
@@ -95,11 +95,6 @@ class EndState(NamedTuple):
     deflection: Float[AnyArray, "*batch"]
 
 
-def end_states(arm: Arm, motion: Motion, loads: Loads | None = None) -> EndState:
-    """Return the worse of the arm's states at the start and at the end of a motion. Differentiable once."""
-    return worst_state(arm, ends(motion), loads)
-
-
 def ends(motion: Motion) -> Float[AnyArray, "driven 2"]:
     """Return the postures [rad] at both ends of a motion."""
     return motion(motion.breaks[np.array([0, -1])])[0]
@@ -107,7 +102,7 @@ def ends(motion: Motion) -> Float[AnyArray, "driven 2"]:
 
 @jit
 def worst_state(arm: Arm, posture: Float[AnyArray, "driven ends"], loads: Loads | None) -> EndState:
-    """Return the worse of the arm's states at some postures [rad]."""
+    """Return the worse of the arm's states at some postures [rad]. Differentiable once."""
     chain = at_posture(arm, posture.reshape((*posture.shape, *(1,) * len(arm.batch))), loads)
     at = static_equilibrium(chain)
     frequency = to_hertz(lowest_eigenpairs(chain, at, count=1)[0])[0]
@@ -164,10 +159,6 @@ class Variable:
         xp = library(value, present)
         value, present = xp.asarray(value), xp.asarray(present)
         return xp.asarray(value - present if self.shifted else xp.log(value / present))
-
-    def value(self, arm: Arm, change: Float[AnyArray, "*batch"] | float) -> AnyArray:
-        """Return the number after a change, the inverse of `change`."""
-        return changed(self.shifted, arm.get(self.paths[0]), change)
 
     def span(self, arm: Arm) -> tuple[float, float]:
         """Return the bounds as changes, the smaller first: of a number below zero the higher bound is the smaller."""
@@ -235,9 +226,7 @@ def check(arm: Arm, variable: Variable, extents: Extents | None = None) -> None:
     """
     for path in variable.paths:
         check_path(arm, path)
-    problems = [*_bounds(arm, variable), *outside(arm, variable, extents or {})]
-    if problems:
-        raise InputError(problems)
+    refuse([*_bounds(arm, variable), *outside(arm, variable, extents or {})])
 
 
 def _bounds(arm: Arm, variable: Variable) -> Iterable[Problem]:
@@ -506,7 +495,7 @@ class Evaluator:
         """Return the end states of the arm itself after changes, by one program for any number of them."""
         filled = np.pad(changes, ((0, -len(changes) % BATCH), (0, 0)), mode="edge")
         some = [filled[first : first + BATCH] for first in range(0, len(filled), BATCH)]
-        states = [end_states(self.alone.changed(each), self.motion, self.loads) for each in some]
+        states = [worst_state(self.alone.changed(each), ends(self.motion), self.loads) for each in some]
         return EndState(*(np.concatenate(part)[: len(changes)] for part in zip(*states, strict=True)))
 
     def values(self, changes: Float[np.ndarray, "V"]) -> dict[str, float]:

@@ -111,7 +111,8 @@ def integrate(
         raise ModelError(
             "the arm has no stable equilibrium where the motion starts; check stiffnesses, masses and units"
         )
-    method = "Dopri8" if _explicit_steps(model, motion, start) < EXPLICIT_STEPS else "Kvaerno5"
+    fastest = np.abs(np.linalg.eigvals(np.asarray(_linear(model, motion, start)))).max()  # rate at the start [1/s]
+    method = "Dopri8" if float(fastest / REACH) < EXPLICIT_STEPS else "Kvaerno5"
     parts, steps, interrupted = [tuple(np.asarray(part)[:, None] for part in start)], 0, None
     sections, tolerances = _sections(times), (np.asarray(rtol), np.asarray(atol))
     try:
@@ -139,11 +140,6 @@ def _sections(times: Float[np.ndarray, "T"]) -> list[np.ndarray]:
     beyond = times[-1] + (times[-1] - times[-2]) * np.arange(1, count * SAMPLES + 2 - len(times))
     whole = np.concatenate([times, beyond])
     return [whole[k * SAMPLES : (k + 1) * SAMPLES + 1] for k in range(count)]
-
-
-def _explicit_steps(model: Multibody, motion: Motion, start: tuple[AnyArray, AnyArray]) -> float:
-    """Return how many steps an explicit method needs for a second, by the fastest rate at the start."""
-    return float(np.abs(np.linalg.eigvals(np.asarray(_linear(model, motion, start)))).max() / REACH)
 
 
 @partial(jit, options=RUNS_ONCE)

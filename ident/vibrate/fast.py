@@ -62,6 +62,7 @@ from ident.vibrate.linear import (
     between_nodes,
     evaluate,
     fastest,
+    in_chunks,
     initial_equilibrium,
     interpolate,
     ladder,
@@ -126,21 +127,17 @@ def refuse_curved(arm: Arm, missed: AnyArray | None) -> None:
 def passages(arm: Arm, response: Response) -> tuple[Passage, ...]:
     """Return the springs whose load passes T1 during a response without batch axes."""
     places = {joint.name: place for place, joint in enumerate(arm.joints)}
-    loads = spring_loads(response) if arm.springs else {}
     found = []
     for spring in arm.springs:
         if isinstance(spring, Spring):
-            load, first = loads[spring.direction][places[spring.joint]], float(spring.torque1)
+            k = places[spring.joint]
+            moment, axis = (np.asarray(x)[:, k] for x in (response.spring_moment, response.model.axis))
+            torsion = (moment * axis.reshape(3, 1)).sum(0)
+            bending = np.linalg.norm(moment - axis.reshape(3, 1) * torsion, axis=0)
+            load, first = np.abs(torsion) if spring.direction == "torsion" else bending, float(spring.torque1)
             if load.min() < first < load.max():
                 found.append(Passage(spring.name, first, float(load.min()), float(load.max())))
     return tuple(found)
-
-
-def spring_loads(response: Response) -> dict[str, Float[np.ndarray, "N T"]]:
-    """Return the sizes of the bushings' spring moments [N m] by direction."""
-    moment, axis = np.asarray(response.spring_moment), np.asarray(response.model.axis).reshape(3, -1, 1)
-    torsion = (moment * axis).sum(0)
-    return {"bending": np.linalg.norm(moment - axis * torsion, axis=0), "torsion": np.abs(torsion)}
 
 
 # -------- Fast
@@ -386,15 +383,8 @@ def _by_time(f: Callable[..., Any], time: Array, *more: Array) -> Any:
     chunks = time.reshape((-1, TOGETHER))
     real = chunks[:, 0] > jnp.concatenate([jnp.full(1, -jnp.inf), chunks[:-1, -1]])
     with_times = [jnp.moveaxis(x.reshape((x.shape[0], *chunks.shape)), 1, 0) for x in more]
-    leaves, tree = jax.tree.flatten(jax.eval_shape(f, chunks[0], *(x[0] for x in with_times)))
-
-    def some(none: Any, given: tuple[Array, ...]) -> tuple[Any, tuple[AnyArray, ...]]:
-        return none, tuple(jax.tree.leaves(f(*given[1:])))
-
-    some_real = where(lambda given: given[0], some, *(leaf.shape for leaf in leaves))
-    parts: tuple[Array, ...] = jax.lax.scan(some_real, None, (real, chunks, *with_times))[1]
-    whole = [jnp.moveaxis(part, 0, 1).reshape((part.shape[1], -1)) for part in parts]
-    return jax.tree.unflatten(tree, whole)
+    whole = in_chunks(f, (chunks, *with_times), real)
+    return jax.tree.map(lambda part: jnp.moveaxis(part, 0, 1).reshape((part.shape[1], -1)), whole)
 
 
 @jit

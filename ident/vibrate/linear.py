@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial import Polynomial
 
 from ident.arm.arm import Arm
@@ -70,6 +70,25 @@ def where(
     return guarded
 
 
+def in_chunks(f: Callable[..., Any], chunks: tuple[Array, ...], real: Bool[Array, "chunks"]) -> Any:
+    """Return what f gives for each of some chunks, stacked; nothing is computed of one that is not real: zeros stand.
+
+    Args:
+        f: of a chunk of each of the arrays; gives floating-point arrays.
+        chunks: arrays, whose first axis counts the chunks.
+        real: which chunks count.
+    """
+    f = jax.jit(f)  # traced once for the shapes and the loop
+    leaves, tree = jax.tree.flatten(jax.eval_shape(f, *(x[0] for x in chunks)))
+
+    def some(none: None, given: tuple[Array, ...]) -> tuple[None, tuple[Array, ...]]:
+        return none, tuple(jax.tree.leaves(f(*given[1:])))
+
+    body = where(lambda given: given[0], some, *(leaf.shape for leaf in leaves))
+    parts: tuple[Array, ...] = jax.lax.scan(body, None, (real, *chunks))[1]
+    return jax.tree.unflatten(tree, parts)
+
+
 def filled_up(motion: Motion) -> Motion:
     """Return the same motion with pieces long after its end, and powers of nothing; without name and arrival.
 
@@ -77,16 +96,13 @@ def filled_up(motion: Motion) -> Motion:
     """
     breaks, c = motion.breaks, motion.coefficients
     if library(breaks, c) is np:
-        breaks, c = _filled_up(motion, np.asarray(breaks), np.asarray(c))
+        breaks, c = np.asarray(breaks), np.asarray(c)
+        powers, pieces = (ladder(count, least) - count for count, least in zip(c.shape, (POWERS, PIECES), strict=False))
+        q = np.asarray(motion.on_piece(c.shape[1] - 1, breaks[-1])[0])
+        still = np.concatenate([np.zeros((c.shape[0] - 1, pieces, c.shape[2])), np.tile(q, (1, pieces, 1))])
+        c = np.pad(np.concatenate([c, still], 1), ((powers, 0), (0, 0), (0, 0)))
+        breaks = np.concatenate([breaks, breaks[-1] + AFTER * np.arange(1, pieces + 1)])
     return Motion("motion", breaks, c, arrival=float(motion.breaks[0]))
-
-
-def _filled_up(motion: Motion, breaks: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    powers, pieces = (ladder(count, least) - count for count, least in zip(c.shape, (POWERS, PIECES), strict=False))
-    q = np.asarray(motion.on_piece(c.shape[1] - 1, breaks[-1])[0])
-    still = np.concatenate([np.zeros((c.shape[0] - 1, pieces, c.shape[2])), np.tile(q, (1, pieces, 1))])
-    whole = np.pad(np.concatenate([c, still], 1), ((powers, 0), (0, 0), (0, 0)))
-    return np.concatenate([breaks, breaks[-1] + AFTER * np.arange(1, pieces + 1)]), whole
 
 
 # -------- Quasi static
@@ -330,17 +346,11 @@ def some_at_a_time(f: Callable[[TimeIntervals], Any], grid: TimeIntervals) -> An
     together = gcd(len(grid.start), TOGETHER)
     start, step = (jnp.asarray(x).reshape((-1, together)) for x in (grid.start, grid.step))
 
-    @jax.jit  # traced once for the shapes and the loop
     def of(start: Array, step: Array) -> Any:
         return f(TimeIntervals(start, step, grid.steps))
 
-    def some(none: None, given: tuple[Array, Array]) -> tuple[None, tuple[Array, ...]]:
-        return none, tuple(jax.tree.leaves(of(*given)))
-
-    leaves, tree = jax.tree.flatten(jax.eval_shape(of, start[0], step[0]))
-    real = where(lambda given: jnp.isfinite(given[0][0]), some, *(leaf.shape for leaf in leaves))
-    parts: tuple[Array, ...] = jax.lax.scan(real, None, (start, step))[1]
-    return jax.tree.unflatten(tree, [part.reshape((-1, *part.shape[2:])) for part in parts])
+    whole = in_chunks(of, (start, step), jnp.isfinite(start[:, 0]))
+    return jax.tree.map(lambda part: part.reshape((-1, *part.shape[2:])), whole)
 
 
 def interpolate(x: Float[Array, "*rest m"], W: Float[AnyArray, "m places"]) -> Float[Array, "*rest places"]:
@@ -460,36 +470,26 @@ def linearised(
         at: weights for the steps of an interval.
         loads: the load case.
     """
-    slow = _slow(arm, model, motion, loads, grid._replace(steps=at.steps))
-    n, state, stages = model.size, 2 * model.size, STAGES * model.size
+    M, D, slow = _slow(arm, model, motion, loads, grid._replace(steps=at.steps))
 
-    def interval(none: None, given: tuple[Array, ...]) -> tuple[None, tuple[Array, ...]]:
-        _, h, M, D, K = given
+    def interval(h: Array, M: Array, D: Array, K: Array) -> tuple[Array, ...]:
         gain, yields = _transitions(M, D, K, jnp.asarray(at.about_nodes), h)
-        drift, push = advance(h, n)
-        return none, (gain, yields, drift + push @ gain)
+        drift, push = advance(h, model.size)
+        return gain, yields, drift + push @ gain
 
-    shapes = ((NODES, stages, state), (NODES, stages, stages), (NODES, state, state))
-    real = where(lambda given: jnp.isfinite(given[0]), interval, *shapes)
-    by_interval = jnp.asarray(grid.start), jnp.asarray(grid.step), slow.M, slow.D, slow.K
-    transitions: tuple[Array, ...] = jax.lax.scan(real, None, by_interval)[1]
-    return Linear(slow.quasi_static, slow.K, slow.by_pin, slow.residual, slow.kinematics, *transitions)
+    real = jnp.isfinite(jnp.asarray(grid.start))
+    gain, yields, along = in_chunks(interval, (jnp.asarray(grid.step), M, D, slow["K"]), real)
+    return Linear(**slow, gain=gain, yields=yields, along=along)
 
 
-class _Slow(NamedTuple):
-    """What changes with the posture alone, at the nodes of each interval."""
+def _slow(
+    arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, grid: TimeIntervals
+) -> tuple[Array, Array, dict[str, Any]]:
+    """Linearise the equations at the nodes, nothing exciting them: in the coordinates and in the pins' angles.
 
-    quasi_static: Float[Array, "P n m"]
-    M: Float[Array, "P n n m"]
-    D: Float[Array, "P n n m"]
-    K: Float[Array, "P n n m"]
-    by_pin: tuple[Array, ...]
-    residual: Float[Array, "P n m"]
-    kinematics: Kinematics
-
-
-def _slow(arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, grid: TimeIntervals) -> _Slow:
-    """Linearise the equations at the nodes, nothing exciting them: in the coordinates and in the pins' angles."""
+    Returns:
+        Mass and damping, and the fields of `Linear` that change with the posture alone.
+    """
     length = (grid.step * grid.steps)[:, None]
     smooth, commanded = balanced(model), command(model, motion, grid.nodes.ravel())
     y = quasi_static_deflection(arm, model, commanded.q, loads)
@@ -506,16 +506,19 @@ def _slow(arm: Arm, model: Multibody, motion: Motion, loads: Loads | None, grid:
         return residual_of(smooth, eqx.tree_at(lambda t: t.pin, turning, Turning(*angles)), *line)
 
     still = jnp.zeros((model.joints, *y.shape[1:]))
-    slow = _Slow(
-        quasi_static=y,
-        M=slope(lambda ydd: residual(smooth, commanded, y, none, ydd), none),
-        D=slope(lambda yd: residual(smooth, commanded, y, yd, none), none),
-        K=slope(lambda y: residual(smooth, commanded, y, none, none), y),
-        by_pin=tuple(slope(partial(shifted, k), still) for k in range(3)) if model.transmission_error else (),
-        residual=residual_of(smooth, turning, *line),
-        kinematics=kinematics(smooth, turning.pin, *(bushing_rotations(model, part) for part in line)),
+    M = slope(lambda ydd: residual(smooth, commanded, y, none, ydd), none)
+    D = slope(lambda yd: residual(smooth, commanded, y, yd, none), none)
+    slow = {
+        "quasi_static": y,
+        "K": slope(lambda y: residual(smooth, commanded, y, none, none), y),
+        "by_pin": tuple(slope(partial(shifted, k), still) for k in range(3)) if model.transmission_error else (),
+        "residual": residual_of(smooth, turning, *line),
+        "kinematics": kinematics(smooth, turning.pin, *(bushing_rotations(model, part) for part in line)),
+    }
+    whole: tuple[Array, Array, dict[str, Any]] = jax.tree.map(
+        lambda x: jnp.moveaxis(by_interval(x), -2, 0), (M, D, slow)
     )
-    return jax.tree.map(lambda x: jnp.moveaxis(by_interval(x), -2, 0), slow)
+    return whole
 
 
 def advance(h: Array, n: int) -> tuple[Float[Array, "state state"], Float[Array, "state stages"]]:

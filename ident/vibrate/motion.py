@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from functools import reduce
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,7 +15,8 @@ from ruckig import InputParameter, Result, Ruckig, Trajectory
 
 from ident.arm.arm import Arm, Joint
 from ident.arm.multibody import Command, Multibody
-from ident.errors import InputError, ModelError, Problem
+from ident.arm.parts import Stroke
+from ident.errors import InputError, ModelError, Problem, refuse
 from ident.programs import AnyArray, library
 from ident.text import did_you_mean, quoted
 
@@ -108,18 +109,23 @@ class Motion(eqx.Module):
 
     def dwell(self, seconds: float) -> "Motion":
         """Return the motion held still at its end for some time; the arrival stays."""
-        _check_seconds(seconds, "dwell")
+        if not 0 <= seconds < math.inf:
+            expected = "a finite time of at least 0 s"
+            raise InputError(Problem("", f"{seconds:g} s", expected, "correct the time", "dwell"))
         if seconds == 0:
             return self
         q, _, _ = self.on_piece(len(self.breaks) - 2, self.breaks[-1])
-        xp, _, _, moving = self._arrays(0.0, q)
+        xp, _, breaks, moving = self._arrays(0.0, q)
         still = xp.concatenate([xp.zeros_like(moving[:-1, :1]), q[None, None]])
         coefficients = xp.concatenate([moving, still], axis=1)
-        return Motion(self.name, _append(self.breaks, self.breaks[-1:] + seconds), coefficients, self.arrival)
+        return Motion(self.name, xp.concatenate([breaks, breaks[-1:] + seconds]), coefficients, self.arrival)
 
     def at_speed(self, percent: float) -> "Motion":
         """Return the same path on another clock: with s = percent / 100, t -> t/s, qd -> s qd, qdd -> s^2 qdd."""
-        s = speed_factor(percent)
+        if not 0 < percent <= FASTEST:
+            remedy = "100 is full speed, 10 a tenth of it"
+            raise InputError(Problem("", f"{percent:g} %", f"above 0 and at most {FASTEST:g} %", remedy, "percent"))
+        s = percent / 100
         powers = np.arange(len(self.coefficients))[::-1, None, None]
         return Motion(self.name, self.breaks / s, self.coefficients * s**powers, self.arrival / s)
 
@@ -130,14 +136,6 @@ def last_before(starts: Float[AnyArray, "n"], time: Float[AnyArray, "*t"]) -> In
         return np.asarray(np.searchsorted(starts, time, side="right") - 1)
     method = "compare_all" if len(starts) <= FEW else "scan"
     return jnp.searchsorted(jnp.asarray(starts), time, side="right", method=method) - 1
-
-
-def speed_factor(percent: float) -> float:
-    """Return the factor of a speed override [%]."""
-    if not 0 < percent <= FASTEST:
-        remedy = "100 is full speed, 10 a tenth of it"
-        raise InputError(Problem("", f"{percent:g} %", f"above 0 and at most {FASTEST:g} %", remedy, "percent"))
-    return percent / 100
 
 
 def _horner(
@@ -179,16 +177,6 @@ def _faults(
         yield f"arrival at {arrival:g} s", f"a time from {breaks[0]:g} to {breaks[-1]:g} s", "correct the arrival"
 
 
-def _check_seconds(seconds: float, name: str) -> None:
-    if not 0 <= seconds < math.inf:
-        raise InputError(Problem("", f"{seconds:g} s", "a finite time of at least 0 s", "correct the time", name))
-
-
-def _append(breaks: Any, more: Any) -> Any:
-    library = jnp if isinstance(breaks, jax.Array) or isinstance(more, jax.Array) else np
-    return library.concatenate([breaks, more])
-
-
 # -------- Command
 # The command of the motors at given times: a motion as the equations of motion take it.
 
@@ -210,13 +198,16 @@ def beyond_limits(arm: Arm, motion: Motion) -> None:
         arm: the arm.
         motion: of as many joints as the arm drives.
     """
+    check_joints(arm, motion)
+    refuse(problem for number, joint in enumerate(arm.driven) for problem in _beyond(motion, number, joint))
+
+
+def check_joints(arm: Arm, motion: Motion) -> None:
+    """Refuse a motion of other joints than the arm's."""
     driven = motion.coefficients.shape[-1]
     if driven != len(arm.driven):
         expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
         raise InputError(Problem(motion.name, f"{driven} joint angles", expected, "give every joint's angle"))
-    problems = [problem for number, joint in enumerate(arm.driven) for problem in _beyond(motion, number, joint)]
-    if problems:
-        raise InputError(problems)
 
 
 def _beyond(motion: Motion, number: int, joint: Joint) -> Iterator[Problem]:
@@ -266,38 +257,8 @@ ROUNDING = 1e-12
 """Duration of a piece, as a fraction of all, below which it is there by rounding only."""
 
 
-@runtime_checkable
-class StraightPath(Protocol):
-    """The path q = alpha direction on which the hand moves straight, and the limits of alpha at 100 %.
-
-    Attributes:
-        profile: a name in `PROFILES`.
-        direction: (driven,) angles of the joints per alpha.
-        folded: () [rad] alpha of the folded arm.
-        unfolded: () [rad] alpha of the unfolded arm.
-        speed: () [rad/s] limit of alpha's first derivative.
-        acceleration: () [rad/s^2] limit of its second derivative.
-        jerk: () [rad/s^3] limit of its third derivative; infinite for none.
-    """
-
-    @property
-    def profile(self) -> str: ...  # noqa: D102
-    @property
-    def direction(self) -> Any: ...  # noqa: D102
-    @property
-    def folded(self) -> Any: ...  # noqa: D102
-    @property
-    def unfolded(self) -> Any: ...  # noqa: D102
-    @property
-    def speed(self) -> Any: ...  # noqa: D102
-    @property
-    def acceleration(self) -> Any: ...  # noqa: D102
-    @property
-    def jerk(self) -> Any: ...  # noqa: D102
-
-
 def stroke(
-    path: StraightPath,
+    path: Stroke,
     *,
     percent: float = 100.0,
     profile: str | None = None,
@@ -315,7 +276,8 @@ def stroke(
     the controller of the arm at hand does so too is our assumption.
 
     Args:
-        path: the path and its limits at 100 %.
+        path: the path q = alpha direction on which the hand moves straight, and the limits of alpha at 100 %, that of
+            its third derivative may be infinite.
         percent: () [%] speed override, above 0 and at most 1000.
         profile: a name in `PROFILES`; that of the path when None.
         retract: from unfolded to folded instead of the other way.
@@ -370,10 +332,6 @@ def _s_curve(distance: float, limits: _Limits) -> Pieces:
     return durations[real] * unit, s[:, real] / unit ** np.arange(3, -1, -1)[:, None]
 
 
-def _trapezoid(distance: float, limits: _Limits) -> Pieces:
-    return _s_curve(distance, limits._replace(jerk=math.inf))
-
-
 def _cycloid(distance: float, limits: _Limits) -> Pieces:
     duration = cycloid_duration(distance, limits)
     half = 0.5 / CYCLOID_PIECES
@@ -407,13 +365,13 @@ def cycloid_duration(distance: float, limits: tuple[float, float, float]) -> flo
 
 PROFILES: dict[str, Callable[[float, _Limits], Pieces]] = {
     "s-curve": _s_curve,
-    "trapezoid": _trapezoid,
+    "trapezoid": lambda distance, limits: _s_curve(distance, limits._replace(jerk=math.inf)),
     "cycloid": _cycloid,
 }
 """How alpha goes from start to end, by name."""
 
 
-def _limits(path: StraightPath) -> _Limits:
+def _limits(path: Stroke) -> _Limits:
     """Return the limits of alpha, after a look at the path."""
     limits = _Limits(float(path.speed), float(path.acceleration), float(path.jerk))
     expected = ("a finite speed above 0", "a finite acceleration above 0", "a jerk above 0, or inf for none")
@@ -427,6 +385,5 @@ def _limits(path: StraightPath) -> _Limits:
     if not math.isfinite(folded - unfolded) or folded == unfolded:
         got = f"folded at {math.degrees(folded):g} deg and unfolded at {math.degrees(unfolded):g} deg"
         problems.append(Problem("", got, "two different angles", "correct the stroke", "folded"))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return limits

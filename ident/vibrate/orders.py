@@ -9,14 +9,12 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
 from scipy.signal import ShortTimeFFT, get_window
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.vibrate.spectra import (
     SHORTEST,
     Samples,
     averaging_words,
     noise_bandwidth,
-    overlap_problems,
-    refuse,
     samples,
     window_samples,
 )
@@ -76,13 +74,19 @@ def order_tracking(
         tracking", Mech. Syst. Signal Process. 11 (1997).
     """
     trace, turned = samples(time, values), samples(time, angle).values
-    refuse([*_angle_problems(turned), *_order_problems(orders, revolutions)])
+    if turned.ndim != 1:
+        got = f"an array of shape {turned.shape}"
+        raise InputError(Problem("angle", got, "the angle of one pulley", "give one column"))
+    refuse(_order_problems(orders, revolutions))
     pieces = list(_pieces(turned))
     curve = make_interp_spline(trace.time, trace.values, k=5)
     tracked = np.asarray(orders, float)
     blocks = [block for piece in pieces for block in _blocks(trace, curve, turned, piece, tracked, revolutions)]
     if not blocks:
-        raise InputError(_too_few(turned, pieces, revolutions))
+        most = max((abs(turned[p.stop - 1] - turned[p.start]) / (2 * np.pi) for p in pieces), default=0.0)
+        remedy = "ask for fewer revolutions in a block, or give a longer motion; the angle is in rad"
+        got, expected = f"at most {most:.3g} revolutions one way", f"a whole block of {revolutions}"
+        raise InputError(Problem("angle", got, expected, remedy))
     amplitude, middle, frequency, highest = zip(*blocks, strict=True)
     return OrderTrack(
         tracked, np.stack(amplitude, axis=1), np.array(middle), np.array(frequency), np.array(highest), revolutions
@@ -126,11 +130,6 @@ def _amplitudes(values: np.ndarray, angle: np.ndarray, orders: np.ndarray) -> np
     return 2 * np.abs(np.tensordot(waves, values - np.tensordot(weights, values, 1), 1))
 
 
-def _angle_problems(angle: np.ndarray) -> Iterator[Problem]:
-    if angle.ndim != 1:
-        yield Problem("angle", f"an array of shape {angle.shape}", "the angle of one pulley", "give one column")
-
-
 def _order_problems(orders: Sequence[float], revolutions: int) -> Iterator[Problem]:
     if revolutions < 1:
         yield Problem("revolutions", f"{revolutions}", "at least 1", "8 resolves orders a quarter apart")
@@ -141,15 +140,11 @@ def _order_problems(orders: Sequence[float], revolutions: int) -> Iterator[Probl
         yield Problem("orders", f"{min(orders):g}", f"at least 2 / revolutions = {2 / revolutions:g}", remedy)
 
 
-def _too_few(angle: np.ndarray, pieces: Sequence[slice], revolutions: int) -> Problem:
-    most = max((abs(angle[piece.stop - 1] - angle[piece.start]) / (2 * np.pi) for piece in pieces), default=0.0)
-    got = f"at most {most:.3g} revolutions one way"
-    remedy = "ask for fewer revolutions in a block, or give a longer motion; the angle is in rad"
-    return Problem("angle", got, f"a whole block of {revolutions}", remedy)
-
-
 # -------- Spectrogram
 # Amplitude over time and frequency: how a vibration wanders and grows while the arm moves.
+
+OVERLAP = 0.75
+"""Share of a segment that the next one has in common with it."""
 
 
 @dataclass(frozen=True)
@@ -184,9 +179,7 @@ class Spectrogram:
         return averaging_words(self.window, "segments", overlap, self.resolution, self.bandwidth)
 
 
-def spectrogram(
-    time: ArrayLike, values: ArrayLike, *, window: str = "hann", segment_seconds: float, overlap: float = 0.75
-) -> Spectrogram:
+def spectrogram(time: ArrayLike, values: ArrayLike, *, window: str = "hann", segment_seconds: float) -> Spectrogram:
     """Return the amplitudes of a trace in short segments, corrected for the window's coherent gain.
 
     Only segments that lie wholly in the trace count, so the first and last half segment have no column of their own.
@@ -198,7 +191,6 @@ def spectrogram(
         values: (T, ...) [any].
         window: hann, or another of `windows.WINDOWS`.
         segment_seconds: [s] duration of a segment, rounded to whole samples; the resolution is its inverse.
-        overlap: [-] share of a segment that the next one has in common with it.
 
     Returns:
         The spectrogram, in the values' own unit.
@@ -207,9 +199,13 @@ def spectrogram(
         Brandt, "Noise and Vibration Analysis", 2nd ed., 2023, section 11.1. Heinzel et al., 2002, section 8.
     """
     trace = samples(time, values)
-    refuse([*_length_problems(trace, segment_seconds), *overlap_problems(overlap)])
+    shortest, longest = SHORTEST * trace.step, len(trace.time) * trace.step / 2
+    if not shortest <= segment_seconds <= longest * (1 + 1e-9):
+        expected = f"{shortest:.3g} s ({SHORTEST} samples) to {longest:.4g} s (half the trace)"
+        remedy = "a second or two tells vibrations of some Hz apart"
+        raise InputError(Problem("segment_seconds", f"{segment_seconds:g} s", expected, remedy))
     length = round(segment_seconds * trace.rate)
-    hop = max(1, length - int(overlap * length))
+    hop = max(1, length - int(OVERLAP * length))
     weights = window_samples(window, length)
     transform = ShortTimeFFT(weights, hop, trace.rate, fft_mode="onesided2X", scale_to="magnitude")
     # slice p has its middle at sample p hop: from the first to the last that needs no padding
@@ -220,11 +216,3 @@ def spectrogram(
     resolution = trace.rate / length
     bandwidth = noise_bandwidth(weights) * resolution
     return Spectrogram(middles, transform.f, amplitude, hop * trace.step, resolution, bandwidth, window)
-
-
-def _length_problems(trace: Samples, seconds: float) -> Iterator[Problem]:
-    shortest, longest = SHORTEST * trace.step, len(trace.time) * trace.step / 2
-    if not shortest <= seconds <= longest * (1 + 1e-9):
-        expected = f"{shortest:.3g} s ({SHORTEST} samples) to {longest:.4g} s (half the trace)"
-        remedy = "a second or two tells vibrations of some Hz apart"
-        yield Problem("segment_seconds", f"{seconds:g} s", expected, remedy)

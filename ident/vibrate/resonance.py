@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
@@ -15,6 +15,7 @@ from ident.errors import InputError, Problem
 from ident.programs import AnyArray, jit
 from ident.vibrate.branches import Branches, check, motion_times, nominal
 from ident.vibrate.motion import Motion
+from ident.vibrate.response import runs
 from ident.vibrate.simulate import Superposition, superposition
 
 # -------- Excitation
@@ -299,11 +300,11 @@ def _of_pair(
     """Yield the resonance crossings of one source and one branch."""
     pair = _pair(branches, b, frequency, rate, margin)
     near = ((pair.excess < 0) | (pair.batch_near.mean(1) >= UNLIKELY)) & (pair.excitation > 0)
-    runs = list(_runs(near))
-    if not runs:
+    intervals = list(runs(near))
+    if not intervals:
         return
     amplitude = magnification(pair.time, pair.natural, pair.damping_ratio, pair.excitation)
-    for (first, last), following in zip(runs, [*runs[1:], None], strict=True):
+    for (first, last), following in zip(intervals, [*intervals[1:], None], strict=True):
         until = pair.time[following[0] if following else -1]
         yield _crossing(branches, b, source, pair, (first, last), amplitude, float(until))
 
@@ -337,12 +338,6 @@ def _crossings(time: Float[np.ndarray, "T"], apart: Float[np.ndarray, "T"]) -> F
     return np.union1d(within, time[zero])
 
 
-def _runs(near: Bool[np.ndarray, "T"]) -> Iterator[tuple[int, int]]:
-    """Yield the first and the last place of each run of true values."""
-    ends = np.flatnonzero(np.diff(near.astype(int), prepend=0, append=0))
-    yield from zip(ends[::2].tolist(), (ends[1::2] - 1).tolist(), strict=True)
-
-
 def _crossing(
     branches: Branches,
     b: int,
@@ -356,7 +351,10 @@ def _crossing(
     first, last = run
     inside = slice(first, last + 1)
     crossings = first + np.flatnonzero(pair.crossing[inside])
-    k = _closest(pair, inside, crossings)
+    if len(crossings):  # the closest approach: of several crossings the one with the slowest sweep
+        k = int(crossings[np.argmin(np.abs(pair.rate[crossings]))])
+    else:
+        k = first + int(np.argmin(np.abs(pair.excitation - pair.natural)[inside]))
     start, end = _edge(pair, first - 1, first), _edge(pair, last + 1, last)
     rate, natural = float(pair.rate[k]), float(pair.natural[k])
     crossed = pair.batch_crosses[max(first - 1, 0) : last + 1].any(0)
@@ -384,13 +382,6 @@ def _crossing(
         crossing_probability=float(crossed.mean()),
         swells_until=swells_until,
     )
-
-
-def _closest(pair: _Pair, inside: slice, crossings: np.ndarray) -> int:
-    """Return the place of the closest approach: of the crossings the one with the slowest sweep, if there is any."""
-    if len(crossings):
-        return int(crossings[np.argmin(np.abs(pair.rate[crossings]))])
-    return inside.start + int(np.argmin(np.abs(pair.excitation - pair.natural)[inside]))
 
 
 def _edge(pair: _Pair, outside: int, inside: int) -> float:
@@ -434,30 +425,19 @@ def with_amplitudes(
     if not crossings:
         return ()
     arm = nominal(arm)
-    whole = superposition(arm, motion, tuple(_phases(arm)), loads=loads, rate=RATE)
+    # the phases of all that excites the arm: the same for each motion, as the programs are
+    sizes = [(f"{d.name}.{phase}", getattr(d, size)) for size, phase in EXCITES.values() for d in arm.drives]
+    whole = superposition(arm, motion, [path for path, size in sizes if float(size)], loads=loads, rate=RATE)
     ways = _ways(arm, crossings, loads)
-    sizes = [
-        _largest(whole, _phase(arm, crossing), crossing, way) for crossing, way in zip(crossings, ways, strict=True)
-    ]
-    found = (replace(crossing, amplitude=size) for crossing, size in zip(crossings, sizes, strict=True))
+    pairs = zip(crossings, ways, strict=True)
+    found = (replace(crossing, amplitude=_largest(whole, crossing, way)) for crossing, way in pairs)
     return tuple(sorted(found, key=lambda crossing: (-crossing.amplitude * crossing.probability, crossing.start)))
 
 
-def _phases(arm: Arm) -> Iterator[str]:
-    """Yield the paths of the phases of all that excites the arm: the same for each motion, as the programs are."""
-    for size, phase in EXCITES.values():
-        yield from (f"{drive.name}.{phase}" for drive in arm.drives if float(getattr(drive, size)))
-
-
-def _phase(arm: Arm, crossing: ResonanceCrossing) -> str:
-    """Return the path of the phase of what excites; empty where nothing does at this order."""
-    _, phase = EXCITES.get(crossing.source.order, ("", ""))
-    path = f"{crossing.source.drive}.{phase}"
-    return path if path in _phases(arm) else ""
-
-
-def _largest(whole: Superposition, phase: str, crossing: ResonanceCrossing, way: Float[np.ndarray, "3"]) -> float:
-    if not phase:
+def _largest(whole: Superposition, crossing: ResonanceCrossing, way: Float[np.ndarray, "3"]) -> float:
+    """Return the largest vibration along a way [m] while a crossing lasts; zero where nothing excites at its order."""
+    phase = f"{crossing.source.drive}.{EXCITES.get(crossing.source.order, ('', ''))[1]}"
+    if phase not in whole.unknown:
         return 0.0
     k = whole.unknown.index(phase)
     first, end = np.searchsorted(whole.time, (crossing.start, crossing.swells_until))

@@ -1,13 +1,13 @@
 """What a simulation gives: how the end point vibrates, how the joints are loaded, and measures of it."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
@@ -31,18 +31,6 @@ from ident.vibrate.linear import quasi_static_deflection
 from ident.vibrate.motion import Motion, command
 
 Vibration = Float[AnyArray, "3 T *batch"]
-
-
-class Pulleys(NamedTuple):
-    """How the pulleys turn as commanded, `(driven, T)` each.
-
-    Attributes:
-        angle: against their shafts [rad]
-        frequency: of turning, counted positive [Hz]
-    """
-
-    angle: Float[AnyArray, "driven T"]
-    frequency: Float[AnyArray, "driven T"]
 
 
 class Response(eqx.Module):
@@ -105,20 +93,17 @@ class Response(eqx.Module):
         return y[: 3 * self.model.joints].reshape((-1, 3, *y.shape[1:])).swapaxes(0, 1)
 
     @property
-    def pulley(self) -> Pulleys:
+    def pulley(self) -> tuple[Float[AnyArray, "driven T"], Float[AnyArray, "driven T"]]:
         """Angles [rad] and turning frequencies [Hz], counted positive, of the pulleys, `(driven, T)` each."""
         q, qd, _ = concrete(command(self.model, self.motion, self.time))
         ratio = concrete(self.model.drives.ratio)[np.asarray(self.model.driven)]
-        angle, rate = (_first_of_batch(ratio * part) for part in (q, qd))
-        return Pulleys(angle, library(rate).abs(rate) / (2 * np.pi))
+        first_of_batch = (..., *(0,) * (ratio.ndim - 1))
+        angle, rate = ((ratio * part)[first_of_batch] for part in (q, qd))
+        return angle, library(rate).abs(rate) / (2 * np.pi)
 
     def after(self, time: float) -> Vibration:
         """Return the vibration from a time on."""
         return self.vibration[:, int(np.searchsorted(np.asarray(self.time), time - 1e-9)) :]
-
-
-def _first_of_batch(x: Any) -> Float[AnyArray, "driven T"]:
-    return x[(..., *(0,) * (x.ndim - 2))]
 
 
 def peak(vibration: Vibration) -> Float[AnyArray, "3 *batch"]:
@@ -204,9 +189,14 @@ def slack(time: Float[AnyArray, "T"], tension: Float[AnyArray, "2 B T"]) -> Iter
     """Yield belt, span (`upper` or `lower`) and the times between which its tension is zero [s]."""
     is_slack, at = np.asarray(tension) <= 0, np.asarray(time)
     for span, belt in np.argwhere(is_slack.any(2)):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], is_slack[span, belt].astype(int), [0]])))
-        for first, end in edges.reshape(-1, 2):
-            yield int(belt), ("upper", "lower")[span], float(at[first]), float(at[end - 1])
+        for first, last in runs(is_slack[span, belt]):
+            yield int(belt), ("upper", "lower")[span], float(at[first]), float(at[last])
+
+
+def runs(mask: Bool[np.ndarray, "T"]) -> Iterator[tuple[int, int]]:
+    """Yield the first and the last place of each run of true values."""
+    ends = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
+    yield from zip(ends[::2].tolist(), (ends[1::2] - 1).tolist(), strict=True)
 
 
 def refuse_slack(response: Response, names: Sequence[str]) -> None:

@@ -118,7 +118,7 @@ def _by_fast_method(
     time, batch = sample_times(motion, rate), arm.batch
     solution = _whole(arm, fast_method(arm, motion, loads, elastic, rate, step))
     refuse_collapse(motion, solution.displacement)
-    model = multibody_of(arm, loads, 1 + len(batch), elastic)
+    model = _multibody(arm, loads, 1 + len(batch), elastic, has_transmission_error(arm))
     y, yd, path, displacement, static = solution[:5]
     path = path.reshape((3, len(time), -1))[..., 0]
     return Response(model, motion, time, y, yd, path, displacement, static, "fast"), solution.missed
@@ -139,7 +139,8 @@ def fast_method(
     _check(arm, rate, step)
     refuse_jumps(arm, motion)
     time = sample_times(motion, rate)
-    longest, error = fast.step_for(_concrete(arm), motion) if step is None else step, has_transmission_error(arm)
+    error, still = has_transmission_error(arm), arm if library(arm) is np else jax.lax.stop_gradient(arm)
+    longest = fast.step_for(still, motion) if step is None else step  # which the grid does not depend on smoothly
     _refuse_short(float(time[-1] - time[0]), longest, step is None)
     grid = time_intervals(motion, time[-1], longest, turn=TURN_WITH_ERROR if error else TURN)
     weights, samples = step_weights(int(grid.steps)), np.asarray(len(time))
@@ -178,11 +179,6 @@ def _refuse_short(seconds: float, step: float, needed: bool) -> None:
     remedy = "correct the arm's ratios and stiffnesses" if needed else "leave it out for one that fits"
     expected = f"at most {MOST_STEPS:,} steps".replace(",", " ")
     raise InputError(Problem("", got, expected, remedy, "" if needed else "step"))
-
-
-def _concrete(arm: Arm) -> Arm:
-    """Return the arm as it is apart from being differentiated: the grid of time does not depend on it smoothly."""
-    return arm if library(arm) is np else jax.lax.stop_gradient(arm)
 
 
 def _check_method(method: str, batch: tuple[int, ...]) -> None:
@@ -226,13 +222,9 @@ def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
         )
 
 
-def multibody_of(arm: Arm, loads: Loads | None, rank: int, elastic: bool) -> Multibody:
-    """Return what `multibody` gathers, by one program."""
-    return _multibody(arm, loads, rank, elastic, has_transmission_error(arm))
-
-
 @partial(jit, options=RUNS_ONCE)
 def _multibody(arm: Arm, loads: Loads | None, rank: int, elastic: bool, error: bool) -> Multibody:
+    """Return what `multibody` gathers, by one program."""
     return multibody(arm, loads, rank=rank, elastic_belts=elastic, transmission_error=error)
 
 
@@ -305,11 +297,6 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
     return Amplitude(measure, np.asarray(first), np.asarray(len(time)), max(1, round(WINDOW * rate)))
 
 
-def largest(parts: Any) -> Any:
-    """Return the largest over directions and windows."""
-    return parts.max((0, 1))
-
-
 # -------- Superposition
 # The vibration as a sum over what excites it, so that it is known for all phases of the turning masses at once.
 #
@@ -372,7 +359,8 @@ class Superposition:
     @property
     def division(self) -> Float[np.ndarray, "3 3"]:
         """What is sure, imbalance and kinematic error (first axis) make of the worst in each direction [m]."""
-        of_error, each = np.array([is_of_error(path) for path in self.unknown], bool), np.hypot(self.cosine, self.sine)
+        of_error = np.array([path.endswith(".error_phase") for path in self.unknown], bool)
+        each = np.hypot(self.cosine, self.sine)
         parts = np.stack([np.abs(self.sure), each[~of_error].sum(0), each[of_error].sum(0)])
         return np.take_along_axis(parts, self.envelope.argmax(1)[None, :, None], 2)[..., 0]
 
@@ -404,11 +392,6 @@ class Superposition:
         sign = 1.0 if self.sure[way, place] >= 0 else -1.0
         cosine, sine = (sign * part[:, way, place] for part in (self.cosine, self.sine))
         return dict(zip(self.unknown, np.arctan2(sine, cosine).tolist(), strict=True))
-
-
-def is_of_error(path: str) -> bool:
-    """Tell whether a phase is that of a kinematic error, and not of an imbalance."""
-    return path.endswith(".error_phase")
 
 
 def superposition(

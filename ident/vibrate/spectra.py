@@ -7,14 +7,14 @@ References:
     Brandt, "Noise and Vibration Analysis", 2nd ed., 2023, chapters 9 and 10.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.text import did_you_mean, quoted
 
 # -------- Series
@@ -65,16 +65,9 @@ def samples(time: ArrayLike, values: ArrayLike) -> Samples:
         The trace in double precision.
     """
     t, x = np.asarray(time, float), np.asarray(values, float)
-    refuse(_shape_problems(t, x))
-    refuse(_gaps(t, x))
-    refuse(_uneven(t))
+    for problems in (_shape_problems(t, x), _gaps(t, x), _uneven(t)):
+        refuse(problems)
     return Samples(t, x)
-
-
-def refuse(problems: Iterable[Problem]) -> None:
-    """Raise an InputError if there is any problem."""
-    if problems := tuple(problems):
-        raise InputError(problems)
 
 
 def band_problems(low: float, high: float) -> Iterator[Problem]:
@@ -129,7 +122,9 @@ def window_samples(window: str, count: int) -> Float[np.ndarray, "N"]:
     """Return the periodic (DFT-even) form of a window, (N,) [-]."""
     from scipy.signal import get_window
 
-    refuse(_window_problems(window))
+    if window not in WINDOWS:
+        remedy = did_you_mean(window, WINDOWS, "hann suits most traces")
+        raise InputError(Problem("window", quoted(window), f"one of {', '.join(WINDOWS)}", remedy))
     return np.asarray(get_window(window, count, fftbins=True))
 
 
@@ -140,12 +135,6 @@ def noise_bandwidth(weights: Float[np.ndarray, "N"]) -> float:
         Harris, "On the use of windows for harmonic analysis with the DFT", Proc. IEEE 66 (1978), eq. (11).
     """
     return len(weights) * float(np.sum(weights**2)) / float(np.sum(weights)) ** 2
-
-
-def overlap_problems(overlap: float) -> Iterator[Problem]:
-    """Yield what is wrong with the share by which segments overlap."""
-    if not 0 <= overlap < 1:
-        yield Problem("overlap", f"{overlap:g}", "a share from 0 to below 1", "0.5 suits the Hann window")
 
 
 def averaging_words(window: str, segments: str, overlap: float, resolution: float, bandwidth: float) -> str:
@@ -159,14 +148,12 @@ def _digits(value: float, count: int) -> str:
     return f"{value:#.{count}g}".rstrip(".")
 
 
-def _window_problems(window: str) -> Iterator[Problem]:
-    if window not in WINDOWS:
-        remedy = did_you_mean(window, WINDOWS, "hann suits most traces")
-        yield Problem("window", quoted(window), f"one of {', '.join(WINDOWS)}", remedy)
-
-
 # -------- Spectrum
 # Amplitudes in the unit of the trace, by a window, averaged over segments.
+
+
+OVERLAP = 0.5
+"""Share of a segment that the next one has in common with it: suits the Hann window."""
 
 
 @dataclass(frozen=True)
@@ -222,22 +209,19 @@ class Peak:
     amplitude: float
 
 
-def amplitude_spectrum(
-    time: ArrayLike, values: ArrayLike, *, window: str = "hann", segments: int = 1, overlap: float = 0.5
-) -> Spectrum:
+def amplitude_spectrum(time: ArrayLike, values: ArrayLike, *, window: str = "hann", segments: int = 1) -> Spectrum:
     """Return the one-sided amplitude spectrum of a trace, corrected for the window's coherent gain.
 
     A sine of amplitude A on a bin gives A; between two bins a Hann window gives down to 0.85 A (scalloping, 1.42 dB):
     `peaks` mends most of that. Each segment's mean is taken off before the window. Segments are averaged in power:
     that steadies noise, and widens the bins in proportion. What decays within a segment shows lower than its peak.
-    Samples that do not fill the last segment, fewer than there are segments, are left out.
+    They overlap by half. Samples that do not fill the last segment, fewer than there are segments, are left out.
 
     Args:
         time: (T,) [s] uniform, see `series.samples`.
         values: (T, ...) [any].
         window: hann, or another of `windows.WINDOWS`.
         segments: number of segments.
-        overlap: [-] share of a segment that the next one has in common with it.
 
     Returns:
         The spectrum, in the values' own unit.
@@ -248,8 +232,7 @@ def amplitude_spectrum(
     from scipy.signal import welch  # long to import, as all of that: a simulation alone needs none
 
     trace = samples(time, values)
-    refuse(overlap_problems(overlap))
-    length, step = _segment(len(trace.time), segments, overlap)
+    length, step = _segment(len(trace.time), segments)
     weights = window_samples(window, length)
     frequency, power = welch(
         trace.values[: length + (segments - 1) * step],
@@ -284,7 +267,10 @@ def peaks(spectrum: Spectrum, count: int, between: tuple[float, float] = (0.0, n
     """
     from scipy.signal import find_peaks
 
-    refuse([*_single(spectrum), *band_problems(*between)])
+    if spectrum.amplitude.ndim != 1:
+        got, remedy = f"amplitudes of shape {spectrum.amplitude.shape}", "choose one with spectrum.column(i)"
+        raise InputError(Problem("spectrum", got, "a single trace", remedy))
+    refuse(band_problems(*between))
     places, _ = find_peaks(spectrum.amplitude)
     refined = [_refined(spectrum, int(place)) for place in places]
     inside = [peak for peak in refined if between[0] <= peak.frequency <= between[1]]
@@ -310,7 +296,11 @@ def band_rms(spectrum: Spectrum, low: float, high: float) -> Float[np.ndarray, "
         Heinzel et al., 2002, section 9. Brandt, 2nd ed., section 10.3.
     """
     inside = (spectrum.frequency >= low) & (spectrum.frequency < high)
-    refuse([*band_problems(low, high), *_empty(spectrum, inside, low, high)])
+    refuse(band_problems(low, high))
+    if not inside.any():
+        expected = f"a band within 0 to {spectrum.frequency[-1]:g} Hz, wider than {spectrum.resolution:.3g} Hz"
+        remedy = "widen the band, or take fewer segments or a longer trace"
+        raise InputError(Problem("band", f"no bin from {low:g} to {high:g} Hz", expected, remedy))
     bins = spectrum.bandwidth / spectrum.resolution
     return np.asarray(np.sqrt(spectrum.power[inside].sum(axis=0) / bins))
 
@@ -323,19 +313,15 @@ def trace_band_rms(time: ArrayLike, values: ArrayLike, low: float, high: float) 
     return band_rms(amplitude_spectrum(time, values, window="boxcar"), low, high)
 
 
-def _segment(total: int, segments: int, overlap: float) -> tuple[int, int]:
+def _segment(total: int, segments: int) -> tuple[int, int]:
     """Return length of the segments and step from one to the next, so that they fill the trace."""
-    length = int(total / (1 + (max(segments, 1) - 1) * (1 - overlap)))
-    refuse(_segment_problems(total, segments, length))
-    return length, max(1, length - int(overlap * length))
-
-
-def _segment_problems(total: int, segments: int, length: int) -> Iterator[Problem]:
+    length = int(total / (1 + (max(segments, 1) - 1) * (1 - OVERLAP)))
     if segments < 1:
-        yield Problem("segments", f"{segments}", "at least 1", "1 gives the finest resolution")
-    elif length < SHORTEST:
-        got = f"{segments} segments of {length} samples, from {total}"
-        yield Problem("segments", got, f"at least {SHORTEST} samples in each", "ask for fewer segments")
+        raise InputError(Problem("segments", f"{segments}", "at least 1", "1 gives the finest resolution"))
+    if length < SHORTEST:
+        got, expected = f"{segments} segments of {length} samples, from {total}", f"at least {SHORTEST} samples in each"
+        raise InputError(Problem("segments", got, expected, "ask for fewer segments"))
+    return length, max(1, length - int(OVERLAP * length))
 
 
 def _square_per_power(length: int) -> np.ndarray:
@@ -355,16 +341,3 @@ def _refined(spectrum: Spectrum, place: int) -> Peak:
     shift = 0.5 * (left - right) / curvature if curvature < 0 else 0.0
     frequency = spectrum.frequency[place] + shift * spectrum.resolution
     return Peak(float(frequency), float(np.exp(middle - 0.25 * (left - right) * shift)))
-
-
-def _single(spectrum: Spectrum) -> Iterator[Problem]:
-    if spectrum.amplitude.ndim != 1:
-        got = f"amplitudes of shape {spectrum.amplitude.shape}"
-        yield Problem("spectrum", got, "a single trace", "choose one with spectrum.column(i)")
-
-
-def _empty(spectrum: Spectrum, inside: np.ndarray, low: float, high: float) -> Iterator[Problem]:
-    if low < high and not inside.any():
-        got = f"no bin from {low:g} to {high:g} Hz"
-        expected = f"a band within 0 to {spectrum.frequency[-1]:g} Hz, wider than {spectrum.resolution:.3g} Hz"
-        yield Problem("band", got, expected, "widen the band, or take fewer segments or a longer trace")

@@ -1,7 +1,7 @@
 """Studies of a motion: two methods against each other, draws of a posterior, a measured trace."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import jax.numpy as jnp
@@ -168,7 +168,8 @@ def draw(
         vibrations.append(np.asarray(response.vibration))
         sizes.append(measure(response) if measure else measures(response, 1e-4))
     vibration = np.concatenate(vibrations, 2)[:, :, :count]
-    whole = Sizes(*(np.concatenate(part, 1)[:, :count] for part in zip(*map(_parts, sizes), strict=True)))
+    names = [field.name for field in fields(Sizes)]
+    whole = Sizes(*(np.concatenate([getattr(one, name) for one in sizes], 1)[:, :count] for name in names))
     return Draws(dict(values), vibration, whole)
 
 
@@ -209,7 +210,3 @@ def against(
         theirs = Trace(time, measured, "acceleration" if kind == "acceleration" else "displacement")
         comparisons[direction] = compare(ours, theirs, band=band)
     return comparisons
-
-
-def _parts(sizes: Sizes) -> tuple[np.ndarray, ...]:
-    return sizes.peak, sizes.rms, sizes.residual, sizes.settling, sizes.late

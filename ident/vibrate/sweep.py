@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from ident.arm.arm import Arm, check_drives
 from ident.arm.fields import COMPONENTS, SPEED, field_of
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.programs import cores
 from ident.vibrate.evaluator import (
     WIDTH,
@@ -105,8 +105,8 @@ def axis(arm: Arm, paths: Sequence[str], values: Float[np.ndarray, "K"], percent
         for path in paths:
             check_path(arm, path)
         present = float(arm.get(paths[0]))
-    if not is_shifted(paths[0]) and (problems := list(refuse_factor(paths[0], present, values[[0, -1]]))):
-        raise InputError(replace(problem, where=name) for problem in problems)
+    if not is_shifted(paths[0]):
+        refuse(replace(problem, where=name) for problem in refuse_factor(paths[0], present, values[[0, -1]]))
     return Axis(tuple(paths), values, present)
 
 
@@ -262,16 +262,21 @@ def axis_of(arm: Arm, interval: Range, percent: float, extents: Extents | None =
     present = percent if is_speed else float(arm.get(interval.paths[0]))
     low, high = _ends(interval, present, shifted, SWEPT, SHARE, extents or {})
     count = usual if interval.third is None else interval.third
-    if problems := [] if shifted else list(refuse_factor(interval.paths[0], present, (low, high))):
-        raise InputError(problems)
-    _check_range(low, high, count)
-    if is_speed:
-        _check_speed(high, percent)
+    if not shifted:
+        refuse(refuse_factor(interval.paths[0], present, (low, high)))
+    if not (np.isfinite([low, high]).all() and low < high):
+        raise InputError(Problem("", f"{low:g} to {high:g}", "a lower and a higher bound", "correct them"))
+    if not 2 <= count <= MOST or count != int(count):
+        raise InputError(Problem("", f"{count:.12g} values", f"a whole number from 2 to {MOST}", "correct the count"))
+    most = min(FASTEST, percent * FASTEST / 100)
+    if is_speed and high > most * (1 + 1e-12):
+        remedy = "start from a higher `speed`" if most < FASTEST else "100 is full speed"
+        raise InputError(Problem("", f"{high:g} %", f"at most {most:g} %", remedy))
     even = shifted or (is_speed and bounds is not None and not any(bound.times for bound in bounds))
     values = (np.linspace if even else np.geomspace)(low, high, int(count))
     swept = axis(arm, interval.paths, values, percent)
-    if problems := [] if is_speed else list(outside(arm, swept.variable, extents or {})):
-        raise InputError(problems)
+    if not is_speed:
+        refuse(outside(arm, swept.variable, extents or {}))
     return swept
 
 
@@ -341,21 +346,6 @@ def _about(path: str, present: float, share: float | None, extents: Extents) -> 
     return present - half, present + half
 
 
-def _check_range(low: float, high: float, count: float) -> None:
-    got = f"{low:g} to {high:g}"
-    if not (np.isfinite([low, high]).all() and low < high):
-        raise InputError(Problem("", got, "a lower and a higher bound", "correct them"))
-    if not 2 <= count <= MOST or count != int(count):
-        raise InputError(Problem("", f"{count:.12g} values", f"a whole number from 2 to {MOST}", "correct the count"))
-
-
-def _check_speed(high: float, percent: float) -> None:
-    most = min(FASTEST, percent * FASTEST / 100)
-    if high > most * (1 + 1e-12):
-        remedy = "start from a higher `speed`" if most < FASTEST else "100 is full speed"
-        raise InputError(Problem("", f"{high:g} %", f"at most {most:g} %", remedy))
-
-
 # -------- Sensitivity
 # What to change first: percent of amplitude per percent of each number of the arm, and where its sign is not sure.
 
@@ -390,7 +380,7 @@ class Sensitivities:
     def band(self) -> Float[np.ndarray, "2 P 3"]:
         """5 and 95 % quantiles over the draws."""
         assert self.draws is not None
-        return _band(self.draws)
+        return np.quantile(self.draws, (0.05, 0.95), axis=-1)
 
     @property
     def order(self) -> list[int]:
@@ -401,7 +391,8 @@ class Sensitivities:
 def changeable(arm: Arm) -> tuple[str, ...]:
     """Return the numbers that are studied: those that a redesign may change, and that are not zero."""
     redesigned = [path for path in arm.paths() if (field := field_of(path)) and field.redesigned]
-    named = [path for path in redesigned if not _of_payload(arm, path)]
+    payloads = {payload.body.name for payload in arm.payloads}
+    named = [path for path in redesigned if path.split(".")[0] not in payloads]
     return tuple(path for path in named if float(arm.get(path)) != 0)
 
 
@@ -439,17 +430,9 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
     present = np.array([float(evaluator.arm.get(path)) for path in paths])
     nothing = np.zeros((1, len(evaluator.variables)))
     amplitude = evaluator.alone.amplitudes(nothing)[:, 0, 0] if evaluator.unknown else parts[:, :, 0].max(1)
-    unsure = _turning(evaluator, paths, each) if draws is None else _of_both_signs(draws)
-    return Sensitivities(paths, present, amplitude, each, unsure, draws)
-
-
-def _band(draws: Float[np.ndarray, "P 3 D"]) -> Float[np.ndarray, "2 P 3"]:
-    return np.quantile(draws, (0.05, 0.95), axis=-1)
-
-
-def _of_both_signs(draws: Float[np.ndarray, "P 3 D"]) -> Bool[np.ndarray, "P 3"]:
-    low, high = _band(draws)
-    return (low < 0) & (high > 0)
+    found = Sensitivities(paths, present, amplitude, each, np.zeros(each.shape, bool), draws)
+    unsure = _turning(evaluator, paths, each) if draws is None else (found.band[0] < 0) & (found.band[1] > 0)
+    return replace(found, unsure=unsure)
 
 
 def _turning(
@@ -492,10 +475,6 @@ def _elasticities(
     slope = np.take_along_axis(slopes, worst[None], 2)[:, :, 0]
     scale = np.array([variable.present(arm) if variable.shifted else 1.0 for variable in variables])
     return slope / amplitude * scale[:, None, None]
-
-
-def _of_payload(arm: Arm, path: str) -> bool:
-    return path.split(".")[0] in {payload.body.name for payload in arm.payloads}
 
 
 # -------- Trend
@@ -590,18 +569,18 @@ def has_present(axis: Axis) -> bool:
 def below(values: Float[np.ndarray, "K"], amplitude: Float[np.ndarray, "K"], limit: float) -> list[tuple[float, float]]:
     """Return the ranges in which an amplitude meets a limit, straight between the values."""
     meets, ranges = amplitude <= limit, []
+
+    def crossing(k: int) -> float:
+        share = (limit - amplitude[k]) / (amplitude[k + 1] - amplitude[k])
+        return float(values[k] + share * (values[k + 1] - values[k]))
+
     for k in map(int, np.flatnonzero(meets)):
         if k == 0 or not meets[k - 1]:
-            start = float(values[0]) if k == 0 else _crossing(values, amplitude, limit, k - 1)
+            start = float(values[0]) if k == 0 else crossing(k - 1)
             ranges.append([start, float(values[-1])])
         if k + 1 < len(values) and not meets[k + 1]:
-            ranges[-1][1] = _crossing(values, amplitude, limit, k)
+            ranges[-1][1] = crossing(k)
     return [(start, end) for start, end in ranges]
-
-
-def _crossing(values: np.ndarray, amplitude: np.ndarray, limit: float, k: int) -> float:
-    share = (limit - amplitude[k]) / (amplitude[k + 1] - amplitude[k])
-    return float(values[k] + share * (values[k + 1] - values[k]))
 
 
 def _turns(amplitude: np.ndarray, least: float) -> list[int]:

@@ -213,7 +213,7 @@ def test_what_a_bushing_carries_is_that_of_points():
 )
 def test_how_an_arm_behaves_is_checked(frequency, damping, sag, words):
     energy = np.array([[0.3], [0.7]])
-    odd = behaviour_oddities(rod(1.0, 3.0, 1e6), np.array(frequency), np.array(damping), energy, sag)
+    odd = [*behaviour_oddities(rod(1.0, 3.0, 1e6), np.array(frequency), np.array(damping), energy, sag)]
     assert len(odd) == (words is not None)
     assert words is None or words in str(odd[0])
 

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from ident.errors import InputError
 from ident.measure import (
-    COLUMNS,
     DRIVE_STATES,
     KINDS,
     Campaign,
@@ -20,11 +19,11 @@ from ident.measure import (
     Measurement,
     format_campaign,
     parse_campaign,
-    parse_direction,
     read_campaign,
     write_campaign,
 )
-from ident.measure.load import DIFFERENCES, SHAPES, TWISTS
+from ident.measure.load import DIFFERENCES, SHAPES, TWISTS, parse_direction
+from ident.measure.reading import COLUMNS
 
 README = Path(__file__).parents[2] / "data" / "README.md"
 

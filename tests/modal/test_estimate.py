@@ -84,15 +84,6 @@ def test_the_choice_of_poles_can_be_overruled():
         modes_of(frf, near=(18.99, 18.9901))
 
 
-def test_real_shapes_are_known_better():
-    rng = np.random.default_rng(7)
-    truth = arm_like(rng, close=CLOSE)
-    frf = hammer_test(truth, rng, noise=0.03)
-    free, real = (modes_of(frf, band=BAND, real=each) for each in (False, True))
-    assert (real.shape.imag == 0).all()
-    assert (real.sigma / real.ratio.scale**0.5 < free.sigma / free.ratio.scale**0.5)[:, :2].all()
-
-
 def test_noise_alone_is_no_mode():
     rng = np.random.default_rng(8)
     lines = np.arange(3.0, 55.0, 0.25)

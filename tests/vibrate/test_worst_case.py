@@ -41,7 +41,7 @@ def each_search_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def once(search: Search, start: np.ndarray, *norm: float) -> np.ndarray | None:
         assert search.evaluator is evaluator()
-        key = repr((search.required, search.effort, search.cuts, start.tolist(), norm))
+        key = repr((search.required, search.screened, search.iterations, search.cuts, start.tolist(), norm))
         if key not in FOUND:
             FOUND[key] = search_for(search, start, *norm)
         return None if FOUND[key] is None else FOUND[key].copy()

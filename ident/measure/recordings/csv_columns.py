@@ -16,9 +16,7 @@ from ident.measure.table import (
     decimal_mark,
     misfit,
     parse_number,
-    read_records,
-    sniff_delimiter,
-    table_text,
+    records_of,
 )
 from ident.text import one_line, quoted
 from ident.units import si_factor
@@ -39,10 +37,8 @@ _PART = re.compile(
 
 def read(path: Path, data: bytes) -> Contents:
     """Return the columns of a CSV file: samples over `time [s]`, or frequency responses over `frequency [Hz]`."""
-    file, findings = one_line(str(path)), Findings()
-    text = table_text(data, file)
-    delimiter = sniff_delimiter(text, lambda name: True)
-    records = list(read_records(text, delimiter, file, findings))
+    findings = Findings()
+    file, delimiter, records = records_of(data, path, lambda name: True, findings)
     if not findings and records and {_name(cell) for cell in records[0][1]} >= MODE:
         return (), modes(records, delimiter), {}
     if findings or len(records) < 3:
