@@ -25,7 +25,6 @@ from ident.description.robot import (
     Robot,
     beside,
     check_joints,
-    no_joints,
     read_joints,
     refusal,
     refuse_xacro,
@@ -38,11 +37,6 @@ from ident.text import decode, one_line, read_bytes
 # An arm of a robot description, URDF or MJCF, and the file of bushings beside it.
 
 REMEDY = "give a URDF or MJCF file, not xacro or SDF"
-
-
-def is_robot(text: str) -> bool:
-    """Tell whether a text is XML, and so no TOML."""
-    return text.lstrip().startswith("<")
 
 
 def robot_kind(data: bytes, where: str) -> str:
@@ -92,7 +86,9 @@ def robot_arm(
     """
     file = beside(str(path))
     if not os.path.exists(file):
-        raise no_joints(file, read_robot(path))
+        got, expected = "no stiffness of its joints", f"{one_line(file.name)} beside it"
+        remedy = "write that file, or let `ident new my_robot --robot FILE` guess an arm"
+        raise refusal(read_robot(path).where, got, expected, remedy)
     source, document, text = read_joints(file)
     robot = read_robot(path, document.tip)
     check_joints(document, robot, text)
@@ -166,7 +162,7 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
     if not text.strip():
         raise InputError(Problem(where, "an empty file", expected, "check the path"))
     digest = hashlib.sha256(data).hexdigest()
-    if is_robot(text):
+    if text.lstrip().startswith("<"):  # XML, and so no TOML
         arm, bushings, origins, notes = robot_arm(path)
         return ArmFile(arm, str(path), digest, origins, bushings=bushings, notes=notes)
     document = parse_document(text, where)
@@ -194,24 +190,17 @@ def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
             which = "last " * (place == len(document.joint) - 1)
             remedy = f"give the {which}joint a shaft or link of positive mass, with inertia or shape"
             problems.append(source.problem(("joint", place), got, expected, remedy))
-        if not problems:
-            problems += _unfit(document, source)
+        try:
+            if not problems:
+                document.arm()  # whether the parts go together
+        except InputError as error:
+            places = {table["name"]: loc for loc, table in named(source.raw)}
+            for p in error.problems:
+                loc = *places.get(p.where, (p.where,)), *filter(None, (p.column,))
+                problems.append(source.problem(loc, p.got, p.expected, p.remedy))
     if problems:
         raise InputError(sorted(problems, key=lambda problem: int(problem.where.rpartition(":")[2])))
     return document
-
-
-def _unfit(document: ArmDocument, source: Source) -> list[Problem]:
-    """Return why the parts do not go together, each problem with its line."""
-    try:
-        document.arm()
-    except InputError as error:
-        places = {table["name"]: loc for loc, table in named(source.raw)}
-        return [
-            source.problem((*places.get(p.where, (p.where,)), *filter(None, (p.column,))), p.got, p.expected, p.remedy)
-            for p in error.problems
-        ]
-    return []
 
 
 def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where: str = "arm.toml") -> str:

@@ -41,8 +41,13 @@ def changed_numbers(before: Arm, after: Arm) -> dict[str, float]:
 
 def changed_bodies(before: Arm, after: Arm) -> list[Body]:
     """Return the bodies of an arm that have another mass, mass centre or inertia than in another one."""
-    own = {body.name: body for body in bodies_of(before)}
-    return [body for body in bodies_of(after) if body.name in own and not _alike(own[body.name], body)]
+    own, keys = {body.name: body for body in bodies_of(before)}, ("mass", "com", "inertia")
+
+    def differs(body: Body) -> bool:
+        old = own.get(body.name)
+        return old is not None and not all(np.array_equal(getattr(old, key), getattr(body, key)) for key in keys)
+
+    return [body for body in bodies_of(after) if differs(body)]
 
 
 def set_inertias(tables: Mapping[str, Any], before: Arm, after: Arm, origin: Origin) -> None:
@@ -64,10 +69,6 @@ def set_inertias(tables: Mapping[str, Any], before: Arm, after: Arm, origin: Ori
 def bodies_of(arm: Arm) -> list[Body]:
     """Return all bodies of an arm, those of its payloads last."""
     return [part for part in arm.parts() if isinstance(part, Body)]
-
-
-def _alike(one: Body, other: Body) -> bool:
-    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("mass", "com", "inertia"))
 
 
 def _set_inertia(table: Any, tensor: Float[np.ndarray, "3 3"], origin: Origin) -> None:

@@ -6,7 +6,6 @@ posture. Offsets, axes, mass centres and inertias are therefore taken from the b
 
 import io
 import logging
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
@@ -25,6 +24,7 @@ from ident.description.robot import (
     Pin,
     Robot,
     body_names,
+    check_names,
     held_note,
     is_sane,
     limits_note,
@@ -33,28 +33,18 @@ from ident.description.robot import (
     refuse_xacro,
     renamed_note,
     serial_chain,
+    told_at,
     unclear_branch,
 )
 from ident.errors import InputError, Problem
-from ident.text import NAME, NAME_RULE, did_you_mean, one_line, read_bytes
+from ident.text import NAME_RULE, did_you_mean, one_line, read_bytes
 
 # -------- Chain of a URDF file
 # The serial chain of a URDF file: what moves, in the base frame at zero posture, and what is wrong with the file.
 
-INERTIA = {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"}
-NUMBERS = INERTIA | {"xyz", "rpy", "value", "lower", "upper", "effort", "velocity", "multiplier", "offset", "damping"}
-NUMBERS |= {
-    "friction",
-    "size",
-    "radius",
-    "length",
-    "scale",
-    "soft_lower_limit",
-    "soft_upper_limit",
-    "rising",
-    "falling",
-}
-NUMBERS |= {"k_position", "k_velocity"}
+NUMBERS = {"ixx", "ixy", "ixz", "iyy", "iyz", "izz", "xyz", "rpy", "value", "lower", "upper", "effort", "velocity"}
+NUMBERS |= {"multiplier", "offset", "damping", "friction", "size", "radius", "length", "scale", "rising", "falling"}
+NUMBERS |= {"soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"}
 """Attributes that hold numbers."""
 UNBOUNDED = {"lower", "upper", "effort", "velocity"}
 """Those of a limit that may be infinite, as where there is none."""
@@ -155,7 +145,11 @@ def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
         raise refusal(where, f"the tip {tip!r}", "a moving link of this robot", remedy)
     followed = {joint.mimic.joint for joint in robot.joints if joint.mimic is not None}
     end = owner[tip] if moving and tip is not None else None
-    kept, unclear = serial_chain(after, "", end, lambda name: _turns(joints[name]), followed.__contains__)
+
+    def turns(name: str) -> bool:
+        return joints[name].type in TURNING and joints[name].mimic is None
+
+    kept, unclear = serial_chain(after, "", end, turns, followed.__contains__)
     if unclear:
         raise unclear_branch(where, (first for first, _ in unclear), (joints[last].child for _, last in unclear))
     if not kept:
@@ -168,7 +162,8 @@ def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
         if name:
             segments.append(Segment(joints[name], pose))
         pose = _collect(segments[-1], joints[name].child if name else root, following, links, children)
-    _check_names(segments, where)
+    check_names((where, "joint", segment.joint.name) for segment in segments[1:])
+    check_names((where, "link", name) for segment in segments[1:] for name in segment.bodies)
     return segments
 
 
@@ -184,10 +179,6 @@ def _moving(root: str, children: dict[str, list[Any]]) -> tuple[dict[str, str], 
                 after[joint.name] = []
             order.append(joint.child)
     return owner, after
-
-
-def _turns(joint: Any) -> bool:
-    return joint.type in TURNING and joint.mimic is None
 
 
 def _collect(segment: Segment, link: str, following: str, links: Any, children: Any) -> Any:
@@ -223,18 +214,6 @@ def _check_unique(robot: Any, where: str) -> None:
                 problems.append(Problem(where, f"two {kind}s {name}", "unique names", "rename one of them"))
             if not name:
                 problems.append(Problem(where, f"a {kind} without a name", NAME_RULE, "name it"))
-    if problems:
-        raise InputError(problems)
-
-
-def _check_names(segments: list[Segment], where: str) -> None:
-    names = [("joint", segment.joint.name) for segment in segments[1:]]
-    names += [("link", name) for segment in segments[1:] for name in segment.bodies]
-    problems = [
-        Problem(where, f"the {kind} name {name!r}", NAME_RULE, "rename it")
-        for kind, name in names
-        if not re.fullmatch(NAME, name)
-    ]
     if problems:
         raise InputError(problems)
 
@@ -340,7 +319,10 @@ def _notes(base: Segment, segments: list[Segment], names: Mapping[str, str], whe
     """Yield where the arm is not what the file says."""
     for segment in (base, *segments):
         if segment.held:
-            held = [f"{name} ({_kind(joint)})" for name, joint in segment.held.items()]
+            held = [
+                f"{name} ({joint.type}{f', follows {joint.mimic.joint}' if joint.mimic is not None else ''})"
+                for name, joint in segment.held.items()
+            ]
             mass = sum(float(body.mass or 0) for name, (body, _) in segment.bodies.items() if name not in segment.links)
             yield held_note(where, held, mass, segment.joint.name if segment.joint else "")
     for segment in segments:
@@ -352,10 +334,6 @@ def _notes(base: Segment, segments: list[Segment], names: Mapping[str, str], whe
         if segment.joint.type != "continuous" and (lower or 0.0) == (upper or 0.0):
             given = "no limits" if lower is None and upper is None else f"limits {lower or 0:g}, {upper or 0:g}"
             yield limits_note(where, segment.joint.name, given)
-
-
-def _kind(joint: Any) -> str:
-    return f"{joint.type}, follows {joint.mimic.joint}" if joint.mimic is not None else str(joint.type)
 
 
 def _pin(segment: Segment, place: Any, names: Mapping[str, str], where: str) -> Pin:
@@ -384,11 +362,8 @@ def _body(link: str, name: str, inertial: Any, pose: Any, origin: Any, where: st
     at = pose if inertial.origin is None else pose @ inertial.origin
     turn = at[:3, :3]
     inertia = turn @ inertial.inertia @ turn.T
-    try:
+    with told_at(place):
         return Body(name, inertial.mass, at[:3, 3] - origin, (inertia + inertia.T) / 2)
-    except InputError as error:
-        problem = error.problems[0]
-        raise refusal(place, problem.got, problem.expected, problem.remedy) from None
 
 
 def _limits(urdf: Any, where: str) -> tuple[float, float]:

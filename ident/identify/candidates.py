@@ -110,6 +110,8 @@ def candidate_predictions(
     m = (value.shape[0] - 1) // 3
     frequency, down, torsion, vertical = np.split(value, [m, m + 1, 2 * m + 1])
     rows = [*range(count), m]
+    apart, far = np.diff(frequency, axis=0), np.full_like(frequency[:1], np.inf)
+    gap = np.minimum(np.concatenate([far, apart]), np.concatenate([apart, far])) / frequency
     return CandidatePredictions(
         postures,
         frequency[:count],
@@ -117,7 +119,7 @@ def candidate_predictions(
         jacobian[rows].reshape(len(rows), -1, *shape),
         torsion[:count],
         vertical[:count],
-        _gaps(frequency)[:count],
+        gap[:count],
     )
 
 
@@ -226,12 +228,6 @@ def _observe(
     return eqx.filter_vmap(along, out_axes=(None, 1))(jnp.eye(unknown))
 
 
-def _gaps(frequency: np.ndarray) -> np.ndarray:
-    apart = np.diff(frequency, axis=0)
-    far = np.full_like(frequency[:1], np.inf)
-    return np.minimum(np.concatenate([far, apart]), np.concatenate([apart, far])) / frequency
-
-
 # -------- Experiments
 # What can be measured on an arm, how well, and at what cost: hammer, accelerometers, dial gauge, payload.
 
@@ -296,7 +292,7 @@ def candidate_experiments(
     whole = np.concatenate([part.reshape(len(places), *part.shape[2:]) for part in by_way])
     cost = np.array([experiment.cost(instruments.costs) for experiment in experiments])
     group = np.array([experiment.place for experiment in experiments], int)
-    return experiments, Experiments.with_common_errors(whole, predictions.jacobian.shape[1], group, cost)
+    return experiments, Experiments(whole, predictions.jacobian.shape[1], group, cost)
 
 
 def whole_information(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T Q Q"]:
@@ -346,31 +342,18 @@ def expected_rows(
         experiment: the experiment.
         point: name of the arm's end point.
     """
-    sigma = sigmas(predictions, instruments)[:, experiment.place, experiment.case, 0]
+    sigma = sigmas(predictions, instruments)[:, experiment.place, experiment.case, 0].tolist()
+    held: dict[str, Any] = {"posture": experiment.posture, "load": experiment.load}
     clear = predictions.named[:, experiment.place, experiment.case, 0]
     rows = []
     for i, label in enumerate(predictions.labels(experiment.place, experiment.case) if experiment.hammer else ()):
         value = float(predictions.frequency[i, experiment.place, experiment.case, 0])
         mode = str(label) if experiment.labelled and clear[i] else None
-        rows.append(_row(experiment, "frequency", value, sigma[i], mode=mode))
+        rows.append(Measurement(kind="frequency", value=value, sigma=sigma[i], mode=mode, **held))
     if experiment.dial:
         value = float(predictions.deflection[experiment.place, experiment.case, 0])
-        rows.append(_row(experiment, "deflection", value, sigma[-1], point=point))
+        rows.append(Measurement(kind="deflection", value=value, sigma=sigma[-1], point=point, **held))
     return tuple(rows)
-
-
-def _row(
-    experiment: Experiment, kind: str, value: float, sigma: float, mode: str | None = None, point: str | None = None
-) -> Measurement:
-    return Measurement(
-        kind=kind,
-        posture=experiment.posture,
-        load=experiment.load,
-        value=value,
-        sigma=float(sigma),
-        mode=mode,
-        point=point,
-    )
 
 
 def any_campaign(arm: Arm, loads: Iterable[Load]) -> Campaign:

@@ -106,20 +106,15 @@ def check_springs(posed: Posed, unknowns: Unknowns | None = None) -> tuple[Sprin
     )
 
 
-def straightened(spring: Spring | CubicSpring) -> dict[str, float]:
-    """Return numbers by path with which a spring is straight."""
-    if isinstance(spring, CubicSpring):
-        return {f"{spring.name}.cubic": 0.0}
-    return {f"{spring.name}.ratio2": 1.0, f"{spring.name}.ratio3": 1.0}
-
-
 def _cost(arm: Arm, spring: Spring | CubicSpring, exact: Campaign, unknowns: Unknowns) -> float:
     def others(paths: Mapping[str, Any]) -> dict[str, Any]:
         return {path: x for path, x in paths.items() if not path.startswith(f"{spring.name}.")}
 
     tied = tuple(group for group in unknowns.tied if len(others(dict.fromkeys(group))) == len(group))
     kept = replace(unknowns, free=others(unknowns.free), priors=others(unknowns.priors), tied=tied).with_prior
-    problem = pose(arm.replace(straightened(spring)), exact, kept).problem
+    straight = {"cubic": 0.0} if isinstance(spring, CubicSpring) else {"ratio2": 1.0, "ratio3": 1.0}
+    numbers = {f"{spring.name}.{field}": value for field, value in straight.items()}
+    problem = pose(arm.replace(numbers), exact, kept).problem
     end = solve(problem, np.asarray(problem.parameters.theta(problem.parameters.column("start"))))
     residuals = np.asarray(problem.scaled(np.asarray(problem.measured) - end.predicted))
     return float(residuals @ residuals)

@@ -229,26 +229,13 @@ def robots_together(
     return found
 
 
+MEASURED = ("value", "sigma", "resolution", "group", "member", "unit", "note", "where")
+"""What rows that were measured in the same way may differ in."""
+
+
 def _way(campaign: Campaign) -> Hashable:
     """Return how a campaign was measured: all but its values."""
-    return tuple(
-        (
-            m.kind,
-            m.posture,
-            m.mode,
-            m.of,
-            m.point,
-            m.direction,
-            m.joint,
-            m.setup,
-            m.ramp,
-            m.repeat,
-            m.load,
-            m.reference_load,
-            m.drives,
-        )
-        for m in campaign
-    )
+    return tuple(tuple(x for name, x in vars(m).items() if name not in MEASURED) for m in campaign)
 
 
 def _ascending(campaign: Campaign) -> Campaign:

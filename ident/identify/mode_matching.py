@@ -253,7 +253,7 @@ def _steps(values: Named) -> tuple[np.ndarray, np.ndarray]:
     first = np.concatenate([[0], np.cumsum(values.top)])
     nothing = int(first[-1])
     labels = [(WORDS[0][direction], WORDS[1][kind]) for direction, kind in values.patterns]
-    borne = [[axis for axis, pattern in enumerate(labels) if _bears(name, pattern)] for name in NAMES]
+    borne = [[axis for axis, words in enumerate(labels) if {*words} <= {None, *name}] for name in NAMES]
     follow = np.zeros((math.prod(sizes), len(NAMES)), int)
     given = np.full((*follow.shape, max(map(len, borne))), nothing)
     for before, count in enumerate(np.ndindex(*sizes)):
@@ -265,10 +265,6 @@ def _steps(values: Named) -> tuple[np.ndarray, np.ndarray]:
                     after[axis] += 1
             follow[before, i] = np.ravel_multi_index(tuple(after), sizes)
     return follow, given
-
-
-def _bears(name: tuple[str, str], pattern: tuple[str | None, str | None]) -> bool:
-    return all(word in (None, own) for word, own in zip(pattern, name, strict=True))
 
 
 def _complete(values: Named) -> Bool[Array, "C S"]:

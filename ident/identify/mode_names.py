@@ -11,7 +11,6 @@ from scipy.special import logsumexp
 
 from ident.arm.arm import Arm
 from ident.arm.modes import Label, labels_of_shares, torsion_share, vertical_share
-from ident.arm.modes import Modes as Computed
 from ident.errors import InputError, Problem
 from ident.identify.modal_analysis import modal_solution
 from ident.inference.parameters import Parameters
@@ -110,14 +109,8 @@ def _log_density(
     constant = np.log(np.diag(factor)).sum() + len(factor) / 2 * np.log(2 * np.pi)
     with np.errstate(divide="ignore"):
         kernels = logsumexp(np.log(share) - squared / 2, 1) - constant
-    over = kernels - _log_prior(parameters, new)
+    over = kernels - np.asarray(parameters.log_prior(new))
     return np.logaddexp(np.log(1 - DEFENSIVE) + over, np.log(DEFENSIVE))
-
-
-def _log_prior(parameters: Parameters, theta: Float[np.ndarray, "P D"]) -> Float[np.ndarray, "D"]:
-    sd, flat = (np.asarray(parameters.column(field))[parameters.proper] for field in ("prior_sd", "flat"))
-    residuals = np.asarray(parameters.prior_residuals(theta)[0])
-    return -(residuals**2).sum(0) / 2 - np.log(2 * flat + sd * np.sqrt(2 * np.pi)).sum()
 
 
 def _flattened(logs: Float[np.ndarray, "D"], power: float) -> Float[np.ndarray, "D"]:
@@ -212,7 +205,8 @@ def label_modes(
     for sd in FREQUENCY_SD:
         if first:
             theta, weight = nearer(parameters, theta, share, rng)
-        compared = [_compared(_drawn(arm, parameters, theta), test, sd) for test in tests]
+        arms = arm.replace(parameters.by_path(np.asarray(parameters.values(theta))))
+        compared = [_compared(arms, test, sd) for test in tests]
         log = sum((each.log for each in compared), weight)
         if not np.isfinite(log).any():
             got, expected = "no draw of the prior that stands in all postures of the tests", "one at least"
@@ -262,12 +256,9 @@ def _compared(arms: Arm, test: Measured, frequency_sd: float) -> _Compared:
     pairs[sound], log[sound] = pair_probabilities(np.stack(logs, 1), ((own[1] > band[0]) & (own[1] < band[1])).T)
     first = int(np.argmax(sound))
     alike = mac(modes.shape, shapes[..., first].astype(complex))
-    return _Compared(_names(computed, count), pairs, log, alike, shapes[..., first], first)
-
-
-def _drawn(arm: Arm, parameters: Parameters, theta: Float[np.ndarray, "P D"]) -> Arm:
-    """Return arms of draws, as a batch."""
-    return arm.replace(parameters.by_path(np.asarray(parameters.values(theta))))
+    shares = (np.asarray(share(computed)).T for share in (torsion_share, vertical_share))
+    names = [labels_of_shares(*own)[:count] for own in zip(*shares, strict=True)]
+    return _Compared(names, pairs, log, alike, shapes[..., first], first)
 
 
 def _directions(arm: Arm, places: Sequence[Place]) -> Float[np.ndarray, "O P 3"]:
@@ -280,12 +271,6 @@ def _directions(arm: Arm, places: Sequence[Place]) -> Float[np.ndarray, "O P 3"]
     for row, place in zip(out, places, strict=True):
         row[names.index(place.point)] = place.direction
     return out
-
-
-def _names(computed: Computed, count: int) -> list[list[Label]]:
-    """Return what the lowest modes of each draw are called."""
-    torsion, vertical = np.asarray(torsion_share(computed)), np.asarray(vertical_share(computed))
-    return [labels_of_shares(torsion[:, d], vertical[:, d])[:count] for d in range(torsion.shape[1])]
 
 
 def _by_label(

@@ -92,7 +92,8 @@ def in_parts(conditions: Conditions) -> Parts | None:
     if conditions.posture.shape[1] <= LARGE:
         return None
     conditions = jax.device_get(conditions)
-    kinds, states = _kinds(conditions), _states_of_values(conditions)
+    kinds, values_of = _kinds(conditions), (conditions.named, conditions.unnamed, conditions.readings)
+    states = np.concatenate([np.asarray(each.states, int) for each in values_of])
     part = _dealt(conditions, states)
     own = [[kind[part[states[kind]] == k] for kind in kinds] for k in range(part.max() + 1)]
     sizes = [max(len(groups[i]) for groups in own) for i in range(len(kinds))]
@@ -116,11 +117,6 @@ def _kinds(conditions: Conditions) -> list[Int[np.ndarray, "_"]]:
         *np.split(np.arange(read), [conditions.named.frequencies, labels - conditions.named.shapes, labels]),
         *(read + own for own in conditions.readings.by_kind()),
     ]
-
-
-def _states_of_values(conditions: Conditions) -> Int[np.ndarray, "V"]:
-    values = conditions.named, conditions.unnamed, conditions.readings
-    return np.concatenate([np.asarray(each.states, int) for each in values])
 
 
 def _dealt(conditions: Conditions, states: Int[np.ndarray, "V"]) -> Int[np.ndarray, "S"]:

@@ -1,6 +1,7 @@
 """What inference needs of a model and of data, whatever the model: a predict function, values, sigmas, unknowns."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -55,40 +56,43 @@ class Correlation(eqx.Module):
 
     def whiten(self, x: Float[AnyArray, "D *batch"]) -> Any:
         """Return independent combinations, `(D, *batch)`, of what each value is off in its sigma: L^-1 x by group."""
-        xp = library(x)
-        parts = [x[self.single]]
-        for block in self.blocks:
-            mixed = xp.einsum("gij,gj...->gi...", block.whitening, x[block.rows])
-            parts.append(mixed.reshape((-1, *x.shape[1:])))
-        return xp.concatenate(parts)[self.order]
+        return self._mixed(x, [block.whitening for block in self.blocks])
 
     def pull_back(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
         """Return L'^-1 x for each group: what independent combinations say of each value, the adjoint of `whiten`."""
-        parts = [x[np.asarray(self.single)]]
-        for block in self.blocks:
-            mixed = np.einsum("gji,gj...->gi...", np.asarray(block.whitening), x[np.asarray(block.rows)])
-            parts.append(mixed.reshape((-1, *x.shape[1:])))
-        return np.concatenate(parts)[np.asarray(self.order)]
+        return np.asarray(self._mixed(x, [np.asarray(block.whitening).swapaxes(1, 2) for block in self.blocks]))
 
     def color(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
         """Return L x for each group: correlated numbers of independent ones."""
-        parts = [x[np.asarray(self.single)]]
-        for block in self.blocks:
-            mixed = np.einsum("gij,gj...->gi...", np.linalg.cholesky(block.correlation), x[np.asarray(block.rows)])
-            parts.append(mixed.reshape((-1, *x.shape[1:])))
-        return np.concatenate(parts)[np.asarray(self.order)]
+        return np.asarray(self._mixed(x, [np.linalg.cholesky(block.correlation) for block in self.blocks]))
+
+    def _mixed(self, x: AnyArray, matrices: Sequence[AnyArray]) -> Any:
+        """Return the values of each group multiplied by its matrix, the others as they are."""
+        xp = library(x)
+        parts = [x[self.single]]
+        for block, matrix in zip(self.blocks, matrices, strict=True):
+            parts.append(xp.einsum("gij,gj...->gi...", matrix, x[block.rows]).reshape((-1, *x.shape[1:])))
+        return xp.concatenate(parts)[self.order]
 
     def inverse_among(self, places: Int[np.ndarray, "N K"]) -> Float[np.ndarray, "N K K"]:
         """Return the elements of R^-1 that are between the values of each of several sets."""
+        whitening = [np.asarray(block.whitening) for block in self.blocks]
+        return self._elements(places, [np.einsum("gji,gjk->gik", W, W) for W in whitening])
+
+    def matrix(self, places: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n n"]:
+        """Return the correlation of the errors of some values."""
+        return self._elements(places[None], [np.asarray(block.correlation) for block in self.blocks])[0]
+
+    def _elements(self, places: Int[np.ndarray, "N K"], matrices: Sequence[np.ndarray]) -> Float[np.ndarray, "N K K"]:
+        """Return the elements between the values of several sets of a matrix that is given group by group."""
         found = (places[:, :, None] == places[:, None]).astype(float)
-        for block in self.blocks:
-            W, rows = np.asarray(block.whitening), np.asarray(block.rows)
-            inverse = np.einsum("gji,gjk->gik", W, W)
+        for block, matrix in zip(self.blocks, matrices, strict=True):
+            rows = np.asarray(block.rows)
             group, member = np.full(len(self.order), -1), np.zeros(len(self.order), int)
             group[rows], member[rows] = np.arange(len(rows))[:, None], np.arange(rows.shape[1])
             own, at = group[places], member[places]
             both = own[:, :, None] == own[:, None]
-            inside = inverse[own[:, :, None], at[:, :, None], at[:, None]]
+            inside = matrix[own[:, :, None], at[:, :, None], at[:, None]]
             found = np.where(own[:, :, None] < 0, found, np.where(both, inside, 0.0))
         return found
 
@@ -121,15 +125,6 @@ class Correlation(eqx.Module):
                 found[rows] = number
                 number += 1
         return found
-
-    def matrix(self, places: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n n"]:
-        """Return the correlation of the errors of some values."""
-        whole = np.eye(len(places))
-        for block in self.blocks:
-            for rows, R in zip(np.asarray(block.rows), np.asarray(block.correlation), strict=True):
-                _, here, there = np.intersect1d(places, rows, assume_unique=True, return_indices=True)
-                whole[np.ix_(here, here)] = R[np.ix_(there, there)]
-        return whole
 
     def among(self, counts: Bool[np.ndarray, "D"]) -> "Correlation":
         """Return the same where only some values count; within a group the others are left out of its correlation."""
@@ -278,12 +273,10 @@ class InParts(NamedTuple):
     Attributes:
         problems: of each part, whose residuals are those of the whole together; the first one is like the whole.
         parts: of its model.
-        scatter: sum of squares that repeated values add to the cost wherever the parameters are.
     """
 
     problems: "tuple[InverseProblem, ...]"
     parts: Parts
-    scatter: float
 
 
 class InverseProblem(eqx.Module):
@@ -319,13 +312,15 @@ class InverseProblem(eqx.Module):
         if isinstance(self.measured, jax.core.Tracer) or isinstance(self.sigma, jax.core.Tracer):
             return
         measured, sigma = np.asarray(self.measured, float), np.asarray(self.sigma, float)
-        remedy = "leave that value out"
-        problems = [
-            _wrong("measured", int(i), measured[i], "a finite number", remedy)
-            for i in np.flatnonzero(~np.isfinite(measured))
-        ]
         remedy = "give its standard deviation, infinite for a value that is only to be predicted"
-        problems += [_wrong("sigma", int(i), sigma[i], "a number > 0", remedy) for i in np.flatnonzero(~(sigma > 0))]
+        problems = [
+            Problem(f"value {i + 1}", f"{values[i]:g}", expected, remedy, name)
+            for name, values, possible, expected, remedy in (
+                ("`measured`", measured, np.isfinite(measured), "a finite number", "leave that value out"),
+                ("`sigma`", sigma, sigma > 0, "a number > 0", remedy),
+            )
+            for i in np.flatnonzero(~possible)
+        ]
         if problems:
             raise InputError(problems)
 
@@ -365,17 +360,20 @@ class InverseProblem(eqx.Module):
         """
         if not isinstance(self.model, Growing):
             return None
-        parts = self.model.in_parts() or (None if self.correlation is None else _one_part(*self.model.padded()))
+        parts = self.model.in_parts()
         if parts is None:
-            return None
-        mean, spread, scatter = self.pooled(parts.source.ravel(), parts.places)
+            if self.correlation is None:
+                return None
+            model, source, places = self.model.padded()
+            parts = Parts((model,), source[None], places, lambda held: [held], lambda held: held[0])
+        mean, spread, _ = self.pooled(parts.source.ravel(), parts.places)
         values = (np.reshape(x, parts.source.shape) for x in (mean, spread))
         each = zip(parts.models, parts.source, *values, strict=True)
         problems = tuple(
             InverseProblem(model, own, sd, self.parameters, tuple(self.kinds[i] for i in source))
             for model, source, own, sd in each
         )
-        return InParts(problems, parts, scatter)
+        return InParts(problems, parts)
 
     def pooled(self, source: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return mean, standard deviation and scatter of what was measured repeatedly; infinite sd where nothing was.
@@ -441,18 +439,6 @@ class InverseProblem(eqx.Module):
         measured = np.asarray(self.measured) if xp is np else self.measured
         residuals = xp.concatenate([self.scaled(predicted - measured), prior])
         return residuals, xp.concatenate([self.scaled(jacobian), xp.diag(slope)])
-
-    def without(self, kind: str) -> "InverseProblem":
-        """Return the problem in which values of one kind are predicted but not fitted."""
-        return self.with_sigma(np.where(np.array(self.kinds) == kind, np.inf, np.asarray(self.sigma)))
-
-
-def _one_part(model: Growing, source: np.ndarray, places: np.ndarray) -> Parts:
-    return Parts((model,), source[None], places, lambda held: [held], lambda held: held[0])
-
-
-def _wrong(name: str, place: int, value: float, expected: str, remedy: str) -> Problem:
-    return Problem(f"value {place + 1}", f"{value:g}", expected, remedy, f"`{name}`")
 
 
 # -------- Discrepancy
@@ -555,12 +541,5 @@ def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> In
     more = tuple(Parameter((DISCREPANCY_PREFIX + kind,), True, 1.0, 1.0, width) for kind, width in widths.items())
     if not more:
         return problem
-    return InverseProblem(
-        Discrepant(problem.model, problem.kinds),
-        problem.measured,
-        problem.sigma,
-        Parameters((*problem.parameters.items, *more)),
-        problem.kinds,
-        problem.correlation,
-        problem.vectors,
-    )
+    parameters = Parameters((*problem.parameters.items, *more))
+    return replace(problem, model=Discrepant(problem.model, problem.kinds), parameters=parameters)
