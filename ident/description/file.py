@@ -20,7 +20,6 @@ from ident.description.problems import Source, load_toml
 from ident.description.rewriting import changed_numbers, joint_text, set_inertias, set_numbers, with_first_joint
 from ident.description.robot import (
     BUSHING,
-    JointsDocument,
     JointsFile,
     Robot,
     beside,
@@ -74,12 +73,8 @@ def read_robot(path: str | PathLike[str], tip: str | None = None) -> Robot:
     return mjcf_robot(str(path), tip)
 
 
-def robot_arm(
-    path: str | PathLike[str],
-) -> tuple[Arm, JointsFile, dict[str, str], tuple[str, ...]]:
-    """Return the arm of a robot description, where its bushings come from, the origin of every number, and notes.
-
-    What the description says has the origin `derived`. The notes say where the arm is not what the description says.
+def robot_arm(path: str | PathLike[str], sha256: str) -> "ArmFile":
+    """Return the arm of a robot description, with the hash of its bytes; what that says has the origin `derived`.
 
     Raises:
         InputError: the description or the file of bushings is wrong.
@@ -96,19 +91,15 @@ def robot_arm(
     points = tuple(Point(each.name, each.joint, each.position.number) for each in document.point)
     payloads = tuple(Payload(each.joint, each.body()) for each in document.payload)
     arm = robot.arm(bushings, points, payloads)
-    return arm, source, _origins(arm, document), robot.notes
-
-
-def _origins(arm: Arm, document: JointsDocument) -> dict[str, str]:
     written: list[Any] = [*document.joint, *document.point, *document.payload]
     origins: dict[str, str] = dict.fromkeys(arm.paths(), "derived")
-    for path in origins:
-        name, field, *_ = path.split(".")
+    for number in origins:
+        name, field, *_ = number.split(".")
         table = next((each for each in written if each.name == name), None)
         if table is not None and (field in BUSHING or table not in document.joint):
             quantity = getattr(table, field)
-            origins[path] = quantity.origin if quantity else "derived"
-    return origins
+            origins[number] = quantity.origin if quantity else "derived"
+    return ArmFile(arm, str(path), sha256, origins, bushings=source, notes=robot.notes)
 
 
 # -------- File
@@ -163,8 +154,7 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
         raise InputError(Problem(where, "an empty file", expected, "check the path"))
     digest = hashlib.sha256(data).hexdigest()
     if text.lstrip().startswith("<"):  # XML, and so no TOML
-        arm, bushings, origins, notes = robot_arm(path)
-        return ArmFile(arm, str(path), digest, origins, bushings=bushings, notes=notes)
+        return robot_arm(path, digest)
     document = parse_document(text, where)
     parts = document.arm(), str(path), digest, document.origins(), document.extents()
     return ArmFile(*parts, uncertain_numbers(document))

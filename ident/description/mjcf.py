@@ -30,6 +30,7 @@ from ident.description.robot import (
     limits_note,
     listed,
     refusal,
+    refuse,
     renamed_note,
     serial_chain,
     told_at,
@@ -175,7 +176,8 @@ def placed(path: str, where: str) -> tuple[Any, Any, "Ties"]:
     spec = load_spec(path, where)
     import mujoco
 
-    _check_numbers(spec, Path(path), where)
+    refuse(_not_sane(Path(path), where))
+    refuse(_wrong_numbers(spec, where))
     ties = Ties.of(spec)
     if spec.compiler.inertiafromgeom != mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
         _drop_shapes(spec)
@@ -235,22 +237,16 @@ class Ties:
         return cls(joints, bodies, others, ranges)
 
 
-def _check_numbers(spec: Any, path: Path, where: str) -> None:
-    """Refuse what MuJoCo would pass over in silence."""
-    if wild := list(_not_sane(path, where)):
-        raise InputError(wild)
-    problems = []
+def _wrong_numbers(spec: Any, where: str) -> Iterator[Problem]:
+    """Yield what MuJoCo would pass over in silence."""
     for body in spec.bodies:
         if body.explicitinertial and not body.mass >= 0:
-            got = f"mass {body.mass:g}"
-            problems.append(Problem(f"{where}, body {body.name}", got, "a mass >= 0 kg", "correct it"))
+            yield Problem(f"{where}, body {body.name}", f"mass {body.mass:g}", "a mass >= 0 kg", "correct it")
     for joint in spec.joints:
         low, high = joint.range
         if not low <= high:
             got = f"range {low:g}, {high:g}"
-            problems.append(Problem(f"{where}, joint {joint.name}", got, "lower <= upper", "swap or correct them"))
-    if problems:
-        raise InputError(problems)
+            yield Problem(f"{where}, joint {joint.name}", got, "lower <= upper", "swap or correct them")
 
 
 def _not_sane(path: Path, where: str) -> Iterator[Problem]:

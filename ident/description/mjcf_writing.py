@@ -60,7 +60,12 @@ def tendons(turns: Mapping[str, Any], arm: Arm, posture: tuple[float, ...]) -> A
     section = ElementTree.Element("tendon")
     for n, joint in enumerate(arm.joints):
         k = np.array([joint.k_tors, joint.k_bend, joint.k_bend])
-        at, slope, stiffness = _about(turns[joint.name].T @ frame[:, :, n].T @ phi[:, n], k)
+        own = turns[joint.name].T @ frame[:, :, n].T @ phi[:, n]
+        at = own.copy()  # the angles of the hinges there
+        for _ in range(STEPS):
+            vector, by_angles = (np.asarray(x) for x in _vector_and_slope(jnp.asarray(at)))
+            at = at - np.linalg.solve(by_angles, vector - own)
+        slope, stiffness = (np.asarray(x) for x in _derivatives(jnp.asarray(at), jnp.asarray(k)))
         values, ways = np.linalg.eigh(stiffness)
         for place, (value, way) in enumerate(zip(values, ways.T, strict=True), 1):
             spring = {"stiffness": numbers([value]), "springlength": numbers([way @ at - way @ slope / value])}
@@ -74,18 +79,6 @@ def tendons(turns: Mapping[str, Any], arm: Arm, posture: tuple[float, ...]) -> A
 
 PLAIN = {"damping": "0", "frictionloss": "0", "armature": "0", "limited": "false", "actuatorfrclimited": "false"}
 """What such a tendon has none of, whatever the file's defaults for tendons are."""
-
-
-def _about(
-    phi: Float[np.ndarray, "3"], k: Float[np.ndarray, "3"]
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
-    """Return the angles of the hinges at a rotation vector, and slope and Hessian of the energy by them there."""
-    at = np.array(phi)
-    for _ in range(STEPS):
-        vector, by_angles = _vector_and_slope(jnp.asarray(at))
-        at = at - np.linalg.solve(np.asarray(by_angles), np.asarray(vector) - phi)
-    slope, hessian = _derivatives(jnp.asarray(at), jnp.asarray(k))
-    return at, np.asarray(slope), np.asarray(hessian)
 
 
 def _vector(angles: Float[Array, "3"]) -> Float[Array, "3"]:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from jaxtyping import Float
 
 from ident.arm.arm import GRAVITY, Arm
 from ident.arm.fields import COMPONENTS, DAMPING, LOSS, STIFFNESS
@@ -63,24 +62,21 @@ def set_inertias(tables: Mapping[str, Any], before: Arm, after: Arm, origin: Ori
     for body in bodies_of(after):
         tensor, old = np.asarray(body.inertia), own.get(body.name)
         if body.name in tables and old is not None and np.abs(tensor - old).max() > NEAR * np.abs(tensor).max():
-            _set_inertia(tables[body.name], tensor, origin)
+            table = tables[body.name]
+            if "inertia" not in table:
+                del table["shape"]
+                table["inertia"] = tomlkit.inline_table()
+                table["inertia"]["unit"] = "kg*m^2"
+            entry = table["inertia"]
+            diagonal = not (tensor - np.diag(np.diag(tensor))).any()
+            rows = [[_in_unit(entry, x) for x in row] for row in tensor]
+            entry["value"] = [rows[n][n] for n in range(3)] if diagonal else rows
+            entry["origin"] = origin
 
 
 def bodies_of(arm: Arm) -> list[Body]:
     """Return all bodies of an arm, those of its payloads last."""
     return [part for part in arm.parts() if isinstance(part, Body)]
-
-
-def _set_inertia(table: Any, tensor: Float[np.ndarray, "3 3"], origin: Origin) -> None:
-    if "inertia" not in table:
-        del table["shape"]
-        table["inertia"] = tomlkit.inline_table()
-        table["inertia"]["unit"] = "kg*m^2"
-    entry = table["inertia"]
-    diagonal = not (tensor - np.diag(np.diag(tensor))).any()
-    rows = [[_in_unit(entry, x) for x in row] for row in tensor]
-    entry["value"] = [rows[n][n] for n in range(3)] if diagonal else rows
-    entry["origin"] = origin
 
 
 def _in_unit(entry: Any, value: float) -> float:

@@ -47,6 +47,12 @@ def refusal(where: str, got: str, expected: str, remedy: str) -> InputError:
     return InputError(Problem(where, got, expected, remedy))
 
 
+def refuse(problems: Iterable[Problem]) -> None:
+    """Raise all problems together, if there is any."""
+    if every := list(problems):
+        raise InputError(every)
+
+
 @contextmanager
 def told_at(where: str) -> Iterator[None]:
     """Give what is refused within this place instead of its own."""
@@ -62,13 +68,11 @@ def check_names(named: Iterable[tuple[str, str, str]]) -> None:
     Args:
         named: where each stands, what has it, and the name.
     """
-    problems = [
+    refuse(
         Problem(where, f"the {kind} name {name!r}", NAME_RULE, "rename it")
         for where, kind, name in named
         if not re.fullmatch(NAME, name)
-    ]
-    if problems:
-        raise InputError(problems)
+    )
 
 
 def refuse_xacro(data: bytes, root: Any, where: str) -> None:
@@ -250,8 +254,7 @@ class Robot:
         """
         own = ("axis", "offset", "link", "limits", "driven")
         joints = [Joint(p.name, **{key: getattr(p, key) for key in own}, **bushings[p.name]) for p in self.pins]
-        if problems := list(self._massless(joints)):
-            raise InputError(problems)
+        refuse(self._massless(joints))
         with told_at(self.where):
             return Arm(self.name, tuple(joints), (*points, self.tip), payloads, self.gravity)
 
@@ -280,31 +283,24 @@ class Robot:
         Raises:
             InputError: a joint lacks a value, there is no such joint, or a value is out of range.
         """
-        problems: list[Problem] = []
-        k = _by_joint(stiffness, self.joints, "stiffness", problems)
-        tau = _by_joint(damping, self.joints, "damping", problems)
-        if problems:
-            raise InputError(problems)
+        k, tau = (x if isinstance(x, Mapping) else dict.fromkeys(self.joints, x) for x in (stiffness, damping))
+        refuse([*_wrong_pairs(k, self.joints, "stiffness"), *_wrong_pairs(tau, self.joints, "damping")])
         keys = ("k_bend", "k_tors", "tau_bend", "tau_tors")
         return {name: dict(zip(keys, (*k[name], *tau[name]), strict=True)) for name in self.joints}
 
 
-def _by_joint(
-    values: Mapping[str, Pair] | Pair, names: list[str], what: str, problems: list[Problem]
-) -> Mapping[str, Pair]:
-    """Return a pair for every joint; add what is missing, unknown or out of range to the problems."""
-    given = values if isinstance(values, Mapping) else dict.fromkeys(names, values)
+def _wrong_pairs(given: Mapping[str, Pair], names: list[str], what: str) -> Iterator[Problem]:
+    """Yield what is missing, unknown or out of range among the pairs of joints."""
     for name in names:
         if name not in given:
-            problems.append(Problem(f"joint {name}", f"no {what}", "a pair (bending, torsion)", f"add its {what}"))
+            yield Problem(f"joint {name}", f"no {what}", "a pair (bending, torsion)", f"add its {what}")
     for name, pair in given.items():
         if name not in names:
             remedy = did_you_mean(name, names, "leave it out")
-            problems.append(Problem(f"{what} of {name}", "no such joint", f"one of {', '.join(names)}", remedy))
+            yield Problem(f"{what} of {name}", "no such joint", f"one of {', '.join(names)}", remedy)
         elif not _in_range(pair, what):
             least = "> 0 N m/rad" if what == "stiffness" else ">= 0 s"
-            problems.append(Problem(f"joint {name}", f"{what} {pair}", f"two numbers {least}", "correct it"))
-    return given
+            yield Problem(f"joint {name}", f"{what} {pair}", f"two numbers {least}", "correct it")
 
 
 def _in_range(pair: Any, what: str) -> bool:
@@ -385,8 +381,7 @@ def read_joints(path: Path) -> tuple[JointsFile, JointsDocument, Source]:
         document = JointsDocument.model_validate(source.raw)
     except ValidationError as error:
         raise InputError([*source.explain(error), *problems]) from None
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return JointsFile(str(path), hashlib.sha256(data).hexdigest()), document, source
 
 
@@ -407,8 +402,7 @@ def check_joints(document: JointsDocument, robot: Robot, source: Source) -> None
     if missing:
         got, remedy = f"no joint {', '.join(missing)}", "add a table [[joint]] for each"
         problems.append(source.problem((), got, f"all joints of {robot.where}", remedy))
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
 
 
 def joints_text(text: str, before: Arm, arm: Arm, origin: Origin, where: str) -> str:

@@ -30,6 +30,7 @@ from ident.description.robot import (
     limits_note,
     listed,
     refusal,
+    refuse,
     refuse_xacro,
     renamed_note,
     serial_chain,
@@ -92,7 +93,7 @@ def parse(data: bytes, where: str) -> Any:
     refuse_xacro(data, root, where)
     if root.tag != "robot":
         raise refusal(f"{where}:1", f"<{root.tag}>", "<robot>", "give a URDF file, not xacro or SDF")
-    _check_numbers(root, where)
+    refuse(_wild_numbers(root, where))
     try:
         from yourdfpy import URDF
     except ImportError:
@@ -109,17 +110,14 @@ def parse(data: bytes, where: str) -> Any:
         log.disabled = was_silent
 
 
-def _check_numbers(root: Any, where: str) -> None:
-    """Refuse nan, inf and absurdly large numbers, from which later steps would only make nonsense."""
-    problems = []
+def _wild_numbers(root: Any, where: str) -> Iterator[Problem]:
+    """Yield nan, inf and absurdly large numbers, from which later steps would only make nonsense."""
     for part in (*root.iter("link"), *root.iter("joint")):
         for element in part.iter():
             for key in NUMBERS & element.attrib.keys():
                 if not all(is_sane(word, bounded=key not in UNBOUNDED) for word in element.get(key).split()):
                     got, place = f"{key}={element.get(key)!r}", f"{where}, {part.tag} {part.get('name')}"
-                    problems.append(Problem(place, got, "finite numbers", "correct it", element.tag))
-    if problems:
-        raise InputError(problems)
+                    yield Problem(place, got, "finite numbers", "correct it", element.tag)
 
 
 def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
@@ -129,8 +127,8 @@ def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
         InputError: no tree of links, no arm in it or several, no such tip, or a joint of the arm that does not turn.
     """
     links, joints = {link.name: link for link in robot.links}, {joint.name: joint for joint in robot.joints}
-    _check_unique(robot, where)
-    _check_tree(robot, set(links), where)
+    refuse(_names_twice(robot, where))
+    refuse(_no_tree(robot, set(links), where))
     children: dict[str, list[Any]] = {name: [] for name in links}
     for joint in robot.joints:
         children[joint.parent].append(joint)
@@ -156,7 +154,7 @@ def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
         others = listed(f"{joint.name} ({joint.type})" for joint in robot.joints if joint.type != "fixed")
         got = f"no joint that turns on its own, but {others}" if others else "no moving joint"
         raise refusal(where, got, "a revolute or continuous joint", "check the joint types")
-    _check_types([joints[name] for name in kept], where)
+    refuse(_other_types([joints[name] for name in kept], where))
     segments, pose = [Segment(None, np.eye(4))], np.eye(4)
     for name, following in zip(["", *kept], [*kept, ""], strict=True):
         if name:
@@ -206,49 +204,41 @@ def _collect(segment: Segment, link: str, following: str, links: Any, children: 
     return pose
 
 
-def _check_unique(robot: Any, where: str) -> None:
-    problems = []
+def _names_twice(robot: Any, where: str) -> Iterator[Problem]:
     for kind, names in (("link", [x.name for x in robot.links]), ("joint", [x.name for x in robot.joints])):
         for name in dict.fromkeys(names):
             if names.count(name) > 1:
-                problems.append(Problem(where, f"two {kind}s {name}", "unique names", "rename one of them"))
+                yield Problem(where, f"two {kind}s {name}", "unique names", "rename one of them")
             if not name:
-                problems.append(Problem(where, f"a {kind} without a name", NAME_RULE, "name it"))
-    if problems:
-        raise InputError(problems)
+                yield Problem(where, f"a {kind} without a name", NAME_RULE, "name it")
 
 
-def _check_types(joints: list[Any], where: str) -> None:
-    """Refuse joints of the arm that ident has no equation for."""
-    problems = []
+def _other_types(joints: list[Any], where: str) -> Iterator[Problem]:
+    """Yield joints of the arm that ident has no equation for."""
     for joint in joints:
         place = f"{where}, joint {joint.name}"
         if joint.type not in TURNING:
             remedy = "fix this joint in the URDF, or let the arm end before it (tip)"
-            problems.append(Problem(place, f"type {joint.type}", "revolute, continuous or fixed", remedy))
+            yield Problem(place, f"type {joint.type}", "revolute, continuous or fixed", remedy)
         if joint.mimic is not None:
             remedy = "remove <mimic>, or fix the joint"
-            problems.append(Problem(place, f"a mimic of {joint.mimic.joint}", "joints that turn on their own", remedy))
-    if problems:
-        raise InputError(problems)
+            yield Problem(place, f"a mimic of {joint.mimic.joint}", "joints that turn on their own", remedy)
 
 
-def _check_tree(robot: Any, links: set[str], where: str) -> None:
-    """Refuse links that do not form one tree."""
-    problems, carried = [], [joint.child for joint in robot.joints]
+def _no_tree(robot: Any, links: set[str], where: str) -> Iterator[Problem]:
+    """Yield what keeps links from forming one tree."""
+    carried = [joint.child for joint in robot.joints]
     for joint in robot.joints:
         place = f"{where}, joint {joint.name}"
         for link in sorted({joint.parent, joint.child} - links):
-            problems.append(Problem(place, f"unknown link {link}", "a link of this robot", "correct the name"))
+            yield Problem(place, f"unknown link {link}", "a link of this robot", "correct the name")
         if carried.count(joint.child) > 1:
             got = f"link {joint.child}, which another joint carries too"
-            problems.append(Problem(place, got, "one joint per child link", "open the loop"))
+            yield Problem(place, got, "one joint per child link", "open the loop")
     roots = sorted(links - set(carried))
     if len(roots) != 1:
         got = f"root links: {', '.join(roots) or 'none'}"
-        problems.append(Problem(where, got, "one tree with one root", "remove loops and loose links"))
-    if problems:
-        raise InputError(problems)
+        yield Problem(where, got, "one tree with one root", "remove loops and loose links")
 
 
 # -------- URDF
@@ -305,8 +295,7 @@ def urdf_robot(data: bytes, path: str, tip: str | None = None) -> Robot:
         except InputError as error:
             problems += error.problems
         place = segment.origin
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     last = segments[-1]
     end = tip or (last.ends[0] if len(last.ends) == 1 else last.joint.child)
     carrier = next(each for each in segments if end in each.links)
@@ -348,8 +337,7 @@ def _pin(segment: Segment, place: Any, names: Mapping[str, str], where: str) -> 
             link.append(_body(name, names[name], *body, segment.origin, where))
         except InputError as error:
             problems += error.problems
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     axis, limits = axis / np.linalg.norm(axis), _limits(urdf, where)
     return Pin(urdf.name, axis, segment.origin - place, tuple(link), limits, carrier=f"link {urdf.child}")
 

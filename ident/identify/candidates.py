@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, product
 from typing import Any
 
@@ -93,18 +94,16 @@ def candidate_predictions(
 ) -> CandidatePredictions:
     """Compute what an arm would show under load cases, batch (L)."""
     shape = len(postures), loads.mass.shape[-1], len(points)
-    load_columns = np.concatenate([np.asarray(part).reshape(-1, shape[1]) for part in jax.tree.leaves(loads)])
     count = min(modes, 3 * len(arm.joints))
     g, s, t = (index.ravel() for index in np.indices(shape))
-    columns = np.concatenate([points.T[:, t], postures.T[:, g], load_columns[:, s]])
-    missing = -columns.shape[1] % CHUNK
-    columns = np.concatenate([columns, np.repeat(columns[:, -1:], missing, 1)], 1)
-    values, jacobians = [], []
-    for chunk in np.split(columns, columns.shape[1] // CHUNK, 1):
-        seen = _observe(arm, parameters, count, jnp.asarray(chunk))
+    size, values, jacobians = g.size, [], []
+    for first in range(0, size, CHUNK):
+        some = np.minimum(np.arange(first, first + CHUNK), size - 1)  # the last one repeated at the end
+        cases = jax.tree.map(partial(_columns, columns=s[some]), loads)
+        theta, posture = _columns(points.T, t[some]), _columns(postures.T, g[some])
+        seen = _observe(arm, parameters, count, theta, posture, cases)
         values.append(np.asarray(seen[0]))
         jacobians.append(np.asarray(seen[1]))
-    size = g.size
     value = np.concatenate(values, -1)[:, :size].reshape(-1, *shape)
     jacobian = np.concatenate(jacobians, -1)[..., :size]
     m = (value.shape[0] - 1) // 3
@@ -191,29 +190,28 @@ def equivalent_postures(predictions: CandidatePredictions, favoured: np.ndarray)
     return np.array([leader[int(k)] for k in group])
 
 
-def _loads_of(arm: Arm, columns: Array) -> Loads:
-    """Return load cases that were put below each other."""
-    payloads, points = len(arm.payloads), len(arm.points)
-    share, mass, force, moment = jnp.split(columns, [payloads, payloads + points, payloads + 4 * points])
-    moments = moment.reshape(3, points, -1) if len(moment) else None
-    return Loads(share, mass, force.reshape(3, points, -1), moments)
+def _columns(x: Any, columns: Int[np.ndarray, "B"]) -> Float[Array, "n B"]:
+    return jnp.asarray(np.asarray(x)[..., columns])
 
 
 @jit
 def _observe(
-    arm: Arm, parameters: Parameters, count: int, columns: Float[Array, "n B"]
+    arm: Arm,
+    parameters: Parameters,
+    count: int,
+    theta: Float[Array, "P B"],
+    posture: Float[Array, "driven B"],
+    loads: Loads,
 ) -> tuple[Float[Array, "R B"], Float[Array, "R P B"]]:
     """Return frequencies (one more than `count`), deflection and shares of the modes, and the Jacobian by theta."""
-    unknown, driven = len(parameters.items), len(arm.driven)
-    theta, posture, load_columns = jnp.split(columns, [unknown, unknown + driven])
     m = min(count + 1, 3 * len(arm.joints))
     kinds = ("frequency",) * m + ("deflection",) + ("share",) * (2 * m)
 
     scaled = scaled_bodies(arm, [item.name for item in parameters.items if item.nuisance])
 
     def shown(numbers: Mapping[str, Any]) -> Array:
-        held, loads = with_numbers(arm, _loads_of(arm, load_columns), numbers, scaled)
-        chain = at_posture(held, posture, loads)
+        altered, cases = with_numbers(arm, loads, numbers, scaled)
+        chain = at_posture(altered, posture, cases)
         at = static_equilibrium(chain)
         modes = modes_about(chain, at, m)
         down = -deflection(chain, at.phi)[2, -1:]
@@ -225,7 +223,7 @@ def _observe(
     def along(direction: Array) -> tuple[Array, Array]:
         return jax.jvp(predict, (theta,), (jnp.broadcast_to(direction[:, None], theta.shape),))
 
-    return eqx.filter_vmap(along, out_axes=(None, 1))(jnp.eye(unknown))
+    return eqx.filter_vmap(along, out_axes=(None, 1))(jnp.eye(len(theta)))
 
 
 # -------- Experiments

@@ -91,7 +91,9 @@ def check_springs(posed: Posed, unknowns: Unknowns | None = None) -> tuple[Sprin
         return ()
     rows = (replace(m, value=float(value)) for m, value in zip(campaign, exact, strict=True))
     as_predicted = replace(campaign, measurements=tuple(rows))
-    loads, readings = _loads(arm, conditions), conditions.readings
+    sizes, readings = dict(zip(DIRECTIONS, map(np.asarray, _sizes(arm, conditions)), strict=True)), conditions.readings
+    joints = [joint.name for joint in arm.joints]
+    loads = {spring.name: sizes[spring.direction][joints.index(spring.joint)] for spring in arm.springs}
     vibrating = np.concatenate([conditions.named.states, conditions.unnamed.states])
     at_rest = np.concatenate([readings.states, np.asarray(readings.references)[np.asarray(readings.references) >= 0]])
     return tuple(
@@ -126,17 +128,11 @@ def _ends(loads: Float[np.ndarray, "states"]) -> tuple[float, float]:
 
 @jit
 def _sizes(arm: Arm, conditions: Conditions) -> tuple[Array, Array]:
+    """Return the load [N m] on each bushing in each state, across its axis and about it."""
     chain = chains(arm, conditions)
     phi, curved = equilibrium(chain), chain.curved
     assert curved is not None
     return curved.sizes(matvec(chain.stiffness, phi) + curved.torque(phi))
-
-
-def _loads(arm: Arm, conditions: Conditions) -> dict[str, Float[np.ndarray, "states"]]:
-    """Return each spring's load [N m] in each state of a campaign, by its name."""
-    sizes = dict(zip(DIRECTIONS, map(np.asarray, _sizes(arm, conditions)), strict=True))
-    places = {joint.name: place for place, joint in enumerate(arm.joints)}
-    return {spring.name: sizes[spring.direction][places[spring.joint]] for spring in arm.springs}
 
 
 # -------- Check

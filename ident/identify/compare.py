@@ -1,6 +1,6 @@
 """Two campaigns on one arm: which of its joint stiffnesses have changed in between."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import degrees
 from pathlib import Path
@@ -134,7 +134,17 @@ def compare_fits(first: CampaignFit, second: CampaignFit, same: Collection[str] 
     others = {item.paths for item in second.problem.parameters.items}  # tied alike
     both = [i.name for i in first.problem.parameters.items if i.name in stiffnesses and i.paths in others]
     found = change(first, second, _changing(both, same))
-    return Comparison(first, second, found, tuple(_unlike(first, second)), _priors_differ(first, second))
+    fitted = {*first.parameters, *second.parameters}
+    ours, theirs = ({path: np.asarray(x) for path, x in fit.arm.numbers().items()} for fit in (first, second))
+    unlike = tuple(
+        path
+        for path in dict.fromkeys([*ours, *theirs])
+        if path not in fitted and not np.array_equal(ours.get(path, np.nan), theirs.get(path, np.nan))
+    )
+    one, other = ({item.name: item for item in fit.problem.parameters.items} for fit in (first, second))
+    priors = ((one[name], other[name], f) for name in one.keys() & other.keys() for f in ("centre", "prior_sd", "flat"))
+    priors_differ = any(float(getattr(a, f)) != float(getattr(b, f)) for a, b, f in priors)
+    return Comparison(first, second, found, unlike, priors_differ)
 
 
 def _changing(names: Sequence[str], same: Collection[str]) -> list[str]:
@@ -151,20 +161,6 @@ def _changing(names: Sequence[str], same: Collection[str]) -> list[str]:
         got, expected = "no stiffness that both have fitted", "one or more that may have changed"
         raise InputError(Problem("second", got, expected, "fit both campaigns with the same unknowns"))
     return changing
-
-
-def _unlike(first: CampaignFit, second: CampaignFit) -> Iterator[str]:
-    fitted = {*first.parameters, *second.parameters}
-    ours, theirs = ({path: np.asarray(x) for path, x in fit.arm.numbers().items()} for fit in (first, second))
-    for path in dict.fromkeys([*ours, *theirs]):
-        if path not in fitted and not np.array_equal(ours.get(path, np.nan), theirs.get(path, np.nan)):
-            yield path
-
-
-def _priors_differ(first: CampaignFit, second: CampaignFit) -> bool:
-    one, other = ({item.name: item for item in fit.problem.parameters.items} for fit in (first, second))
-    fields, shared = ("centre", "prior_sd", "flat"), one.keys() & other.keys()
-    return any(float(getattr(one[name], f)) != float(getattr(other[name], f)) for name in shared for f in fields)
 
 
 # -------- Sample

@@ -264,8 +264,12 @@ def explain(
     limit = before.cost + before.label_cost - MARGIN  # what scores no less explains nothing
     tried = [each for each in tried if not each[0].wrong_sign and each[0].score < limit]
     if not any(item.fits and item.off < SUSPICIOUS for item, _ in tried):
-        pairs = _pairs(hypotheses, numbers, campaign, before.cost)
-        tried += [each for each in pairs if not each[0].wrong_sign and each[0].score < limit]
+        # pairs that fit together, of the best ones along a straight line
+        first = sorted(numbers, key=lambda perturbation: -hypotheses.gain([perturbation]))[:PAIRED]
+        pairs = [pair for pair in combinations(first, 2) if not set(pair[0].numbers) & set(pair[1].numbers)]
+        best = sorted(pairs, key=lambda pair: -hypotheses.gain(pair))[:PAIRS]
+        found = filter(None, (_perturbed(hypotheses, pair, campaign, before.cost) for pair in best))
+        tried += [e for e in found if e[0].fits and not e[0].wrong_sign and e[0].score < limit]
     tried.sort(key=lambda each: (not each[0].fits, each[0].score if each[0].fits else each[0].cost))
     fitting = enumerate((perturbed for item, perturbed in tried if item.fits), 1)
     leading = {place: perturbed for place, perturbed in fitting if perturbed is not None and place <= LEADING}
@@ -391,14 +395,3 @@ def _assumed(fit: CampaignFit, hypotheses: Hypotheses, before: Perturbed) -> Ite
             change = Change(item.kind, item.joint, (), amount, test.sd, amount / ASSUMED[item.kind].plausible)
             fits = hypotheses.chance(cost, 1) >= LIKELY
             yield Explanation((change,), cost, fits, linear=True, said=before.label_cost)
-
-
-def _pairs(
-    hypotheses: Hypotheses, perturbations: Sequence[Perturbation], campaign: Campaign, before: float
-) -> list[_Tried]:
-    """Return pairs of numbers that fit together, the best ones along a straight line."""
-    first = sorted(perturbations, key=lambda perturbation: -hypotheses.gain([perturbation]))[:PAIRED]
-    pairs = [pair for pair in combinations(first, 2) if not set(pair[0].numbers) & set(pair[1].numbers)]
-    best = sorted(pairs, key=lambda pair: -hypotheses.gain(pair))[:PAIRS]
-    found = [_perturbed(hypotheses, pair, campaign, before) for pair in best]
-    return [each for each in found if each is not None and each[0].fits]

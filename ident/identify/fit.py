@@ -17,18 +17,16 @@ from ident.arm.chain import Chain
 from ident.arm.hinges import CutArm, cut
 from ident.arm.mechanics import (
     Phi,
-    StaticEquilibrium,
     flat,
     potential_gradient,
     second_variations,
     static_equilibrium,
     unflatten,
 )
-from ident.arm.modes import Modes, modes_about
+from ident.arm.modes import modes_about
 from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
 from ident.identify.mode_matching import FAR
-from ident.identify.padding import padded
 from ident.identify.predict import ArmModel, Matching, chains, mode_choice, picked, read, vector_of
 from ident.identify.problem import Posed, Ramp, check_values, pose, ramps_of, repeated, row_names
 from ident.identify.unknowns import Unknowns
@@ -102,8 +100,14 @@ def slopes(
         Lancaster, "On eigenvalues of matrices dependent on a parameter", Numer. Math. 6, 1964. For hinges: ours,
         compared with arms that have stiff bushings there in tests/identify/test_slopes.py.
     """
-    at, modes, rest, shapes = _at_rest(arm, cut, conditions)
+    chain = chains(arm, conditions)
+    at = static_equilibrium(chain)
+    modes = modes_about(chain, at)
     still, own, n, count = chains(cut.arm, conditions), np.array(cut.own), len(cut.arm.joints), len(cut.own)
+    # equilibrium and modes in the coordinates of the arm that is cut
+    rest = jnp.zeros((3, n, *at.phi.shape[2:])).at[:, own].set(at.phi)
+    uncut = jax.vmap(unflatten, 1)(modes.shape)
+    shapes = jnp.zeros((len(uncut), *rest.shape)).at[:, :, own].set(uncut)
     hinges, squared = np.array([hinge.place for hinge in cut.hinges], int), (2 * jnp.pi * modes.frequency) ** 2
 
     def of_mode(phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> Float[Array, ""]:
@@ -143,18 +147,6 @@ def slopes(
 
 slopes_once = jit(unwrap(slopes), RUNS_ONCE)
 """The same, for a campaign that is not looked at in many parts."""
-
-
-def _at_rest(
-    arm: Arm, cut: CutArm, conditions: Conditions
-) -> tuple[StaticEquilibrium, Modes, Phi, Float[Array, "m 3 n S"]]:
-    """Return equilibrium and modes of the arm, and both in the coordinates of the one that is cut."""
-    chain = chains(arm, conditions)
-    at = static_equilibrium(chain)
-    modes, own = modes_about(chain, at), np.array(cut.own)
-    rest = jnp.zeros((3, len(cut.arm.joints), *at.phi.shape[2:])).at[:, own].set(at.phi)
-    shapes = jax.vmap(unflatten, 1)(modes.shape)
-    return at, modes, rest, jnp.zeros((len(shapes), *rest.shape)).at[:, :, own].set(shapes)
 
 
 def _of_mode(chain: Chain, phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> Float[Array, "S"]:
@@ -291,17 +283,13 @@ def assumptions(fit: Fit, posed: Posed) -> Assumptions:
 
 def _slopes(held: Matching | None, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Slopes:
     """Return how the campaign's predictions change; part by part where it is large."""
-    model = ArmModel(fitted, conditions)
-    parts = model.in_parts()
-    if parts is None:
-        few, _, places = padded(conditions)
-        each = [jax.device_get(slopes_once(fitted, pieces, few, _places(fitted, held)))]
-    else:
-        places, split = parts.places, parts.split(held)
-        chosen = [_places(fitted, own) for own in split]
-        calls = zip(parts.models, chosen, strict=True)
-        each = [jax.device_get(slopes(fitted, pieces, part.conditions, own)) for part, own in calls]
-    joined = [np.concatenate(columns, -1)[..., places] for columns in zip(*each, strict=True)]
+    parts = ArmModel(fitted, conditions).in_parts()
+    differentiated = slopes if len(parts.models) > 1 else slopes_once
+    each = [
+        jax.device_get(differentiated(fitted, pieces, part.conditions, _places(fitted, own)))
+        for part, own in zip(parts.models, parts.split(held), strict=True)
+    ]
+    joined = [np.concatenate(columns, -1)[..., parts.places] for columns in zip(*each, strict=True)]
     return Slopes(*joined)  # type: ignore[arg-type]  # fetched from jax
 
 

@@ -376,8 +376,11 @@ def _shares(parts: list[Normal]) -> np.ndarray:
 def _drawn(parts: list[Normal], positive: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Draw from the mixture, `(n, U)`; a draw of which a reciprocal is not positive is left out."""
     counts = rng.multinomial(COUNT, _shares(parts))
-    each = zip(parts, counts, strict=True)
-    theta = [_theta(_student(part).rvs(n, random_state=rng).reshape(n, -1), part, positive) for part, n in each]
+    theta = []
+    for part, n in zip(parts, counts, strict=True):
+        away = _student(part).rvs(n, random_state=rng).reshape(n, -1)  # 1 - exp(mean - theta) of what is positive
+        with np.errstate(invalid="ignore", divide="ignore"):
+            theta.append(part.mean + np.where(positive, -np.log1p(-np.where(positive, away, 0.0)), away))
     whole = np.concatenate(theta)
     return whole[np.isfinite(whole).all(1)]
 
@@ -391,12 +394,6 @@ def _log_density(parts: list[Normal], positive: np.ndarray, theta: np.ndarray) -
         rise = np.where(positive, step, 0.0).sum(1)
         each.append(np.atleast_1d(_student(part).logpdf(away)) - rise)
     return np.asarray(logsumexp(each, axis=0, b=_shares(parts)[:, None]))
-
-
-def _theta(away: np.ndarray, part: Normal, positive: np.ndarray) -> np.ndarray:
-    """Return theta of steps 1 - exp(mean - theta) in the reciprocals of positive unknowns; NaN where there is none."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return part.mean + np.where(positive, -np.log1p(-np.where(positive, away, 0.0)), away)
 
 
 def _student(part: Normal) -> Any:

@@ -107,7 +107,8 @@ def modal_analysis(
         angles = ", ".join(f"{math.degrees(angle):g}" for angle in posture)
         raise InputError(Problem("", f"({angles}) deg", "finite angles", "correct the posture", "posture"))
     posture = tuple(map(float, posture))
-    solution = jax.tree.map(lambda x: x[..., 0], jax.device_get(modal_solution(arm, posture, load, drives)))
+    solved = jax.tree.map(lambda x: x[..., 0], modal_solution(arm, posture, load, drives))
+    solution = jax.device_get(solved)
     known = solution.modes
     if not np.isfinite(known.frequency).all():
         angles = ", ".join(f"{math.degrees(q):.4g}" for q in posture)
@@ -116,13 +117,14 @@ def modal_analysis(
             " they carry; check stiffnesses, masses and their units"
         )
     shape, bend, tors = (x[:, :modes] for x in (known.shape, known.bend, known.tors))
-    lowest = Modes(known.frequency[:modes], shape, bend, tors, known.motion[:, :, :modes])
+    cut = known.frequency[:modes], shape, bend, tors, known.motion[:, :, :modes]
+    lowest = eqx.tree_at(lambda m: (m.frequency, m.shape, m.bend, m.tors, m.motion), known, cut)
     return ModalAnalysis(
         arm=arm,
         posture=posture,
         load=load,
         modes=lowest,
-        labels=tuple(mode_labels(lowest)),
+        labels=tuple(mode_labels(solved.modes)[:modes]),
         ambiguous=solution.ambiguous[:modes],
         damping_ratio=solution.ratio[:modes],
         deflection={point.name: solution.moved[:, i] for i, point in enumerate(arm.points)},

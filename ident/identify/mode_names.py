@@ -93,24 +93,14 @@ def nearer(
     near = rng.uniform(size=count) >= DEFENSIVE
     moved = centres[:, about] + factor @ rng.standard_normal(old.shape)
     new[np.ix_(np.flatnonzero(moving), np.flatnonzero(near))] = moved[:, near]
-    return new, -_log_density(parameters, new, centres, factor, share)
-
-
-def _log_density(
-    parameters: Parameters,
-    new: Float[np.ndarray, "P D"],
-    centres: Float[np.ndarray, "p C"],
-    factor: Float[np.ndarray, "p p"],
-    share: Float[np.ndarray, "C"],
-) -> Float[np.ndarray, "D"]:
-    """Return ln of the density by which draws are made, over the prior's."""
-    off = np.linalg.solve(factor, (new[parameters.proper][:, :, None] - centres[:, None]).reshape(len(factor), -1))
-    squared = (off**2).sum(0).reshape(new.shape[1], -1)
+    # ln of the density by which draws are made, over the prior's
+    off = np.linalg.solve(factor, (new[moving][:, :, None] - centres[:, None]).reshape(len(factor), -1))
+    squared = (off**2).sum(0).reshape(count, -1)
     constant = np.log(np.diag(factor)).sum() + len(factor) / 2 * np.log(2 * np.pi)
     with np.errstate(divide="ignore"):
         kernels = logsumexp(np.log(share) - squared / 2, 1) - constant
     over = kernels - np.asarray(parameters.log_prior(new))
-    return np.logaddexp(np.log(1 - DEFENSIVE) + over, np.log(DEFENSIVE))
+    return new, -np.logaddexp(np.log(1 - DEFENSIVE) + over, np.log(DEFENSIVE))
 
 
 def _flattened(logs: Float[np.ndarray, "D"], power: float) -> Float[np.ndarray, "D"]:
@@ -215,9 +205,7 @@ def label_modes(
         share, first = shares(log), first or compared
         if sd == FREQUENCY_SD[-1] and enough(log):
             break
-    return tuple(
-        _verdict(*_by_label(each.names, each.pairs, share), own) for each, own in zip(compared, first, strict=True)
-    )
+    return tuple(_verdict(each, share, own) for each, own in zip(compared, first, strict=True))
 
 
 class _Compared(NamedTuple):
@@ -273,18 +261,12 @@ def _directions(arm: Arm, places: Sequence[Place]) -> Float[np.ndarray, "O P 3"]
     return out
 
 
-def _by_label(
-    names: list[list[Label]], pairs: Float[np.ndarray, "D R m"], weight: Float[np.ndarray, "D"]
-) -> tuple[tuple[Label, ...], Float[np.ndarray, "R L"]]:
-    labels = tuple(sorted({label for draw in names for label in draw}, key=str))
-    probability = np.zeros((pairs.shape[1], len(labels)))
-    for draw, own, w in zip(names, pairs, weight, strict=True):
+def _verdict(last: _Compared, weight: Float[np.ndarray, "D"], start: _Compared) -> ModeLabels:
+    labels = tuple(sorted({label for draw in last.names for label in draw}, key=str))
+    probability = np.zeros((last.pairs.shape[1], len(labels)))
+    for draw, own, w in zip(last.names, last.pairs, weight, strict=True):
         for m, label in enumerate(draw):
             probability[:, labels.index(label)] += w * own[:, m]
-    return labels, probability
-
-
-def _verdict(labels: tuple[Label, ...], probability: Float[np.ndarray, "R L"], start: _Compared) -> ModeLabels:
     given, why, computed = [], [], tuple(start.names[start.first])
     for row in probability:
         first, second = np.argsort(row)[::-1][:2].tolist()

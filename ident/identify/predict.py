@@ -27,9 +27,7 @@ from ident.arm.rotations import identity, matmul, matvec, rotation, rotation_vec
 from ident.errors import InputError, Problem
 from ident.identify.conditions import (
     Conditions,
-    NotAllUndamped,
     Readings,
-    Unnamed,
     by_definition,
     defined,
     lifted,
@@ -105,7 +103,10 @@ def read(chain: Chain, phi: Float[Array, "3 N S *#batch"], readings: Readings) -
     none = jnp.zeros((len(readings.states), *phi.shape[3:]))
     moved = _deflections(deflection(chain, phi), readings) if chain.carrier else none
     if readings.placing is not None:
-        places = _positions(point_positions(chain, phi), readings)
+        at = point_positions(chain, phi)[:, readings.points, readings.states]
+        places = (at * _along(readings, at.ndim - 2)).sum(0)
+        if readings.datum is not None:  # counted from the origin of each one's frame
+            places = places - lifted(readings.datum, places.ndim - jnp.ndim(readings.datum))
         moved = jnp.where(lifted(readings.placing, moved.ndim - 1), places, moved)
     if readings.turning is not None:
         turns = _rotations(point_rotations(chain, phi), readings)
@@ -122,13 +123,6 @@ def _deflections(moved: Float[Array, "3 P S *batch"], readings: Readings) -> Flo
     start = moved[:, readings.points, jnp.maximum(readings.references, 0)]
     start = jnp.where(lifted(readings.references >= 0, rank), start, 0.0)
     return ((moved[:, readings.points, readings.states] - start) * _along(readings, rank)).sum(0)
-
-
-def _positions(at: Float[Array, "3 P S *batch"], readings: Readings) -> Float[Array, "n *batch"]:
-    """Return where the points are along the directions, counted from the origin of each one's frame."""
-    rank = at.ndim - 3
-    place = (at[:, readings.points, readings.states] * _along(readings, rank)).sum(0)
-    return place if readings.datum is None else place - lifted(readings.datum, rank + 1 - jnp.ndim(readings.datum))
 
 
 def _rotations(axes: Float[Array, "3 3 P S *batch"], readings: Readings) -> Float[Array, "n *batch"]:
@@ -403,16 +397,12 @@ class ArmModel(eqx.Module, Choosing, Growing):
         chosen = most_probable(values, modes, data, 0.0, hertz=hertz)
         return _values(chain, at, conditions, (modes, table), chosen, data)
 
-    def padded(self) -> tuple["ArmModel", np.ndarray, np.ndarray]:
-        """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
-        conditions, source, places = padded(self.conditions)
-        return replace(self, conditions=conditions), source, places
-
-    def in_parts(self) -> Parts | None:
-        """Return a model of many states in parts of one size, None for one that stays whole."""
+    def in_parts(self) -> Parts:
+        """Return a model of many states in parts of one size, any other in one part of one of few sizes."""
         parts = in_parts(self.conditions)
         if parts is None:
-            return None
+            conditions, own, places = padded(self.conditions)
+            return Parts((replace(self, conditions=conditions),), own[None], places)
         source = np.asarray(self.conditions.repeats.first)[parts.values]
         places = parts.places[np.asarray(self.conditions.order)]
         models = tuple(replace(self, conditions=each) for each in parts.conditions)
@@ -509,7 +499,8 @@ def _values(
         count = min(unnamed.highest + 1, coordinates(chain))
         hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
         table = by_definition(hertz, chain, at, conditions.definitions)
-        own, above = (_nth(table, unnamed, beyond, conditions.unlabelled) for beyond in (0, 1))
+        which = 0 if conditions.unlabelled is None else conditions.unlabelled
+        own, above = (table[which, unnamed.ordinals - 1 + beyond, unnamed.states] for beyond in (0, 1))
         values.append(_counted(own, above, conditions, data))
     if table is not None and chosen is not None:
         values = [picked(defined(table, named.states[:first], conditions.labelled), chosen[:, :first])]
@@ -528,14 +519,6 @@ def _values(
     if len(readings.states):
         values.append(read(chain, at.phi, readings))
     return jnp.concatenate(values)[conditions.order]
-
-
-def _nth(
-    table: Float[Array, "K m S *batch"], unnamed: Unnamed, beyond: int, definitions: NotAllUndamped
-) -> Float[Array, "n *batch"]:
-    """Return the frequency of each unnamed value's mode, or of the one so many places beyond it."""
-    place = unnamed.ordinals - 1 + beyond
-    return table[0 if definitions is None else definitions, place, unnamed.states]
 
 
 def _counted(

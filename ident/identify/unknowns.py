@@ -41,7 +41,6 @@ def parameter(
     *paths: str,
     start: float | None = None,
     prior_sd: float = math.inf,
-    centre: float | None = None,
     prior: Prior | None = None,
 ) -> Parameter:
     """Make one number of the arm, or several tied ones, an unknown.
@@ -51,15 +50,14 @@ def parameter(
         paths: as in `Arm.get`; several are fitted as one number.
         start: where the fit starts.
         prior_sd: of ln(value) for what is fitted so (`ident.arm.fields`), else of the value itself in its SI unit.
-        centre: the prior's median.
-        prior: the prior in place of `centre` and `prior_sd`, for a positive quantity.
+        prior: the prior in place of one about the value of width `prior_sd`, for a positive quantity.
 
     Raises:
         InputError: no such number, a positive quantity whose value is not, or a prior for ln of one of either sign.
     """
     value = next(float(arm.get(path)) for path in paths)
     positive = all((field := field_of(path)) and field.logarithmic for path in paths)
-    flat, start = 0.0, value if start is None else start
+    flat, centre, start = 0.0, value, value if start is None else start
     if prior is not None:
         if not positive:
             got = f"a prior on ln({paths[0]}), which may be negative"
@@ -68,7 +66,6 @@ def parameter(
             )
         centre, prior_sd = math.sqrt(prior.low * prior.high), prior.sd
         flat = math.log(prior.high / prior.low) / 2
-    centre = value if centre is None else centre
     if positive and not (start > 0 and centre > 0):
         remedy = f"give {paths[0]} a positive value in the arm file, or keep it (`fix`)"
         raise InputError(Problem("", f"{min(start, centre):g}", "a value > 0", remedy, paths[0]))

@@ -253,13 +253,18 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = POIN
     sd = np.array([each.data_sd for each in known]).reshape(-1, len(names))
     supported = np.array([each.supported for each in known], bool).reshape(-1, len(names))
     unknown = blank or 2 * len(answers) < len(evaluated)
-    groups = None if problem.correlation is None else problem.correlation.groups
+    verdicts: tuple[Verdict, ...] = tuple("unknown" for _ in names)
+    if not unknown:
+        size = np.linalg.norm(np.array(answers), axis=1)
+        seen = (size > INVISIBLE * size.max(1, keepdims=True)).any(0)
+        words = np.where(seen, np.where((sd < OPEN_ABOVE).any(0), "weak", "open"), "not seen")
+        verdicts = tuple(np.where(np.all(supported, axis=0), "identifiable", words).tolist())
     closed = not blank and not any(direction.open for direction in known[0].directions)
     return Check(
         problem,
-        tuple("unknown" for _ in names) if unknown else _verdicts(np.array(answers), supported, sd),
+        verdicts,
         None if blank else known[0],
-        None if blank else leverage_of(here, names, groups),
+        None if blank else leverage_of(here, names, problem.errors.groups),
         missing,
         sd,
         supported,
@@ -277,17 +282,6 @@ def _scaled_jacobian(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.
     if missing.any() or not parameters.nuisance.any():
         return scaled[:, ~parameters.nuisance], missing
     return clear_of(scaled, parameters.normal_sd, parameters.nuisance), missing
-
-
-def _verdicts(
-    jacobians: Float[np.ndarray, "points D P"],
-    supported: Bool[np.ndarray, "points P"],
-    sd: Float[np.ndarray, "points P"],
-) -> tuple[Verdict, ...]:
-    size = np.linalg.norm(jacobians, axis=1)
-    seen = (size > INVISIBLE * size.max(1, keepdims=True)).any(0)
-    words = np.where(seen, np.where((sd < OPEN_ABOVE).any(0), "weak", "open"), "not seen")
-    return tuple(np.where(np.all(supported, axis=0), "identifiable", words).tolist())
 
 
 # -------- Consistency

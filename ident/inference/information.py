@@ -452,11 +452,11 @@ def row_tests(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope:
     """
     count = len(problem.kinds)
     fitted = np.isfinite(np.asarray(problem.sigma))
-    known = problem.correlation
+    known = problem.errors
     basis, _ = _factors(slope)
     there = (residuals - basis @ (basis.T @ residuals))[:count]
-    score, absorbed = (part if known is None else known.pull_back(part) for part in (there, basis[:count]))
-    size = np.where(fitted, 1.0 if known is None else known.precision, 0.0)
+    score, absorbed = (known.pull_back(part) for part in (there, basis[:count]))
+    size = np.where(fitted, known.precision, 0.0)
     variance = size - (absorbed**2).sum(1)
     told = fitted & (variance > APART * size)
     z, left, chance = np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)
@@ -465,8 +465,18 @@ def row_tests(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope:
     chance[told] = [2 * NormalDist().cdf(-abs(each)) for each in z[told].tolist()]
     units = np.arange(count) if problem.vectors is None else np.asarray(problem.vectors)
     for unit in np.flatnonzero(np.bincount(units[fitted]) > 1):
+        from scipy.special import chdtrc  # takes a tenth of a second, which campaigns without vectors can spare
+
         own = np.flatnonzero(fitted & (units == unit))
-        chance[own], left[own] = _of_vector(problem, own, score[own], absorbed[own])
+        # in directions in which errors are independent of one size, so that what is left of them is a share
+        shifts = _shifts(problem, own)
+        L = np.linalg.inv(np.linalg.cholesky(shifts.T @ shifts))
+        taken = L @ absorbed[own]
+        share, ways = np.linalg.eigh(np.eye(len(own)) - taken @ taken.T)
+        seen = share > APART
+        squares = (ways.T @ (L @ score[own]))[seen] ** 2 / share[seen]
+        chance[own] = chdtrc(len(squares), squares.sum()) if seen.any() else math.nan
+        left[own] = share.max() if seen.any() else 0.0
     return RowTests(z, left, chance, units)
 
 
@@ -497,30 +507,9 @@ def blamed(
     return tuple(found)
 
 
-def _of_vector(
-    problem: InverseProblem,
-    own: Int[np.ndarray, "n"],
-    score: Float[np.ndarray, "n"],
-    absorbed: Float[np.ndarray, "n K"],
-) -> tuple[float, float]:
-    """Return the chance of the scores of a vector's components, NaN where they can't be tested, and what is left."""
-    from scipy.special import chdtrc
-
-    shifts = _shifts(problem, own)
-    # in directions in which errors are independent of one size, so that what is left of them is a share
-    L = np.linalg.inv(np.linalg.cholesky(shifts.T @ shifts))
-    share, ways = np.linalg.eigh(np.eye(len(own)) - (L @ absorbed) @ (L @ absorbed).T)
-    told = share > APART
-    if not told.any():
-        return math.nan, 0.0
-    squares = (ways.T @ (L @ score))[told] ** 2 / share[told]
-    return float(chdtrc(told.sum(), squares.sum())), float(share.max())
-
-
 def _shifts(problem: InverseProblem, own: Int[np.ndarray, "n"]) -> Float[np.ndarray, "D n"]:
     """Return what a shift of each of some values by its sigma is, made independent."""
-    shifts = np.eye(len(problem.kinds))[:, own]
-    return shifts if problem.correlation is None else np.asarray(problem.correlation.whiten(shifts))
+    return np.asarray(problem.errors.whiten(np.eye(len(problem.kinds))[:, own]))
 
 
 def _factors(slope: Float[np.ndarray, "R P"]) -> tuple[Float[np.ndarray, "R K"], Float[np.ndarray, "P R"]]:

@@ -351,11 +351,6 @@ class Population:
         return tuple(each for r, each in self.weights.items() if int(r) not in self.normal)
 
     @property
-    def typical_sd(self) -> Float[np.ndarray, "P"]:
-        """Geometric mean of the draws of each spread: where weights are taken."""
-        return np.exp(np.log(self.sd).mean(0))
-
-    @property
     def next_mean(self) -> Float[np.ndarray, "P"]:
         """Mean in theta of the next healthy robot."""
         return self.mean.mean(0)
@@ -402,7 +397,10 @@ def population(
     for attempt in range(ROUNDS):
         if not unsound or redraw is None:
             break
-        drawn = dict(zip(unsound, redraw(unsound, _wider(result)), strict=True))
+        # widened, so that all that the population may yet turn out to be is drawn from
+        sd = np.minimum(WIDER * np.exp(np.log(result.sd).mean(0)), FAULT)
+        under = Under(result.next_mean, sd, max(float(result.share.mean()), LEAST_SHARE))
+        drawn = dict(zip(unsound, redraw(unsound, under), strict=True))
         robots = tuple(drawn.get(r) or each for r, each in enumerate(robots))
         result = sampled(robots, seed + attempt + 1)
         unsound = _unsound(result, unsound)
@@ -414,12 +412,6 @@ def population(
 
 def _unsound(result: Population, robots: Iterable[int]) -> list[int]:
     return [r for r in robots if not (known := result.weights.get(str(r))) or not known.sound]
-
-
-def _wider(population: Population) -> Under:
-    """Return a population's density, widened so that all that it may yet turn out to be is drawn from."""
-    sd = np.minimum(WIDER * population.typical_sd, FAULT)
-    return Under(population.next_mean, sd, max(float(population.share.mean()), LEAST_SHARE))
 
 
 def weighed(draws: Draws, under: Under) -> Weights:

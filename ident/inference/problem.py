@@ -68,6 +68,8 @@ class Correlation(eqx.Module):
 
     def _mixed(self, x: AnyArray, matrices: Sequence[AnyArray]) -> Any:
         """Return the values of each group multiplied by its matrix, the others as they are."""
+        if not self.blocks:
+            return x
         xp = library(x)
         parts = [x[self.single]]
         for block, matrix in zip(self.blocks, matrices, strict=True):
@@ -101,7 +103,7 @@ class Correlation(eqx.Module):
         to = np.argsort(source)
         single = to[np.asarray(self.single)]
         blocks = tuple(eqx.tree_at(lambda b: b.rows, block, to[np.asarray(block.rows)]) for block in self.blocks)
-        grouped = np.concatenate([block.rows.ravel() for block in blocks])
+        grouped = np.concatenate([np.zeros(0, int), *(block.rows.ravel() for block in blocks)])
         return Correlation(single, blocks, np.argsort(np.concatenate([single, grouped])))
 
     @property
@@ -154,7 +156,7 @@ def correlation(
 
 def _made(count: int, blocks: Sequence[tuple[AnyArray, AnyArray]], counts: np.ndarray) -> Correlation:
     made = tuple(_block(np.asarray(rows), np.asarray(R), counts) for rows, R in blocks)
-    grouped = np.concatenate([block.rows.ravel() for block in made])
+    grouped = np.concatenate([np.zeros(0, int), *(block.rows.ravel() for block in made)])
     single = np.setdiff1d(np.arange(count), grouped)
     return Correlation(single, made, np.argsort(np.concatenate([single, grouped])))
 
@@ -226,17 +228,13 @@ class Choosing:
 class Growing:
     """A model of which few sizes of programs serve all data: it predicts what was measured repeatedly only once."""
 
-    def padded(self) -> tuple["Growing", np.ndarray, np.ndarray]:
-        """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
+    def in_parts(self) -> "Parts":
+        """Return a large model in parts of one size, any other in one part of one of few sizes."""
         raise NotImplementedError
-
-    def in_parts(self) -> "Parts | None":
-        """Return a large model in parts of one size, None for one that stays whole."""
-        return None
 
 
 class Parts(NamedTuple):
-    """A large model in parts of one size, so that one program of bounded memory serves all.
+    """A model in parts of one size, so that one program of bounded memory serves all.
 
     Attributes:
         models: of each part; the first one is like the whole.
@@ -249,34 +247,26 @@ class Parts(NamedTuple):
     models: tuple[Any, ...]
     source: np.ndarray
     places: np.ndarray
-    split: Callable[[Any], list[Any]]
-    joined: Callable[[list[Any]], Any]
-
-
-class Padded(NamedTuple):
-    """A problem of one of few sizes, whose optima are those of another one.
-
-    Attributes:
-        problem: with one value for all that were measured of the same, and others that do not count.
-        places: (D,) where each value of the other problem is.
-        scatter: sum of squares that repeated values add to the cost wherever the parameters are.
-    """
-
-    problem: "InverseProblem"
-    places: np.ndarray
-    scatter: float
+    split: Callable[[Any], list[Any]] = lambda held: [held]
+    joined: Callable[[list[Any]], Any] = lambda each: each[0]
 
 
 class InParts(NamedTuple):
-    """A large problem in parts of one size.
+    """A problem in parts of one size: one value stands for all that were measured of the same, and some do not count.
 
     Attributes:
         problems: of each part, whose residuals are those of the whole together; the first one is like the whole.
         parts: of its model.
+        scatter: sum of squares that repeated values add to the cost wherever the parameters are.
+        whole: whether there is one part, whose optima are those of the whole: no errors are correlated.
+        first_matching: before the first step; None where the model matches nothing.
     """
 
     problems: "tuple[InverseProblem, ...]"
     parts: Parts
+    scatter: float
+    whole: bool
+    first_matching: Any
 
 
 class InverseProblem(eqx.Module):
@@ -339,41 +329,27 @@ class InverseProblem(eqx.Module):
         """Return the matching before the first step; None where the model matches nothing."""
         return self.model.first_matching() if isinstance(self.model, Choosing) else None
 
-    def padded(self) -> Padded:
-        """Return the same problem in one of few sizes, repeated values as their mean; they may come in another order.
+    def in_parts(self) -> InParts:
+        """Return the problem in parts of one of few sizes, repeated values as their mean, maybe in another order.
 
         With weights w = 1/sigma^2, the sum of w (predicted - measured)^2 over repeated values is that of their mean,
-        W (predicted - mean)^2 with W the sum of w, and their scatter about it, which no parameter changes.
+        W (predicted - mean)^2 with W the sum of w, and their scatter about it, which no parameter changes. Correlated
+        errors have no such mean: their problem is predicted in parts, and weighed as it is.
         """
         if not isinstance(self.model, Growing):
-            return Padded(self, np.arange(len(self.kinds)), 0.0)
-        model, source, places = self.model.padded()
-        mean, spread, scatter = self.pooled(source, places)
-        kinds = tuple(self.kinds[i] for i in source)
-        return Padded(InverseProblem(model, mean, spread, self.parameters, kinds), places, scatter)
-
-    def in_parts(self) -> "InParts | None":
-        """Return a large problem in parts of one size, repeated values as their mean; None for one that stays whole.
-
-        One with correlated errors, which have no such mean, is in one part if it is not large: predicted like any
-        other, and weighed as it is.
-        """
-        if not isinstance(self.model, Growing):
-            return None
+            places = np.arange(len(self.kinds))
+            return InParts((self,), Parts((self.model,), places[None], places), 0.0, True, self.first_matching())
         parts = self.model.in_parts()
-        if parts is None:
-            if self.correlation is None:
-                return None
-            model, source, places = self.model.padded()
-            parts = Parts((model,), source[None], places, lambda held: [held], lambda held: held[0])
-        mean, spread, _ = self.pooled(parts.source.ravel(), parts.places)
+        mean, spread, scatter = self.pooled(parts.source.ravel(), parts.places)
         values = (np.reshape(x, parts.source.shape) for x in (mean, spread))
         each = zip(parts.models, parts.source, *values, strict=True)
         problems = tuple(
             InverseProblem(model, own, sd, self.parameters, tuple(self.kinds[i] for i in source))
             for model, source, own, sd in each
         )
-        return InParts(problems, parts)
+        one = len(problems) == 1
+        first_matching = (problems[0] if one else self).first_matching()
+        return InParts(problems, parts, scatter, one and self.correlation is None, first_matching)
 
     def pooled(self, source: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return mean, standard deviation and scatter of what was measured repeatedly; infinite sd where nothing was.
@@ -410,13 +386,10 @@ class InverseProblem(eqx.Module):
         each = x / sigma.reshape((-1,) + (1,) * (x.ndim - 1))
         return each if self.correlation is None else self.correlation.whiten(each)
 
-    def correlated(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
-        """Return independent standard normal numbers as errors in sigma, correlated as those of the values: L x."""
-        return x if self.correlation is None else self.correlation.color(x)
-
-    def correlations(self, places: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n n"]:
-        """Return the correlation of the errors of some values."""
-        return np.eye(len(places)) if self.correlation is None else self.correlation.matrix(places)
+    @property
+    def errors(self) -> Correlation:
+        """How the errors of all values are correlated, independent ones as well."""
+        return self.correlation or _made(len(self.kinds), [], np.ones(len(self.kinds), bool))
 
     def with_sigma(self, sigma: Float[np.ndarray, "D"]) -> "InverseProblem":
         """Return the problem with other standard deviations; one that is infinite takes its value out of its group."""
@@ -485,18 +458,12 @@ class Discrepant(eqx.Module, Choosing, Growing):
         values, choice = self.model.predict_matched(rest, _before(data, factor), held)
         return values * factor, choice
 
-    def padded(self) -> tuple["Discrepant", np.ndarray, np.ndarray]:
-        """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
+    def in_parts(self) -> Parts:
+        """Return a large model in parts of one size, any other in one part of one of few sizes."""
         if not isinstance(self.model, Growing):
-            return self, np.arange(len(self.kinds)), np.arange(len(self.kinds))
-        model, source, places = self.model.padded()
-        return Discrepant(model, tuple(self.kinds[i] for i in source)), source, places
-
-    def in_parts(self) -> Parts | None:
-        """Return a large model in parts of one size, None for one that stays whole."""
-        parts = self.model.in_parts() if isinstance(self.model, Growing) else None
-        if parts is None:
-            return None
+            places = np.arange(len(self.kinds))
+            return Parts((self,), places[None], places)
+        parts = self.model.in_parts()
         each = zip(parts.models, parts.source, strict=True)
         models = tuple(Discrepant(model, tuple(self.kinds[i] for i in source)) for model, source in each)
         return parts._replace(models=models)
@@ -509,10 +476,15 @@ class Discrepant(eqx.Module, Choosing, Growing):
             if name.startswith(DISCREPANCY_PREFIX)
         }
         batch = np.broadcast_shapes(*(jnp.shape(x) for x in parameters.values()))
-        names = sorted(set(self.kinds))
-        each = jnp.stack([jnp.broadcast_to(off.get(kind, 1.0), batch) for kind in names])
-        factor = each[np.searchsorted(names, self.kinds)]
-        return {name: x for name, x in parameters.items() if not name.startswith(DISCREPANCY_PREFIX)}, factor
+        rest = {name: x for name, x in parameters.items() if not name.startswith(DISCREPANCY_PREFIX)}
+        return rest, by_kind(off, self.kinds, batch)
+
+
+def by_kind(factors: Mapping[str, Any], kinds: tuple[str, ...], batch: tuple[int, ...]) -> Float[Array, "D *batch"]:
+    """Return the factor on each value, given those of some kinds; 1 for the others."""
+    names = sorted(set(kinds))
+    each = jnp.stack([jnp.broadcast_to(factors.get(kind, 1.0), batch) for kind in names])
+    return each[np.searchsorted(names, kinds)]
 
 
 def _before(data: Data, factor: Float[Array, "D *batch"]) -> Data:

@@ -87,7 +87,7 @@ def initial_walkers(
 def _perturbed(problem: InverseProblem, rng: np.random.Generator) -> InverseProblem:
     """Move data and priors by their own uncertainty; a flat prior counts as a normal one of about its width."""
     sigma, parameters = np.asarray(problem.sigma), problem.parameters
-    noise = np.where(np.isfinite(sigma), sigma, 0.0) * problem.correlated(rng.standard_normal(len(sigma)))
+    noise = np.where(np.isfinite(sigma), sigma, 0.0) * problem.errors.color(rng.standard_normal(len(sigma)))
     sd = parameters.normal_sd
     shift = np.where(parameters.proper, sd, 0.0) * rng.standard_normal(len(sd))
     centres = parameters.values(parameters.theta(parameters.column("centre")) + shift)
@@ -523,12 +523,34 @@ def sample(
     while True:
         target = linear_marginal(posterior, fit.best, names) if names else Marginal(posterior)
         chosen = replace(settings, walkers=_walker_count(fit, target, settings))
-        known = identity(posterior, _chain_settings(chosen, len(optima), names))
+        # what a chain depends on; the other settings only say when it ends
+        depends = {
+            **({"set of nuisances integrated out": ", ".join(names)} if names else {}),
+            "number of optima": len(optima),
+            "number of ensembles": chosen.ensembles,
+            "number of walkers": chosen.walkers,
+            "bound on draws": chosen.most_draws,
+            "seed": chosen.seed,
+        }
+        known = identity(posterior, depends)
         chains = Chains(Store(folder, {**(provenance or {}), **known}), chosen.most_draws)
         with ThreadPoolExecutor(chosen.threads) as pool:
             about = [fit.optima[optimum] for optimum in started]
             ensembles = Ensembles(target, about, chosen.walkers or 0, chosen.seed, pool)
-            _draw(ensembles, chains, started, chosen, progress)
+            check_at = chains.last.check_at if chains.last else FIRST_CHECK
+            for block in progress(range(chosen.max_steps // BLOCK)):
+                steps = (block + 1) * BLOCK
+                if steps < chains.steps:
+                    continue
+                if steps > chains.steps:
+                    walkers = chains.last.walkers if chains.last else ensembles.begin()
+                    chains.add(*ensembles.advance(walkers, block), check_at)
+                if steps >= check_at:
+                    each = _diagnose(chains, _joined(chains, started))
+                    missing = max(diagnosis.more_steps(chosen.target_ess) for diagnosis in each)
+                    if not missing:
+                        break
+                    check_at = steps + min(missing, steps // 2)
         drawn = _sample(fit, posterior, chosen, chains, started)
         if not names:
             return drawn
@@ -539,29 +561,6 @@ def sample(
             return replace(drawn, marginalised=dict(zip(names, shift.tolist(), strict=True)))
         names = tuple(name for name, far in zip(names, shift, strict=True) if far <= MOVED)
         folder = folder and folder / ANEW
-
-
-def _draw(
-    ensembles: Ensembles,
-    chains: Chains,
-    started: Sequence[int],
-    settings: Settings,
-    progress: Callable[[Iterable[int]], Iterable[int]],
-) -> None:
-    """Go on with chains until they will do."""
-    check_at = chains.last.check_at if chains.last else FIRST_CHECK
-    for block in progress(range(settings.max_steps // BLOCK)):
-        steps = (block + 1) * BLOCK
-        if steps < chains.steps:
-            continue
-        if steps > chains.steps:
-            walkers = chains.last.walkers if chains.last else ensembles.begin()
-            chains.add(*ensembles.advance(walkers, block), check_at)
-        if steps >= check_at:
-            missing = max(d.more_steps(settings.target_ess) for d in _diagnose(chains, _joined(chains, started)))
-            if not missing:
-                break
-            check_at = steps + min(missing, steps // 2)
 
 
 def _sample(fit: Fit, posterior: Posterior, settings: Settings, chains: Chains, started: Sequence[int]) -> Sample:
@@ -633,15 +632,3 @@ def _check_bounded(fit: Fit, posterior: Posterior) -> None:
         name, value = fit.information.names[worst], fit.best.values[worst]
         got = f"a prior of {name} that excludes the data: they pull it to {value:.4g}, {beyond[worst]:.1f} sd beyond"
         raise InputError(Problem("", got, "a prior that they may agree with", "widen it, or check units (`prior`)"))
-
-
-def _chain_settings(settings: Settings, optima: int, nuisances: tuple[str, ...]) -> dict[str, int | str | None]:
-    """Return the settings that a chain depends on; the others only say when it ends."""
-    return {
-        **({"set of nuisances integrated out": ", ".join(nuisances)} if nuisances else {}),
-        "number of optima": optima,
-        "number of ensembles": settings.ensembles,
-        "number of walkers": settings.walkers,
-        "bound on draws": settings.most_draws,
-        "seed": settings.seed,
-    }

@@ -153,19 +153,8 @@ def look(problem: InverseProblem, theta: Float[AnyArray, "P"], held: Any) -> End
 
 def looker(problem: InverseProblem) -> Callable[[Float[np.ndarray, "P"], Any], tuple[np.ndarray, np.ndarray, Choice]]:
     """Return what looks at a problem at theta, with what the model holds: predictions, their Jacobian, the choice."""
-    large = problem.in_parts()
-    if large is not None:
-        first_matching = (problem if len(large.problems) > 1 else large.problems[0]).first_matching()
-        return lambda theta, held: _in_parts(large, theta, first_matching if held is None else held)
-    padded, places, _ = problem.padded()
-    first_matching = padded.first_matching()
-
-    def look(theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
-        found = jax.device_get(_with_jacobian(padded, theta, first_matching if held is None else held))
-        predicted, jacobian, choice = found
-        return predicted[places], jacobian[places], choice._replace(cost=choice.cost[places])
-
-    return look
+    whole = problem.in_parts()
+    return lambda theta, held: _predicted(whole, theta, whole.first_matching if held is None else held)
 
 
 def without_priors(problem: InverseProblem, *, but_nuisances: bool = False) -> InverseProblem:
@@ -258,26 +247,14 @@ def _searched(
 
     Nothing that is held lets the model choose.
     """
-    large = problem.in_parts()
-    if large is not None:
-        return _searched_in_parts(problem, large, np.asarray(start), held, to_the_end, weight)
-    padded, places, scatter = problem.padded()
-    held = padded.first_matching() if held is None else held
-    end, finished = jax.device_get(search(padded, np.asarray(start), held, to_the_end, weight))
-    choice = end.choice._replace(cost=end.choice.cost[places])
-    own = end._replace(predicted=end.predicted[places], jacobian=end.jacobian[places], choice=choice)
-    return own._replace(cost=own.cost + weight**2 * scatter) if scatter else own, bool(finished)
-
-
-def _searched_in_parts(
-    problem: InverseProblem,
-    large: InParts,
-    start: Float[np.ndarray, "P"],
-    held: Any,
-    to_the_end: np.ndarray,
-    weight: np.ndarray,
-) -> tuple[End, bool]:
-    """Search among data so many that the model predicts them part by part."""
+    parts = problem.in_parts()
+    held = parts.first_matching if held is None else held
+    if parts.whole:
+        end, finished = jax.device_get(search(parts.problems[0], np.asarray(start), held, to_the_end, weight))
+        places = parts.parts.places
+        choice = end.choice._replace(cost=end.choice.cost[places])
+        own = end._replace(predicted=end.predicted[places], jacobian=end.jacobian[places], choice=choice)
+        return own._replace(cost=own.cost + weight**2 * parts.scatter) if parts.scatter else own, bool(finished)
     by_problem = problem.weigh  # looked up once: equinox makes a module of a method each time
 
     def weigh(end: End) -> tuple[np.ndarray, np.ndarray]:
@@ -285,23 +262,21 @@ def _searched_in_parts(
         return weight * np.asarray(residuals), weight * np.asarray(slope)
 
     def look_there(theta: Float[np.ndarray, "P"], held: Any) -> End:
-        return End(theta, np.nan, np.full_like(theta, np.nan), *_in_parts(large, theta, held))
+        return End(theta, np.nan, np.full_like(theta, np.nan), *_predicted(parts, theta, held))
 
-    if held is None:
-        held = (problem if len(large.problems) > 1 else large.problems[0]).first_matching()
-    return minimum(look_there, weigh, start, held, bool(to_the_end))
+    return minimum(look_there, weigh, np.asarray(start), held, bool(to_the_end))
 
 
-def _in_parts(large: InParts, theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
+def _predicted(whole: InParts, theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
     """Return predictions, their Jacobian and what they belong to, computed part by part."""
-    places, own = large.parts.places, large.parts.split(held)
-    each = zip(large.problems, own, strict=True)
+    places, own = whole.parts.places, whole.parts.split(held)
+    each = zip(whole.problems, own, strict=True)
     found = [jax.device_get(_with_jacobian(part, theta, held)) for part, held in each]
     predicted, jacobian = (np.concatenate([each[i] for each in found])[places] for i in (0, 1))
     choices = [choice for _, _, choice in found]
     cost = np.concatenate([choice.cost for choice in choices])[places]
     settled = all(choice.settled for choice in choices)
-    return predicted, jacobian, Choice(large.parts.joined([choice.held for choice in choices]), settled, cost)
+    return predicted, jacobian, Choice(whole.parts.joined([choice.held for choice in choices]), settled, cost)
 
 
 @jit
@@ -311,7 +286,7 @@ def search(
     held: Any,
     to_the_end: Bool[AnyArray, ""],
     weight: Float[AnyArray, ""],
-    steps: int | None = None,
+    steps: int = MAX_STEPS,
 ) -> tuple[End, Array]:
     """Run Levenberg-Marquardt from one start, with what the model holds; to the end, or to where it would choose anew.
 
@@ -389,14 +364,10 @@ def convergence(problem: InverseProblem, end: End) -> Convergence:
     far = ~open_ones & (s < 1 / SEVERAL) & (np.abs(components) >= OPTIMUM_STEP)
     for i in np.flatnonzero(far):
         step = -np.sign(components[i]) * SEVERAL * Vt[i]
-        there, beyond = (_cost(problem, np.asarray(end.theta) + times * step) for times in (1, 2))
+        looks = (weighed(problem, evaluate(problem, np.asarray(end.theta) + times * step))[0] for times in (1, 2))
+        there, beyond = (float(r @ r) if np.isfinite(r).all() else np.inf for r in looks)
         open_ones[i] = there < float(end.cost) + RISE and beyond < there + RISE
     return Convergence(float(np.linalg.norm(components[~open_ones])), Vt[open_ones])
-
-
-def _cost(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> float:
-    residuals, _ = weighed(problem, evaluate(problem, theta))
-    return float(residuals @ residuals) if np.isfinite(residuals).all() else np.inf
 
 
 def weighed(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.ndarray]:
@@ -483,9 +454,9 @@ class Searcher:
     """
 
     def __init__(self, problem: InverseProblem, search: Callable[[InverseProblem, Any, End | None], End] = solve):
-        large = problem.in_parts()
+        parts = problem.in_parts()
         self.problem, self.search = problem, search
-        self.part = large.problems[0] if large else None
+        self.part = None if parts.whole else parts.problems[0]
         self.ends: list[tuple[End, End]] = []
 
     def __call__(self, start: Float[Any, "P"], example: End | None = None, *, near: bool = False) -> End:

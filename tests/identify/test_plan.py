@@ -215,7 +215,7 @@ def test_promised_and_realised_standard_deviations_agree():
     rng = np.random.default_rng(11)
     ends = []
     for _ in range(600):
-        noisy = jnp.asarray(value + sigma * problem.correlated(rng.standard_normal(len(value))))
+        noisy = jnp.asarray(value + sigma * problem.errors.color(rng.standard_normal(len(value))))
         end = solve(eqx.tree_at(lambda p: p.measured, problem, noisy), start)
         assert np.abs(end.gradient).max() < 1e-4 * (1 + end.cost)
         ends.append(np.asarray(end.theta))
