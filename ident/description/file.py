@@ -20,12 +20,10 @@ from ident.description.problems import Source, load_toml
 from ident.description.rewriting import changed_numbers, joint_text, set_inertias, set_numbers, with_first_joint
 from ident.description.robot import (
     BUSHING,
-    JointsDocument,
     JointsFile,
     Robot,
     beside,
     check_joints,
-    no_joints,
     read_joints,
     refusal,
     refuse_xacro,
@@ -38,11 +36,6 @@ from ident.text import decode, one_line, read_bytes
 # An arm of a robot description, URDF or MJCF, and the file of bushings beside it.
 
 REMEDY = "give a URDF or MJCF file, not xacro or SDF"
-
-
-def is_robot(text: str) -> bool:
-    """Tell whether a text is XML, and so no TOML."""
-    return text.lstrip().startswith("<")
 
 
 def robot_kind(data: bytes, where: str) -> str:
@@ -80,19 +73,17 @@ def read_robot(path: str | PathLike[str], tip: str | None = None) -> Robot:
     return mjcf_robot(str(path), tip)
 
 
-def robot_arm(
-    path: str | PathLike[str],
-) -> tuple[Arm, JointsFile, dict[str, str], tuple[str, ...]]:
-    """Return the arm of a robot description, where its bushings come from, the origin of every number, and notes.
-
-    What the description says has the origin `derived`. The notes say where the arm is not what the description says.
+def robot_arm(path: str | PathLike[str], sha256: str) -> "ArmFile":
+    """Return the arm of a robot description, with the hash of its bytes; what that says has the origin `derived`.
 
     Raises:
         InputError: the description or the file of bushings is wrong.
     """
     file = beside(str(path))
     if not os.path.exists(file):
-        raise no_joints(file, read_robot(path))
+        got, expected = "no stiffness of its joints", f"{one_line(file.name)} beside it"
+        remedy = "write that file, or let `ident new my_robot --robot FILE` guess an arm"
+        raise refusal(read_robot(path).where, got, expected, remedy)
     source, document, text = read_joints(file)
     robot = read_robot(path, document.tip)
     check_joints(document, robot, text)
@@ -100,19 +91,15 @@ def robot_arm(
     points = tuple(Point(each.name, each.joint, each.position.number) for each in document.point)
     payloads = tuple(Payload(each.joint, each.body()) for each in document.payload)
     arm = robot.arm(bushings, points, payloads)
-    return arm, source, _origins(arm, document), robot.notes
-
-
-def _origins(arm: Arm, document: JointsDocument) -> dict[str, str]:
     written: list[Any] = [*document.joint, *document.point, *document.payload]
     origins: dict[str, str] = dict.fromkeys(arm.paths(), "derived")
-    for path in origins:
-        name, field, *_ = path.split(".")
+    for number in origins:
+        name, field, *_ = number.split(".")
         table = next((each for each in written if each.name == name), None)
         if table is not None and (field in BUSHING or table not in document.joint):
             quantity = getattr(table, field)
-            origins[path] = quantity.origin if quantity else "derived"
-    return origins
+            origins[number] = quantity.origin if quantity else "derived"
+    return ArmFile(arm, str(path), sha256, origins, bushings=source, notes=robot.notes)
 
 
 # -------- File
@@ -166,9 +153,8 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
     if not text.strip():
         raise InputError(Problem(where, "an empty file", expected, "check the path"))
     digest = hashlib.sha256(data).hexdigest()
-    if is_robot(text):
-        arm, bushings, origins, notes = robot_arm(path)
-        return ArmFile(arm, str(path), digest, origins, bushings=bushings, notes=notes)
+    if text.lstrip().startswith("<"):  # XML, and so no TOML
+        return robot_arm(path, digest)
     document = parse_document(text, where)
     parts = document.arm(), str(path), digest, document.origins(), document.extents()
     return ArmFile(*parts, uncertain_numbers(document))
@@ -194,24 +180,17 @@ def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
             which = "last " * (place == len(document.joint) - 1)
             remedy = f"give the {which}joint a shaft or link of positive mass, with inertia or shape"
             problems.append(source.problem(("joint", place), got, expected, remedy))
-        if not problems:
-            problems += _unfit(document, source)
+        try:
+            if not problems:
+                document.arm()  # whether the parts go together
+        except InputError as error:
+            places = {table["name"]: loc for loc, table in named(source.raw)}
+            for p in error.problems:
+                loc = *places.get(p.where, (p.where,)), *filter(None, (p.column,))
+                problems.append(source.problem(loc, p.got, p.expected, p.remedy))
     if problems:
         raise InputError(sorted(problems, key=lambda problem: int(problem.where.rpartition(":")[2])))
     return document
-
-
-def _unfit(document: ArmDocument, source: Source) -> list[Problem]:
-    """Return why the parts do not go together, each problem with its line."""
-    try:
-        document.arm()
-    except InputError as error:
-        places = {table["name"]: loc for loc, table in named(source.raw)}
-        return [
-            source.problem((*places.get(p.where, (p.where,)), *filter(None, (p.column,))), p.got, p.expected, p.remedy)
-            for p in error.problems
-        ]
-    return []
 
 
 def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where: str = "arm.toml") -> str:

@@ -3,7 +3,6 @@
 All is taken at zero posture, every hinge at 0 as MuJoCo counts its angle, from MuJoCo's own kinematics.
 """
 
-import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,17 +24,20 @@ from ident.description.robot import (
     Pin,
     Robot,
     body_names,
+    check_names,
     held_note,
     is_sane,
     limits_note,
     listed,
     refusal,
+    refuse,
     renamed_note,
     serial_chain,
+    told_at,
     unclear_branch,
 )
 from ident.errors import InputError, Problem
-from ident.text import NAME, NAME_RULE, did_you_mean, one_line, read_bytes
+from ident.text import did_you_mean, one_line, read_bytes
 
 ENDS = ("tors", "bend_1", "bend_2")
 """How the hinges of a bushing are called, after the joint: about its axis, and about two directions across it."""
@@ -97,7 +99,7 @@ def mjcf_robot(path: str, tip: str | None = None) -> Robot:
             bodies = tuple(_bodies(tree, data, joint, names)) if joint == link[-1] else ()
             pins.append(_pin(tree, data, joint, bodies, place))
             place = data.xanchor[joint]
-    name = one_line(mujoco_name(model)) or "arm"
+    name = one_line(model.names.split(b"\0", 1)[0].decode("utf-8", "replace")) or "arm"
     return Robot(name, where, tuple(pins), tree.point(data, tip), model.opt.gravity.copy(), tuple(notes))
 
 
@@ -160,11 +162,6 @@ def _silent() -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
-def mujoco_name(model: Any) -> str:
-    """Return the name that a model has."""
-    return str(model.names.split(b"\0", 1)[0].decode("utf-8", "replace"))
-
-
 def _unread(where: str, error: ValueError) -> InputError:
     said = " ".join(str(error).split())
     return refusal(where, f"a model that MuJoCo can't read ({said})", "a valid MJCF", "correct it")
@@ -179,7 +176,8 @@ def placed(path: str, where: str) -> tuple[Any, Any, "Ties"]:
     spec = load_spec(path, where)
     import mujoco
 
-    _check_numbers(spec, Path(path), where)
+    refuse(_not_sane(Path(path), where))
+    refuse(_wrong_numbers(spec, where))
     ties = Ties.of(spec)
     if spec.compiler.inertiafromgeom != mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
         _drop_shapes(spec)
@@ -239,27 +237,16 @@ class Ties:
         return cls(joints, bodies, others, ranges)
 
 
-def _check_numbers(spec: Any, path: Path, where: str) -> None:
-    """Refuse what MuJoCo would pass over in silence."""
-    if wild := list(_not_sane(path, where)):
-        raise InputError(wild)
-    problems = [
-        Problem(f"{where}, body {body.name}", f"mass {body.mass:g}", "a mass >= 0 kg", "correct it")
-        for body in spec.bodies
-        if body.explicitinertial and not body.mass >= 0
-    ]
-    problems += [
-        Problem(
-            f"{where}, joint {joint.name}",
-            f"range {joint.range[0]:g}, {joint.range[1]:g}",
-            "lower <= upper",
-            "swap or correct them",
-        )
-        for joint in spec.joints
-        if not joint.range[0] <= joint.range[1]
-    ]
-    if problems:
-        raise InputError(problems)
+def _wrong_numbers(spec: Any, where: str) -> Iterator[Problem]:
+    """Yield what MuJoCo would pass over in silence."""
+    for body in spec.bodies:
+        if body.explicitinertial and not body.mass >= 0:
+            yield Problem(f"{where}, body {body.name}", f"mass {body.mass:g}", "a mass >= 0 kg", "correct it")
+    for joint in spec.joints:
+        low, high = joint.range
+        if not low <= high:
+            got = f"range {low:g}, {high:g}"
+            yield Problem(f"{where}, joint {joint.name}", got, "lower <= upper", "swap or correct them")
 
 
 def _not_sane(path: Path, where: str) -> Iterator[Problem]:
@@ -448,15 +435,7 @@ class _Tree:
         parts = [("joint", self.name(n), int(model.jnt_bodyid[n])) for n in self.joints]
         heavy = [n for n in range(1, model.nbody) if model.body_mass[n] > 0 and self.owner[n] > 0]
         parts += [("body", _body_name(model, n), int(model.body_parentid[n])) for n in heavy]
-        problems = [
-            Problem(
-                f"{self.where}, body {_body_name(model, holder)}", f"the {kind} name {name!r}", NAME_RULE, "rename it"
-            )
-            for kind, name, holder in parts
-            if not re.fullmatch(NAME, name)
-        ]
-        if problems:
-            raise InputError(problems)
+        check_names((f"{self.where}, body {_body_name(model, holder)}", kind, name) for kind, name, holder in parts)
 
 
 def _type(model: Any, joint: int) -> str:
@@ -522,11 +501,8 @@ def _bodies(tree: _Tree, data: Any, joint: int, names: Mapping[str, str]) -> Ite
         turn = data.ximat[body].reshape(3, 3)
         inertia = turn @ np.diag(model.body_inertia[body]) @ turn.T
         com, name = data.xipos[body] - data.xanchor[joint], _body_name(model, body)
-        try:
+        with told_at(f"{tree.where}, body {name}"):
             yield Body(names[name], model.body_mass[body], com, (inertia + inertia.T) / 2)
-        except InputError as error:
-            problem = error.problems[0]
-            raise refusal(f"{tree.where}, body {name}", problem.got, problem.expected, problem.remedy) from None
 
 
 def names_of_bodies(model: Any) -> list[str]:

@@ -8,8 +8,7 @@ where nothing bends the arm, and under its weight but for a share below the angl
 posture they are the same under weight as well, where its tangent springs (`mjcf_tangents`) stand in their place.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -43,24 +42,11 @@ STEPS = 8
 """Of Newton's method from a rotation vector to the angles of three hinges, which are equal but for its square."""
 
 
-@dataclass(frozen=True)
-class Tangent:
-    """Where the hinges of a bushing are.
-
-    Attributes:
-        name: of the joint.
-        turn: (3, 3) axes of its hinges, columns, in the base frame at zero posture.
-    """
-
-    name: str
-    turn: Float[np.ndarray, "3 3"]
-
-
-def tendons(hinges: list[Tangent], arm: Arm, posture: tuple[float, ...]) -> Any:
+def tendons(turns: Mapping[str, Any], arm: Arm, posture: tuple[float, ...]) -> Any:
     """Return tendons over the hinges of all bushings that are tangent to them where the arm's weight holds a posture.
 
     Args:
-        hinges: of the arm's joints, in their order.
+        turns: (3, 3) axes of each joint's hinges, columns, in the base frame at zero posture, by the joint's name.
         arm: the arm.
         posture: [rad] of its driven joints.
 
@@ -72,38 +58,27 @@ def tendons(hinges: list[Tangent], arm: Arm, posture: tuple[float, ...]) -> Any:
         got, expected = "no stable equilibrium under the arm's weight", "a posture in which the arm stands"
         raise InputError(Problem("posture", got, expected, "choose another one"))
     section = ElementTree.Element("tendon")
-    for n, (hinge, joint) in enumerate(zip(hinges, arm.joints, strict=True)):
+    for n, joint in enumerate(arm.joints):
         k = np.array([joint.k_tors, joint.k_bend, joint.k_bend])
-        at, slope, stiffness = _about(hinge.turn.T @ frame[:, :, n].T @ phi[:, n], k)
+        own = turns[joint.name].T @ frame[:, :, n].T @ phi[:, n]
+        at = own.copy()  # the angles of the hinges there
+        for _ in range(STEPS):
+            vector, by_angles = (np.asarray(x) for x in _vector_and_slope(jnp.asarray(at)))
+            at = at - np.linalg.solve(by_angles, vector - own)
+        slope, stiffness = (np.asarray(x) for x in _derivatives(jnp.asarray(at), jnp.asarray(k)))
         values, ways = np.linalg.eigh(stiffness)
         for place, (value, way) in enumerate(zip(values, ways.T, strict=True), 1):
-            spring = float(value), float(way @ at - way @ slope / value)
-            section.append(_spring(f"{hinge.name}_tangent_{place}", hinge.name, spring, way))
+            spring = {"stiffness": numbers([value]), "springlength": numbers([way @ at - way @ slope / value])}
+            name = f"{joint.name}_tangent_{place}"
+            tendon = ElementTree.SubElement(section, "fixed", {"name": name, **spring, **PLAIN})
+            for end, share in zip(ENDS, way, strict=True):
+                coef = numbers([share])
+                ElementTree.SubElement(tendon, "joint", {"joint": f"{joint.name}_{end}", "coef": coef})
     return section
 
 
 PLAIN = {"damping": "0", "frictionloss": "0", "armature": "0", "limited": "false", "actuatorfrclimited": "false"}
 """What such a tendon has none of, whatever the file's defaults for tendons are."""
-
-
-def _spring(name: str, joint: str, spring: tuple[float, float], way: Float[np.ndarray, "3"]) -> Any:
-    stiffness, rest = (numbers([x]) for x in spring)
-    tendon = ElementTree.Element("fixed", {"name": name, "stiffness": stiffness, "springlength": rest, **PLAIN})
-    for end, share in zip(ENDS, way, strict=True):
-        tendon.append(ElementTree.Element("joint", {"joint": f"{joint}_{end}", "coef": numbers([share])}))
-    return tendon
-
-
-def _about(
-    phi: Float[np.ndarray, "3"], k: Float[np.ndarray, "3"]
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
-    """Return the angles of the hinges at a rotation vector, and slope and Hessian of the energy by them there."""
-    at = np.array(phi)
-    for _ in range(STEPS):
-        vector, by_angles = _vector_and_slope(jnp.asarray(at))
-        at = at - np.linalg.solve(np.asarray(by_angles), np.asarray(vector) - phi)
-    slope, hessian = _derivatives(jnp.asarray(at), jnp.asarray(k))
-    return at, np.asarray(slope), np.asarray(hessian)
 
 
 def _vector(angles: Float[Array, "3"]) -> Float[Array, "3"]:
@@ -198,7 +173,7 @@ def mjcf_with_bushings(
     if arm.base is not None:
         turns = {arm.base.name: _put_base(tree, arm, straight=posture is None)} | turns
     if posture is not None:
-        tree.root.append(tendons([Tangent(name, turn) for name, turn in turns.items()], arm, posture))
+        tree.root.append(tendons(turns, arm, posture))
     own = {joint.name for joint in before.joints}
     for key in tree.root.iter("key"):
         for name, starts in (("qpos", tree.model.jnt_qposadr), ("qvel", tree.model.jnt_dofadr)):
@@ -295,20 +270,14 @@ def _triad(axis: Any) -> Any:
 
 
 def _hinges(joint: Joint, turn: Any, anchor: Any, straight: bool) -> list[Any]:
-    return [
-        ElementTree.Element(
-            "joint", {"name": f"{joint.name}_{end}", **HINGE_DEFAULTS, **{k: numbers(v) for k, v in each}}
-        )
-        for end, each in zip(ENDS, _hinge_numbers(joint, turn, anchor, straight), strict=True)
-    ]
-
-
-def _hinge_numbers(joint: Joint, turn: Any, anchor: Any, straight: bool) -> Iterator[list[tuple[str, Any]]]:
-    """Yield what stands in a hinge, in the axes of its body."""
+    """Return the hinges of a bushing, in the axes of its body."""
     tors, bend = (joint.k_tors, joint.tau_tors), (joint.k_bend, joint.tau_bend)
-    for axis, (k, tau) in zip(turn.T, (tors, bend, bend), strict=True):
-        spring = k if straight else 0.0
-        yield [("axis", axis), ("pos", anchor), ("stiffness", [spring]), ("damping", [k * tau])]
+    hinges = []
+    for end, axis, (k, tau) in zip(ENDS, turn.T, (tors, bend, bend), strict=True):
+        own = {"axis": axis, "pos": anchor, "stiffness": [k if straight else 0.0], "damping": [k * tau]}
+        written = {key: numbers(value) for key, value in own.items()}
+        hinges.append(ElementTree.Element("joint", {"name": f"{joint.name}_{end}", **HINGE_DEFAULTS, **written}))
+    return hinges
 
 
 def _inertial(body: Body, axes: Any, anchor: Any) -> Any:

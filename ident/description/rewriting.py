@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from jaxtyping import Float
 
 from ident.arm.arm import GRAVITY, Arm
 from ident.arm.fields import COMPONENTS, DAMPING, LOSS, STIFFNESS
@@ -41,8 +40,13 @@ def changed_numbers(before: Arm, after: Arm) -> dict[str, float]:
 
 def changed_bodies(before: Arm, after: Arm) -> list[Body]:
     """Return the bodies of an arm that have another mass, mass centre or inertia than in another one."""
-    own = {body.name: body for body in bodies_of(before)}
-    return [body for body in bodies_of(after) if body.name in own and not _alike(own[body.name], body)]
+    own, keys = {body.name: body for body in bodies_of(before)}, ("mass", "com", "inertia")
+
+    def differs(body: Body) -> bool:
+        old = own.get(body.name)
+        return old is not None and not all(np.array_equal(getattr(old, key), getattr(body, key)) for key in keys)
+
+    return [body for body in bodies_of(after) if differs(body)]
 
 
 def set_inertias(tables: Mapping[str, Any], before: Arm, after: Arm, origin: Origin) -> None:
@@ -58,28 +62,21 @@ def set_inertias(tables: Mapping[str, Any], before: Arm, after: Arm, origin: Ori
     for body in bodies_of(after):
         tensor, old = np.asarray(body.inertia), own.get(body.name)
         if body.name in tables and old is not None and np.abs(tensor - old).max() > NEAR * np.abs(tensor).max():
-            _set_inertia(tables[body.name], tensor, origin)
+            table = tables[body.name]
+            if "inertia" not in table:
+                del table["shape"]
+                table["inertia"] = tomlkit.inline_table()
+                table["inertia"]["unit"] = "kg*m^2"
+            entry = table["inertia"]
+            diagonal = not (tensor - np.diag(np.diag(tensor))).any()
+            rows = [[_in_unit(entry, x) for x in row] for row in tensor]
+            entry["value"] = [rows[n][n] for n in range(3)] if diagonal else rows
+            entry["origin"] = origin
 
 
 def bodies_of(arm: Arm) -> list[Body]:
     """Return all bodies of an arm, those of its payloads last."""
     return [part for part in arm.parts() if isinstance(part, Body)]
-
-
-def _alike(one: Body, other: Body) -> bool:
-    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ("mass", "com", "inertia"))
-
-
-def _set_inertia(table: Any, tensor: Float[np.ndarray, "3 3"], origin: Origin) -> None:
-    if "inertia" not in table:
-        del table["shape"]
-        table["inertia"] = tomlkit.inline_table()
-        table["inertia"]["unit"] = "kg*m^2"
-    entry = table["inertia"]
-    diagonal = not (tensor - np.diag(np.diag(tensor))).any()
-    rows = [[_in_unit(entry, x) for x in row] for row in tensor]
-    entry["value"] = [rows[n][n] for n in range(3)] if diagonal else rows
-    entry["origin"] = origin
 
 
 def _in_unit(entry: Any, value: float) -> float:

@@ -3,6 +3,7 @@
 import hashlib
 import re
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -30,7 +31,7 @@ from ident.description.schema import (
     Time,
 )
 from ident.errors import InputError, Problem
-from ident.text import decode, did_you_mean, one_line, read_bytes
+from ident.text import NAME, NAME_RULE, decode, did_you_mean, one_line, read_bytes
 
 Pair = tuple[float, ...]
 """Two numbers, across the axis and about it; their number is checked when the file is read."""
@@ -44,6 +45,34 @@ Node = TypeVar("Node", bound=Hashable)
 def refusal(where: str, got: str, expected: str, remedy: str) -> InputError:
     """Return the error of one problem."""
     return InputError(Problem(where, got, expected, remedy))
+
+
+def refuse(problems: Iterable[Problem]) -> None:
+    """Raise all problems together, if there is any."""
+    if every := list(problems):
+        raise InputError(every)
+
+
+@contextmanager
+def told_at(where: str) -> Iterator[None]:
+    """Give what is refused within this place instead of its own."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(Problem(where, p.got, p.expected, p.remedy) for p in error.problems) from None
+
+
+def check_names(named: Iterable[tuple[str, str, str]]) -> None:
+    """Refuse names of joints, links and bodies that no arm may have.
+
+    Args:
+        named: where each stands, what has it, and the name.
+    """
+    refuse(
+        Problem(where, f"the {kind} name {name!r}", NAME_RULE, "rename it")
+        for where, kind, name in named
+        if not re.fullmatch(NAME, name)
+    )
 
 
 def refuse_xacro(data: bytes, root: Any, where: str) -> None:
@@ -223,24 +252,11 @@ class Robot:
         Raises:
             InputError: joints whose bushings carry nothing, or a name that occurs twice.
         """
-        joints = [
-            Joint(
-                pin.name,
-                axis=pin.axis,
-                offset=pin.offset,
-                link=pin.link,
-                limits=pin.limits,
-                driven=pin.driven,
-                **bushings[pin.name],
-            )
-            for pin in self.pins
-        ]
-        if problems := list(self._massless(joints)):
-            raise InputError(problems)
-        try:
+        own = ("axis", "offset", "link", "limits", "driven")
+        joints = [Joint(p.name, **{key: getattr(p, key) for key in own}, **bushings[p.name]) for p in self.pins]
+        refuse(self._massless(joints))
+        with told_at(self.where):
             return Arm(self.name, tuple(joints), (*points, self.tip), payloads, self.gravity)
-        except InputError as error:
-            raise InputError(Problem(self.where, p.got, p.expected, p.remedy) for p in error.problems) from None
 
     def _massless(self, joints: Sequence[Joint]) -> Iterator[Problem]:
         """Yield joints that turn no mass, all in one line, and those whose rotation moves none of theirs."""
@@ -267,31 +283,24 @@ class Robot:
         Raises:
             InputError: a joint lacks a value, there is no such joint, or a value is out of range.
         """
-        problems: list[Problem] = []
-        k = _by_joint(stiffness, self.joints, "stiffness", problems)
-        tau = _by_joint(damping, self.joints, "damping", problems)
-        if problems:
-            raise InputError(problems)
+        k, tau = (x if isinstance(x, Mapping) else dict.fromkeys(self.joints, x) for x in (stiffness, damping))
+        refuse([*_wrong_pairs(k, self.joints, "stiffness"), *_wrong_pairs(tau, self.joints, "damping")])
         keys = ("k_bend", "k_tors", "tau_bend", "tau_tors")
         return {name: dict(zip(keys, (*k[name], *tau[name]), strict=True)) for name in self.joints}
 
 
-def _by_joint(
-    values: Mapping[str, Pair] | Pair, names: list[str], what: str, problems: list[Problem]
-) -> Mapping[str, Pair]:
-    """Return a pair for every joint; add what is missing, unknown or out of range to the problems."""
-    given = values if isinstance(values, Mapping) else dict.fromkeys(names, values)
+def _wrong_pairs(given: Mapping[str, Pair], names: list[str], what: str) -> Iterator[Problem]:
+    """Yield what is missing, unknown or out of range among the pairs of joints."""
     for name in names:
         if name not in given:
-            problems.append(Problem(f"joint {name}", f"no {what}", "a pair (bending, torsion)", f"add its {what}"))
+            yield Problem(f"joint {name}", f"no {what}", "a pair (bending, torsion)", f"add its {what}")
     for name, pair in given.items():
         if name not in names:
             remedy = did_you_mean(name, names, "leave it out")
-            problems.append(Problem(f"{what} of {name}", "no such joint", f"one of {', '.join(names)}", remedy))
+            yield Problem(f"{what} of {name}", "no such joint", f"one of {', '.join(names)}", remedy)
         elif not _in_range(pair, what):
             least = "> 0 N m/rad" if what == "stiffness" else ">= 0 s"
-            problems.append(Problem(f"joint {name}", f"{what} {pair}", f"two numbers {least}", "correct it"))
-    return given
+            yield Problem(f"joint {name}", f"{what} {pair}", f"two numbers {least}", "correct it")
 
 
 def _in_range(pair: Any, what: str) -> bool:
@@ -372,8 +381,7 @@ def read_joints(path: Path) -> tuple[JointsFile, JointsDocument, Source]:
         document = JointsDocument.model_validate(source.raw)
     except ValidationError as error:
         raise InputError([*source.explain(error), *problems]) from None
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     return JointsFile(str(path), hashlib.sha256(data).hexdigest()), document, source
 
 
@@ -383,15 +391,18 @@ def check_joints(document: JointsDocument, robot: Robot, source: Source) -> None
     Raises:
         InputError: a joint too many or too few; every problem is listed.
     """
-    if problems := _strangers(document, robot, source):
-        raise InputError(problems)
-
-
-def no_joints(path: Path, robot: Robot) -> InputError:
-    """Return the refusal of a robot description without a file of bushings."""
-    got, expected = "no stiffness of its joints", f"{one_line(path.name)} beside it"
-    remedy = "write that file, or let `ident new my_robot --robot FILE` guess an arm"
-    return InputError(Problem(robot.where, got, expected, remedy))
+    named, known = [table.name for table in document.joint], robot.joints
+    got, expected = f"no such joint in {robot.where}", f"one of {', '.join(known)}"
+    problems = [
+        source.problem(("joint", n, "name"), got, expected, did_you_mean(name, known, "remove it"))
+        for n, name in enumerate(named)
+        if name not in known
+    ]
+    missing = [name for name in known if name not in named]
+    if missing:
+        got, remedy = f"no joint {', '.join(missing)}", "add a table [[joint]] for each"
+        problems.append(source.problem((), got, f"all joints of {robot.where}", remedy))
+    refuse(problems)
 
 
 def joints_text(text: str, before: Arm, arm: Arm, origin: Origin, where: str) -> str:
@@ -413,37 +424,18 @@ def joints_text(text: str, before: Arm, arm: Arm, origin: Origin, where: str) ->
     document: Any = tomlkit.parse(text)
     joints = {str(table["name"]): table for table in document["joint"]}
     others = {str(table["name"]): table for kind in ("point", "payload") for table in document.get(kind, ())}
-    values = changed_numbers(before, arm)
-    for path, value in values.items():
+    own = {}
+    for path, value in changed_numbers(before, arm).items():
         name, field, *_ = path.split(".")
-        if name in joints and field in BUSHING and field not in joints[name]:
+        if name not in others and not (name in joints and field in BUSHING):
+            continue
+        own[path] = value
+        if name in joints and field not in joints[name]:
             joints[name][field] = tomlkit.inline_table()
             joints[name][field].update({"value": value} | ({} if field in LOSS else {"unit": "s"}))
-    own = {path: value for path, value in values.items() if _is_of(path, joints, others)}
     set_numbers(joints | others, own, origin, where)
     written = JointsDocument.model_validate(load_toml(tomlkit.dumps(document), where))
     payloads = tuple(Payload(each.joint, each.body()) for each in written.payload)
     set_inertias(others, eqx.tree_at(lambda arm: arm.payloads, before, payloads), arm, origin)
     JointsDocument.model_validate(load_toml(updated := tomlkit.dumps(document), where))
     return updated
-
-
-def _is_of(path: str, joints: Mapping[str, Any], others: Mapping[str, Any]) -> bool:
-    name, field, *_ = path.split(".")
-    return name in others or (name in joints and field in BUSHING)
-
-
-def _strangers(document: JointsDocument, robot: Robot, source: Source) -> list[Problem]:
-    """Return what the file and the robot do not have in common."""
-    named, known = [table.name for table in document.joint], robot.joints
-    got, expected = f"no such joint in {robot.where}", f"one of {', '.join(known)}"
-    problems = [
-        source.problem(("joint", n, "name"), got, expected, did_you_mean(name, known, "remove it"))
-        for n, name in enumerate(named)
-        if name not in known
-    ]
-    missing = [name for name in known if name not in named]
-    if missing:
-        got, remedy = f"no joint {', '.join(missing)}", "add a table [[joint]] for each"
-        problems.append(source.problem((), got, f"all joints of {robot.where}", remedy))
-    return problems

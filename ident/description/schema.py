@@ -184,10 +184,19 @@ CubicStiffness = Quantity[Annotated[str, _unit("cubic")], Annotated[float, _rang
 SpanStiffness = Quantity[Annotated[str, _unit("stiffness", "N/mm")], Annotated[float, _range("stiffness")]]
 
 
-class Direction(Sourced):
-    """A direction of any length but zero."""
+class Plain(Sourced, Generic[Value]):
+    """A number, or several, without unit."""
 
-    value: Annotated[Vector, AfterValidator(_not_zero)]
+    value: Value
+
+    @property
+    def number(self) -> Any:
+        """The numbers as an array."""
+        return np.asarray(self.value)
+
+
+class Direction(Plain[Annotated[Vector, AfterValidator(_not_zero)]]):
+    """A direction of any length but zero."""
 
     @property
     def number(self) -> Any:
@@ -195,15 +204,11 @@ class Direction(Sourced):
         return np.asarray(self.value) / np.linalg.norm(self.value)
 
 
-class Shares(Sourced):
-    """Shares of the pins in one motion, without unit."""
-
-    value: Annotated[list[Number], Field(min_length=1), AfterValidator(_not_zero)]
-
-    @property
-    def number(self) -> Any:
-        """The shares."""
-        return np.asarray(self.value)
+Shares = Plain[Annotated[list[Number], Field(min_length=1), AfterValidator(_not_zero)]]
+"""Shares of the pins in one motion."""
+NonZero = Plain[Annotated[Number, AfterValidator(_no_zero)]]
+Ratio = Plain[Annotated[float, _range("ratio2")]]
+LossFactor = Plain[Annotated[float, _range("loss_bend")]]
 
 
 class Profile(Sourced):
@@ -221,39 +226,6 @@ class Postures(
     def number(self) -> Any:
         """The angles of each [rad]."""
         return tuple(tuple(map(float, si(angles, self.unit))) for angles in self.value)
-
-
-class NonZero(Sourced):
-    """A ratio, without unit."""
-
-    value: Annotated[Number, AfterValidator(_no_zero)]
-
-    @property
-    def number(self) -> Any:
-        """The ratio."""
-        return np.asarray(self.value)
-
-
-class Ratio(Sourced):
-    """A ratio of stiffnesses, without unit."""
-
-    value: Annotated[float, _range("ratio2")]
-
-    @property
-    def number(self) -> Any:
-        """The ratio."""
-        return np.asarray(self.value)
-
-
-class LossFactor(Sourced):
-    """A loss factor, without unit."""
-
-    value: Annotated[float, _range("loss_bend")]
-
-    @property
-    def number(self) -> Any:
-        """The factor."""
-        return np.asarray(self.value)
 
 
 class Inertia(Quantity[Annotated[str, _checked_unit("kg*m^2", "kg*mm^2")], Tensor]):
@@ -603,11 +575,7 @@ def uncertain_numbers(document: ArmDocument) -> dict[str, str]:
     """Return the standard deviation, as it is written, of each number that has one, by path."""
     found: dict[str, str] = {}
     for _, table in named(document.model_dump()):
-        for key, written in ((key, _relative_width(part)) for key, part in table.items()):
-            if written:
+        for key, part in table.items():
+            if isinstance(part, dict) and (written := part.get("uncertainty")):
                 found |= {f"{table['name']}.{key}{end}": written for end in field_named(key).ends}
     return found
-
-
-def _relative_width(part: Any) -> str:
-    return part.get("uncertainty") or "" if isinstance(part, dict) else ""

@@ -6,7 +6,6 @@ posture. Offsets, axes, mass centres and inertias are therefore taken from the b
 
 import io
 import logging
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from os import PathLike
@@ -25,36 +24,28 @@ from ident.description.robot import (
     Pin,
     Robot,
     body_names,
+    check_names,
     held_note,
     is_sane,
     limits_note,
     listed,
     refusal,
+    refuse,
     refuse_xacro,
     renamed_note,
     serial_chain,
+    told_at,
     unclear_branch,
 )
 from ident.errors import InputError, Problem
-from ident.text import NAME, NAME_RULE, did_you_mean, one_line, read_bytes
+from ident.text import NAME_RULE, did_you_mean, one_line, read_bytes
 
 # -------- Chain of a URDF file
 # The serial chain of a URDF file: what moves, in the base frame at zero posture, and what is wrong with the file.
 
-INERTIA = {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"}
-NUMBERS = INERTIA | {"xyz", "rpy", "value", "lower", "upper", "effort", "velocity", "multiplier", "offset", "damping"}
-NUMBERS |= {
-    "friction",
-    "size",
-    "radius",
-    "length",
-    "scale",
-    "soft_lower_limit",
-    "soft_upper_limit",
-    "rising",
-    "falling",
-}
-NUMBERS |= {"k_position", "k_velocity"}
+NUMBERS = {"ixx", "ixy", "ixz", "iyy", "iyz", "izz", "xyz", "rpy", "value", "lower", "upper", "effort", "velocity"}
+NUMBERS |= {"multiplier", "offset", "damping", "friction", "size", "radius", "length", "scale", "rising", "falling"}
+NUMBERS |= {"soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"}
 """Attributes that hold numbers."""
 UNBOUNDED = {"lower", "upper", "effort", "velocity"}
 """Those of a limit that may be infinite, as where there is none."""
@@ -102,7 +93,7 @@ def parse(data: bytes, where: str) -> Any:
     refuse_xacro(data, root, where)
     if root.tag != "robot":
         raise refusal(f"{where}:1", f"<{root.tag}>", "<robot>", "give a URDF file, not xacro or SDF")
-    _check_numbers(root, where)
+    refuse(_wild_numbers(root, where))
     try:
         from yourdfpy import URDF
     except ImportError:
@@ -119,17 +110,14 @@ def parse(data: bytes, where: str) -> Any:
         log.disabled = was_silent
 
 
-def _check_numbers(root: Any, where: str) -> None:
-    """Refuse nan, inf and absurdly large numbers, from which later steps would only make nonsense."""
-    problems = []
+def _wild_numbers(root: Any, where: str) -> Iterator[Problem]:
+    """Yield nan, inf and absurdly large numbers, from which later steps would only make nonsense."""
     for part in (*root.iter("link"), *root.iter("joint")):
         for element in part.iter():
             for key in NUMBERS & element.attrib.keys():
                 if not all(is_sane(word, bounded=key not in UNBOUNDED) for word in element.get(key).split()):
                     got, place = f"{key}={element.get(key)!r}", f"{where}, {part.tag} {part.get('name')}"
-                    problems.append(Problem(place, got, "finite numbers", "correct it", element.tag))
-    if problems:
-        raise InputError(problems)
+                    yield Problem(place, got, "finite numbers", "correct it", element.tag)
 
 
 def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
@@ -139,8 +127,8 @@ def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
         InputError: no tree of links, no arm in it or several, no such tip, or a joint of the arm that does not turn.
     """
     links, joints = {link.name: link for link in robot.links}, {joint.name: joint for joint in robot.joints}
-    _check_unique(robot, where)
-    _check_tree(robot, set(links), where)
+    refuse(_names_twice(robot, where))
+    refuse(_no_tree(robot, set(links), where))
     children: dict[str, list[Any]] = {name: [] for name in links}
     for joint in robot.joints:
         children[joint.parent].append(joint)
@@ -155,20 +143,25 @@ def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
         raise refusal(where, f"the tip {tip!r}", "a moving link of this robot", remedy)
     followed = {joint.mimic.joint for joint in robot.joints if joint.mimic is not None}
     end = owner[tip] if moving and tip is not None else None
-    kept, unclear = serial_chain(after, "", end, lambda name: _turns(joints[name]), followed.__contains__)
+
+    def turns(name: str) -> bool:
+        return joints[name].type in TURNING and joints[name].mimic is None
+
+    kept, unclear = serial_chain(after, "", end, turns, followed.__contains__)
     if unclear:
         raise unclear_branch(where, (first for first, _ in unclear), (joints[last].child for _, last in unclear))
     if not kept:
         others = listed(f"{joint.name} ({joint.type})" for joint in robot.joints if joint.type != "fixed")
         got = f"no joint that turns on its own, but {others}" if others else "no moving joint"
         raise refusal(where, got, "a revolute or continuous joint", "check the joint types")
-    _check_types([joints[name] for name in kept], where)
+    refuse(_other_types([joints[name] for name in kept], where))
     segments, pose = [Segment(None, np.eye(4))], np.eye(4)
     for name, following in zip(["", *kept], [*kept, ""], strict=True):
         if name:
             segments.append(Segment(joints[name], pose))
         pose = _collect(segments[-1], joints[name].child if name else root, following, links, children)
-    _check_names(segments, where)
+    check_names((where, "joint", segment.joint.name) for segment in segments[1:])
+    check_names((where, "link", name) for segment in segments[1:] for name in segment.bodies)
     return segments
 
 
@@ -184,10 +177,6 @@ def _moving(root: str, children: dict[str, list[Any]]) -> tuple[dict[str, str], 
                 after[joint.name] = []
             order.append(joint.child)
     return owner, after
-
-
-def _turns(joint: Any) -> bool:
-    return joint.type in TURNING and joint.mimic is None
 
 
 def _collect(segment: Segment, link: str, following: str, links: Any, children: Any) -> Any:
@@ -215,61 +204,41 @@ def _collect(segment: Segment, link: str, following: str, links: Any, children: 
     return pose
 
 
-def _check_unique(robot: Any, where: str) -> None:
-    problems = []
+def _names_twice(robot: Any, where: str) -> Iterator[Problem]:
     for kind, names in (("link", [x.name for x in robot.links]), ("joint", [x.name for x in robot.joints])):
         for name in dict.fromkeys(names):
             if names.count(name) > 1:
-                problems.append(Problem(where, f"two {kind}s {name}", "unique names", "rename one of them"))
+                yield Problem(where, f"two {kind}s {name}", "unique names", "rename one of them")
             if not name:
-                problems.append(Problem(where, f"a {kind} without a name", NAME_RULE, "name it"))
-    if problems:
-        raise InputError(problems)
+                yield Problem(where, f"a {kind} without a name", NAME_RULE, "name it")
 
 
-def _check_names(segments: list[Segment], where: str) -> None:
-    names = [("joint", segment.joint.name) for segment in segments[1:]]
-    names += [("link", name) for segment in segments[1:] for name in segment.bodies]
-    problems = [
-        Problem(where, f"the {kind} name {name!r}", NAME_RULE, "rename it")
-        for kind, name in names
-        if not re.fullmatch(NAME, name)
-    ]
-    if problems:
-        raise InputError(problems)
-
-
-def _check_types(joints: list[Any], where: str) -> None:
-    """Refuse joints of the arm that ident has no equation for."""
-    problems = []
+def _other_types(joints: list[Any], where: str) -> Iterator[Problem]:
+    """Yield joints of the arm that ident has no equation for."""
     for joint in joints:
         place = f"{where}, joint {joint.name}"
         if joint.type not in TURNING:
             remedy = "fix this joint in the URDF, or let the arm end before it (tip)"
-            problems.append(Problem(place, f"type {joint.type}", "revolute, continuous or fixed", remedy))
+            yield Problem(place, f"type {joint.type}", "revolute, continuous or fixed", remedy)
         if joint.mimic is not None:
             remedy = "remove <mimic>, or fix the joint"
-            problems.append(Problem(place, f"a mimic of {joint.mimic.joint}", "joints that turn on their own", remedy))
-    if problems:
-        raise InputError(problems)
+            yield Problem(place, f"a mimic of {joint.mimic.joint}", "joints that turn on their own", remedy)
 
 
-def _check_tree(robot: Any, links: set[str], where: str) -> None:
-    """Refuse links that do not form one tree."""
-    problems, carried = [], [joint.child for joint in robot.joints]
+def _no_tree(robot: Any, links: set[str], where: str) -> Iterator[Problem]:
+    """Yield what keeps links from forming one tree."""
+    carried = [joint.child for joint in robot.joints]
     for joint in robot.joints:
         place = f"{where}, joint {joint.name}"
         for link in sorted({joint.parent, joint.child} - links):
-            problems.append(Problem(place, f"unknown link {link}", "a link of this robot", "correct the name"))
+            yield Problem(place, f"unknown link {link}", "a link of this robot", "correct the name")
         if carried.count(joint.child) > 1:
             got = f"link {joint.child}, which another joint carries too"
-            problems.append(Problem(place, got, "one joint per child link", "open the loop"))
+            yield Problem(place, got, "one joint per child link", "open the loop")
     roots = sorted(links - set(carried))
     if len(roots) != 1:
         got = f"root links: {', '.join(roots) or 'none'}"
-        problems.append(Problem(where, got, "one tree with one root", "remove loops and loose links"))
-    if problems:
-        raise InputError(problems)
+        yield Problem(where, got, "one tree with one root", "remove loops and loose links")
 
 
 # -------- URDF
@@ -326,8 +295,7 @@ def urdf_robot(data: bytes, path: str, tip: str | None = None) -> Robot:
         except InputError as error:
             problems += error.problems
         place = segment.origin
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     last = segments[-1]
     end = tip or (last.ends[0] if len(last.ends) == 1 else last.joint.child)
     carrier = next(each for each in segments if end in each.links)
@@ -340,7 +308,10 @@ def _notes(base: Segment, segments: list[Segment], names: Mapping[str, str], whe
     """Yield where the arm is not what the file says."""
     for segment in (base, *segments):
         if segment.held:
-            held = [f"{name} ({_kind(joint)})" for name, joint in segment.held.items()]
+            held = [
+                f"{name} ({joint.type}{f', follows {joint.mimic.joint}' if joint.mimic is not None else ''})"
+                for name, joint in segment.held.items()
+            ]
             mass = sum(float(body.mass or 0) for name, (body, _) in segment.bodies.items() if name not in segment.links)
             yield held_note(where, held, mass, segment.joint.name if segment.joint else "")
     for segment in segments:
@@ -352,10 +323,6 @@ def _notes(base: Segment, segments: list[Segment], names: Mapping[str, str], whe
         if segment.joint.type != "continuous" and (lower or 0.0) == (upper or 0.0):
             given = "no limits" if lower is None and upper is None else f"limits {lower or 0:g}, {upper or 0:g}"
             yield limits_note(where, segment.joint.name, given)
-
-
-def _kind(joint: Any) -> str:
-    return f"{joint.type}, follows {joint.mimic.joint}" if joint.mimic is not None else str(joint.type)
 
 
 def _pin(segment: Segment, place: Any, names: Mapping[str, str], where: str) -> Pin:
@@ -370,8 +337,7 @@ def _pin(segment: Segment, place: Any, names: Mapping[str, str], where: str) -> 
             link.append(_body(name, names[name], *body, segment.origin, where))
         except InputError as error:
             problems += error.problems
-    if problems:
-        raise InputError(problems)
+    refuse(problems)
     axis, limits = axis / np.linalg.norm(axis), _limits(urdf, where)
     return Pin(urdf.name, axis, segment.origin - place, tuple(link), limits, carrier=f"link {urdf.child}")
 
@@ -384,11 +350,8 @@ def _body(link: str, name: str, inertial: Any, pose: Any, origin: Any, where: st
     at = pose if inertial.origin is None else pose @ inertial.origin
     turn = at[:3, :3]
     inertia = turn @ inertial.inertia @ turn.T
-    try:
+    with told_at(place):
         return Body(name, inertial.mass, at[:3, 3] - origin, (inertia + inertia.T) / 2)
-    except InputError as error:
-        problem = error.problems[0]
-        raise refusal(place, problem.got, problem.expected, problem.remedy) from None
 
 
 def _limits(urdf: Any, where: str) -> tuple[float, float]:

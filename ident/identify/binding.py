@@ -37,13 +37,11 @@ def _of_row(arm: Arm, m: Measurement) -> Iterator[Problem]:
     if len(m.posture) != len(arm.driven):
         expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
         yield Problem(m.where, f"{len(m.posture)} joint angles", expected, "add or remove q columns", "posture")
-    points = [point.name for point in arm.points]
-    for column, name in (("point", m.point), ("reference_point", m.reference_point)):
-        if name is not None and name not in points:
-            yield _unknown(m.where, column, name, points)
-    joints = [joint.name for joint in arm.driven]
-    if m.joint is not None and m.joint not in joints:
-        yield _unknown(m.where, "joint", m.joint, joints)
+    points, joints = [point.name for point in arm.points], [joint.name for joint in arm.driven]
+    named = ("point", m.point, points), ("reference_point", m.reference_point, points), ("joint", m.joint, joints)
+    for column, name, known in named:
+        if name is not None and name not in known:
+            yield _unknown(m.where, column, name, known)
     for column, load in (("load", m.load), ("reference_load", m.reference_load)):
         yield from _of_load(arm, load, m.where, column)
     if m.drives == "off":
@@ -88,16 +86,12 @@ def _count(arm: Arm, drives: str) -> int:
 def _of_load(arm: Arm, load: Load, where: str, column: str) -> Iterator[Problem]:
     """Yield points, payloads and bodies of a load case that the arm does not have."""
     points, payloads = [point.name for point in arm.points], [payload.body.name for payload in arm.payloads]
-    for name in named_points(load):
-        if name not in points:
-            yield _unknown(where, column, name, points)
     bodies = [part.name for part in arm.parts() if isinstance(part, Body)]
-    for *_, name in load.own:
-        if name not in bodies:
-            yield _unknown(where, column, name, bodies)
-    for name in load.payloads:
-        if name not in payloads:
-            yield _unknown(where, column, name, payloads)
+    turned_with = [body for *_, body in load.own]
+    for names, known in ((named_points(load), points), (turned_with, bodies), (load.payloads, payloads)):
+        for name in names:
+            if name not in known:
+                yield _unknown(where, column, name, known)
 
 
 def _unknown(where: str, column: str, name: str, known: list[str]) -> Problem:

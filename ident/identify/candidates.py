@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, product
 from typing import Any
 
@@ -93,23 +94,23 @@ def candidate_predictions(
 ) -> CandidatePredictions:
     """Compute what an arm would show under load cases, batch (L)."""
     shape = len(postures), loads.mass.shape[-1], len(points)
-    load_columns = np.concatenate([np.asarray(part).reshape(-1, shape[1]) for part in jax.tree.leaves(loads)])
     count = min(modes, 3 * len(arm.joints))
     g, s, t = (index.ravel() for index in np.indices(shape))
-    columns = np.concatenate([points.T[:, t], postures.T[:, g], load_columns[:, s]])
-    missing = -columns.shape[1] % CHUNK
-    columns = np.concatenate([columns, np.repeat(columns[:, -1:], missing, 1)], 1)
-    values, jacobians = [], []
-    for chunk in np.split(columns, columns.shape[1] // CHUNK, 1):
-        seen = _observe(arm, parameters, count, jnp.asarray(chunk))
+    size, values, jacobians = g.size, [], []
+    for first in range(0, size, CHUNK):
+        some = np.minimum(np.arange(first, first + CHUNK), size - 1)  # the last one repeated at the end
+        cases = jax.tree.map(partial(_columns, columns=s[some]), loads)
+        theta, posture = _columns(points.T, t[some]), _columns(postures.T, g[some])
+        seen = _observe(arm, parameters, count, theta, posture, cases)
         values.append(np.asarray(seen[0]))
         jacobians.append(np.asarray(seen[1]))
-    size = g.size
     value = np.concatenate(values, -1)[:, :size].reshape(-1, *shape)
     jacobian = np.concatenate(jacobians, -1)[..., :size]
     m = (value.shape[0] - 1) // 3
     frequency, down, torsion, vertical = np.split(value, [m, m + 1, 2 * m + 1])
     rows = [*range(count), m]
+    apart, far = np.diff(frequency, axis=0), np.full_like(frequency[:1], np.inf)
+    gap = np.minimum(np.concatenate([far, apart]), np.concatenate([apart, far])) / frequency
     return CandidatePredictions(
         postures,
         frequency[:count],
@@ -117,7 +118,7 @@ def candidate_predictions(
         jacobian[rows].reshape(len(rows), -1, *shape),
         torsion[:count],
         vertical[:count],
-        _gaps(frequency)[:count],
+        gap[:count],
     )
 
 
@@ -189,29 +190,28 @@ def equivalent_postures(predictions: CandidatePredictions, favoured: np.ndarray)
     return np.array([leader[int(k)] for k in group])
 
 
-def _loads_of(arm: Arm, columns: Array) -> Loads:
-    """Return load cases that were put below each other."""
-    payloads, points = len(arm.payloads), len(arm.points)
-    share, mass, force, moment = jnp.split(columns, [payloads, payloads + points, payloads + 4 * points])
-    moments = moment.reshape(3, points, -1) if len(moment) else None
-    return Loads(share, mass, force.reshape(3, points, -1), moments)
+def _columns(x: Any, columns: Int[np.ndarray, "B"]) -> Float[Array, "n B"]:
+    return jnp.asarray(np.asarray(x)[..., columns])
 
 
 @jit
 def _observe(
-    arm: Arm, parameters: Parameters, count: int, columns: Float[Array, "n B"]
+    arm: Arm,
+    parameters: Parameters,
+    count: int,
+    theta: Float[Array, "P B"],
+    posture: Float[Array, "driven B"],
+    loads: Loads,
 ) -> tuple[Float[Array, "R B"], Float[Array, "R P B"]]:
     """Return frequencies (one more than `count`), deflection and shares of the modes, and the Jacobian by theta."""
-    unknown, driven = len(parameters.items), len(arm.driven)
-    theta, posture, load_columns = jnp.split(columns, [unknown, unknown + driven])
     m = min(count + 1, 3 * len(arm.joints))
     kinds = ("frequency",) * m + ("deflection",) + ("share",) * (2 * m)
 
     scaled = scaled_bodies(arm, [item.name for item in parameters.items if item.nuisance])
 
     def shown(numbers: Mapping[str, Any]) -> Array:
-        held, loads = with_numbers(arm, _loads_of(arm, load_columns), numbers, scaled)
-        chain = at_posture(held, posture, loads)
+        altered, cases = with_numbers(arm, loads, numbers, scaled)
+        chain = at_posture(altered, posture, cases)
         at = static_equilibrium(chain)
         modes = modes_about(chain, at, m)
         down = -deflection(chain, at.phi)[2, -1:]
@@ -223,13 +223,7 @@ def _observe(
     def along(direction: Array) -> tuple[Array, Array]:
         return jax.jvp(predict, (theta,), (jnp.broadcast_to(direction[:, None], theta.shape),))
 
-    return eqx.filter_vmap(along, out_axes=(None, 1))(jnp.eye(unknown))
-
-
-def _gaps(frequency: np.ndarray) -> np.ndarray:
-    apart = np.diff(frequency, axis=0)
-    far = np.full_like(frequency[:1], np.inf)
-    return np.minimum(np.concatenate([far, apart]), np.concatenate([apart, far])) / frequency
+    return eqx.filter_vmap(along, out_axes=(None, 1))(jnp.eye(len(theta)))
 
 
 # -------- Experiments
@@ -296,7 +290,7 @@ def candidate_experiments(
     whole = np.concatenate([part.reshape(len(places), *part.shape[2:]) for part in by_way])
     cost = np.array([experiment.cost(instruments.costs) for experiment in experiments])
     group = np.array([experiment.place for experiment in experiments], int)
-    return experiments, Experiments.with_common_errors(whole, predictions.jacobian.shape[1], group, cost)
+    return experiments, Experiments(whole, predictions.jacobian.shape[1], group, cost)
 
 
 def whole_information(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T Q Q"]:
@@ -346,31 +340,18 @@ def expected_rows(
         experiment: the experiment.
         point: name of the arm's end point.
     """
-    sigma = sigmas(predictions, instruments)[:, experiment.place, experiment.case, 0]
+    sigma = sigmas(predictions, instruments)[:, experiment.place, experiment.case, 0].tolist()
+    held: dict[str, Any] = {"posture": experiment.posture, "load": experiment.load}
     clear = predictions.named[:, experiment.place, experiment.case, 0]
     rows = []
     for i, label in enumerate(predictions.labels(experiment.place, experiment.case) if experiment.hammer else ()):
         value = float(predictions.frequency[i, experiment.place, experiment.case, 0])
         mode = str(label) if experiment.labelled and clear[i] else None
-        rows.append(_row(experiment, "frequency", value, sigma[i], mode=mode))
+        rows.append(Measurement(kind="frequency", value=value, sigma=sigma[i], mode=mode, **held))
     if experiment.dial:
         value = float(predictions.deflection[experiment.place, experiment.case, 0])
-        rows.append(_row(experiment, "deflection", value, sigma[-1], point=point))
+        rows.append(Measurement(kind="deflection", value=value, sigma=sigma[-1], point=point, **held))
     return tuple(rows)
-
-
-def _row(
-    experiment: Experiment, kind: str, value: float, sigma: float, mode: str | None = None, point: str | None = None
-) -> Measurement:
-    return Measurement(
-        kind=kind,
-        posture=experiment.posture,
-        load=experiment.load,
-        value=value,
-        sigma=float(sigma),
-        mode=mode,
-        point=point,
-    )
 
 
 def any_campaign(arm: Arm, loads: Iterable[Load]) -> Campaign:

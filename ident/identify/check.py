@@ -91,7 +91,9 @@ def check_springs(posed: Posed, unknowns: Unknowns | None = None) -> tuple[Sprin
         return ()
     rows = (replace(m, value=float(value)) for m, value in zip(campaign, exact, strict=True))
     as_predicted = replace(campaign, measurements=tuple(rows))
-    loads, readings = _loads(arm, conditions), conditions.readings
+    sizes, readings = dict(zip(DIRECTIONS, map(np.asarray, _sizes(arm, conditions)), strict=True)), conditions.readings
+    joints = [joint.name for joint in arm.joints]
+    loads = {spring.name: sizes[spring.direction][joints.index(spring.joint)] for spring in arm.springs}
     vibrating = np.concatenate([conditions.named.states, conditions.unnamed.states])
     at_rest = np.concatenate([readings.states, np.asarray(readings.references)[np.asarray(readings.references) >= 0]])
     return tuple(
@@ -106,20 +108,15 @@ def check_springs(posed: Posed, unknowns: Unknowns | None = None) -> tuple[Sprin
     )
 
 
-def straightened(spring: Spring | CubicSpring) -> dict[str, float]:
-    """Return numbers by path with which a spring is straight."""
-    if isinstance(spring, CubicSpring):
-        return {f"{spring.name}.cubic": 0.0}
-    return {f"{spring.name}.ratio2": 1.0, f"{spring.name}.ratio3": 1.0}
-
-
 def _cost(arm: Arm, spring: Spring | CubicSpring, exact: Campaign, unknowns: Unknowns) -> float:
     def others(paths: Mapping[str, Any]) -> dict[str, Any]:
         return {path: x for path, x in paths.items() if not path.startswith(f"{spring.name}.")}
 
     tied = tuple(group for group in unknowns.tied if len(others(dict.fromkeys(group))) == len(group))
     kept = replace(unknowns, free=others(unknowns.free), priors=others(unknowns.priors), tied=tied).with_prior
-    problem = pose(arm.replace(straightened(spring)), exact, kept).problem
+    straight = {"cubic": 0.0} if isinstance(spring, CubicSpring) else {"ratio2": 1.0, "ratio3": 1.0}
+    numbers = {f"{spring.name}.{field}": value for field, value in straight.items()}
+    problem = pose(arm.replace(numbers), exact, kept).problem
     end = solve(problem, np.asarray(problem.parameters.theta(problem.parameters.column("start"))))
     residuals = np.asarray(problem.scaled(np.asarray(problem.measured) - end.predicted))
     return float(residuals @ residuals)
@@ -131,17 +128,11 @@ def _ends(loads: Float[np.ndarray, "states"]) -> tuple[float, float]:
 
 @jit
 def _sizes(arm: Arm, conditions: Conditions) -> tuple[Array, Array]:
+    """Return the load [N m] on each bushing in each state, across its axis and about it."""
     chain = chains(arm, conditions)
     phi, curved = equilibrium(chain), chain.curved
     assert curved is not None
     return curved.sizes(matvec(chain.stiffness, phi) + curved.torque(phi))
-
-
-def _loads(arm: Arm, conditions: Conditions) -> dict[str, Float[np.ndarray, "states"]]:
-    """Return each spring's load [N m] in each state of a campaign, by its name."""
-    sizes = dict(zip(DIRECTIONS, map(np.asarray, _sizes(arm, conditions)), strict=True))
-    places = {joint.name: place for place, joint in enumerate(arm.joints)}
-    return {spring.name: sizes[spring.direction][places[spring.joint]] for spring in arm.springs}
 
 
 # -------- Check

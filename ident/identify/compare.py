@@ -1,6 +1,6 @@
 """Two campaigns on one arm: which of its joint stiffnesses have changed in between."""
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import degrees
 from pathlib import Path
@@ -14,7 +14,7 @@ from ident.errors import InputError, Problem
 from ident.identify.fit import CampaignFit
 from ident.inference.change import Change, Estimate, change, independent_change
 from ident.inference.draws import PosteriorPredictive, Weights, check_weighable, posterior_predictive, weigh
-from ident.inference.information import rare
+from ident.inference.information import half_width, rare
 from ident.inference.posterior import posterior
 from ident.inference.sample import DEFAULT, Sample, Settings, sample
 from ident.inference.scrutiny import HeldOut, held_out
@@ -130,8 +130,21 @@ def compare_fits(first: CampaignFit, second: CampaignFit, same: Collection[str] 
     Raises:
         InputError: no stiffness that both have fitted, or a name that is none of them.
     """
-    found = change(first, second, _changing(list(_of_both(first, second)), same))
-    return Comparison(first, second, found, tuple(_unlike(first, second)), _priors_differ(first, second))
+    stiffnesses = set(stiffness_paths(first.arm))
+    others = {item.paths for item in second.problem.parameters.items}  # tied alike
+    both = [i.name for i in first.problem.parameters.items if i.name in stiffnesses and i.paths in others]
+    found = change(first, second, _changing(both, same))
+    fitted = {*first.parameters, *second.parameters}
+    ours, theirs = ({path: np.asarray(x) for path, x in fit.arm.numbers().items()} for fit in (first, second))
+    unlike = tuple(
+        path
+        for path in dict.fromkeys([*ours, *theirs])
+        if path not in fitted and not np.array_equal(ours.get(path, np.nan), theirs.get(path, np.nan))
+    )
+    one, other = ({item.name: item for item in fit.problem.parameters.items} for fit in (first, second))
+    priors = ((one[name], other[name], f) for name in one.keys() & other.keys() for f in ("centre", "prior_sd", "flat"))
+    priors_differ = any(float(getattr(a, f)) != float(getattr(b, f)) for a, b, f in priors)
+    return Comparison(first, second, found, unlike, priors_differ)
 
 
 def _changing(names: Sequence[str], same: Collection[str]) -> list[str]:
@@ -148,29 +161,6 @@ def _changing(names: Sequence[str], same: Collection[str]) -> list[str]:
         got, expected = "no stiffness that both have fitted", "one or more that may have changed"
         raise InputError(Problem("second", got, expected, "fit both campaigns with the same unknowns"))
     return changing
-
-
-def _of_both(first: CampaignFit, second: CampaignFit) -> Iterator[str]:
-    """Yield the stiffnesses that both fits have as unknowns, tied alike."""
-    stiffnesses = set(stiffness_paths(first.arm))
-    others = {item.paths for item in second.problem.parameters.items}
-    for item in first.problem.parameters.items:
-        if item.name in stiffnesses and item.paths in others:
-            yield item.name
-
-
-def _unlike(first: CampaignFit, second: CampaignFit) -> Iterator[str]:
-    fitted = {*first.parameters, *second.parameters}
-    ours, theirs = ({path: np.asarray(x) for path, x in fit.arm.numbers().items()} for fit in (first, second))
-    for path in dict.fromkeys([*ours, *theirs]):
-        if path not in fitted and not np.array_equal(ours.get(path, np.nan), theirs.get(path, np.nan)):
-            yield path
-
-
-def _priors_differ(first: CampaignFit, second: CampaignFit) -> bool:
-    one, other = ({item.name: item for item in fit.problem.parameters.items} for fit in (first, second))
-    fields, shared = ("centre", "prior_sd", "flat"), one.keys() & other.keys()
-    return any(float(getattr(one[name], f)) != float(getattr(other[name], f)) for name in shared for f in fields)
 
 
 # -------- Sample
@@ -249,8 +239,6 @@ def sample_campaign(
 # -------- Validate
 # How far a fitted arm may be trusted where it was not measured: parts of a campaign, predicted by the rest of it.
 
-LEAVE = ("posture", "kind", "row", "fraction")
-"""What may be left out at a time."""
 FOLDS = 5
 """Parts of a campaign of which one is left out at a time, chosen at random, for `fraction`."""
 LEVEL = 0.95
@@ -317,7 +305,7 @@ class Validation:
     @property
     def covered(self) -> int:
         """Measurements in the 95 % interval of their prediction."""
-        return int((np.abs(self.z) < _normal_half()).sum())
+        return int((np.abs(self.z) < half_width(LEVEL)).sum())
 
     @property
     def scopes(self) -> tuple[Scope, ...]:
@@ -342,13 +330,7 @@ class Validation:
         rms = float(np.sqrt(np.mean([np.mean(each**2) for each in off])))
         expected = float(np.sqrt(np.mean([np.mean(each**2) for each in sd])))
         seen = float(t.ppf((1 + LEVEL) / 2, len(off))) * rms
-        return Scope(kind, len(off), sum(map(len, off)), rms, seen, _normal_half() * expected)
-
-
-def _normal_half() -> float:
-    from scipy.special import ndtri
-
-    return float(ndtri((1 + LEVEL) / 2))
+        return Scope(kind, len(off), sum(map(len, off)), rms, seen, half_width(LEVEL) * expected)
 
 
 def validate_fit(
@@ -361,7 +343,7 @@ def validate_fit(
 
     Args:
         fit: to the whole campaign.
-        leave: one of `LEAVE`; a part is left out whole.
+        leave: `posture`, `kind`, `row` or `fraction`; a part is left out whole.
         seed: of the parts that are chosen at random.
         progress: wraps the numbers of the parts, to show a bar.
 
@@ -377,20 +359,14 @@ def validate_fit(
 
 def parts_of(campaign: Campaign, leave: str, seed: int = 0) -> Mapping[str, list[int]]:
     """Return the places of the measurements in each part of a campaign, by the part's name."""
-    parts: dict[str, list[int]] = {}
-    for place, name in enumerate(_names(campaign, leave, seed)):
+    count, parts = len(campaign), dict[str, list[int]]()
+    fold = np.random.default_rng(seed).permutation(np.arange(count) % min(FOLDS, count))
+    for place, m in enumerate(campaign):
+        name = {
+            "posture": f"({', '.join(f'{degrees(angle) + 0.0:.4g}' for angle in m.posture)}) deg",
+            "kind": m.kind,
+            "row": f"row {place + 1}",
+            "fraction": f"part {fold[place] + 1}",
+        }[leave]
         parts.setdefault(name, []).append(place)
     return parts
-
-
-def _names(campaign: Campaign, leave: str, seed: int) -> Iterator[str]:
-    if leave == "fraction":
-        folds = min(FOLDS, len(campaign))
-        yield from (f"part {k + 1}" for k in np.random.default_rng(seed).permutation(np.arange(len(campaign)) % folds))
-    for number, m in enumerate(campaign, 1):
-        if leave == "posture":
-            yield f"({', '.join(f'{degrees(angle) + 0.0:.4g}' for angle in m.posture)}) deg"
-        elif leave == "kind":
-            yield m.kind
-        elif leave == "row":
-            yield f"row {number}"

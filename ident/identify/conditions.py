@@ -51,12 +51,6 @@ NotAllUndamped = Int[AnyArray, "F"] | None
 """What each frequency is, those with a label first, as places in `DEFINITIONS`; None where all are undamped."""
 
 
-def definitions_of(values: Sequence[Measurement]) -> Int[np.ndarray, F] | None:
-    """Return what each of these measurements that is a frequency is of its damped mode; None where all are undamped."""
-    definitions = [DEFINITIONS.index(m.of or DEFINITIONS[0]) for m in values if m.kind == "frequency"]
-    return np.array(definitions, int) if any(definitions) else None
-
-
 def frequencies_of_pole(s: Complex[Array, "*shape"]) -> tuple[Float[Array, "*shape"], ...]:
     """Return |s|, Im s and the peaks of receptance and accelerance of a mode alone with the pole s, all [Hz].
 
@@ -331,16 +325,16 @@ def read_shapes(
     weight = (u * u).sum(0) * (((gap * nearest).sum(0) / NEAR) ** 2 + SHAPE_ROUNDING)
     if shapes.damped is not None:
         damped = as_real(_seen(moving_points_damped(chain, linear), shapes, states))
-        u = jnp.where(_lifted(shapes.damped, rank), _of_modes(damped, chosen), u)
-    read = _compared(jnp.moveaxis(_lifted(shapes.ratio, rank), 1, 0), u, b, weight)
-    own = jnp.take_along_axis(read, jnp.broadcast_to(_lifted(shapes.own, rank), read.shape[1:])[None], 0)[0]
+        u = jnp.where(lifted(shapes.damped, rank), _of_modes(damped, chosen), u)
+    read = _compared(jnp.moveaxis(lifted(shapes.ratio, rank), 1, 0), u, b, weight)
+    own = jnp.take_along_axis(read, jnp.broadcast_to(lifted(shapes.own, rank), read.shape[1:])[None], 0)[0]
     return jnp.where(chosen.sum(0) > 0, own, jnp.nan)
 
 
 def _seen(motion: Inexact[Array, "3 P m S *batch"], shapes: Shapes, states: AnyArray) -> Inexact[Array, "n K m *batch"]:
     """Return how the places of each shape move along their directions in all modes."""
     moved = motion[:, jnp.asarray(shapes.points), :, jnp.asarray(states)[:, None]]
-    return (moved * jnp.moveaxis(_lifted(shapes.direction, motion.ndim - 3), 0, 2)).sum(2)
+    return (moved * jnp.moveaxis(lifted(shapes.direction, motion.ndim - 3), 0, 2)).sum(2)
 
 
 def _of_modes(each: Float[Array, "n K m *batch"], chosen: AnyArray) -> Float[Array, "K n *batch"]:
@@ -372,7 +366,7 @@ def _compared(
     return y + off + y * (y[1:] * off[1:]).sum(0)
 
 
-def _lifted(x: AnyArray, rank: int) -> Array:
+def lifted(x: AnyArray, rank: int) -> Array:
     """Give an array as many batch axes as the predictions have."""
     return jnp.asarray(x).reshape(x.shape + (1,) * rank)
 
@@ -509,6 +503,8 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     posture = np.array([posture for posture, *_ in states], float).T
     servo = np.array([drives == "servo" for *_, drives in states], float)
     setups = tuple(dict.fromkeys(m.setup for m in campaign if m.setup))
+    hertz = [m for key in values if (m := campaign.measurements[first[key]]).kind == "frequency"]
+    definitions = [DEFINITIONS.index(m.of or DEFINITIONS[0]) for m in hertz]
     bound = Conditions(
         posture,
         load_columns(arm, [in_base_axes(arm, posture, load) for posture, load, _ in states]),
@@ -517,7 +513,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         _readings(readings, setups),
         order,
         repeats(order, np.array([first[key] for key in values])),
-        definitions_of([campaign.measurements[first[key]] for key in values]),
+        np.array(definitions, int) if any(definitions) else None,
         servo if arm.servos and servo.any() else None,  # without a description servos hold as brakes do
         shapes_of(arm, [campaign.measurements[key[3]] for key in named if key[0] == 2]),
     )

@@ -8,7 +8,7 @@ pairs are tried.
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from jaxtyping import Float
@@ -126,24 +126,12 @@ def _candidates(arm: Arm, campaign: Campaign) -> list[Measurement]:
     postures = dict.fromkeys([*(m.posture for m in campaign), *(tuple(map(float, row)) for row in spaced)])
     own = dict.fromkeys(m.load for m in campaign if not (m.load.forces or m.load.moments or m.load.own))
     loads = dict.fromkeys([OWN_WEIGHT, *(Load((payload.body.name,)) for payload in arm.payloads), *own])
-    return [
-        row
-        for posture in list(postures)[:POSTURES]
-        for load in list(loads)[:LOADS]
-        for row in (
-            Measurement(kind="frequency", posture=posture, value=1.0, sigma=1.0, load=load),
-            Measurement(kind="frequency", posture=posture, value=2.0, sigma=1.0, load=load),
-            Measurement(
-                kind="deflection",
-                posture=posture,
-                value=1.0,
-                sigma=1.0,
-                load=load,
-                point=arm.points[-1].name,
-                direction=AXES["-z"],
-            ),
-        )
-    ]
+    rows = []
+    for posture, load in product(list(postures)[:POSTURES], list(loads)[:LOADS]):
+        lowest = Measurement(kind="frequency", posture=posture, value=1.0, sigma=1.0, load=load)
+        drop = replace(lowest, kind="deflection", point=arm.points[-1].name, direction=AXES["-z"])
+        rows += [lowest, replace(lowest, value=2.0), drop]
+    return rows
 
 
 # -------- Explanations
@@ -276,8 +264,12 @@ def explain(
     limit = before.cost + before.label_cost - MARGIN  # what scores no less explains nothing
     tried = [each for each in tried if not each[0].wrong_sign and each[0].score < limit]
     if not any(item.fits and item.off < SUSPICIOUS for item, _ in tried):
-        pairs = _pairs(hypotheses, numbers, campaign, before.cost)
-        tried += [each for each in pairs if not each[0].wrong_sign and each[0].score < limit]
+        # pairs that fit together, of the best ones along a straight line
+        first = sorted(numbers, key=lambda perturbation: -hypotheses.gain([perturbation]))[:PAIRED]
+        pairs = [pair for pair in combinations(first, 2) if not set(pair[0].numbers) & set(pair[1].numbers)]
+        best = sorted(pairs, key=lambda pair: -hypotheses.gain(pair))[:PAIRS]
+        found = filter(None, (_perturbed(hypotheses, pair, campaign, before.cost) for pair in best))
+        tried += [e for e in found if e[0].fits and not e[0].wrong_sign and e[0].score < limit]
     tried.sort(key=lambda each: (not each[0].fits, each[0].score if each[0].fits else each[0].cost))
     fitting = enumerate((perturbed for item, perturbed in tried if item.fits), 1)
     leading = {place: perturbed for place, perturbed in fitting if perturbed is not None and place <= LEADING}
@@ -345,18 +337,15 @@ def _corrections(fit: CampaignFit) -> Iterator[tuple[Change, Arm, Campaign]]:
                 wrong = tuple(i for i in among if (payload in rows[i].load.payloads) != on)
                 if wrong and (payload, wrong) not in seen:
                     seen.add((payload, wrong))
-                    right = tuple(_with(m, payload, on) if i in wrong else m for i, m in enumerate(rows))
+                    right = list(rows)
+                    for i in wrong:
+                        names = {*rows[i].load.payloads} ^ {payload}
+                        right[i] = replace(rows[i], load=replace(rows[i].load, payloads=tuple(names)))
                     change = Change("on" if on else "off", payload, wrong)
-                    yield change, fit.arm, replace(fit.campaign, measurements=right)
+                    yield change, fit.arm, replace(fit.campaign, measurements=tuple(right))
     granted = fit.assumptions
     if granted is not None and fit.arm.base is None and any(item.kind in SOFT for item in granted.items):
         yield Change("soft base"), on_soft_base(fit.arm, granted.height), fit.campaign
-
-
-def _with(m: Measurement, payload: str, on: bool) -> Measurement:
-    names = {*m.load.payloads, payload} if on else set(m.load.payloads) - {payload}
-    load = m.load
-    return replace(m, load=Load(tuple(names), load.masses, load.forces, load.moments, load.own))
 
 
 def _corrected(fit: CampaignFit, correction: tuple[Change, Arm, Campaign], unknowns: Unknowns) -> _Tried | None:
@@ -406,14 +395,3 @@ def _assumed(fit: CampaignFit, hypotheses: Hypotheses, before: Perturbed) -> Ite
             change = Change(item.kind, item.joint, (), amount, test.sd, amount / ASSUMED[item.kind].plausible)
             fits = hypotheses.chance(cost, 1) >= LIKELY
             yield Explanation((change,), cost, fits, linear=True, said=before.label_cost)
-
-
-def _pairs(
-    hypotheses: Hypotheses, perturbations: Sequence[Perturbation], campaign: Campaign, before: float
-) -> list[_Tried]:
-    """Return pairs of numbers that fit together, the best ones along a straight line."""
-    first = sorted(perturbations, key=lambda perturbation: -hypotheses.gain([perturbation]))[:PAIRED]
-    pairs = [pair for pair in combinations(first, 2) if not set(pair[0].numbers) & set(pair[1].numbers)]
-    best = sorted(pairs, key=lambda pair: -hypotheses.gain(pair))[:PAIRS]
-    found = [_perturbed(hypotheses, pair, campaign, before) for pair in best]
-    return [each for each in found if each is not None and each[0].fits]

@@ -17,20 +17,17 @@ from ident.arm.chain import Chain
 from ident.arm.hinges import CutArm, cut
 from ident.arm.mechanics import (
     Phi,
-    StaticEquilibrium,
     flat,
     potential_gradient,
     second_variations,
     static_equilibrium,
     unflatten,
 )
-from ident.arm.modes import Modes, modes_about
-from ident.arm.parts import Body
+from ident.arm.modes import modes_about
 from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
 from ident.identify.mode_matching import FAR
-from ident.identify.padding import padded
-from ident.identify.predict import ArmModel, Matching, chains, mode_choice, pick, read, vector_of
+from ident.identify.predict import ArmModel, Matching, chains, mode_choice, picked, read, vector_of
 from ident.identify.problem import Posed, Ramp, check_values, pose, ramps_of, repeated, row_names
 from ident.identify.unknowns import Unknowns
 from ident.inference.fit import FIT_STARTS, Fit, cross_predictions, fit, with_stretch
@@ -103,8 +100,14 @@ def slopes(
         Lancaster, "On eigenvalues of matrices dependent on a parameter", Numer. Math. 6, 1964. For hinges: ours,
         compared with arms that have stiff bushings there in tests/identify/test_slopes.py.
     """
-    at, modes, rest, shapes = _at_rest(arm, cut, conditions)
+    chain = chains(arm, conditions)
+    at = static_equilibrium(chain)
+    modes = modes_about(chain, at)
     still, own, n, count = chains(cut.arm, conditions), np.array(cut.own), len(cut.arm.joints), len(cut.own)
+    # equilibrium and modes in the coordinates of the arm that is cut
+    rest = jnp.zeros((3, n, *at.phi.shape[2:])).at[:, own].set(at.phi)
+    uncut = jax.vmap(unflatten, 1)(modes.shape)
+    shapes = jnp.zeros((len(uncut), *rest.shape)).at[:, :, own].set(uncut)
     hinges, squared = np.array([hinge.place for hinge in cut.hinges], int), (2 * jnp.pi * modes.frequency) ** 2
 
     def of_mode(phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> Float[Array, ""]:
@@ -113,7 +116,8 @@ def slopes(
     by_phi, by_shape = jax.vmap(jax.grad(of_mode, (0, 1)), (None, 0, 0))(rest, shapes, squared)
     moment, gradient = by_shape[:, :, hinges] / 2, unflatten(potential_gradient(still, rest))[:, hinges]
     projectors = [K[:, :, hinges] for K in (still.bend, still.tors)]
-    turns = jnp.concatenate([_one_each(-matvec(P, gradient), hinges, n) for P in projectors])
+    alone = np.equal.outer(hinges, np.arange(n)).astype(float)  # each hinge turns by itself
+    turns = jnp.concatenate([jnp.einsum("ahs,hn->hans", -matvec(P, gradient), alone) for P in projectors])
     turns = jnp.concatenate([turns, jnp.zeros((3 * count, *rest.shape))])
     amounts = jnp.concatenate([jnp.zeros((2 * len(hinges), 3 * count)), jnp.eye(3 * count)])
 
@@ -145,18 +149,6 @@ slopes_once = jit(unwrap(slopes), RUNS_ONCE)
 """The same, for a campaign that is not looked at in many parts."""
 
 
-def _at_rest(
-    arm: Arm, cut: CutArm, conditions: Conditions
-) -> tuple[StaticEquilibrium, Modes, Phi, Float[Array, "m 3 n S"]]:
-    """Return equilibrium and modes of the arm, and both in the coordinates of the one that is cut."""
-    chain = chains(arm, conditions)
-    at = static_equilibrium(chain)
-    modes, own = modes_about(chain, at), np.array(cut.own)
-    rest = jnp.zeros((3, len(cut.arm.joints), *at.phi.shape[2:])).at[:, own].set(at.phi)
-    shapes = jax.vmap(unflatten, 1)(modes.shape)
-    return at, modes, rest, jnp.zeros((len(shapes), *rest.shape)).at[:, :, own].set(shapes)
-
-
 def _of_mode(chain: Chain, phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> Float[Array, "S"]:
     """Return v' (H - l M) v."""
     H, M = second_variations(chain, phi, v)
@@ -171,20 +163,10 @@ def _changed(cut: CutArm, amounts: Float[Array, "amounts"]) -> Arm:
         joints[place] = eqx.tree_at(lambda joint: joint.k_tors, joints[place], joints[place].k_tors / (1 + servo[j]))
         way, factor = centre[j] * cut.link_end(place), 1 + mass[j]
         for piece in cut.pieces(place):
-            link = tuple(_heavier(body, factor, way) for body in joints[piece].link)
+            each = [(b, (b.mass * factor, b.com + way, b.inertia * factor)) for b in joints[piece].link]
+            link = tuple(eqx.tree_at(lambda b: (b.mass, b.com, b.inertia), *pair) for pair in each)
             joints[piece] = eqx.tree_at(lambda joint: joint.link, joints[piece], link)
     return eqx.tree_at(lambda arm: arm.joints, cut.arm, tuple(joints))
-
-
-def _heavier(body: Body, factor: Array, way: Float[Array, "3"]) -> Body:
-    numbers = body.mass * factor, body.com + way, body.inertia * factor
-    return eqx.tree_at(lambda body: (body.mass, body.com, body.inertia), body, numbers)
-
-
-def _one_each(turn: Float[Array, "3 H S"], hinges: np.ndarray, n: int) -> Float[Array, "H 3 n S"]:
-    """Return for each hinge the turns of all bushings where only that one turns."""
-    alone = np.equal.outer(hinges, np.arange(n)).astype(float)
-    return jnp.einsum("ahs,hn->hans", turn, alone)
 
 
 def _rows(
@@ -192,9 +174,9 @@ def _rows(
 ) -> Float[Array, "D"]:
     named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
     values = [
-        pick(frequency, choice[0][:, :first], named.states[:first]),
+        picked(frequency[:, named.states[:first]], choice[0][:, :first]),
         jnp.zeros(named.others),
-        pick(frequency, choice[1], unnamed.states),
+        picked(frequency[:, unnamed.states], choice[1]),
         reads,
     ]
     return jnp.concatenate(values)[conditions.order]
@@ -301,17 +283,13 @@ def assumptions(fit: Fit, posed: Posed) -> Assumptions:
 
 def _slopes(held: Matching | None, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Slopes:
     """Return how the campaign's predictions change; part by part where it is large."""
-    model = ArmModel(fitted, conditions)
-    parts = model.in_parts()
-    if parts is None:
-        few, _, places = padded(conditions)
-        each = [jax.device_get(slopes_once(fitted, pieces, few, _places(fitted, held)))]
-    else:
-        places, split = parts.places, parts.split(held)
-        chosen = [_places(fitted, own) for own in split]
-        calls = zip(parts.models, chosen, strict=True)
-        each = [jax.device_get(slopes(fitted, pieces, part.conditions, own)) for part, own in calls]
-    joined = [np.concatenate(columns, -1)[..., places] for columns in zip(*each, strict=True)]
+    parts = ArmModel(fitted, conditions).in_parts()
+    differentiated = slopes if len(parts.models) > 1 else slopes_once
+    each = [
+        jax.device_get(differentiated(fitted, pieces, part.conditions, _places(fitted, own)))
+        for part, own in zip(parts.models, parts.split(held), strict=True)
+    ]
+    joined = [np.concatenate(columns, -1)[..., parts.places] for columns in zip(*each, strict=True)]
     return Slopes(*joined)  # type: ignore[arg-type]  # fetched from jax
 
 
@@ -496,8 +474,7 @@ class CampaignFit(Fit):
     def remarks(self) -> tuple[str, ...]:
         """What is odd about this fit, though it forbids no interval."""
         names = row_names(self.campaign)
-        rows = ", ".join(f"{names[i]} ('{self.campaign.measurements[i].mode}')" for i in self.renamed[:NAMED])
-        rows += f" and {len(self.renamed) - NAMED} more" if len(self.renamed) > NAMED else ""
+        rows = _several([f"{names[i]} ('{self.campaign.measurements[i].mode}')" for i in self.renamed])
         mode = "this mode has another label: row" if len(self.renamed) == 1 else "these modes have other labels: rows"
         renamed = (f"on the fitted arm {mode} {rows}",) if rows else ()
         single = (self.blamed_in_words,) if self.blamed_in_words else ()
@@ -534,9 +511,8 @@ class CampaignFit(Fit):
     def _unchecked(self, names: Sequence[str]) -> Iterator[str]:
         """Say which rows' errors nothing would show."""
         if own := np.flatnonzero(self.row_tests.unchecked).tolist():
-            several = ", ".join(names[i] for i in own[:NAMED])
-            several += f" and {len(own) - NAMED} more" if len(own) > NAMED else ""
-            yield f"no other measurement can check row{'s' * (len(own) > 1)} {several}: an error would go unnoticed"
+            several = f"row{'s' * (len(own) > 1)} {_several([names[i] for i in own])}"
+            yield f"no other measurement can check {several}: an error would go unnoticed"
 
     def _exchanges(self, names: Sequence[str]) -> Iterator[str]:
         """Say of each pair of rows that the data would fit with its two values exchanged."""
@@ -567,6 +543,11 @@ class CampaignFit(Fit):
     def posed(self) -> Posed:
         """The campaign posed to the arm."""
         return Posed(self.campaign, self.problem)
+
+
+def _several(rows: Sequence[str]) -> str:
+    """Return rows in a row, of many the first ones."""
+    return ", ".join(rows[:NAMED]) + (f" and {len(rows) - NAMED} more" if len(rows) > NAMED else "")
 
 
 def fit_campaign(

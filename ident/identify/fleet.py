@@ -73,9 +73,9 @@ class Robot:
         doubts: what speaks against the fit.
     """
 
-    name: str
-    campaign: SourceFile
-    arm: SourceFile
+    name: str = ""
+    campaign: SourceFile = SourceFile()
+    arm: SourceFile = SourceFile()
     error: str = ""
     names: tuple[str, ...] = ()
     theta: Float[np.ndarray, "P"] = field(default_factory=lambda: np.zeros(0))
@@ -162,7 +162,7 @@ class Stiffnesses:
     def of(cls, parameters: Parameters) -> "Stiffnesses":
         """Find them among a fit's parameters."""
         names = parameters.names
-        places = [i for i, path in enumerate(names) if _is_stiffness(path)]
+        places = [i for i, path in enumerate(names) if (known := field_of(path)) and known.name in STIFFNESS]
         mean = np.asarray(parameters.theta(np.asarray(parameters.column("centre"))))
         others = [i for i in range(len(names)) if i not in places]
         return cls(
@@ -215,9 +215,6 @@ def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Ro
         precision[others, others] += prior_slope[others] ** 2
         shift[others] += prior_slope[others] ** 2 * at.theta[others] - prior_slope[others] * off[others]
     return Robot(
-        name="",
-        campaign=SourceFile(),
-        arm=SourceFile(),
         names=stiffnesses.names,
         theta=at.theta[places],
         sd=at.sd[places],
@@ -225,11 +222,6 @@ def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Ro
         prior_sd=stiffnesses.prior_sd,
         likelihood=_marginal(precision, shift, places, others),
     )
-
-
-def _is_stiffness(path: str) -> bool:
-    known = field_of(path)
-    return known is not None and known.name in STIFFNESS
 
 
 def _marginal(precision: np.ndarray, shift: np.ndarray, kept: list[int], others: list[int]) -> Likelihood:
@@ -259,7 +251,8 @@ def fleet(robots: Iterable[Robot], *, seed: int = 0, redraw: Redraw | None = Non
         InputError: robots of one name.
     """
     robots = tuple(sorted(robots, key=lambda robot: robot.name))
-    _refuse_twice([robot.name for robot in robots])
+    if twice := [name for name, times in Counter(robot.name for robot in robots).items() if times > 1]:
+        raise InputError(Problem(twice[0], "two robots of this name", "a name for each", "rename a file or a folder"))
     most = Counter(robot.names for robot in robots if not robot.failed).most_common(1)
     names = most[0][0] if most else ()
     robots = tuple(_of_the_fleet(robot, names) for robot in robots)
@@ -279,11 +272,6 @@ def _of_the_fleet(robot: Robot, names: tuple[str, ...]) -> Robot:
     got = f"other stiffnesses than most robots of the fleet ({', '.join(other) or 'in another order'})"
     problem = Problem(robot.arm.path, got, "one design", "fit it alone, or give it the same unknowns")
     return replace(robot, error=str(problem))
-
-
-def _refuse_twice(names: Sequence[str]) -> None:
-    if twice := [name for name, times in Counter(names).items() if times > 1]:
-        raise InputError(Problem(twice[0], "two robots of this name", "a name for each", "rename a file or a folder"))
 
 
 # -------- Fleet draws
@@ -388,8 +376,11 @@ def _shares(parts: list[Normal]) -> np.ndarray:
 def _drawn(parts: list[Normal], positive: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Draw from the mixture, `(n, U)`; a draw of which a reciprocal is not positive is left out."""
     counts = rng.multinomial(COUNT, _shares(parts))
-    each = zip(parts, counts, strict=True)
-    theta = [_theta(_student(part).rvs(n, random_state=rng).reshape(n, -1), part, positive) for part, n in each]
+    theta = []
+    for part, n in zip(parts, counts, strict=True):
+        away = _student(part).rvs(n, random_state=rng).reshape(n, -1)  # 1 - exp(mean - theta) of what is positive
+        with np.errstate(invalid="ignore", divide="ignore"):
+            theta.append(part.mean + np.where(positive, -np.log1p(-np.where(positive, away, 0.0)), away))
     whole = np.concatenate(theta)
     return whole[np.isfinite(whole).all(1)]
 
@@ -403,12 +394,6 @@ def _log_density(parts: list[Normal], positive: np.ndarray, theta: np.ndarray) -
         rise = np.where(positive, step, 0.0).sum(1)
         each.append(np.atleast_1d(_student(part).logpdf(away)) - rise)
     return np.asarray(logsumexp(each, axis=0, b=_shares(parts)[:, None]))
-
-
-def _theta(away: np.ndarray, part: Normal, positive: np.ndarray) -> np.ndarray:
-    """Return theta of steps 1 - exp(mean - theta) in the reciprocals of positive unknowns; NaN where there is none."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return part.mean + np.where(positive, -np.log1p(-np.where(positive, away, 0.0)), away)
 
 
 def _student(part: Normal) -> Any:

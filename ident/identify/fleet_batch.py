@@ -11,13 +11,13 @@ from jaxtyping import Array, Bool, Float
 
 from ident.arm.arm import Arm
 from ident.errors import IdentError
-from ident.identify.conditions import Conditions, shared_error
+from ident.identify.conditions import shared_error
 from ident.identify.fleet import Linear, Robot, SourceFile, Stiffnesses, robot_at
 from ident.identify.problem import Posed, check_values, plausible_beside, pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.information import IMPROBABLE, RANK_TOLERANCE, half_width, row_tests
 from ident.inference.optima import SAME
-from ident.inference.problem import Growing, InverseProblem
+from ident.inference.problem import InverseProblem
 from ident.inference.search import OPTIMUM_STEP, SEVERAL, TURNS, UNTIL_REMATCHED, WHOLE, evaluate, search
 from ident.measure import Campaign
 from ident.measure.load import SHAPES
@@ -115,9 +115,7 @@ def fit_many(problem: InverseProblem, values: Values, size: int, seed: int = 0) 
 
 def _padded(problem: InverseProblem, values: Values) -> tuple[InverseProblem, Values, np.ndarray]:
     """Return a problem of one of few sizes, the values of all that it stands for, and where each is."""
-    if not isinstance(problem.model, Growing):
-        return problem, values, np.arange(len(problem.kinds))
-    model, source, places = problem.model.padded()
+    (model,), (source,), places, *_ = problem.in_parts().parts
     own = (_with(problem, values, r) for r in range(len(values.measured)))
     mean, spread, _ = zip(*(each.pooled(source, places) for each in own), strict=True)
     pooled = Values(np.array(mean), np.array(spread))
@@ -219,7 +217,8 @@ def robots_together(
     """
     groups: dict[Hashable, list[Given]] = {}
     for each in (one._replace(campaign=_ascending(one.campaign)) for one in given):
-        groups.setdefault((each.arm_file.sha256, _way(each.campaign)), []).append(each)
+        way = (tuple(x for name, x in vars(m).items() if name not in MEASURED) for m in each.campaign)
+        groups.setdefault((each.arm_file.sha256, *way), []).append(each)
     found: dict[str, Robot] = {}
     for group in groups.values():
         plausible = ((i, posed) for i, one in enumerate(group) if (posed := _plausible(one, unknowns, trusted)))
@@ -229,26 +228,8 @@ def robots_together(
     return found
 
 
-def _way(campaign: Campaign) -> Hashable:
-    """Return how a campaign was measured: all but its values."""
-    return tuple(
-        (
-            m.kind,
-            m.posture,
-            m.mode,
-            m.of,
-            m.point,
-            m.direction,
-            m.joint,
-            m.setup,
-            m.ramp,
-            m.repeat,
-            m.load,
-            m.reference_load,
-            m.drives,
-        )
-        for m in campaign
-    )
+MEASURED = ("value", "sigma", "resolution", "group", "member", "unit", "note", "where")
+"""What rows that were measured in the same way may differ in."""
 
 
 def _ascending(campaign: Campaign) -> Campaign:
@@ -263,14 +244,6 @@ def _ascending(campaign: Campaign) -> Campaign:
     return replace(campaign, measurements=tuple(rows))
 
 
-def _values(given: Sequence[Given], conditions: Conditions) -> Values:
-    """Return what was measured, with sigmas as `pose` has them."""
-    order = np.asarray(conditions.order)
-    every = np.array([[(m.value, m.sigma, m.resolution) for m in each.campaign] for each in given])
-    value, sigma, step = np.moveaxis(every, 2, 0)
-    return Values(value, np.array([shared_error(order, *each) for each in zip(sigma, step, strict=True)]))
-
-
 def _plausible(given: Given, unknowns: Unknowns, trusted: Collection[str]) -> Posed | None:
     """Pose a robot's campaign; None where it is not plausible, or is for itself."""
     try:
@@ -279,8 +252,7 @@ def _plausible(given: Given, unknowns: Unknowns, trusted: Collection[str]) -> Po
     except IdentError:
         return None
     bound = any(m.kind in SHAPES for m in given.campaign)  # to what was measured of one robot
-    together = posed.problem.in_parts() is None and posed.problem.correlation is None and not bound
-    return posed if together else None
+    return posed if posed.problem.in_parts().whole and not bound else None
 
 
 def _fitted(posed: Posed, group: Sequence[Given], size: int, seed: int) -> dict[str, Robot]:
@@ -290,7 +262,11 @@ def _fitted(posed: Posed, group: Sequence[Given], size: int, seed: int) -> dict[
     right = [each for each in group if plausible_beside(each.campaign, predicted)]
     if not right:
         return {}
-    fits = fit_many(problem, _values(right, posed.conditions), size, seed)
+    order = np.asarray(posed.conditions.order)
+    every = np.array([[(m.value, m.sigma, m.resolution) for m in each.campaign] for each in right])
+    value, sigma, step = np.moveaxis(every, 2, 0)
+    shared = np.array([shared_error(order, *each) for each in zip(sigma, step, strict=True)])  # as `pose` has them
+    fits = fit_many(problem, Values(value, shared), size, seed)
     stiffnesses = Stiffnesses.of(problem.parameters)
     return {
         each.name: replace(

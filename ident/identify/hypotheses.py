@@ -164,13 +164,9 @@ def altered_numbers(
                 yield Number("spring", f"{joint.name}.{direction}")
 
 
-def largest_moments(model: ArmModel, parameters: Mapping[str, float]) -> Float[np.ndarray, "N 2"]:
-    """Return the largest bending and torsional moment [N m] on each bushing among the states of a campaign."""
-    return np.asarray(_moments(model, {name: np.asarray(x) for name, x in parameters.items()}))
-
-
 @partial(jit, options=RUNS_ONCE)
-def _moments(model: ArmModel, parameters: Mapping[str, Any]) -> Float[AnyArray, "N 2"]:
+def largest_moments(model: ArmModel, parameters: Mapping[str, Any]) -> Float[AnyArray, "N 2"]:
+    """Return the largest bending and torsional moment [N m] on each bushing among the states of a campaign."""
     arm, conditions = model.applied(parameters)
     chain = chains(arm, conditions)
     phi = equilibrium(chain)
@@ -282,8 +278,7 @@ class Perturbed:
 
     Attributes:
         hypotheses: among which it was found.
-        perturbations: them.
-        amounts: of each, in its own unit (see `KINDS`); of a row, by how many of its sigmas it is off.
+        amounts: of each perturbation, in its own unit (see `KINDS`); of a row, by how many of its sigmas it is off.
         sd: of these by data and priors.
         cost: sum of squares of data and priors at the optimum, without what is known of the amounts.
         label_cost: of the labels there, minus twice the logarithm of their probability.
@@ -293,7 +288,6 @@ class Perturbed:
     """
 
     hypotheses: "Hypotheses"
-    perturbations: tuple[Perturbation, ...]
     amounts: tuple[float, ...]
     sd: tuple[float, ...]
     cost: float
@@ -363,8 +357,8 @@ class Hypotheses:
             perturbations: what may be otherwise.
             ridges: how many of its widths each may move before that counts as one.
         """
-        found = []
-        for start in (self._origin(perturbations), np.append(self._priors[0], np.zeros(len(perturbations)))):
+        found, centre = [], np.asarray(self._known.theta(self._known.column("centre")))
+        for start in (self._origin(perturbations), np.append(centre, np.zeros(len(perturbations)))):
             for ridge in ridges if perturbations else ridges[:1]:
                 end = self._search(perturbations, start, ridge)
                 if end is not None and end.fits:
@@ -376,14 +370,7 @@ class Hypotheses:
         way = self._way(perturbations)
         widths = ridge * self._widths(way)
 
-        def look(x: np.ndarray, held: Any) -> End:
-            here = self._look(way, perturbations, x, held)
-            residuals, slope = self._weigh(here, widths)
-            return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
-
-        def weigh(here: End) -> tuple[np.ndarray, np.ndarray]:
-            return self._weigh(here, widths)
-
+        look, weigh = partial(self._look, way, perturbations), partial(self._weigh, widths=widths)
         end, _ = minimum(look, weigh, start, self.start.choice.held, True, STEPS)
         if not np.isfinite(end.cost):
             return None
@@ -394,18 +381,8 @@ class Hypotheses:
         cost = float((residuals**2).sum())
         likely = self.chance(cost, len(perturbations)) >= LIKELY
         fits = bool(likely and end.choice.settled and not row_tests(self.problem, residuals, slope).outliers.any())
-        whole = way @ end.theta
-        return Perturbed(
-            self,
-            tuple(perturbations),
-            tuple(map(float, amounts)),
-            tuple(map(float, sd)),
-            cost,
-            float(np.sum(end.choice.cost)),
-            fits,
-            whole,
-            way @ covariance @ way.T,
-        )
+        label_cost, whole = float(np.sum(end.choice.cost)), (way @ end.theta, way @ covariance @ way.T)
+        return Perturbed(self, tuple(amounts.tolist()), tuple(sd.tolist()), cost, label_cost, fits, *whole)
 
     @property
     def effective(self) -> tuple[Number, ...]:
@@ -465,18 +442,13 @@ class Hypotheses:
         return self.problem.scaled  # looked up once: a method of a module is made anew at each look
 
     @cached_property
-    def _priors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Centre, standard deviation and flat half-length in theta of the unknowns' priors."""
-        known = Parameters(self.problem.parameters.items[: self.unknowns])
-        centre = np.asarray(known.theta(known.column("centre")))
-        return centre, np.asarray(known.column("prior_sd")), np.asarray(known.column("flat"))
+    def _known(self) -> Parameters:
+        """The unknowns, without what may be otherwise."""
+        return Parameters(self.problem.parameters.items[: self.unknowns])
 
     def _weigh(self, here: End, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return residuals of data, of priors and of the perturbations, by these widths; and their slope."""
-        centre, sd, flat = self._priors
-        off = here.theta[: self.unknowns] - centre
-        prior = np.sign(off) * np.maximum(np.abs(off) - flat, 0.0) / sd
-        slope = np.where(np.abs(off) >= flat, 1 / sd, 0.0)
+        prior, slope = (np.asarray(part) for part in self._known.prior_residuals(here.theta[: self.unknowns]))
         data = np.asarray(self._scaled(here.predicted - np.asarray(self.problem.measured)))
         count = len(here.theta) - self.unknowns
         perturbations = np.hstack([np.zeros((count, self.unknowns)), np.diag(1 / widths)])
@@ -504,7 +476,7 @@ def hypotheses_of(posed: Posed, fitted: Mapping[str, float], held: Any = None) -
         return None
     own = problem.parameters
     values = {path: fitted.get(path, float(x)) for path, x in own.by_path(own.column("centre")).items()}
-    moments = largest_moments(model, values)
+    moments = np.asarray(largest_moments(model, {name: np.asarray(x) for name, x in values.items()}))
     numbers = tuple(altered_numbers(model, tuple(dict.fromkeys(problem.kinds)), values, moments))
     parameters = Parameters((*own.items, *(number.parameter for number in numbers)))
     altered = AlteredModel(

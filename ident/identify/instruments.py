@@ -106,11 +106,6 @@ MOST = 2048
 """Postures at most; a power of two, as Sobol's sequence likes."""
 
 
-def ranges(arm: Arm) -> list[tuple[float, float]]:
-    """Return for each driven joint the angles [rad] worth looking at: its limits, or one full turn."""
-    return [(max(low, -math.pi), min(high, math.pi)) for low, high in (joint.limits for joint in arm.driven)]
-
-
 def posture_grid(arm: Arm, step: float = STEP, *, seed: int = 0) -> tuple[Float[np.ndarray, "G joints"], bool]:
     """Return postures [rad] that may be held, and whether they are a sample of a grid that would be too large.
 
@@ -138,7 +133,8 @@ def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G
     if not 0 < step <= 2 * math.pi:
         got = f"a step of {math.degrees(step):g} deg"
         raise InputError(Problem("", got, "a step above 0 and up to 360 deg", "give another step"))
-    spans = ranges(arm)
+    # the angles worth looking at: within the limits, one full turn at most
+    spans = [(max(low, -math.pi), min(high, math.pi)) for low, high in (joint.limits for joint in arm.driven)]
     for joint, (low, high) in zip(arm.driven, spans, strict=True):
         if low > high:
             got = f"limits of {joint.name} that leave -180 to 180 deg out"
@@ -157,15 +153,10 @@ def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G
     low, high = np.array(spans).T
     u = qmc.Sobol(len(spans), rng=np.random.default_rng(seed)).random(MOST)
     postures = np.clip(np.deg2rad(np.round(np.rad2deg(low + u * (high - low)))), low, high)
-    if _turns_about_vertical(arm):
+    first = arm.joints[0]
+    if first.driven and not np.cross(np.asarray(first.axis), np.asarray(arm.gravity)).any():  # about the vertical
         postures[:, 0] = np.clip(0.0, low[0], high[0])
     return postures, True
-
-
-def _turns_about_vertical(arm: Arm) -> bool:
-    """Tell whether the first joint of all turns the whole arm about the vertical."""
-    first, gravity = arm.joints[0], np.asarray(arm.gravity)
-    return first.driven and not np.cross(np.asarray(first.axis), gravity).any()
 
 
 def _on_line(spans: Sequence[tuple[float, float]], line: Sequence[float], step: float) -> list[float]:

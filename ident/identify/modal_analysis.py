@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -108,20 +107,28 @@ def modal_analysis(
         angles = ", ".join(f"{math.degrees(angle):g}" for angle in posture)
         raise InputError(Problem("", f"({angles}) deg", "finite angles", "correct the posture", "posture"))
     posture = tuple(map(float, posture))
-    solution = jax.tree.map(lambda x: x[..., 0], modal_solution(arm, posture, load, drives))
-    if not np.isfinite(solution.modes.frequency).all():
-        raise ModelError(_collapse(arm, posture, load))
-    lowest = _lowest(solution.modes, modes)
+    solved = jax.tree.map(lambda x: x[..., 0], modal_solution(arm, posture, load, drives))
+    solution = jax.device_get(solved)
+    known = solution.modes
+    if not np.isfinite(known.frequency).all():
+        angles = ", ".join(f"{math.degrees(q):.4g}" for q in posture)
+        raise ModelError(
+            f"{arm.name} has no stable equilibrium at ({angles}) deg under {load}: its bushings are too soft for what"
+            " they carry; check stiffnesses, masses and their units"
+        )
+    shape, bend, tors = (x[:, :modes] for x in (known.shape, known.bend, known.tors))
+    cut = known.frequency[:modes], shape, bend, tors, known.motion[:, :, :modes]
+    lowest = eqx.tree_at(lambda m: (m.frequency, m.shape, m.bend, m.tors, m.motion), known, cut)
     return ModalAnalysis(
         arm=arm,
         posture=posture,
         load=load,
-        modes=jax.device_get(lowest),
-        labels=tuple(mode_labels(lowest)),
-        ambiguous=np.asarray(solution.ambiguous[:modes]),
-        damping_ratio=np.asarray(solution.ratio[:modes]),
-        deflection={point.name: np.asarray(solution.moved[:, i]) for i, point in enumerate(arm.points)},
-        equilibrium=np.asarray(solution.phi),
+        modes=lowest,
+        labels=tuple(mode_labels(solved.modes)[:modes]),
+        ambiguous=solution.ambiguous[:modes],
+        damping_ratio=solution.ratio[:modes],
+        deflection={point.name: solution.moved[:, i] for i, point in enumerate(arm.points)},
+        equilibrium=solution.phi,
         drives=drives,
     )
 
@@ -185,24 +192,3 @@ def _solve(
     s = damped_eigenvalues(linear)
     ratio = -s.real / jnp.abs(s)
     return ModalSolution(at.phi, shapes, is_ambiguous(shapes), ratio, deflection(chain, at.phi), linear.M)
-
-
-def _lowest(modes: Modes, count: int) -> Modes:
-    def cut(x: Any, axis: int) -> Any:
-        return jax.lax.slice_in_dim(x, 0, min(count, x.shape[axis]), axis=axis)
-
-    return Modes(
-        cut(modes.frequency, 0),
-        cut(modes.shape, 1),
-        cut(modes.bend, 1),
-        cut(modes.tors, 1),
-        cut(modes.motion, 2),
-    )
-
-
-def _collapse(arm: Arm, posture: tuple[float, ...], load: Load) -> str:
-    angles = ", ".join(f"{math.degrees(q):.4g}" for q in posture)
-    return (
-        f"{arm.name} has no stable equilibrium at ({angles}) deg under {load}: its bushings are too soft for what"
-        " they carry; check stiffnesses, masses and their units"
-    )

@@ -170,7 +170,12 @@ def most_probable(
         off = jnp.where(_fitted(values, data, modes.frequency.ndim - 2).any(0), off, 0.0)
     cost = name_costs(modes, off)
     names = jnp.stack([cost[direction] + cost[kind] for direction, kind in NAMES], 1)
-    residuals = _squared_residuals(values, modes.frequency[:, values.states] if hertz is None else hertz, data, off)
+    near = modes.frequency[:, values.states] if hertz is None else hertz
+    residuals, rank = jnp.zeros_like(near), near.ndim - 2
+    if data is not None:  # in sigma; of a damping ratio there is none
+        measured, sigma = _aligned(values, data, rank)
+        squared = ((near - measured) / jnp.hypot(sigma, off * measured)) ** 2
+        residuals = jnp.where(_are_frequencies(values, rank), jnp.minimum(squared, FAR), 0.0)
     against = jnp.concatenate([residuals, jnp.zeros_like(residuals[:, :1])], 1)[:, values.at]
     return _best_naming(values, names, against)[:, values.places, values.states]
 
@@ -184,17 +189,6 @@ def rms_log_error(
     counts = _fitted(values, data, hertz.ndim - 1)
     squared = jnp.where(counts, jnp.log(jnp.where(counts, hertz / measured, 1.0)) ** 2, 0.0)
     return jax.lax.stop_gradient(jnp.sqrt(squared.sum(0) / jnp.maximum(counts.sum(0), 1)))
-
-
-def _squared_residuals(
-    values: Named, near: Float[Array, "m R *batch"], data: Data | None, off: AnyArray | float
-) -> Float[Array, "m R *batch"]:
-    """Return the squared misfit of each labelled frequency with each mode, in sigma; zero for a damping ratio."""
-    if data is None:
-        return jnp.zeros_like(near)
-    measured, sigma = _aligned(values, data, near.ndim - 2)
-    squared = ((near - measured) / jnp.hypot(sigma, off * measured)) ** 2
-    return jnp.where(_are_frequencies(values, near.ndim - 2), jnp.minimum(squared, FAR), 0.0)
 
 
 def _fitted(values: Named, data: Data, rank: int) -> Bool[Array, "R *batch"]:
@@ -226,7 +220,10 @@ def _best_naming(values: Named, names: Float[Array, "m 4 *batch"], against: Floa
     """
     follow, given = _steps(values)
     shape, rank = names.shape[2:], names.ndim - 2
-    to_go = jnp.where(_complete(values).reshape((-1, shape[0]) + (1,) * (rank - 1)), 0.0, NEVER)
+    # at which numbers of names a state has all the labels that were seen in it
+    counts = np.indices([top + 1 for top in values.top]).reshape(len(values.top), -1)
+    complete = jnp.all(counts[:, :, None] >= values.largest[:, None], 0)
+    to_go = jnp.where(complete.reshape((-1, shape[0]) + (1,) * (rank - 1)), 0.0, NEVER)
 
     def name_one(to_go: Array, mode: tuple[Array, Array]) -> tuple[Array, Array]:
         cost = mode[0][None] + mode[1][given].sum(2) + to_go[follow]
@@ -253,7 +250,7 @@ def _steps(values: Named) -> tuple[np.ndarray, np.ndarray]:
     first = np.concatenate([[0], np.cumsum(values.top)])
     nothing = int(first[-1])
     labels = [(WORDS[0][direction], WORDS[1][kind]) for direction, kind in values.patterns]
-    borne = [[axis for axis, pattern in enumerate(labels) if _bears(name, pattern)] for name in NAMES]
+    borne = [[axis for axis, words in enumerate(labels) if {*words} <= {None, *name}] for name in NAMES]
     follow = np.zeros((math.prod(sizes), len(NAMES)), int)
     given = np.full((*follow.shape, max(map(len, borne))), nothing)
     for before, count in enumerate(np.ndindex(*sizes)):
@@ -265,13 +262,3 @@ def _steps(values: Named) -> tuple[np.ndarray, np.ndarray]:
                     after[axis] += 1
             follow[before, i] = np.ravel_multi_index(tuple(after), sizes)
     return follow, given
-
-
-def _bears(name: tuple[str, str], pattern: tuple[str | None, str | None]) -> bool:
-    return all(word in (None, own) for word, own in zip(pattern, name, strict=True))
-
-
-def _complete(values: Named) -> Bool[Array, "C S"]:
-    """Return at which numbers of names a state has all the labels that were seen in it."""
-    counts = np.indices([top + 1 for top in values.top]).reshape(len(values.top), -1)
-    return jnp.all(counts[:, :, None] >= values.largest[:, None], 0)

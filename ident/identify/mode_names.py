@@ -11,7 +11,6 @@ from scipy.special import logsumexp
 
 from ident.arm.arm import Arm
 from ident.arm.modes import Label, labels_of_shares, torsion_share, vertical_share
-from ident.arm.modes import Modes as Computed
 from ident.errors import InputError, Problem
 from ident.identify.modal_analysis import modal_solution
 from ident.inference.parameters import Parameters
@@ -94,30 +93,14 @@ def nearer(
     near = rng.uniform(size=count) >= DEFENSIVE
     moved = centres[:, about] + factor @ rng.standard_normal(old.shape)
     new[np.ix_(np.flatnonzero(moving), np.flatnonzero(near))] = moved[:, near]
-    return new, -_log_density(parameters, new, centres, factor, share)
-
-
-def _log_density(
-    parameters: Parameters,
-    new: Float[np.ndarray, "P D"],
-    centres: Float[np.ndarray, "p C"],
-    factor: Float[np.ndarray, "p p"],
-    share: Float[np.ndarray, "C"],
-) -> Float[np.ndarray, "D"]:
-    """Return ln of the density by which draws are made, over the prior's."""
-    off = np.linalg.solve(factor, (new[parameters.proper][:, :, None] - centres[:, None]).reshape(len(factor), -1))
-    squared = (off**2).sum(0).reshape(new.shape[1], -1)
+    # ln of the density by which draws are made, over the prior's
+    off = np.linalg.solve(factor, (new[moving][:, :, None] - centres[:, None]).reshape(len(factor), -1))
+    squared = (off**2).sum(0).reshape(count, -1)
     constant = np.log(np.diag(factor)).sum() + len(factor) / 2 * np.log(2 * np.pi)
     with np.errstate(divide="ignore"):
         kernels = logsumexp(np.log(share) - squared / 2, 1) - constant
-    over = kernels - _log_prior(parameters, new)
-    return np.logaddexp(np.log(1 - DEFENSIVE) + over, np.log(DEFENSIVE))
-
-
-def _log_prior(parameters: Parameters, theta: Float[np.ndarray, "P D"]) -> Float[np.ndarray, "D"]:
-    sd, flat = (np.asarray(parameters.column(field))[parameters.proper] for field in ("prior_sd", "flat"))
-    residuals = np.asarray(parameters.prior_residuals(theta)[0])
-    return -(residuals**2).sum(0) / 2 - np.log(2 * flat + sd * np.sqrt(2 * np.pi)).sum()
+    over = kernels - np.asarray(parameters.log_prior(new))
+    return new, -np.logaddexp(np.log(1 - DEFENSIVE) + over, np.log(DEFENSIVE))
 
 
 def _flattened(logs: Float[np.ndarray, "D"], power: float) -> Float[np.ndarray, "D"]:
@@ -212,7 +195,8 @@ def label_modes(
     for sd in FREQUENCY_SD:
         if first:
             theta, weight = nearer(parameters, theta, share, rng)
-        compared = [_compared(_drawn(arm, parameters, theta), test, sd) for test in tests]
+        arms = arm.replace(parameters.by_path(np.asarray(parameters.values(theta))))
+        compared = [_compared(arms, test, sd) for test in tests]
         log = sum((each.log for each in compared), weight)
         if not np.isfinite(log).any():
             got, expected = "no draw of the prior that stands in all postures of the tests", "one at least"
@@ -221,9 +205,7 @@ def label_modes(
         share, first = shares(log), first or compared
         if sd == FREQUENCY_SD[-1] and enough(log):
             break
-    return tuple(
-        _verdict(*_by_label(each.names, each.pairs, share), own) for each, own in zip(compared, first, strict=True)
-    )
+    return tuple(_verdict(each, share, own) for each, own in zip(compared, first, strict=True))
 
 
 class _Compared(NamedTuple):
@@ -262,12 +244,9 @@ def _compared(arms: Arm, test: Measured, frequency_sd: float) -> _Compared:
     pairs[sound], log[sound] = pair_probabilities(np.stack(logs, 1), ((own[1] > band[0]) & (own[1] < band[1])).T)
     first = int(np.argmax(sound))
     alike = mac(modes.shape, shapes[..., first].astype(complex))
-    return _Compared(_names(computed, count), pairs, log, alike, shapes[..., first], first)
-
-
-def _drawn(arm: Arm, parameters: Parameters, theta: Float[np.ndarray, "P D"]) -> Arm:
-    """Return arms of draws, as a batch."""
-    return arm.replace(parameters.by_path(np.asarray(parameters.values(theta))))
+    shares = (np.asarray(share(computed)).T for share in (torsion_share, vertical_share))
+    names = [labels_of_shares(*own)[:count] for own in zip(*shares, strict=True)]
+    return _Compared(names, pairs, log, alike, shapes[..., first], first)
 
 
 def _directions(arm: Arm, places: Sequence[Place]) -> Float[np.ndarray, "O P 3"]:
@@ -282,24 +261,12 @@ def _directions(arm: Arm, places: Sequence[Place]) -> Float[np.ndarray, "O P 3"]
     return out
 
 
-def _names(computed: Computed, count: int) -> list[list[Label]]:
-    """Return what the lowest modes of each draw are called."""
-    torsion, vertical = np.asarray(torsion_share(computed)), np.asarray(vertical_share(computed))
-    return [labels_of_shares(torsion[:, d], vertical[:, d])[:count] for d in range(torsion.shape[1])]
-
-
-def _by_label(
-    names: list[list[Label]], pairs: Float[np.ndarray, "D R m"], weight: Float[np.ndarray, "D"]
-) -> tuple[tuple[Label, ...], Float[np.ndarray, "R L"]]:
-    labels = tuple(sorted({label for draw in names for label in draw}, key=str))
-    probability = np.zeros((pairs.shape[1], len(labels)))
-    for draw, own, w in zip(names, pairs, weight, strict=True):
+def _verdict(last: _Compared, weight: Float[np.ndarray, "D"], start: _Compared) -> ModeLabels:
+    labels = tuple(sorted({label for draw in last.names for label in draw}, key=str))
+    probability = np.zeros((last.pairs.shape[1], len(labels)))
+    for draw, own, w in zip(last.names, last.pairs, weight, strict=True):
         for m, label in enumerate(draw):
             probability[:, labels.index(label)] += w * own[:, m]
-    return labels, probability
-
-
-def _verdict(labels: tuple[Label, ...], probability: Float[np.ndarray, "R L"], start: _Compared) -> ModeLabels:
     given, why, computed = [], [], tuple(start.names[start.first])
     for row in probability:
         first, second = np.argsort(row)[::-1][:2].tolist()

@@ -26,9 +26,10 @@ def bucket(count: int) -> int:
     return 3 * power // 4 if power > 16 and count <= 3 * power // 4 else power
 
 
-def _padded_to(size: int, group: np.ndarray) -> Int[np.ndarray, "size"]:
-    """Return the entries of a group, the first one repeated at its end."""
-    return np.concatenate([group, np.repeat(group[:1], size - len(group))]).astype(int)
+def _filled(size: int, group: np.ndarray, others: np.ndarray | None = None) -> Int[np.ndarray, "size"]:
+    """Return the entries of a group, and at its end its first one, or that of others, as often as there are fewer."""
+    spare = group if others is None else np.concatenate([group, others])
+    return np.concatenate([group, np.repeat(spare[:1], size - len(group))]).astype(int)
 
 
 def padded(conditions: Conditions) -> tuple[Conditions, Int[np.ndarray, "n"], Int[np.ndarray, "D"]]:
@@ -42,12 +43,12 @@ def padded(conditions: Conditions) -> tuple[Conditions, Int[np.ndarray, "n"], In
     conditions = jax.device_get(conditions)
     first, order = np.asarray(conditions.repeats.first), np.asarray(conditions.order)
     kinds = _kinds(conditions)
-    groups = [_padded_to(bucket(len(kind)), kind) for kind in kinds]
+    groups = [_filled(bucket(len(kind)), kind) for kind in kinds]
     place = np.zeros(conditions.count, int)
     for kind, start in zip(kinds, np.cumsum([0, *map(len, groups)]), strict=False):
         place[kind] = start + np.arange(len(kind))
     states = np.arange(conditions.posture.shape[1])
-    more = _some(conditions, groups, _padded_to(bucket(len(states)), states))
+    more = _some(conditions, groups, _filled(bucket(len(states)), states))
     return more, first[np.concatenate(groups)], place[order]
 
 
@@ -92,18 +93,19 @@ def in_parts(conditions: Conditions) -> Parts | None:
     if conditions.posture.shape[1] <= LARGE:
         return None
     conditions = jax.device_get(conditions)
-    kinds, states = _kinds(conditions), _states_of_values(conditions)
+    kinds, values_of = _kinds(conditions), (conditions.named, conditions.unnamed, conditions.readings)
+    states = np.concatenate([np.asarray(each.states, int) for each in values_of])
     part = _dealt(conditions, states)
     own = [[kind[part[states[kind]] == k] for kind in kinds] for k in range(part.max() + 1)]
     sizes = [max(len(groups[i]) for groups in own) for i in range(len(kinds))]
-    values = [[_filled(group, kind, n) for group, kind, n in zip(groups, kinds, sizes, strict=True)] for groups in own]
+    values = [[_filled(n, group, kind) for group, kind, n in zip(groups, kinds, sizes, strict=True)] for groups in own]
     used = [_used(conditions, states, groups) for groups in values]
     most = max(map(len, used))
     places = np.zeros(len(states), int)
     for k, groups in enumerate(own):
         for kind, start in zip(groups, np.cumsum([0, *sizes]), strict=False):
             places[kind] = k * sum(sizes) + start + np.arange(len(kind))
-    parts = tuple(_some(conditions, *each) for each in zip(values, (_padded_to(most, x) for x in used), strict=True))
+    parts = tuple(_some(conditions, *each) for each in zip(values, (_filled(most, x) for x in used), strict=True))
     numbers = np.array([np.concatenate(groups) for groups in values])
     return Parts(parts, numbers, places, len(conditions.named.states))
 
@@ -116,11 +118,6 @@ def _kinds(conditions: Conditions) -> list[Int[np.ndarray, "_"]]:
         *np.split(np.arange(read), [conditions.named.frequencies, labels - conditions.named.shapes, labels]),
         *(read + own for own in conditions.readings.by_kind()),
     ]
-
-
-def _states_of_values(conditions: Conditions) -> Int[np.ndarray, "V"]:
-    values = conditions.named, conditions.unnamed, conditions.readings
-    return np.concatenate([np.asarray(each.states, int) for each in values])
 
 
 def _dealt(conditions: Conditions, states: Int[np.ndarray, "V"]) -> Int[np.ndarray, "S"]:
@@ -141,11 +138,6 @@ def _dealt(conditions: Conditions, states: Int[np.ndarray, "V"]) -> Int[np.ndarr
     part = np.empty(count, int)
     part[order] = np.arange(count) // -(-count // -(-count // PART))
     return part
-
-
-def _filled(group: np.ndarray, kind: np.ndarray, size: int) -> Int[np.ndarray, "size"]:
-    """Return a part's values of a kind, and the first of them, or of all, as often as there are fewer."""
-    return np.concatenate([group, np.repeat(np.concatenate([group, kind])[:1], size - len(group))]).astype(int)
 
 
 def _used(conditions: Conditions, states: Int[np.ndarray, "V"], groups: Sequence[np.ndarray]) -> Int[np.ndarray, "_"]:

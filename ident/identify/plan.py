@@ -269,7 +269,6 @@ class CampaignPlan:
         before, count = self.known.information + self.candidates.together(chosen), len(self.known.names)
         here = [i for i in chosen if self.experiments[i].place == experiment.place]
         rows = whole_information(self.predictions, self.instruments)[:, experiment.place, experiment.case]
-        assert self.candidates.whole is not None
         there = self.candidates.whole[here].sum(0)
         added = without_common(there + rows, count) - without_common(there, count)
         sought = self.known.of_sought
@@ -352,7 +351,7 @@ def plan_campaign(
         predictions=predictions,
         measured=measured,
         settings=settings,
-        gain=gains(known, candidates, gain),
-        nats=gains(known, candidates, information_gain),
+        gain=gains(known, known.information, candidates.information, gain),
+        nats=gains(known, known.information, candidates.information, information_gain),
         steps=greedy(known, candidates, settings.count, gain, target=settings.target),
     )

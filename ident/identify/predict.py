@@ -27,11 +27,10 @@ from ident.arm.rotations import identity, matmul, matvec, rotation, rotation_vec
 from ident.errors import InputError, Problem
 from ident.identify.conditions import (
     Conditions,
-    NotAllUndamped,
     Readings,
-    Unnamed,
     by_definition,
     defined,
+    lifted,
     read_shapes,
     with_hysteresis,
 )
@@ -42,7 +41,6 @@ from ident.identify.unknowns import SETUP, is_of_readings, with_numbers
 from ident.inference.parameters import AnyArray, Parameter
 from ident.inference.problem import Choice, Choosing, Data, Growing, Parts
 from ident.measure import Campaign, Measurement
-from ident.measure.covariance_and_frames import Setup
 from ident.measure.load import POSITIONS
 from ident.programs import jit
 
@@ -81,13 +79,6 @@ def lowest_left(
     return (free & (jnp.cumsum(free, 0) == ordinal)).astype(float)
 
 
-def pick(
-    values: Float[Array, "m S *batch"], choice: Float[Array, "m D *batch"], states: Int[AnyArray, "D"]
-) -> Float[Array, "D *batch"]:
-    """Return of each value's state what belongs to its mode; NaN where there is none."""
-    return picked(values[:, states], choice)
-
-
 def picked(values: Float[Array, "m D *batch"], choice: Float[Array, "m D *batch"]) -> Float[Array, "D *batch"]:
     """Return of each value's modes the one that is chosen; NaN where there is none."""
     return jnp.where(choice.sum(0) > 0, (values * choice).sum(0), jnp.nan)
@@ -112,57 +103,40 @@ def read(chain: Chain, phi: Float[Array, "3 N S *#batch"], readings: Readings) -
     none = jnp.zeros((len(readings.states), *phi.shape[3:]))
     moved = _deflections(deflection(chain, phi), readings) if chain.carrier else none
     if readings.placing is not None:
-        places = _positions(point_positions(chain, phi), readings)
-        moved = jnp.where(_lifted(readings.placing, moved.ndim - 1), places, moved)
+        at = point_positions(chain, phi)[:, readings.points, readings.states]
+        places = (at * _along(readings, at.ndim - 2)).sum(0)
+        if readings.datum is not None:  # counted from the origin of each one's frame
+            places = places - lifted(readings.datum, places.ndim - jnp.ndim(readings.datum))
+        moved = jnp.where(lifted(readings.placing, moved.ndim - 1), places, moved)
     if readings.turning is not None:
         turns = _rotations(point_rotations(chain, phi), readings)
-        moved = jnp.where(_lifted(readings.turning, moved.ndim - 1), turns, moved)
+        moved = jnp.where(lifted(readings.turning, moved.ndim - 1), turns, moved)
     if readings.twisting is not None:
-        moved = jnp.where(_lifted(readings.twisting, moved.ndim - 1), _twists(chain, phi, readings), moved)
-    return moved if readings.lag is None else moved + _lifted(readings.lag, moved.ndim - jnp.ndim(readings.lag))
+        twists = _deflections(matvec(transpose(chain.frame), phi), readings)  # of joints, about their pins' axes
+        moved = jnp.where(lifted(readings.twisting, moved.ndim - 1), twists, moved)
+    return moved if readings.lag is None else moved + lifted(readings.lag, moved.ndim - jnp.ndim(readings.lag))
 
 
 def _deflections(moved: Float[Array, "3 P S *batch"], readings: Readings) -> Float[Array, "n *batch"]:
-    """Return how far the points move along the directions."""
+    """Return how far the points move along the directions, or how far bushings turn about theirs."""
     rank = moved.ndim - 3
     start = moved[:, readings.points, jnp.maximum(readings.references, 0)]
-    start = jnp.where(_lifted(readings.references >= 0, rank), start, 0.0)
+    start = jnp.where(lifted(readings.references >= 0, rank), start, 0.0)
     return ((moved[:, readings.points, readings.states] - start) * _along(readings, rank)).sum(0)
-
-
-def _positions(at: Float[Array, "3 P S *batch"], readings: Readings) -> Float[Array, "n *batch"]:
-    """Return where the points are along the directions, counted from the origin of each one's frame."""
-    rank = at.ndim - 3
-    place = (at[:, readings.points, readings.states] * _along(readings, rank)).sum(0)
-    return place if readings.datum is None else place - _lifted(readings.datum, rank + 1 - jnp.ndim(readings.datum))
 
 
 def _rotations(axes: Float[Array, "3 3 P S *batch"], readings: Readings) -> Float[Array, "n *batch"]:
     """Return how far the points' bodies turn about the directions."""
     rank = axes.ndim - 4
     start = axes[:, :, readings.points, jnp.maximum(readings.references, 0)]
-    start = jnp.where(_lifted(readings.references >= 0, rank), start, identity(3, rank + 1))
+    start = jnp.where(lifted(readings.references >= 0, rank), start, identity(3, rank + 1))
     turn = rotation_vector(matmul(axes[:, :, readings.points, readings.states], transpose(start)))
     return (turn * _along(readings, rank)).sum(0)
 
 
-def _twists(chain: Chain, phi: Float[Array, "3 N S *batch"], readings: Readings) -> Float[Array, "n *batch"]:
-    """Return how far the bushings turn about their pins' axes."""
-    own = matvec(transpose(chain.frame), phi)
-    rank = own.ndim - 3
-    start = own[:, readings.points, jnp.maximum(readings.references, 0)]
-    start = jnp.where(_lifted(readings.references >= 0, rank), start, 0.0)
-    return ((own[:, readings.points, readings.states] - start) * _along(readings, rank)).sum(0)
-
-
 def _along(readings: Readings, rank: int) -> Float[AnyArray, "3 n *batch"]:
     """Return the directions with as many batch axes as the predictions have."""
-    return _lifted(readings.direction, rank + 2 - jnp.ndim(readings.direction))
-
-
-def _lifted(x: AnyArray, rank: int) -> AnyArray:
-    """Give an array as many batch axes as the predictions have."""
-    return x.reshape(x.shape + (1,) * rank)
+    return lifted(readings.direction, rank + 2 - jnp.ndim(readings.direction))
 
 
 # -------- Measurement frames
@@ -246,26 +220,17 @@ def setup_parameters(campaign: Campaign, frames: Frames | None) -> tuple[Paramet
     """
     if frames is None:
         return ()
-    return tuple(
-        parameter
-        for k, name in enumerate(frames.names)
-        for parameter in _unknown(campaign.setups[name], np.asarray(frames.origin)[:, k], _places(campaign, name))
-    )
-
-
-def _places(campaign: Campaign, name: str) -> bool:
-    return any(m.setup == name and m.kind in POSITIONS for m in campaign)
-
-
-def _unknown(setup: Setup, origin: np.ndarray, placed: bool) -> Iterator[Parameter]:
-    """Yield the unknown numbers of a frame: theta counts mm and mrad, or standard deviations."""
-    for part, sigma, start in (("turn.", setup.turn_sigma, np.zeros(3)), ("", setup.sigma, origin)):
-        if not sigma or (not part and not placed):
-            continue
-        scale, sd = (sigma, 1.0) if np.isfinite(sigma) else (STEP, np.inf)
-        for axis, value in zip(AXES, start, strict=True):
-            path = f"{SETUP}{setup.name}.{part}{axis}"
-            yield Parameter((path,), False, value, value, sd, scale, nuisance=True)
+    found = []
+    for name, origin in zip(frames.names, np.asarray(frames.origin).T, strict=True):
+        setup, placed = campaign.setups[name], any(m.setup == name and m.kind in POSITIONS for m in campaign)
+        place_sigma = setup.sigma if placed else 0.0
+        for part, sigma, start in (("turn.", setup.turn_sigma, np.zeros(3)), ("", place_sigma, origin)):
+            # theta counts mm and mrad, or standard deviations
+            scale, sd = (sigma, 1.0) if np.isfinite(sigma) else (STEP, np.inf)
+            for axis, value in zip(AXES, start, strict=True) if sigma else ():
+                path = f"{SETUP}{name}.{part}{axis}"
+                found.append(Parameter((path,), False, value, value, sd, scale, nuisance=True))
+    return tuple(found)
 
 
 def frames_of(arm: Arm, campaign: Campaign, conditions: Conditions) -> Frames | None:
@@ -412,7 +377,7 @@ class ArmModel(eqx.Module, Choosing, Growing):
         rank = max((jnp.ndim(value) for value in parameters.values()), default=0)
         conditions = with_hysteresis(in_base_frame(self.conditions, self.frames, parameters), parameters)
         posture, loads, servo = jax.tree.map(
-            lambda x: _lifted(jnp.asarray(x), rank), (conditions.posture, conditions.loads, conditions.servo)
+            lambda x: lifted(jnp.asarray(x), rank), (conditions.posture, conditions.loads, conditions.servo)
         )
         own = {name: x for name, x in parameters.items() if not is_of_readings(name)}
         arm, loads = with_numbers(self.arm, loads, own, self.scaled)
@@ -432,16 +397,12 @@ class ArmModel(eqx.Module, Choosing, Growing):
         chosen = most_probable(values, modes, data, 0.0, hertz=hertz)
         return _values(chain, at, conditions, (modes, table), chosen, data)
 
-    def padded(self) -> tuple["ArmModel", np.ndarray, np.ndarray]:
-        """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
-        conditions, source, places = padded(self.conditions)
-        return replace(self, conditions=conditions), source, places
-
-    def in_parts(self) -> Parts | None:
-        """Return a model of many states in parts of one size, None for one that stays whole."""
+    def in_parts(self) -> Parts:
+        """Return a model of many states in parts of one size, any other in one part of one of few sizes."""
         parts = in_parts(self.conditions)
         if parts is None:
-            return None
+            conditions, own, places = padded(self.conditions)
+            return Parts((replace(self, conditions=conditions),), own[None], places)
         source = np.asarray(self.conditions.repeats.first)[parts.values]
         places = parts.places[np.asarray(self.conditions.order)]
         models = tuple(replace(self, conditions=each) for each in parts.conditions)
@@ -538,13 +499,15 @@ def _values(
         count = min(unnamed.highest + 1, coordinates(chain))
         hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
         table = by_definition(hertz, chain, at, conditions.definitions)
-        own, above = (_nth(table, unnamed, beyond, conditions.unlabelled) for beyond in (0, 1))
+        which = 0 if conditions.unlabelled is None else conditions.unlabelled
+        own, above = (table[which, unnamed.ordinals - 1 + beyond, unnamed.states] for beyond in (0, 1))
         values.append(_counted(own, above, conditions, data))
     if table is not None and chosen is not None:
         values = [picked(defined(table, named.states[:first], conditions.labelled), chosen[:, :first])]
         if named.ratios:
             ratios = slice(first, first + named.ratios)
-            values.append(pick(_damping_ratios(chain, at), chosen[:, ratios], named.states[ratios]))
+            s = damped_eigenvalues(linearize(chain, at))[:, named.states[ratios]]
+            values.append(picked(-s.real / jnp.abs(s), chosen[:, ratios]))
         if conditions.shapes is not None and modes is not None:
             last = slice(first + named.ratios, None)
             values.append(read_shapes(chain, at, modes, conditions.shapes, named.states[last], chosen[:, last]))
@@ -556,14 +519,6 @@ def _values(
     if len(readings.states):
         values.append(read(chain, at.phi, readings))
     return jnp.concatenate(values)[conditions.order]
-
-
-def _nth(
-    table: Float[Array, "K m S *batch"], unnamed: Unnamed, beyond: int, definitions: NotAllUndamped
-) -> Float[Array, "n *batch"]:
-    """Return the frequency of each unnamed value's mode, or of the one so many places beyond it."""
-    place = unnamed.ordinals - 1 + beyond
-    return table[0 if definitions is None else definitions, place, unnamed.states]
 
 
 def _counted(
@@ -585,8 +540,3 @@ def _counted(
     s = jnp.where(last, sigma, 1.0)
     short = jnp.where(last & (above - own < s), s - (above - own), 0.0)
     return own - short**2 / (4 * s)
-
-
-def _damping_ratios(chain: Chain, at: StaticEquilibrium) -> Float[Array, "m S *batch"]:
-    s = damped_eigenvalues(linearize(chain, at))
-    return -s.real / jnp.abs(s)

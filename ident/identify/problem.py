@@ -392,7 +392,10 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
         if m.mode and math.isnan(predicted[i]):
             hopeless += _no_such_mode(m, arm, "or leave it empty: trusted or not, there is nothing to fit it to")
         elif m.of and predicted[i] == 0:
-            hopeless += [_too_damped(m)]
+            got = f"a {m.of} frequency of a mode that has none: it is damped too much in the arm file"
+            limit = f"a damping ratio up to {MOST_DAMPED:g}" if m.of != "damped" else "a damping ratio below 1"
+            remedy = "give `pole`, or correct the damping of the arm file"
+            hopeless += [Problem(m.where, got, limit, remedy, "of")]
         elif name not in trusted:
             doubts += _beyond_limits(m, arm, name)
             remedy = f"leave it empty, or {_right(name)}"
@@ -456,8 +459,10 @@ def row_names(campaign: Campaign) -> list[str]:
 
 def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
     """Refuse a value that differs from the prediction by more than a factor, even if its sigma is considered."""
-    if m.kind in POSITIONS:
-        yield from _far_away(m, expected, row)
+    if m.kind in POSITIONS and abs(m.value - expected) > AWAY + SUSPICIOUS * m.spread:
+        about = f"about {_written(m, expected)}, where the arm file has it"
+        remedy = f"check value, unit, posture and setup, or {_right(row)}"
+        yield Problem(m.where, _written(m, m.value), about, remedy, "value")
     if m.kind in (*POSITIONS, *SHAPES):  # a shape is of either sign, and small where a mode hardly moves a point
         return
     limit = PLAUSIBLE[m.kind]
@@ -471,13 +476,6 @@ def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
     yield Problem(
         m.where, got, f"about {_written(m, expected)}", f"{hint}check value and unit, or {_right(row)}", "value"
     )
-
-
-def _far_away(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
-    """Refuse a position that no error of measurement or geometry explains."""
-    if abs(m.value - expected) > AWAY + SUSPICIOUS * m.spread:
-        got, about = f"{_written(m, m.value)}", f"about {_written(m, expected)}, where the arm file has it"
-        yield Problem(m.where, got, about, f"check value, unit, posture and setup, or {_right(row)}", "value")
 
 
 def _written(m: Measurement, value: float) -> str:
@@ -566,12 +564,6 @@ def _no_such_mode(m: Measurement, arm: Arm, remedy: str) -> Iterator[Problem]:
             return  # a wrong label beside it has taken its mode
         expected = f"a mode of the arm at that posture: {', '.join(map(str, names))}"
         yield Problem(m.where, f"'{m.mode}'", expected, f"correct the label, {remedy}", "mode")
-
-
-def _too_damped(m: Measurement) -> Problem:
-    got = f"a {m.of} frequency of a mode that has none: it is damped too much in the arm file"
-    limit = f"a damping ratio up to {MOST_DAMPED:g}" if m.of != "damped" else "a damping ratio below 1"
-    return Problem(m.where, got, limit, "give `pole`, or correct the damping of the arm file", "of")
 
 
 def _beyond_limits(m: Measurement, arm: Arm, row: str) -> Iterator[Problem]:

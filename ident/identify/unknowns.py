@@ -41,7 +41,6 @@ def parameter(
     *paths: str,
     start: float | None = None,
     prior_sd: float = math.inf,
-    centre: float | None = None,
     prior: Prior | None = None,
 ) -> Parameter:
     """Make one number of the arm, or several tied ones, an unknown.
@@ -51,15 +50,14 @@ def parameter(
         paths: as in `Arm.get`; several are fitted as one number.
         start: where the fit starts.
         prior_sd: of ln(value) for what is fitted so (`ident.arm.fields`), else of the value itself in its SI unit.
-        centre: the prior's median.
-        prior: the prior in place of `centre` and `prior_sd`, for a positive quantity.
+        prior: the prior in place of one about the value of width `prior_sd`, for a positive quantity.
 
     Raises:
         InputError: no such number, a positive quantity whose value is not, or a prior for ln of one of either sign.
     """
     value = next(float(arm.get(path)) for path in paths)
     positive = all((field := field_of(path)) and field.logarithmic for path in paths)
-    flat, start = 0.0, value if start is None else start
+    flat, centre, start = 0.0, value, value if start is None else start
     if prior is not None:
         if not positive:
             got = f"a prior on ln({paths[0]}), which may be negative"
@@ -68,33 +66,21 @@ def parameter(
             )
         centre, prior_sd = math.sqrt(prior.low * prior.high), prior.sd
         flat = math.log(prior.high / prior.low) / 2
-    centre = value if centre is None else centre
     if positive and not (start > 0 and centre > 0):
         remedy = f"give {paths[0]} a positive value in the arm file, or keep it (`fix`)"
         raise InputError(Problem("", f"{min(start, centre):g}", "a value > 0", remedy, paths[0]))
-    _check_width(paths[0], prior_sd, positive)
-    if positive and prior is not None:
-        _check_place(paths[0], prior, start)
+    least = NARROWEST if positive else 0.0
+    if not (least <= prior_sd <= WIDEST and prior_sd > 0) and prior_sd != math.inf:  # as good as fixed, or as none
+        expected = f"a width from {least:g} to {WIDEST:g}" if positive else f"a width > 0, at most {WIDEST:g} in SI"
+        remedy = "keep it (`fix`), or drop its prior" if prior_sd > 0 else "correct it"
+        raise InputError(Problem("", f"a prior width of {prior_sd:g}", expected, remedy, paths[0]))
+    off = max(prior.low / start, start / prior.high) if prior is not None else 1.0
+    if prior is not None and off > ELSEWHERE:  # an error of units
+        got = f"a prior from {prior.low:.4g} to {prior.high:.4g}, a factor of {off:.2g} from the arm's {start:.4g}"
+        remedy = "check its unit, which is SI, or correct the arm file"
+        raise InputError(Problem("", got, f"a factor of {ELSEWHERE:g} at most", remedy, paths[0]))
     scale = 1.0 if positive else (prior_sd if math.isfinite(prior_sd) else LENGTH_SCALE)
     return Parameter(paths, positive, start, centre, prior_sd / scale, scale, flat)
-
-
-def _check_width(path: str, width: float, positive: bool) -> None:
-    """Refuse a width that no prior has: as good as fixed, or as good as none."""
-    least, most = (NARROWEST, WIDEST) if positive else (0.0, WIDEST)
-    if not (least <= width <= most and width > 0) and width != math.inf:
-        expected = f"a width from {least:g} to {most:g}" if positive else f"a width > 0, at most {most:g} in SI"
-        remedy = "keep it (`fix`), or drop its prior" if width > 0 else "correct it"
-        raise InputError(Problem("", f"a prior width of {width:g}", expected, remedy, path))
-
-
-def _check_place(path: str, prior: Prior, value: float) -> None:
-    """Refuse a prior that lies elsewhere than the arm's value: an error of units."""
-    off = max(prior.low / value, value / prior.high)
-    if off > ELSEWHERE:
-        got = f"a prior from {prior.low:.4g} to {prior.high:.4g}, a factor of {off:.2g} from the arm's {value:.4g}"
-        remedy = "check its unit, which is SI, or correct the arm file"
-        raise InputError(Problem("", got, f"a factor of {ELSEWHERE:g} at most", remedy, path))
 
 
 @dataclass(frozen=True)
@@ -200,10 +186,18 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
     taken = [*fixed, *(path for group in groups for path in group)]
     for path in (*widths, *taken):
         arm.get(path)
-    _refuse_twice(taken)
+    for path in taken:
+        if taken.count(path) > 1:
+            remedy = "name it once among the fixed and the tied"
+            raise InputError(Problem("", f"{path} twice", "each parameter once", remedy))
     for path in set(unknowns.free).intersection(fixed):
         raise InputError(Problem("", f"{path} fixed and freed", "one of the two", "drop it from `fix` or from `free`"))
-    _refuse_unlike(groups)
+    for group in groups:
+        units = {path: field.unit for path in group if (field := field_of(path))}
+        if len(set(units.values())) > 1:
+            got = ", ".join(f"{path} [{unit}]" for path, unit in units.items())
+            remedy = "tie only what can be equal (`tie`)"
+            raise InputError(Problem("", f"a tie of {got}", "numbers of one unit", remedy))
     if unknowns.uncertain and unknowns.discrepancy:
         remedy = "leave out `discrepancy`, or `uncertain`"
         raise InputError(Problem("", "uncertain numbers beside a discrepancy", "one of both", remedy))
@@ -227,7 +221,12 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
             known = [path for group in unknown for path in group]
             remedy = did_you_mean(path, known, "free it, or drop its prior")
             raise InputError(Problem("", f"a prior for {path}, which is not fitted", "an unknown", remedy))
-    return Parameters(tuple(_in_group(arm, group, widths, unknowns.priors) for group in unknown))
+    items = []
+    for group in unknown:
+        width = next(widths[path] for path in group if path in widths)
+        prior = next((unknowns.priors[path] for path in group if path in unknowns.priors), None)
+        items.append(parameter(arm, *group, prior_sd=width, prior=prior))
+    return Parameters(tuple(items))
 
 
 def _damping(arm: Arm) -> list[tuple[str, ...]]:
@@ -237,28 +236,6 @@ def _damping(arm: Arm) -> list[tuple[str, ...]]:
     groups = [tuple(path for path in group if path in known) for group in by_field]
     losses = [group for group in groups[: len(LOSS)] if group]
     return losses or groups[len(LOSS) :]
-
-
-def _in_group(arm: Arm, group: tuple[str, ...], widths: Mapping[str, float], priors: Mapping[str, Prior]) -> Parameter:
-    width = next(widths[path] for path in group if path in widths)
-    return parameter(arm, *group, prior_sd=width, prior=next((priors[path] for path in group if path in priors), None))
-
-
-def _refuse_unlike(groups: list[tuple[str, ...]]) -> None:
-    """Refuse a tie of numbers that can't be equal."""
-    for group in groups:
-        units = {path: field.unit for path in group if (field := field_of(path))}
-        if len(set(units.values())) > 1:
-            got = ", ".join(f"{path} [{unit}]" for path, unit in units.items())
-            remedy = "tie only what can be equal (`tie`)"
-            raise InputError(Problem("", f"a tie of {got}", "numbers of one unit", remedy))
-
-
-def _refuse_twice(paths: list[str]) -> None:
-    for path in paths:
-        if paths.count(path) > 1:
-            remedy = "name it once among the fixed and the tied"
-            raise InputError(Problem("", f"{path} twice", "each parameter once", remedy))
 
 
 # -------- Readings

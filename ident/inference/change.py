@@ -111,6 +111,14 @@ def change(first: Fit, second: Fit, names: Sequence[str]) -> Change:
     seen = _seen(J[:, :count], J[:, count:])
     covariance = np.linalg.inv(seen + np.eye(len(names)) / WIDE**2)
     mean, variance = moments(seen)
+
+    def alone(k: int) -> float:
+        """Return the chance of so large a T of all other changes where only this one is real."""
+        one = [*range(count), count + k]
+        others = [i for i in range(count, len(free)) if i != count + k]
+        least = min(joint.cost(joint.searched(start, one)) for start in (none, free))
+        return chance(max(least - joint.cost(free), 0.0), *moments(_seen(J[:, one], J[:, others])))
+
     return Change(
         joint.changing,
         joint.values(0, free),
@@ -121,23 +129,8 @@ def change(first: Fit, second: Fit, names: Sequence[str]) -> Change:
         max(joint.cost(none) - joint.cost(free), 0.0),
         mean,
         variance,
-        np.array([_alone(joint, free, none, J, k) for k in range(len(names))]),
+        np.array([alone(k) for k in range(len(names))]),
     )
-
-
-def _alone(
-    joint: "_Joint",
-    free: Float[np.ndarray, "joint"],
-    none: Float[np.ndarray, "joint"],
-    J: Float[np.ndarray, "D joint"],
-    k: int,
-) -> float:
-    """Return the chance of so large a T of all other changes where only one is real."""
-    count = len(joint.names)
-    one = [*range(count), count + k]
-    others = [i for i in range(count, len(free)) if i != count + k]
-    least = min(joint.cost(joint.searched(start, one)) for start in (none, free))
-    return chance(max(least - joint.cost(free), 0.0), *moments(_seen(J[:, one], J[:, others])))
 
 
 def _seen(shared: Float[np.ndarray, "R U"], own: Float[np.ndarray, "R C"]) -> Float[np.ndarray, "C C"]:

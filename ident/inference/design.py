@@ -15,9 +15,9 @@ References:
     Chaloner, Verdinelli, "Bayesian experimental design: a review", Statistical Science 10(3), 1995, sections 2 and 4.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, islice
+from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
@@ -163,10 +163,6 @@ def _spread(mean: np.ndarray, covariance: np.ndarray, draws: int, seed: int) -> 
 # Which experiments tell most for their cost: information gain, greedy batches.
 
 D_OPTIMAL, A_OPTIMAL = "d", "a"
-MOST = 2_000_000
-"""Sets that an exhaustive search looks at, at most."""
-TOGETHER = 20_000
-"""Matrices of one array in it."""
 
 Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -176,43 +172,36 @@ class Experiments:
     """What could be measured: each experiment is a set of values that are taken together, and paid together.
 
     Attributes:
-        information: (C, T, P, P) what each alone would add at each point of `PriorInformation`.
+        whole: (C, T, P+S, P+S) information of each, at each point of `PriorInformation`, on the parameters and on the S
+            errors that those of its group have in common, each in its standard deviation, without what is known of
+            these.
+        count: of the parameters.
+        group: (C,) experiments of one number have errors in common.
         cost: (C,) in any one unit.
-        group: (C,) experiments of one number have errors in common; None where all are independent.
-        whole: (C, T, P+S, P+S) information of each on the parameters and on the S errors that those of its group have
-            in common, each in its standard deviation, without what is known of these; None likewise.
     """
 
-    information: Float[np.ndarray, "C T P P"]
+    whole: Float[np.ndarray, "C T Q Q"]
+    count: int
+    group: Int[np.ndarray, "C"]
     cost: Float[np.ndarray, "C"]
-    group: Int[np.ndarray, "C"] | None = None
-    whole: Float[np.ndarray, "C T Q Q"] | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.cost).all() and (self.cost > 0).all()):
             got = f"an experiment that costs {self.cost.min():g}"
             raise InputError(Problem("", got, "a cost > 0", "raise its costs"))
 
-    def __len__(self) -> int:
-        return len(self.cost)
-
-    @classmethod
-    def with_common_errors(
-        cls, whole: Float[np.ndarray, "C T Q Q"], count: int, group: Int[np.ndarray, "C"], cost: Float[np.ndarray, "C"]
-    ) -> "Experiments":
-        """Return experiments with so many parameters, and errors that those of a group have in common."""
-        return cls(without_common(whole, count), cost, group, whole)
+    @cached_property
+    def information(self) -> Float[np.ndarray, "C T P P"]:
+        """What each alone would add at each point."""
+        return without_common(self.whole, self.count)
 
     def after(self, chosen: Sequence[int]) -> Float[np.ndarray, "C T P P"]:
         """Return what each would add after those chosen: less where it shares an error with some of them."""
-        if self.group is None or self.whole is None:
-            return self.information
-        added, count = self.information, self.information.shape[-1]
+        added = self.information.copy()
         for group in {int(self.group[i]) for i in chosen}:
             before = self.whole[[i for i in chosen if self.group[i] == group]].sum(0)
             own = self.group == group
-            added = np.where(own[:, None, None, None], 0.0, added)
-            added[own] = without_common(before + self.whole[own], count) - without_common(before, count)
+            added[own] = without_common(before + self.whole[own], self.count) - without_common(before, self.count)
         return added
 
     def together(self, chosen: Sequence[int]) -> Float[np.ndarray, "T P P"]:
@@ -273,9 +262,11 @@ def variance_gain(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return (sds(before) ** 2 - sds(after) ** 2).mean(-1)
 
 
-def gains(known: PriorInformation, experiments: Experiments, gain: Gain) -> Float[np.ndarray, "C"]:
-    """Return what each experiment alone would gain, averaged over the points."""
-    return _gains(known, known.information, experiments.information, gain)
+def gains(
+    known: PriorInformation, information: Float[np.ndarray, "T P P"], added: Float[np.ndarray, "C T P P"], gain: Gain
+) -> Float[np.ndarray, "C"]:
+    """Return what each of several additions to an information would gain, averaged over the points."""
+    return gain(known.of_sought(information), known.of_sought(information + added)).mean(-1)
 
 
 def greedy(
@@ -303,7 +294,7 @@ def greedy(
     information = known.information
     while len(steps) < count and not (sds(known.of_sought(information[0])) < target).all():
         added = experiments.after([step.experiment for step in steps])
-        per_cost = _gains(known, information, added, gain) / experiments.cost
+        per_cost = gains(known, information, added, gain) / experiments.cost
         best = int(np.argmax(per_cost))
         after = information + added[best]
         sought = known.of_sought(after)
@@ -312,39 +303,3 @@ def greedy(
         steps.append(Step(best, cost, nats, float(per_cost[best]) * cost, sds(sought)))
         information = after
     return tuple(steps)
-
-
-def fewest(known: PriorInformation, experiments: Experiments, target: float, most: int = 4) -> tuple[int, ...] | None:
-    """Search all sets of 1, 2, ... different experiments for the smallest that brings all sds below a target.
-
-    The sds are those at the first point. Of the sets of that size it is the one whose largest sd is smallest; None if
-    `most` do not suffice. Common errors are not looked at.
-
-    Raises:
-        InputError: there are too many sets.
-    """
-    for size in range(1, most + 1):
-        worst, chosen = np.inf, None
-        for sets in _chunks(len(experiments), size):
-            after = known.information[0] + experiments.information[sets, 0].sum(1)
-            largest = sds(known.of_sought(after)).max(-1)
-            if largest.min() < worst:
-                worst, chosen = float(largest.min()), sets[int(np.argmin(largest))]
-        if chosen is not None and worst < target:
-            return tuple(map(int, chosen))
-    return None
-
-
-def _gains(known: PriorInformation, information: np.ndarray, added: np.ndarray, gain: Gain) -> np.ndarray:
-    after = known.of_sought(information + added)
-    return gain(known.of_sought(information), after).mean(-1)
-
-
-def _chunks(count: int, size: int) -> Iterator[np.ndarray]:
-    number = int(np.prod([(count - i) / (i + 1) for i in range(size)]))
-    if number > MOST:
-        remedy = "search among fewer experiments, or choose greedily"
-        raise InputError(Problem("", f"{number} sets of {size} experiments", f"{MOST} at most", remedy))
-    sets = combinations(range(count), size)
-    while chunk := list(islice(sets, TOGETHER)):
-        yield np.array(chunk)

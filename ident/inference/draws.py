@@ -149,7 +149,7 @@ def posterior_predictive(sample: Sample, basin: int = 0, count: int = COUNT) -> 
     at = evaluate(sample.posterior, theta, sample.batch)
     noise = rng.standard_normal((len(theta), len(at.predicted)))
     problem = sample.posterior.problem
-    noise, sigma = problem.correlated(noise.T).T, np.asarray(problem.sigma)
+    noise, sigma = problem.errors.color(noise.T).T, np.asarray(problem.sigma)
     width = np.where(np.isfinite(sigma), sigma, 0.0) * at.scale.T
     return PosteriorPredictive(theta, at.predicted.T, at.predicted.T + width * noise)
 

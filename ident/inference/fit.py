@@ -140,13 +140,14 @@ def cross_predictions(
     minima = _search(problem, widths, kinds, starts)
     if minima is None:
         return (), known[0]
-    found = [_compared(problem, widths, kind, minima) for kind in minima.parts]
-    found = [each for each in found if each.degrees_of_freedom]
+    found = [each for kind in minima.parts if (each := minima.compared(kind)).degrees_of_freedom]
     least = minima.every.theta if minima.better else known[0]
     if not contradicting(found):
         return tuple(found), least
-    found = [_by_value(problem, widths, each, minima) for each in found]
-    return _with_wider(problem, widths, found, [least, start]), least
+    found = [minima.by_value(each) for each in found]
+    wider = _search(problem, WIDER * widths, [each.kind for each in found], [least, start])
+    again = {kind: wider.compared(kind).p_value for kind in wider.parts} if wider else {}
+    return tuple(replace(each, wider=again.get(each.kind, math.nan)) for each in found), least
 
 
 def moment_sd(parameters: Parameters) -> Float[np.ndarray, "P"]:
@@ -192,11 +193,40 @@ def _reached(A: Float[np.ndarray, "n P"]) -> Float[np.ndarray, "n K"]:
 
 
 class _Minima(NamedTuple):
-    """Least costs: of all data, by kind of the others and of its own, and whether the first is better than known."""
+    """Least costs for priors of these widths: of all data, by kind of the others and of its own.
 
+    And whether the first is better than known.
+    """
+
+    problem: InverseProblem
+    widths: Float[np.ndarray, "P"]
     every: End
     parts: dict[str, tuple[End, End]]
     better: bool
+
+    def compared(self, kind: str) -> CrossPrediction:
+        """Compare one kind with the others."""
+        (others, alone), every, problem = self.parts[kind], self.every, self.problem
+        own = (np.array(problem.kinds) == kind) & np.isfinite(np.asarray(problem.sigma))
+        rows, measured = np.flatnonzero(own), np.asarray(problem.measured)
+        scale, freedom = quadratic_form(problem.scaled(np.asarray(every.jacobian)), self.widths, own)
+        statistic = max(float(every.cost - others.cost - alone.cost), 0.0)
+        predicted = others.predicted[rows]
+        return CrossPrediction(kind, tuple(rows.tolist()), measured[rows], predicted, None, statistic, scale, freedom)
+
+    def by_value(self, cross: CrossPrediction) -> CrossPrediction:
+        """Say by how much each value of a small kind is off: the signed root of what it adds to the others' minimum.
+
+        In the linear approximation that is (measured - predicted) / sd of this difference; it follows the model.
+        """
+        if len(cross.rows) > FEW:
+            return cross
+        others, _ = self.parts[cross.kind]
+        normal, left = _with_widths(self.problem, self.widths), np.array(self.problem.kinds) != cross.kind
+        single = self.every if len(cross.rows) == 1 else None
+        ends = [single or _minimum(_fitted(normal, left | (np.arange(len(left)) == i)), [], others) for i in cross.rows]
+        added = [max(float(end.cost - others.cost), 0.0) if end else 0.0 for end in ends]
+        return replace(cross, z=np.sign(cross.measured - cross.predicted) * np.sqrt(added))
 
 
 def _search(
@@ -221,51 +251,7 @@ def _search(
         for kind, (others, own) in parts.items():
             near = [_minimum(part, [], every) for part in problems[kind]]
             parts[kind] = _less(others, near[0]), _less(own, near[1])
-    return _Minima(every, parts, better)
-
-
-def _compared(problem: InverseProblem, widths: Float[np.ndarray, "P"], kind: str, minima: _Minima) -> CrossPrediction:
-    """Compare one kind with the others."""
-    (others, alone), every = minima.parts[kind], minima.every
-    sigma = np.asarray(problem.sigma)
-    own = (np.array(problem.kinds) == kind) & np.isfinite(sigma)
-    rows, measured = np.flatnonzero(own), np.asarray(problem.measured)
-    scale, freedom = quadratic_form(problem.scaled(np.asarray(every.jacobian)), widths, own)
-    statistic = max(float(every.cost - others.cost - alone.cost), 0.0)
-    predicted = others.predicted[rows]
-    return CrossPrediction(kind, tuple(rows.tolist()), measured[rows], predicted, None, statistic, scale, freedom)
-
-
-def _by_value(
-    problem: InverseProblem, widths: Float[np.ndarray, "P"], cross: CrossPrediction, minima: _Minima
-) -> CrossPrediction:
-    """Say by how much each value of a small kind is off: the signed root of what it adds to the others' minimum.
-
-    In the linear approximation that is (measured - predicted) / sd of this difference; it follows the model.
-    """
-    if len(cross.rows) > FEW:
-        return cross
-    others, _ = minima.parts[cross.kind]
-    normal, left = _with_widths(problem, widths), np.array(problem.kinds) != cross.kind
-    single = minima.every if len(cross.rows) == 1 else None
-    ends = [single or _minimum(_fitted(normal, left | (np.arange(len(left)) == i)), [], others) for i in cross.rows]
-    added = [max(float(end.cost - others.cost), 0.0) if end else 0.0 for end in ends]
-    return replace(cross, z=np.sign(cross.measured - cross.predicted) * np.sqrt(added))
-
-
-def _with_wider(
-    problem: InverseProblem,
-    widths: Float[np.ndarray, "P"],
-    found: Sequence[CrossPrediction],
-    starts: Sequence[np.ndarray],
-) -> tuple[CrossPrediction, ...]:
-    """Add to a contradiction what would be left of it with wider priors."""
-    kinds, wider = [each.kind for each in found], WIDER * widths
-    minima = _search(problem, wider, kinds, starts)
-    if minima is None:
-        return tuple(found)
-    again = {kind: _compared(problem, wider, kind, minima).p_value for kind in minima.parts}
-    return tuple(replace(each, wider=again.get(each.kind, math.nan)) for each in found)
+    return _Minima(problem, widths, every, parts, better)
 
 
 def _ended(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> End | None:

@@ -253,13 +253,18 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = POIN
     sd = np.array([each.data_sd for each in known]).reshape(-1, len(names))
     supported = np.array([each.supported for each in known], bool).reshape(-1, len(names))
     unknown = blank or 2 * len(answers) < len(evaluated)
-    groups = None if problem.correlation is None else problem.correlation.groups
+    verdicts: tuple[Verdict, ...] = tuple("unknown" for _ in names)
+    if not unknown:
+        size = np.linalg.norm(np.array(answers), axis=1)
+        seen = (size > INVISIBLE * size.max(1, keepdims=True)).any(0)
+        words = np.where(seen, np.where((sd < OPEN_ABOVE).any(0), "weak", "open"), "not seen")
+        verdicts = tuple(np.where(np.all(supported, axis=0), "identifiable", words).tolist())
     closed = not blank and not any(direction.open for direction in known[0].directions)
     return Check(
         problem,
-        tuple("unknown" for _ in names) if unknown else _verdicts(np.array(answers), supported, sd),
+        verdicts,
         None if blank else known[0],
-        None if blank else leverage_of(here, names, groups),
+        None if blank else leverage_of(here, names, problem.errors.groups),
         missing,
         sd,
         supported,
@@ -277,17 +282,6 @@ def _scaled_jacobian(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.
     if missing.any() or not parameters.nuisance.any():
         return scaled[:, ~parameters.nuisance], missing
     return clear_of(scaled, parameters.normal_sd, parameters.nuisance), missing
-
-
-def _verdicts(
-    jacobians: Float[np.ndarray, "points D P"],
-    supported: Bool[np.ndarray, "points P"],
-    sd: Float[np.ndarray, "points P"],
-) -> tuple[Verdict, ...]:
-    size = np.linalg.norm(jacobians, axis=1)
-    seen = (size > INVISIBLE * size.max(1, keepdims=True)).any(0)
-    words = np.where(seen, np.where((sd < OPEN_ABOVE).any(0), "weak", "open"), "not seen")
-    return tuple(np.where(np.all(supported, axis=0), "identifiable", words).tolist())
 
 
 # -------- Consistency
@@ -334,8 +328,13 @@ def consistency(problem: InverseProblem) -> Consistency | None:
     line = _line(problem)
     if not all(np.isfinite(part).all() for part in (line.value, line.slope)):
         return None
-    answer, bend = _widened(problem, line)
-    return Consistency(answer.chi_squared, answer.degrees_of_freedom, bend)
+    spread = line.sigma / line.scale(line.measured)
+    step, *_ = _answer(line, spread, problem)
+    there = np.asarray(evaluate(problem, line.start + step).predicted)
+    error = np.abs(line.moved(there) - line.slope @ step)
+    wider = np.hypot(spread, np.nan_to_num(error, nan=np.inf))
+    _, chi_squared, freedom = _answer(line, wider, problem)
+    return Consistency(chi_squared, freedom, float((error / spread).max()))
 
 
 class _Line(NamedTuple):
@@ -360,14 +359,6 @@ class _Line(NamedTuple):
         return np.where(self.power, np.abs(values), 1.0)
 
 
-class _Answer(NamedTuple):
-    """The step that the data ask for, and what it leaves unexplained."""
-
-    step: Float[np.ndarray, "P"]
-    chi_squared: float
-    degrees_of_freedom: int
-
-
 def _line(problem: InverseProblem) -> _Line:
     end, known = evaluate(problem), problem.parameters
     value, J = np.asarray(end.predicted), np.asarray(end.jacobian)
@@ -380,18 +371,13 @@ def _line(problem: InverseProblem) -> _Line:
     return _Line(start, value, measured, sigma, power, slope, centre, moment_sd(known))
 
 
-def _widened(problem: InverseProblem, line: _Line) -> tuple[_Answer, float]:
-    """Return the answer of all values, sigmas widened by the error of the line, and that error in sigma."""
-    spread = line.sigma / line.scale(line.measured)
-    first = _answer(line, spread, problem)
-    there = np.asarray(evaluate(problem, line.start + first.step).predicted)
-    error = np.abs(line.moved(there) - line.slope @ first.step)
-    wider = np.hypot(spread, np.nan_to_num(error, nan=np.inf))
-    return _answer(line, wider, problem), float((error / spread).max())
+def _answer(
+    line: _Line, spread: Float[np.ndarray, "D"], problem: InverseProblem
+) -> tuple[Float[np.ndarray, "P"], float, int]:
+    """Return the step that the data ask for, chi-squared after it, and the degrees of freedom.
 
-
-def _answer(line: _Line, spread: Float[np.ndarray, "D"], problem: InverseProblem) -> _Answer:
-    """Solve; errors are correlated as the problem's are, whatever they have been widened by."""
+    Errors are correlated as the problem's are, whatever they have been widened by.
+    """
     weight, prior_slope = 1 / spread, 1 / line.widths
     residual = (line.start - line.centre) * prior_slope
     problem = problem.with_sigma(spread)
@@ -401,4 +387,4 @@ def _answer(line: _Line, spread: Float[np.ndarray, "D"], problem: InverseProblem
     seen = s > RANK_TOLERANCE * max(s[0], 1e-300)
     step = (Vt[seen] / s[seen, None]).T @ (U[: len(A), seen].T @ b)
     freedom = int((weight > 0).sum() + (prior_slope > 0).sum() - seen.sum())
-    return _Answer(step, float(((b - A @ step) ** 2).sum()), freedom)
+    return step, float(((b - A @ step) ** 2).sum()), freedom

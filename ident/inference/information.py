@@ -170,7 +170,9 @@ def information(
     _, s, Vt = np.linalg.svd(cleared, full_matrices=False)
     seen = s > RANK_TOLERANCE * max(s[0], 1e-300)
     sds = np.divide(1.0, s, out=np.full_like(s, np.inf), where=seen)
-    directions = tuple(Direction(_among(own, _signed(v)), float(sd)) for v, sd in zip(Vt, sds, strict=True))
+    weights = np.zeros((len(Vt), len(own)))
+    weights[:, own] = [v * np.sign(v[np.argmax(np.abs(v))]) for v in Vt]
+    directions = tuple(map(Direction, weights, sds.tolist()))
     both = np.vstack([jacobian, np.diag(1 / np.asarray(prior_sd))])
     _, s_both, Vt_both = np.linalg.svd(both, full_matrices=False)
     covariance = _covariance(s_both * (s_both > RANK_TOLERANCE * max(s_both[0], 1e-300)), Vt_both)
@@ -179,7 +181,10 @@ def information(
     with np.errstate(divide="ignore", invalid="ignore"):
         data = np.sqrt(variance / np.maximum(1 - share, 0.0))
     data[own] = np.sqrt(np.diag(_covariance(s * seen, Vt)))
-    return Information(names, directions, data, covariance, share, _rank(jacobian[:, ~own & np.isinf(prior_sd)]))
+    free = jacobian[:, ~own & np.isinf(prior_sd)]
+    s_free = np.linalg.svd(free, compute_uv=False) if free.size else np.zeros(1)
+    spent = int((s_free > RANK_TOLERANCE * max(s_free[0], 1e-300)).sum())
+    return Information(names, directions, data, covariance, share, spent)
 
 
 def clear_of(
@@ -200,17 +205,6 @@ def clear_of(
     return others - (U * (1 - (1 + s**2) ** -0.5)) @ (U.T @ others)
 
 
-def _rank(jacobian: Float[np.ndarray, "D n"]) -> int:
-    s = np.linalg.svd(jacobian, compute_uv=False) if jacobian.size else np.zeros(1)
-    return int((s > RANK_TOLERANCE * max(s[0], 1e-300)).sum())
-
-
-def _among(own: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    whole = np.zeros(len(own))
-    whole[own] = weights
-    return whole
-
-
 def _covariance(s: np.ndarray, Vt: np.ndarray) -> np.ndarray:
     """Return V s^-2 V', infinite variances for parameters that touch a direction with s = 0."""
     known = s > 0
@@ -220,10 +214,6 @@ def _covariance(s: np.ndarray, Vt: np.ndarray) -> np.ndarray:
     covariance[touched, :] = covariance[:, touched] = np.nan
     covariance[touched, touched] = np.inf
     return covariance
-
-
-def _signed(v: np.ndarray) -> np.ndarray:
-    return v * np.sign(v[np.argmax(np.abs(v))])
 
 
 def _echelon(rows: np.ndarray) -> list[tuple[int, np.ndarray]]:
@@ -462,11 +452,11 @@ def row_tests(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope:
     """
     count = len(problem.kinds)
     fitted = np.isfinite(np.asarray(problem.sigma))
-    known = problem.correlation
+    known = problem.errors
     basis, _ = _factors(slope)
     there = (residuals - basis @ (basis.T @ residuals))[:count]
-    score, absorbed = (part if known is None else known.pull_back(part) for part in (there, basis[:count]))
-    size = np.where(fitted, 1.0 if known is None else known.precision, 0.0)
+    score, absorbed = (known.pull_back(part) for part in (there, basis[:count]))
+    size = np.where(fitted, known.precision, 0.0)
     variance = size - (absorbed**2).sum(1)
     told = fitted & (variance > APART * size)
     z, left, chance = np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)
@@ -475,8 +465,18 @@ def row_tests(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope:
     chance[told] = [2 * NormalDist().cdf(-abs(each)) for each in z[told].tolist()]
     units = np.arange(count) if problem.vectors is None else np.asarray(problem.vectors)
     for unit in np.flatnonzero(np.bincount(units[fitted]) > 1):
+        from scipy.special import chdtrc  # takes a tenth of a second, which campaigns without vectors can spare
+
         own = np.flatnonzero(fitted & (units == unit))
-        chance[own], left[own] = _of_vector(problem, own, score[own], absorbed[own])
+        # in directions in which errors are independent of one size, so that what is left of them is a share
+        shifts = _shifts(problem, own)
+        L = np.linalg.inv(np.linalg.cholesky(shifts.T @ shifts))
+        taken = L @ absorbed[own]
+        share, ways = np.linalg.eigh(np.eye(len(own)) - taken @ taken.T)
+        seen = share > APART
+        squares = (ways.T @ (L @ score[own]))[seen] ** 2 / share[seen]
+        chance[own] = chdtrc(len(squares), squares.sum()) if seen.any() else math.nan
+        left[own] = share.max() if seen.any() else 0.0
     return RowTests(z, left, chance, units)
 
 
@@ -501,38 +501,15 @@ def blamed(
     units = np.unique(tests.units[tests.outliers])
     for unit in units if len(units) <= BLAMED else ():
         own = np.flatnonzero((tests.units == unit) & np.isfinite(sigma))
-        shifts = np.zeros((len(residuals), len(own)))
-        shifts[own, np.arange(len(own))] = 1.0
-        if problem.correlation is not None:
-            shifts[: len(sigma)] = problem.correlation.whiten(shifts[: len(sigma)])
+        shifts = np.pad(_shifts(problem, own), ((0, len(residuals) - len(sigma)), (0, 0)))
         if not row_tests(problem, residuals, np.hstack([slope, shifts])).outliers.any():
             found.append(tuple(own.tolist()))
     return tuple(found)
 
 
-def _of_vector(
-    problem: InverseProblem,
-    own: Int[np.ndarray, "n"],
-    score: Float[np.ndarray, "n"],
-    absorbed: Float[np.ndarray, "n K"],
-) -> tuple[float, float]:
-    """Return the chance of the scores of a vector's components, NaN where they can't be tested, and what is left."""
-    from scipy.special import chdtrc
-
-    size = np.eye(len(own))
-    if problem.correlation is not None:
-        shifts = np.zeros((len(problem.kinds), len(own)))
-        shifts[own, np.arange(len(own))] = 1.0
-        whitened = problem.correlation.whiten(shifts)
-        size = whitened.T @ whitened
-    # in directions in which errors are independent of one size, so that what is left of them is a share
-    L = np.linalg.inv(np.linalg.cholesky(size))
-    share, ways = np.linalg.eigh(np.eye(len(own)) - (L @ absorbed) @ (L @ absorbed).T)
-    told = share > APART
-    if not told.any():
-        return math.nan, 0.0
-    squares = (ways.T @ (L @ score))[told] ** 2 / share[told]
-    return float(chdtrc(told.sum(), squares.sum())), float(share.max())
+def _shifts(problem: InverseProblem, own: Int[np.ndarray, "n"]) -> Float[np.ndarray, "D n"]:
+    """Return what a shift of each of some values by its sigma is, made independent."""
+    return np.asarray(problem.errors.whiten(np.eye(len(problem.kinds))[:, own]))
 
 
 def _factors(slope: Float[np.ndarray, "R P"]) -> tuple[Float[np.ndarray, "R K"], Float[np.ndarray, "P R"]]:

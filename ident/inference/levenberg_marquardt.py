@@ -9,7 +9,6 @@ from jaxtyping import Array, Bool, Float
 
 from ident.inference.parameters import AnyArray
 
-DAMPED_STEPS_MAX = 200
 TOLERANCE = 1e-10
 """Relative and absolute change of theta and of the residuals at which a search ends."""
 
@@ -19,7 +18,7 @@ def damped_minimum(
     start: Float[AnyArray, "P"],
     args: Any,
     options: dict[str, Any],
-    steps: int | None = None,
+    steps: int,
 ) -> tuple[Any, Array]:
     """Minimise a sum of squares from a start; return what came with the last residuals, and whether it has ended.
 
@@ -28,14 +27,13 @@ def damped_minimum(
         start: of theta.
         args: the other arguments: problem, what the model holds, weight.
         options: `to_the_end`: whether it goes on where the model would choose anew.
-        steps: after which it is given up; by default `MAX_STEPS`.
+        steps: after which it is given up.
     """
-    most = DAMPED_STEPS_MAX if steps is None else steps
     solver = _OneStepMore(rtol=TOLERANCE, atol=TOLERANCE)  # type: ignore[call-arg]  # it inherits its constructor
     found: Any = optx.least_squares(
-        residuals, solver, start, args=args, options=options, max_steps=most + 1, throw=False, has_aux=True
+        residuals, solver, start, args=args, options=options, max_steps=steps + 1, throw=False, has_aux=True
     )
-    return found.aux, found.stats["num_steps"] <= most
+    return found.aux, found.stats["num_steps"] <= steps
 
 
 class _Progress(NamedTuple):

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -373,7 +374,7 @@ def _outwards(constrained: ConstrainedFit, sign: int, limit: float, top: float) 
         if wall - here <= EDGE * max(min(wall, limit), first):
             return path, Ending.MODEL
         there = min(here + step, limit, (here + wall) / 2)
-        point = constrained.at(_theta(constrained, sign, there), [path[here]])
+        point = constrained.at(constrained.centre + sign * there, [path[here]])
         if point is None:
             wall = there
             continue
@@ -400,7 +401,7 @@ def _bound(constrained: ConstrainedFit, sign: int, path: dict[float, Point], end
         if distance not in path:
             inside = max(place for place in path if place < distance)
             outside = min(place for place in path if place > distance)
-            point = constrained.at(_theta(constrained, sign, distance), [path[inside], path[outside]])
+            point = constrained.at(constrained.centre + sign * distance, [path[inside], path[outside]])
             if point is None:
                 return math.sqrt(level)
             path[distance] = point
@@ -410,10 +411,6 @@ def _bound(constrained: ConstrainedFit, sign: int, path: dict[float, Point], end
     if excess(inside) >= 0:
         return Bound(inside, Ending.CROSSED)
     return Bound(float(brentq(excess, inside, outside, xtol=EDGE * outside)), Ending.CROSSED)
-
-
-def _theta(constrained: ConstrainedFit, sign: int, distance: float) -> float:
-    return constrained.centre + sign * distance
 
 
 def _root(point: Point) -> float:
@@ -571,11 +568,7 @@ def _with_held(
         residuals, slope = weighed(problem, end)
         return np.append(residuals, (weights @ end.theta - value) / WIDTH), np.vstack([slope, weights / WIDTH])
 
-    def look_there(theta: Float[np.ndarray, "P"], held: Any) -> End:
-        here = look(problem, theta, held)
-        return here._replace(cost=here.cost + ((weights @ theta - value) / WIDTH) ** 2)
-
     held = None if optimum.choice.held is None else optimum.choice.held.by_shape()
-    end, _ = minimum(look_there, weigh, start, held, True)
+    end, _ = minimum(partial(look, problem), weigh, start, held, True)
     residuals, _ = weighed(problem, end)
     return end._replace(cost=residuals @ residuals)

@@ -108,7 +108,7 @@ class Parameters(eqx.Module):
         beyond = xp.sign(off) * xp.maximum(xp.abs(off) - flat, 0.0)
         return beyond / sd, xp.where(xp.abs(off) >= flat, 1 / sd, 0.0)
 
-    def log_prior(self, theta: Float[Array, "P *batch"]) -> Float[Array, "*batch"]:
+    def log_prior(self, theta: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "*batch"]:
         """Return the logarithm of the prior density of theta; parameters without a prior count nothing."""
         _, sd, flat = self._prior(1)
         mass = jnp.where(jnp.isfinite(sd), 2 * flat + sd * math.sqrt(2 * math.pi), 1.0)

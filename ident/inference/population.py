@@ -45,18 +45,6 @@ class Likelihood:
     precision: Float[np.ndarray, "P P"]
     shift: Float[np.ndarray, "P"]
 
-    @classmethod
-    def of_posterior(
-        cls,
-        mean: Float[np.ndarray, "P"],
-        covariance: Float[np.ndarray, "P P"],
-        prior_mean: Float[np.ndarray, "P"],
-        prior_sd: Float[np.ndarray, "P"],
-    ) -> "Likelihood":
-        """Divide a normal interim prior out of a normal posterior."""
-        known, prior = np.linalg.inv(covariance), 1 / np.square(prior_sd)
-        return cls(known - np.diag(prior), known @ mean - prior * prior_mean)
-
 
 @dataclass(frozen=True)
 class Draws:
@@ -93,13 +81,7 @@ class Under:
 
     def log_density(self, theta: Float[np.ndarray, "n P"]) -> Float[np.ndarray, "n"]:
         """Return the logarithm of the density of each theta, up to a constant."""
-        return np.asarray(log_density(theta, self.mean, self.sd, np.asarray(self.share)).sum(-1))
-
-
-def log_density(theta: np.ndarray, mean: np.ndarray, sd: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Return the population's log density of each theta, `(..., P)`."""
-    healthy, off = log_parts(theta, mean, sd, share)
-    return np.logaddexp(healthy, off)
+        return np.asarray(np.logaddexp(*log_parts(theta, self.mean, self.sd, np.asarray(self.share))).sum(-1))
 
 
 def log_parts(theta: np.ndarray, mean: np.ndarray, sd: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -369,11 +351,6 @@ class Population:
         return tuple(each for r, each in self.weights.items() if int(r) not in self.normal)
 
     @property
-    def typical_sd(self) -> Float[np.ndarray, "P"]:
-        """Geometric mean of the draws of each spread: where weights are taken."""
-        return np.exp(np.log(self.sd).mean(0))
-
-    @property
     def next_mean(self) -> Float[np.ndarray, "P"]:
         """Mean in theta of the next healthy robot."""
         return self.mean.mean(0)
@@ -420,11 +397,14 @@ def population(
     for attempt in range(ROUNDS):
         if not unsound or redraw is None:
             break
-        drawn = dict(zip(unsound, redraw(unsound, _wider(result)), strict=True))
+        # widened, so that all that the population may yet turn out to be is drawn from
+        sd = np.minimum(WIDER * np.exp(np.log(result.sd).mean(0)), FAULT)
+        under = Under(result.next_mean, sd, max(float(result.share.mean()), LEAST_SHARE))
+        drawn = dict(zip(unsound, redraw(unsound, under), strict=True))
         robots = tuple(drawn.get(r) or each for r, each in enumerate(robots))
         result = sampled(robots, seed + attempt + 1)
         unsound = _unsound(result, unsound)
-    instead = tuple(_normal(each) if r in unsound else each for r, each in enumerate(robots))
+    instead = tuple(each.normal if r in unsound and isinstance(each, Draws) else each for r, each in enumerate(robots))
     if any(isinstance(robots[r], Draws) for r in unsound):
         result = replace(sampled(instead, seed + ROUNDS + 1), weights=result.weights)
     return replace(result, normal=tuple(r for r, each in enumerate(instead) if isinstance(each, Likelihood)))
@@ -432,16 +412,6 @@ def population(
 
 def _unsound(result: Population, robots: Iterable[int]) -> list[int]:
     return [r for r in robots if not (known := result.weights.get(str(r))) or not known.sound]
-
-
-def _normal(robot: Robot) -> Likelihood:
-    return robot.normal if isinstance(robot, Draws) else robot
-
-
-def _wider(population: Population) -> Under:
-    """Return a population's density, widened so that all that it may yet turn out to be is drawn from."""
-    sd = np.minimum(WIDER * population.typical_sd, FAULT)
-    return Under(population.next_mean, sd, max(float(population.share.mean()), LEAST_SHARE))
 
 
 def weighed(draws: Draws, under: Under) -> Weights:
@@ -454,52 +424,31 @@ def weighed(draws: Draws, under: Under) -> Weights:
 
 
 def _sampled(chains: Chains, steps: int) -> Population:
+    """Let chains run, and return the population that they have drawn."""
+    import arviz
+
     longer = STEPS_OF_DRAWS if chains.drawn else 1
     for _ in range(WARM_UP * longer):
         chains.step()
-    total = _Sums(chains)
+    kept, origin = [], chains.theta.mean(0)
+    theta, squares, off = (np.zeros(origin.shape) for _ in range(3))
     for _ in range(steps * longer):
         chains.step()
-        total.add()
-    return total.result()
-
-
-class _Sums:
-    """What is kept of chains while they run."""
-
-    def __init__(self, chains: Chains):
-        self.chains = chains
-        self.kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        self.theta, self.squares = np.zeros(chains.theta.shape[1:]), np.zeros(chains.theta.shape[1:])
-        self.off = np.zeros(chains.theta.shape[1:])
-        self.origin = chains.theta.mean(0)
-
-    def add(self) -> None:
-        """Take the chains' state into account."""
-        chains = self.chains
-        self.kept.append((chains.mean.copy(), chains.sd.copy(), chains.share))
-        away = chains.theta - self.origin
-        self.theta += away.sum(0)
-        self.squares += (away**2).sum(0)
-        self.off += chains.off.sum(0)
-
-    def result(self) -> Population:
-        """Return the population that the chains have drawn."""
-        import arviz
-
-        mean, sd, share = (np.stack(part, 1) for part in zip(*self.kept, strict=True))
-        count = share.size
-        numbers = np.concatenate([mean, np.log(sd)], -1)
-        r_hat = max(float(arviz.rhat(numbers[..., i])) for i in range(numbers.shape[-1]))
-        away = self.theta / count
-        robot_sd = np.sqrt(np.maximum(self.squares / count - away**2, 0.0))
-        mean, sd, share = mean.reshape(count, -1), sd.reshape(count, -1), share.ravel()
-        weights = {
-            str(r): weighed(each, Under(mean.mean(0), np.exp(np.log(sd).mean(0)), float(share.mean())))
-            for r, each in self.chains.drawn.items()
-        }
-        off = self.off / count
-        return Population(mean, sd, share, self.origin + away, robot_sd, off, r_hat, weights)
+        kept.append((chains.mean.copy(), chains.sd.copy(), chains.share))
+        away = chains.theta - origin
+        theta += away.sum(0)
+        squares += (away**2).sum(0)
+        off += chains.off.sum(0)
+    mean, sd, share = (np.stack(part, 1) for part in zip(*kept, strict=True))
+    count = share.size
+    numbers = np.concatenate([mean, np.log(sd)], -1)
+    r_hat = max(float(arviz.rhat(numbers[..., i])) for i in range(numbers.shape[-1]))
+    away = theta / count
+    robot_sd = np.sqrt(np.maximum(squares / count - away**2, 0.0))
+    mean, sd, share = mean.reshape(count, -1), sd.reshape(count, -1), share.ravel()
+    under = Under(mean.mean(0), np.exp(np.log(sd).mean(0)), float(share.mean()))
+    weights = {str(r): weighed(each, under) for r, each in chains.drawn.items()}
+    return Population(mean, sd, share, origin + away, robot_sd, off / count, r_hat, weights)
 
 
 def deviations(

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,14 +15,13 @@ from ident.inference.fit import Fit
 from ident.inference.information import information
 from ident.inference.optima import Optimum
 from ident.inference.parameters import AnyArray, Parameter, Parameters
-from ident.inference.problem import DISCREPANCY_PREFIX, Discrepant, InverseProblem
+from ident.inference.problem import DISCREPANCY_PREFIX, Discrepant, InverseProblem, by_kind
 from ident.inference.search import evaluate as fit_at
 from ident.programs import jit
 from ident.text import did_you_mean
 
 PREFIX = "noise."
 """What the names of noise scales begin with; a kind of measurement follows."""
-At = TypeVar("At", covariant=True)
 NOISE_SD = 1.0
 """Width of the log-normal prior of a noise scale about 1: 95 % within a factor of 7."""
 
@@ -54,9 +53,7 @@ class Posterior(eqx.Module):
         scale, fitted = self.scales(theta), jnp.isfinite(sigma)
         off = problem.scaled((predicted - problem.measured[:, None]) / scale)
         width = jnp.where(fitted, math.sqrt(2 * math.pi) * sigma * scale, 1.0)
-        value = -(off**2 / 2 + jnp.log(width)).sum(0)
-        if problem.correlation is not None:
-            value = value - problem.correlation.log_det
+        value = -(off**2 / 2 + jnp.log(width)).sum(0) - problem.errors.log_det
         return Evaluated(
             jnp.where(jnp.isnan(value), -jnp.inf, value), self.parameters.log_prior(theta), predicted, scale
         )
@@ -64,9 +61,8 @@ class Posterior(eqx.Module):
     def scales(self, theta: Float[Array, "P batch"]) -> Float[Array, "D batch"]:
         """Return the factor on sigma of each value."""
         noise = jnp.exp(theta[len(self.problem.parameters.items) :])
-        by_kind = {item.name.removeprefix(PREFIX): scale for item, scale in zip(self.noise.items, noise, strict=True)}
-        ones, kinds = jnp.ones(theta.shape[1:]), sorted(set(self.problem.kinds))
-        return jnp.stack([by_kind.get(kind, ones) for kind in kinds])[np.searchsorted(kinds, self.problem.kinds)]
+        scales = {item.name.removeprefix(PREFIX): scale for item, scale in zip(self.noise.items, noise, strict=True)}
+        return by_kind(scales, self.problem.kinds, theta.shape[1:])
 
 
 class Evaluated(NamedTuple):
@@ -105,24 +101,22 @@ def posterior(problem: InverseProblem, noise: Sequence[str] = ()) -> Posterior:
     return jax.tree.map(lambda x: jax.device_put(x) if eqx.is_array(x) else x, whole)  # once, not at each evaluation
 
 
-@runtime_checkable
-class Density(Protocol[At]):
-    """What can be evaluated at a batch of points: a posterior, or one without some of its unknowns."""
-
-    def evaluate(self, theta: Float[Array, "P batch"]) -> At:
-        """Return a named tuple of arrays whose last axis is the batch."""
-
-
 def evaluate(
-    density: Density[At], points: Float[np.ndarray, "n P"], batch: int, run: Callable[..., Iterable[Any]] = map
-) -> At:
-    """Evaluate a posterior at many points, compiled once for this size of batch.
+    density: "Posterior | LinearMarginal | Marginal",
+    points: Float[np.ndarray, "n P"],
+    batch: int,
+    run: Callable[..., Iterable[Any]] = map,
+) -> Any:
+    """Evaluate a posterior, or one without some of its unknowns, at many points, compiled once for this size of batch.
 
     Args:
         density: the posterior.
         points: where.
         batch: points that are evaluated together.
         run: evaluates the batches; `map`, or a pool's for several at the same time.
+
+    Returns:
+        What its `evaluate` returns: arrays whose last axis is that of the points.
     """
     missing = -len(points) % batch
     padded = np.concatenate([points, np.repeat(points[-1:], missing, 0)]).T
@@ -131,12 +125,11 @@ def evaluate(
         return jax.tree.map(np.asarray, _evaluate(density, jnp.asarray(padded[:, first : first + batch])))
 
     parts = list(run(part, range(0, padded.shape[1], batch)))
-    whole: At = jax.tree.map(lambda *same: np.concatenate(same, -1)[..., : len(points)], *parts)
-    return whole
+    return jax.tree.map(lambda *same: np.concatenate(same, -1)[..., : len(points)], *parts)
 
 
 @jit
-def _evaluate(density: Density[At], points: Float[Array, "P batch"]) -> At:
+def _evaluate(density: Any, points: Float[Array, "P batch"]) -> Any:
     return density.evaluate(points)
 
 
@@ -198,16 +191,12 @@ class LinearMarginal(eqx.Module):
         at = self.posterior.evaluate(whole.at[np.flatnonzero(out)].set(jnp.asarray(self.at)[:, None]))
         u = problem.scaled(at.predicted - problem.measured[:, None])
         g = self.B.T @ u + (self.L * self.a)[:, None]
-        gain = ((self.R @ g) ** 2).sum(0) / 2 + self.constant
-        value = jnp.where(jnp.isfinite(at.log_likelihood), at.log_likelihood + gain, -jnp.inf)
-        return GivenOthers(value + self.parameters.log_prior(theta), value, g)
-
-    @property
-    def constant(self) -> Any:
-        """Logarithm of the part of the integral that no other unknown changes."""
         proper = self.L > 0
         width = jnp.where(proper, jnp.log(jnp.where(proper, self.L, 1.0)), math.log(2 * math.pi))
-        return (width - self.L * self.a**2).sum() / 2 + jnp.log(jnp.diag(self.R)).sum()
+        constant = (width - self.L * self.a**2).sum() / 2 + jnp.log(jnp.diag(self.R)).sum()  # whatever the others are
+        gain = ((self.R @ g) ** 2).sum(0) / 2 + constant
+        value = jnp.where(jnp.isfinite(at.log_likelihood), at.log_likelihood + gain, -jnp.inf)
+        return GivenOthers(value + self.parameters.log_prior(theta), value, g)
 
     def columns(self, at: "GivenOthers") -> Float[np.ndarray, "n columns"]:
         """Return the log density, and what `completed` needs, a row for each point."""
@@ -345,7 +334,9 @@ class Marginal(eqx.Module):
         at = self.posterior.evaluate(whole)
         sigma = problem.sigma[:, None] * at.scale
         predicted, measured = at.predicted / sigma, problem.measured[:, None] / sigma
-        rows = [np.flatnonzero(np.array(problem.kinds) == kind) for kind in self._kinds]
+        factors = np.array(self.posterior.parameters.names)[self.integrated]
+        kinds = [str(name).removeprefix(DISCREPANCY_PREFIX) for name in factors]
+        rows = [np.flatnonzero(np.array(problem.kinds) == kind) for kind in kinds]
         if problem.correlation is None:
             A = jnp.stack([(predicted[own] ** 2).sum(0) for own in rows])
             B = jnp.stack([(predicted[own] * measured[own]).sum(0) for own in rows])
@@ -393,11 +384,6 @@ class Marginal(eqx.Module):
                 whole[:, place] = u = _draw(a, b, width, rng)
                 log_density += _log_integrand(u, a, b, width, np)
         return whole, log_density
-
-    @property
-    def _kinds(self) -> list[str]:
-        names = np.array(self.posterior.parameters.names)[self.integrated]
-        return [str(name).removeprefix(DISCREPANCY_PREFIX) for name in names]
 
 
 class Integrated(NamedTuple):

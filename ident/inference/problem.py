@@ -1,6 +1,7 @@
 """What inference needs of a model and of data, whatever the model: a predict function, values, sigmas, unknowns."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -55,40 +56,45 @@ class Correlation(eqx.Module):
 
     def whiten(self, x: Float[AnyArray, "D *batch"]) -> Any:
         """Return independent combinations, `(D, *batch)`, of what each value is off in its sigma: L^-1 x by group."""
-        xp = library(x)
-        parts = [x[self.single]]
-        for block in self.blocks:
-            mixed = xp.einsum("gij,gj...->gi...", block.whitening, x[block.rows])
-            parts.append(mixed.reshape((-1, *x.shape[1:])))
-        return xp.concatenate(parts)[self.order]
+        return self._mixed(x, [block.whitening for block in self.blocks])
 
     def pull_back(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
         """Return L'^-1 x for each group: what independent combinations say of each value, the adjoint of `whiten`."""
-        parts = [x[np.asarray(self.single)]]
-        for block in self.blocks:
-            mixed = np.einsum("gji,gj...->gi...", np.asarray(block.whitening), x[np.asarray(block.rows)])
-            parts.append(mixed.reshape((-1, *x.shape[1:])))
-        return np.concatenate(parts)[np.asarray(self.order)]
+        return np.asarray(self._mixed(x, [np.asarray(block.whitening).swapaxes(1, 2) for block in self.blocks]))
 
     def color(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
         """Return L x for each group: correlated numbers of independent ones."""
-        parts = [x[np.asarray(self.single)]]
-        for block in self.blocks:
-            mixed = np.einsum("gij,gj...->gi...", np.linalg.cholesky(block.correlation), x[np.asarray(block.rows)])
-            parts.append(mixed.reshape((-1, *x.shape[1:])))
-        return np.concatenate(parts)[np.asarray(self.order)]
+        return np.asarray(self._mixed(x, [np.linalg.cholesky(block.correlation) for block in self.blocks]))
+
+    def _mixed(self, x: AnyArray, matrices: Sequence[AnyArray]) -> Any:
+        """Return the values of each group multiplied by its matrix, the others as they are."""
+        if not self.blocks:
+            return x
+        xp = library(x)
+        parts = [x[self.single]]
+        for block, matrix in zip(self.blocks, matrices, strict=True):
+            parts.append(xp.einsum("gij,gj...->gi...", matrix, x[block.rows]).reshape((-1, *x.shape[1:])))
+        return xp.concatenate(parts)[self.order]
 
     def inverse_among(self, places: Int[np.ndarray, "N K"]) -> Float[np.ndarray, "N K K"]:
         """Return the elements of R^-1 that are between the values of each of several sets."""
+        whitening = [np.asarray(block.whitening) for block in self.blocks]
+        return self._elements(places, [np.einsum("gji,gjk->gik", W, W) for W in whitening])
+
+    def matrix(self, places: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n n"]:
+        """Return the correlation of the errors of some values."""
+        return self._elements(places[None], [np.asarray(block.correlation) for block in self.blocks])[0]
+
+    def _elements(self, places: Int[np.ndarray, "N K"], matrices: Sequence[np.ndarray]) -> Float[np.ndarray, "N K K"]:
+        """Return the elements between the values of several sets of a matrix that is given group by group."""
         found = (places[:, :, None] == places[:, None]).astype(float)
-        for block in self.blocks:
-            W, rows = np.asarray(block.whitening), np.asarray(block.rows)
-            inverse = np.einsum("gji,gjk->gik", W, W)
+        for block, matrix in zip(self.blocks, matrices, strict=True):
+            rows = np.asarray(block.rows)
             group, member = np.full(len(self.order), -1), np.zeros(len(self.order), int)
             group[rows], member[rows] = np.arange(len(rows))[:, None], np.arange(rows.shape[1])
             own, at = group[places], member[places]
             both = own[:, :, None] == own[:, None]
-            inside = inverse[own[:, :, None], at[:, :, None], at[:, None]]
+            inside = matrix[own[:, :, None], at[:, :, None], at[:, None]]
             found = np.where(own[:, :, None] < 0, found, np.where(both, inside, 0.0))
         return found
 
@@ -97,7 +103,7 @@ class Correlation(eqx.Module):
         to = np.argsort(source)
         single = to[np.asarray(self.single)]
         blocks = tuple(eqx.tree_at(lambda b: b.rows, block, to[np.asarray(block.rows)]) for block in self.blocks)
-        grouped = np.concatenate([block.rows.ravel() for block in blocks])
+        grouped = np.concatenate([np.zeros(0, int), *(block.rows.ravel() for block in blocks)])
         return Correlation(single, blocks, np.argsort(np.concatenate([single, grouped])))
 
     @property
@@ -121,15 +127,6 @@ class Correlation(eqx.Module):
                 found[rows] = number
                 number += 1
         return found
-
-    def matrix(self, places: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n n"]:
-        """Return the correlation of the errors of some values."""
-        whole = np.eye(len(places))
-        for block in self.blocks:
-            for rows, R in zip(np.asarray(block.rows), np.asarray(block.correlation), strict=True):
-                _, here, there = np.intersect1d(places, rows, assume_unique=True, return_indices=True)
-                whole[np.ix_(here, here)] = R[np.ix_(there, there)]
-        return whole
 
     def among(self, counts: Bool[np.ndarray, "D"]) -> "Correlation":
         """Return the same where only some values count; within a group the others are left out of its correlation."""
@@ -159,7 +156,7 @@ def correlation(
 
 def _made(count: int, blocks: Sequence[tuple[AnyArray, AnyArray]], counts: np.ndarray) -> Correlation:
     made = tuple(_block(np.asarray(rows), np.asarray(R), counts) for rows, R in blocks)
-    grouped = np.concatenate([block.rows.ravel() for block in made])
+    grouped = np.concatenate([np.zeros(0, int), *(block.rows.ravel() for block in made)])
     single = np.setdiff1d(np.arange(count), grouped)
     return Correlation(single, made, np.argsort(np.concatenate([single, grouped])))
 
@@ -231,17 +228,13 @@ class Choosing:
 class Growing:
     """A model of which few sizes of programs serve all data: it predicts what was measured repeatedly only once."""
 
-    def padded(self) -> tuple["Growing", np.ndarray, np.ndarray]:
-        """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
+    def in_parts(self) -> "Parts":
+        """Return a large model in parts of one size, any other in one part of one of few sizes."""
         raise NotImplementedError
-
-    def in_parts(self) -> "Parts | None":
-        """Return a large model in parts of one size, None for one that stays whole."""
-        return None
 
 
 class Parts(NamedTuple):
-    """A large model in parts of one size, so that one program of bounded memory serves all.
+    """A model in parts of one size, so that one program of bounded memory serves all.
 
     Attributes:
         models: of each part; the first one is like the whole.
@@ -254,36 +247,26 @@ class Parts(NamedTuple):
     models: tuple[Any, ...]
     source: np.ndarray
     places: np.ndarray
-    split: Callable[[Any], list[Any]]
-    joined: Callable[[list[Any]], Any]
-
-
-class Padded(NamedTuple):
-    """A problem of one of few sizes, whose optima are those of another one.
-
-    Attributes:
-        problem: with one value for all that were measured of the same, and others that do not count.
-        places: (D,) where each value of the other problem is.
-        scatter: sum of squares that repeated values add to the cost wherever the parameters are.
-    """
-
-    problem: "InverseProblem"
-    places: np.ndarray
-    scatter: float
+    split: Callable[[Any], list[Any]] = lambda held: [held]
+    joined: Callable[[list[Any]], Any] = lambda each: each[0]
 
 
 class InParts(NamedTuple):
-    """A large problem in parts of one size.
+    """A problem in parts of one size: one value stands for all that were measured of the same, and some do not count.
 
     Attributes:
         problems: of each part, whose residuals are those of the whole together; the first one is like the whole.
         parts: of its model.
         scatter: sum of squares that repeated values add to the cost wherever the parameters are.
+        whole: whether there is one part, whose optima are those of the whole: no errors are correlated.
+        first_matching: before the first step; None where the model matches nothing.
     """
 
     problems: "tuple[InverseProblem, ...]"
     parts: Parts
     scatter: float
+    whole: bool
+    first_matching: Any
 
 
 class InverseProblem(eqx.Module):
@@ -319,13 +302,15 @@ class InverseProblem(eqx.Module):
         if isinstance(self.measured, jax.core.Tracer) or isinstance(self.sigma, jax.core.Tracer):
             return
         measured, sigma = np.asarray(self.measured, float), np.asarray(self.sigma, float)
-        remedy = "leave that value out"
-        problems = [
-            _wrong("measured", int(i), measured[i], "a finite number", remedy)
-            for i in np.flatnonzero(~np.isfinite(measured))
-        ]
         remedy = "give its standard deviation, infinite for a value that is only to be predicted"
-        problems += [_wrong("sigma", int(i), sigma[i], "a number > 0", remedy) for i in np.flatnonzero(~(sigma > 0))]
+        problems = [
+            Problem(f"value {i + 1}", f"{values[i]:g}", expected, remedy, name)
+            for name, values, possible, expected, remedy in (
+                ("`measured`", measured, np.isfinite(measured), "a finite number", "leave that value out"),
+                ("`sigma`", sigma, sigma > 0, "a number > 0", remedy),
+            )
+            for i in np.flatnonzero(~possible)
+        ]
         if problems:
             raise InputError(problems)
 
@@ -344,30 +329,17 @@ class InverseProblem(eqx.Module):
         """Return the matching before the first step; None where the model matches nothing."""
         return self.model.first_matching() if isinstance(self.model, Choosing) else None
 
-    def padded(self) -> Padded:
-        """Return the same problem in one of few sizes, repeated values as their mean; they may come in another order.
+    def in_parts(self) -> InParts:
+        """Return the problem in parts of one of few sizes, repeated values as their mean, maybe in another order.
 
         With weights w = 1/sigma^2, the sum of w (predicted - measured)^2 over repeated values is that of their mean,
-        W (predicted - mean)^2 with W the sum of w, and their scatter about it, which no parameter changes.
+        W (predicted - mean)^2 with W the sum of w, and their scatter about it, which no parameter changes. Correlated
+        errors have no such mean: their problem is predicted in parts, and weighed as it is.
         """
         if not isinstance(self.model, Growing):
-            return Padded(self, np.arange(len(self.kinds)), 0.0)
-        model, source, places = self.model.padded()
-        mean, spread, scatter = self.pooled(source, places)
-        kinds = tuple(self.kinds[i] for i in source)
-        return Padded(InverseProblem(model, mean, spread, self.parameters, kinds), places, scatter)
-
-    def in_parts(self) -> "InParts | None":
-        """Return a large problem in parts of one size, repeated values as their mean; None for one that stays whole.
-
-        One with correlated errors, which have no such mean, is in one part if it is not large: predicted like any
-        other, and weighed as it is.
-        """
-        if not isinstance(self.model, Growing):
-            return None
-        parts = self.model.in_parts() or (None if self.correlation is None else _one_part(*self.model.padded()))
-        if parts is None:
-            return None
+            places = np.arange(len(self.kinds))
+            return InParts((self,), Parts((self.model,), places[None], places), 0.0, True, self.first_matching())
+        parts = self.model.in_parts()
         mean, spread, scatter = self.pooled(parts.source.ravel(), parts.places)
         values = (np.reshape(x, parts.source.shape) for x in (mean, spread))
         each = zip(parts.models, parts.source, *values, strict=True)
@@ -375,7 +347,9 @@ class InverseProblem(eqx.Module):
             InverseProblem(model, own, sd, self.parameters, tuple(self.kinds[i] for i in source))
             for model, source, own, sd in each
         )
-        return InParts(problems, parts, scatter)
+        one = len(problems) == 1
+        first_matching = (problems[0] if one else self).first_matching()
+        return InParts(problems, parts, scatter, one and self.correlation is None, first_matching)
 
     def pooled(self, source: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return mean, standard deviation and scatter of what was measured repeatedly; infinite sd where nothing was.
@@ -412,13 +386,10 @@ class InverseProblem(eqx.Module):
         each = x / sigma.reshape((-1,) + (1,) * (x.ndim - 1))
         return each if self.correlation is None else self.correlation.whiten(each)
 
-    def correlated(self, x: Float[np.ndarray, "D *batch"]) -> Float[np.ndarray, "D *batch"]:
-        """Return independent standard normal numbers as errors in sigma, correlated as those of the values: L x."""
-        return x if self.correlation is None else self.correlation.color(x)
-
-    def correlations(self, places: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n n"]:
-        """Return the correlation of the errors of some values."""
-        return np.eye(len(places)) if self.correlation is None else self.correlation.matrix(places)
+    @property
+    def errors(self) -> Correlation:
+        """How the errors of all values are correlated, independent ones as well."""
+        return self.correlation or _made(len(self.kinds), [], np.ones(len(self.kinds), bool))
 
     def with_sigma(self, sigma: Float[np.ndarray, "D"]) -> "InverseProblem":
         """Return the problem with other standard deviations; one that is infinite takes its value out of its group."""
@@ -441,18 +412,6 @@ class InverseProblem(eqx.Module):
         measured = np.asarray(self.measured) if xp is np else self.measured
         residuals = xp.concatenate([self.scaled(predicted - measured), prior])
         return residuals, xp.concatenate([self.scaled(jacobian), xp.diag(slope)])
-
-    def without(self, kind: str) -> "InverseProblem":
-        """Return the problem in which values of one kind are predicted but not fitted."""
-        return self.with_sigma(np.where(np.array(self.kinds) == kind, np.inf, np.asarray(self.sigma)))
-
-
-def _one_part(model: Growing, source: np.ndarray, places: np.ndarray) -> Parts:
-    return Parts((model,), source[None], places, lambda held: [held], lambda held: held[0])
-
-
-def _wrong(name: str, place: int, value: float, expected: str, remedy: str) -> Problem:
-    return Problem(f"value {place + 1}", f"{value:g}", expected, remedy, f"`{name}`")
 
 
 # -------- Discrepancy
@@ -499,18 +458,12 @@ class Discrepant(eqx.Module, Choosing, Growing):
         values, choice = self.model.predict_matched(rest, _before(data, factor), held)
         return values * factor, choice
 
-    def padded(self) -> tuple["Discrepant", np.ndarray, np.ndarray]:
-        """Return a model of one of few sizes, which of its own values each is like, and where each of its own is."""
+    def in_parts(self) -> Parts:
+        """Return a large model in parts of one size, any other in one part of one of few sizes."""
         if not isinstance(self.model, Growing):
-            return self, np.arange(len(self.kinds)), np.arange(len(self.kinds))
-        model, source, places = self.model.padded()
-        return Discrepant(model, tuple(self.kinds[i] for i in source)), source, places
-
-    def in_parts(self) -> Parts | None:
-        """Return a large model in parts of one size, None for one that stays whole."""
-        parts = self.model.in_parts() if isinstance(self.model, Growing) else None
-        if parts is None:
-            return None
+            places = np.arange(len(self.kinds))
+            return Parts((self,), places[None], places)
+        parts = self.model.in_parts()
         each = zip(parts.models, parts.source, strict=True)
         models = tuple(Discrepant(model, tuple(self.kinds[i] for i in source)) for model, source in each)
         return parts._replace(models=models)
@@ -523,10 +476,15 @@ class Discrepant(eqx.Module, Choosing, Growing):
             if name.startswith(DISCREPANCY_PREFIX)
         }
         batch = np.broadcast_shapes(*(jnp.shape(x) for x in parameters.values()))
-        names = sorted(set(self.kinds))
-        each = jnp.stack([jnp.broadcast_to(off.get(kind, 1.0), batch) for kind in names])
-        factor = each[np.searchsorted(names, self.kinds)]
-        return {name: x for name, x in parameters.items() if not name.startswith(DISCREPANCY_PREFIX)}, factor
+        rest = {name: x for name, x in parameters.items() if not name.startswith(DISCREPANCY_PREFIX)}
+        return rest, by_kind(off, self.kinds, batch)
+
+
+def by_kind(factors: Mapping[str, Any], kinds: tuple[str, ...], batch: tuple[int, ...]) -> Float[Array, "D *batch"]:
+    """Return the factor on each value, given those of some kinds; 1 for the others."""
+    names = sorted(set(kinds))
+    each = jnp.stack([jnp.broadcast_to(factors.get(kind, 1.0), batch) for kind in names])
+    return each[np.searchsorted(names, kinds)]
 
 
 def _before(data: Data, factor: Float[Array, "D *batch"]) -> Data:
@@ -555,12 +513,5 @@ def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> In
     more = tuple(Parameter((DISCREPANCY_PREFIX + kind,), True, 1.0, 1.0, width) for kind, width in widths.items())
     if not more:
         return problem
-    return InverseProblem(
-        Discrepant(problem.model, problem.kinds),
-        problem.measured,
-        problem.sigma,
-        Parameters((*problem.parameters.items, *more)),
-        problem.kinds,
-        problem.correlation,
-        problem.vectors,
-    )
+    parameters = Parameters((*problem.parameters.items, *more))
+    return replace(problem, model=Discrepant(problem.model, problem.kinds), parameters=parameters)

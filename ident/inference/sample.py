@@ -67,9 +67,15 @@ def initial_walkers(
     References:
         Bardsley, Solonen, Haario, Laine, "Randomize-then-optimize", SIAM J. Sci. Comput. 36(4), 2014.
     """
+
+    def point() -> np.ndarray:
+        end = solve(_perturbed(posterior.problem, rng), jnp.asarray(optimum.theta))
+        scales = [NARROW * float(item.prior_sd) * rng.standard_normal() for item in posterior.noise.items]
+        return np.concatenate([np.asarray(end.theta), scales])
+
     walkers = np.zeros((0, len(posterior.parameters.items)))
     for _ in range(TRIES):
-        points = np.array([_point(posterior, optimum, rng) for _ in range(count)])
+        points = np.array([point() for _ in range(count)])
         points = points[np.isfinite(points).all(1)]
         if len(points):
             walkers = np.concatenate([walkers, points[np.isfinite(evaluate(posterior, points, batch).log_density)]])
@@ -78,16 +84,10 @@ def initial_walkers(
     raise ModelError("no points to start the sampler from: the model has no answer about the optimum")
 
 
-def _point(posterior: Posterior, optimum: Optimum, rng: np.random.Generator) -> np.ndarray:
-    end = solve(_perturbed(posterior.problem, rng), jnp.asarray(optimum.theta))
-    scales = [NARROW * float(item.prior_sd) * rng.standard_normal() for item in posterior.noise.items]
-    return np.concatenate([np.asarray(end.theta), scales])
-
-
 def _perturbed(problem: InverseProblem, rng: np.random.Generator) -> InverseProblem:
     """Move data and priors by their own uncertainty; a flat prior counts as a normal one of about its width."""
     sigma, parameters = np.asarray(problem.sigma), problem.parameters
-    noise = np.where(np.isfinite(sigma), sigma, 0.0) * problem.correlated(rng.standard_normal(len(sigma)))
+    noise = np.where(np.isfinite(sigma), sigma, 0.0) * problem.errors.color(rng.standard_normal(len(sigma)))
     sd = parameters.normal_sd
     shift = np.where(parameters.proper, sd, 0.0) * rng.standard_normal(len(sd))
     centres = parameters.values(parameters.theta(parameters.column("centre")) + shift)
@@ -295,14 +295,10 @@ class Ensembles:
         accepted = backend.accepted.astype(int).reshape(len(self.optima), -1).sum(1)
         end = _walkers(state.coords, _columns(state.log_prob, state.blobs), state.random_state, start.share)
         known = _columns(backend.get_log_prob(), backend.get_blobs())
-        return self._draws(backend.get_chain(), known, block), accepted, end
-
-    def _draws(self, theta: np.ndarray, known: np.ndarray, block: int) -> Draws:
-        rng = np.random.default_rng([self.seed, block])
-        shape = len(theta), len(self.optima), self.walkers
-        points, of_them = (x.reshape(-1, x.shape[-1]) for x in (theta, known))
-        whole, log_density = self.target.completed(points, of_them, rng)
-        return Draws(whole.reshape(*shape, -1), log_density.reshape(shape))
+        points, of_them = (x.reshape(-1, x.shape[-1]) for x in (backend.get_chain(), known))
+        whole, log_density = self.target.completed(points, of_them, np.random.default_rng([self.seed, block]))
+        shape = BLOCK, len(self.optima), self.walkers
+        return Draws(whole.reshape(*shape, -1), log_density.reshape(shape)), accepted, end
 
     def _densities(self, points: Float[np.ndarray, "n Q"]) -> Float[np.ndarray, "n columns"]:
         batch = batch_size(len(self.optima), self.walkers)
@@ -314,7 +310,15 @@ class Ensembles:
             return known if known.shape[1] > 1 else known[:, 0]
 
         number, unknowns = len(self.optima) * self.walkers, len(self.positive)
-        moves = [(Apart([move] * len(self.optima)), (1 - share) * part) for move, part in self._moves()]
+        # differences of walkers and stretches: in reciprocals, where thin posteriors are flat, and as they are
+        kinds = [
+            (InReciprocals(DEMove(), self.positive), 0.45),
+            (InReciprocals(DEMove(gamma0=0.4), self.positive), 0.25),
+            (InReciprocals(StretchMove(), self.positive), 0.1),
+            (DEMove(gamma0=0.3), 0.1),
+            (StretchMove(), 0.1),
+        ]
+        moves = [(Apart([move] * len(self.optima)), (1 - share) * part) for move, part in kinds]
         if share:
             moves.append((Apart(self.proposals), share))
         return emcee.EnsembleSampler(number, unknowns, density, vectorize=True, moves=moves)
@@ -332,16 +336,6 @@ class Ensembles:
         here = rng.choice(len(points), len(points), p=weight / weight.sum())
         accepted = np.minimum(1.0, weight / weight[here]).mean()
         return float(accepted), points[rng.choice(len(points), self.walkers, replace=False, p=weight / weight.sum())]
-
-    def _moves(self) -> list[tuple[RedBlueMove, float]]:
-        """Differences of walkers and stretches: in reciprocals, where thin posteriors are flat, and as they are."""
-        return [
-            (InReciprocals(DEMove(), self.positive), 0.45),
-            (InReciprocals(DEMove(gamma0=0.4), self.positive), 0.25),
-            (InReciprocals(StretchMove(), self.positive), 0.1),
-            (DEMove(gamma0=0.3), 0.1),
-            (StretchMove(), 0.1),
-        ]
 
 
 def _independent(target: Marginal | LinearMarginal, optimum: Optimum) -> Independent | None:
@@ -529,48 +523,44 @@ def sample(
     while True:
         target = linear_marginal(posterior, fit.best, names) if names else Marginal(posterior)
         chosen = replace(settings, walkers=_walker_count(fit, target, settings))
-        known = identity(posterior, _chain_settings(chosen, len(optima), names))
+        # what a chain depends on; the other settings only say when it ends
+        depends = {
+            **({"set of nuisances integrated out": ", ".join(names)} if names else {}),
+            "number of optima": len(optima),
+            "number of ensembles": chosen.ensembles,
+            "number of walkers": chosen.walkers,
+            "bound on draws": chosen.most_draws,
+            "seed": chosen.seed,
+        }
+        known = identity(posterior, depends)
         chains = Chains(Store(folder, {**(provenance or {}), **known}), chosen.most_draws)
         with ThreadPoolExecutor(chosen.threads) as pool:
             about = [fit.optima[optimum] for optimum in started]
             ensembles = Ensembles(target, about, chosen.walkers or 0, chosen.seed, pool)
-            _draw(ensembles, chains, started, chosen, progress)
+            check_at = chains.last.check_at if chains.last else FIRST_CHECK
+            for block in progress(range(chosen.max_steps // BLOCK)):
+                steps = (block + 1) * BLOCK
+                if steps < chains.steps:
+                    continue
+                if steps > chains.steps:
+                    walkers = chains.last.walkers if chains.last else ensembles.begin()
+                    chains.add(*ensembles.advance(walkers, block), check_at)
+                if steps >= check_at:
+                    each = _diagnose(chains, _joined(chains, started))
+                    missing = max(diagnosis.more_steps(chosen.target_ess) for diagnosis in each)
+                    if not missing:
+                        break
+                    check_at = steps + min(missing, steps // 2)
         drawn = _sample(fit, posterior, chosen, chains, started)
         if not names:
             return drawn
-        shift = moved(fit.problem, fit.best, names, spread_draws(drawn.draws()))
+        draws = drawn.draws()
+        few = draws[np.linspace(0, len(draws) - 1, TRIED).astype(int)]  # evenly spread over all
+        shift = moved(fit.problem, fit.best, names, few)
         if not (shift > MOVED).any():
             return replace(drawn, marginalised=dict(zip(names, shift.tolist(), strict=True)))
         names = tuple(name for name, far in zip(names, shift, strict=True) if far <= MOVED)
         folder = folder and folder / ANEW
-
-
-def spread_draws(draws: Float[np.ndarray, "n P"]) -> Float[np.ndarray, "m P"]:
-    """Return a few draws, evenly spread over all."""
-    return draws[np.linspace(0, len(draws) - 1, TRIED).astype(int)]
-
-
-def _draw(
-    ensembles: Ensembles,
-    chains: Chains,
-    started: Sequence[int],
-    settings: Settings,
-    progress: Callable[[Iterable[int]], Iterable[int]],
-) -> None:
-    """Go on with chains until they will do."""
-    check_at = chains.last.check_at if chains.last else FIRST_CHECK
-    for block in progress(range(settings.max_steps // BLOCK)):
-        steps = (block + 1) * BLOCK
-        if steps < chains.steps:
-            continue
-        if steps > chains.steps:
-            walkers = chains.last.walkers if chains.last else ensembles.begin()
-            chains.add(*ensembles.advance(walkers, block), check_at)
-        if steps >= check_at:
-            missing = max(d.more_steps(settings.target_ess) for d in _diagnose(chains, _joined(chains, started)))
-            if not missing:
-                break
-            check_at = steps + min(missing, steps // 2)
 
 
 def _sample(fit: Fit, posterior: Posterior, settings: Settings, chains: Chains, started: Sequence[int]) -> Sample:
@@ -642,15 +632,3 @@ def _check_bounded(fit: Fit, posterior: Posterior) -> None:
         name, value = fit.information.names[worst], fit.best.values[worst]
         got = f"a prior of {name} that excludes the data: they pull it to {value:.4g}, {beyond[worst]:.1f} sd beyond"
         raise InputError(Problem("", got, "a prior that they may agree with", "widen it, or check units (`prior`)"))
-
-
-def _chain_settings(settings: Settings, optima: int, nuisances: tuple[str, ...]) -> dict[str, int | str | None]:
-    """Return the settings that a chain depends on; the others only say when it ends."""
-    return {
-        **({"set of nuisances integrated out": ", ".join(nuisances)} if nuisances else {}),
-        "number of optima": optima,
-        "number of ensembles": settings.ensembles,
-        "number of walkers": settings.walkers,
-        "bound on draws": settings.most_draws,
-        "seed": settings.seed,
-    }

@@ -45,13 +45,8 @@ class Exchange:
     score: float = math.nan
 
 
-def swap(pair: Pair) -> Moves:
-    """Return the moves of two values that take each other's place."""
-    return {pair[0]: pair[1], pair[1]: pair[0]}
-
-
 def exchanges(
-    fit: Fit, pairs: Sequence[Pair], suspected: Sequence[Pair] = (), moves: Callable[[Pair], Moves] = swap
+    fit: Fit, pairs: Sequence[Pair], suspected: Sequence[Pair], moves: Callable[[Pair], Moves]
 ) -> tuple[Exchange, ...]:
     """Return the exchanges after which nothing speaks against the fit any more, of the least chi-squared first.
 
@@ -103,34 +98,23 @@ def _costs(fit: Fit, moves: Sequence[Moves]) -> Float[np.ndarray, "N"]:
     value that comes to another row keeps its error, and is compared with that row's prediction. With X = [S, r] in
     sigmas, R the correlation of the errors and D what changes, the squares are (X + D)' R^-1 (X + D).
     """
-    problem = fit.problem
+    problem, R = fit.problem, fit.problem.errors
     residuals, slope = problem.weigh(fit.predicted, np.asarray(fit.jacobian), fit.best.theta)
     measured, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
     rows = np.concatenate([slope, residuals[:, None]], 1)
-    here, there = _aligned(moves)
+    most = max(map(len, moves))  # the first place, unmoved, fills up
+    both = np.array([[*each.items(), *[(0, 0)] * (most - len(each))] for each in moves])
+    here, there = both[:, :, 0], both[:, :, 1]  # the places, and where their values come from
     moved = (fit.predicted[here] - measured[there]) / sigma[there]
     new = np.concatenate([fit.jacobian[here] / sigma[there][:, :, None], moved[:, :, None]], 2)
-    squares = rows.T @ rows
-    if problem.correlation is None:
-        old = np.concatenate([slope[here], residuals[here][:, :, None]], 2)
-        squares = squares + np.einsum("nip,niq->npq", new, new) - np.einsum("nip,niq->npq", old, old)
-    else:
-        R, off = problem.correlation, fit.predicted - measured
-        whole = np.concatenate([fit.jacobian, off[:, None]], 1) / sigma[:, None]
-        change = new - whole[there]
-        cross = np.einsum("nip,niq->npq", change, R.pull_back(np.asarray(R.whiten(whole)))[there])
-        own = np.einsum("nip,nij,njq->npq", change, R.inverse_among(there), change, optimize=True)
-        squares = squares + cross + cross.swapaxes(1, 2) + own
+    whole = np.concatenate([fit.jacobian, (fit.predicted - measured)[:, None]], 1) / sigma[:, None]
+    change = new - whole[there]
+    cross = np.einsum("nip,niq->npq", change, R.pull_back(np.asarray(R.whiten(whole)))[there])
+    own = np.einsum("nip,nij,njq->npq", change, R.inverse_among(there), change, optimize=True)
+    squares = rows.T @ rows + cross + cross.swapaxes(1, 2) + own
     A, b, c = squares[:, :-1, :-1], squares[:, :-1, -1], squares[:, -1, -1]
     inverse = np.linalg.pinv(A, rcond=RANK_TOLERANCE, hermitian=True)
     return np.asarray(c - np.einsum("np,npq,nq->n", b, inverse, b))
-
-
-def _aligned(moves: Sequence[Moves]) -> tuple[Int[np.ndarray, "N K"], Int[np.ndarray, "N K"]]:
-    """Return the places of each exchange and where their values come from; the first place, unmoved, fills up."""
-    most = max(map(len, moves))
-    both = np.array([[*each.items(), *[(0, 0)] * (most - len(each))] for each in moves])
-    return both[:, :, 0], both[:, :, 1]
 
 
 def _moved(problem: InverseProblem, moves: Moves) -> InverseProblem:
@@ -212,7 +196,9 @@ def held_out(
 def _held_out(fit: Fit, name: str, places: Int[np.ndarray, "n"]) -> HeldOut:
     sigma = np.asarray(fit.problem.sigma).copy()
     noise = sigma[places]
-    sigma[_with_groups(fit.problem, places)] = np.inf
+    groups = fit.problem.errors.groups
+    sigma[np.isin(groups, groups[places]) & (groups >= 0)] = np.inf  # those that would tell of their errors
+    sigma[places] = np.inf
     problem = fit.problem.with_sigma(sigma)
     starts = [fit.best.theta, *(rival.theta for rival in fit.rivals)]
     ends = [ended(problem, solve(problem, theta, fit.end)) for theta in starts]
@@ -225,16 +211,8 @@ def _held_out(fit: Fit, name: str, places: Int[np.ndarray, "n"]) -> HeldOut:
     with np.errstate(invalid="ignore"):
         open_part = slope[places] @ known.covariance @ slope[places].T
     measured = np.asarray(problem.measured)[places]
-    covariance = open_part + np.outer(noise, noise) * fit.problem.correlations(places)
+    covariance = open_part + np.outer(noise, noise) * fit.problem.errors.matrix(places)
     return HeldOut(name, places, measured, np.asarray(there.predicted)[places], covariance, how.converged)
-
-
-def _with_groups(problem: InverseProblem, places: Int[np.ndarray, "n"]) -> Int[np.ndarray, "m"]:
-    """Return places and all others whose errors are correlated with theirs, which would tell of them."""
-    if problem.correlation is None:
-        return places
-    groups = problem.correlation.groups
-    return np.union1d(places, np.flatnonzero(np.isin(groups, groups[places]) & (groups >= 0)))
 
 
 # -------- Robust
@@ -269,8 +247,11 @@ def robust_weights(fit: Fit, units: Int[np.ndarray, "D"], loss: str) -> Float[np
     References:
         Holland, Welsch, "Robust regression using iteratively reweighted least-squares", Commun. Stat. A6(9), 1977.
     """
-    theta, predicted, weights = _settled(fit.problem, fit.best.theta, fit.predicted, units, _huber)
-    return weights if loss == "huber" else _settled(fit.problem, theta, predicted, units, _student)[2]
+    start = fit.best.theta, fit.predicted
+    theta, predicted, weights = _settled(fit.problem, *start, units, lambda r: HUBER / np.maximum(r, HUBER))
+    if loss == "huber":
+        return weights
+    return _settled(fit.problem, theta, predicted, units, lambda r: (FREEDOM + 1) / (FREEDOM + r**2))[2]
 
 
 def _settled(
@@ -280,9 +261,12 @@ def _settled(
     units: Int[np.ndarray, "D"],
     weigh: Callable[[Float[np.ndarray, "D"]], Float[np.ndarray, "D"]],
 ) -> tuple[Float[np.ndarray, "P"], Float[np.ndarray, "D"], Float[np.ndarray, "D"]]:
-    weights = np.zeros(len(units))
+    weights, count = np.zeros(len(units)), np.bincount(units)
     for _ in range(STEPS):
-        before, weights = weights, weigh(_sizes(problem, predicted, units))
+        # the root of the mean square of the scaled residuals of each value's unit
+        squared = problem.scaled(predicted - np.asarray(problem.measured)) ** 2
+        sizes = np.sqrt(np.bincount(units, squared)[units] / count[units])
+        before, weights = weights, weigh(sizes)
         if np.abs(weights - before).max() < SETTLED:
             return theta, predicted, weights
         end = solve(weighted(problem, weights), theta)
@@ -293,18 +277,3 @@ def _settled(
 def weighted(problem: InverseProblem, weights: Float[np.ndarray, "D"]) -> InverseProblem:
     """Return the problem in which each value counts by its weight."""
     return problem.with_sigma(np.asarray(problem.sigma) / np.sqrt(weights))
-
-
-def _sizes(problem: InverseProblem, predicted: np.ndarray, units: np.ndarray) -> Float[np.ndarray, "D"]:
-    """Return the root of the mean square of the scaled residuals of each value's unit."""
-    squared = problem.scaled(predicted - np.asarray(problem.measured)) ** 2
-    total, count = np.bincount(units, squared), np.bincount(units)
-    return np.sqrt(total[units] / count[units])
-
-
-def _huber(r: np.ndarray) -> np.ndarray:
-    return HUBER / np.maximum(r, HUBER)
-
-
-def _student(r: np.ndarray) -> np.ndarray:
-    return (FREEDOM + 1) / (FREEDOM + r**2)

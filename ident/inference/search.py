@@ -1,8 +1,7 @@
-"""Searches for the minimum of a least-squares problem: the model in batches, two solvers, convergence, many starts."""
+"""Searches for the minimum of a least-squares problem: two solvers, convergence, many starts."""
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,44 +14,6 @@ from ident.inference.information import RANK_TOLERANCE
 from ident.inference.parameters import AnyArray
 from ident.inference.problem import Choice, InParts, InverseProblem
 from ident.programs import jit
-
-# -------- Batches
-# One function over many parameter sets: as fast for a million of them as for a hundred.
-
-CHUNK = 64
-"""Sets computed together: as many as leave all arrays of the model in the processor's cache."""
-
-
-def in_batches(
-    f: Callable[[Float[Array, "P batch"]], Float[Array, "D batch"]], *, chunk: int = CHUNK, threads: int = 1
-) -> Callable[[Float[Array, "P batch"]], Float[Array, "D batch"]]:
-    """Return f for a trailing batch of any size, compiled, and run chunk by chunk.
-
-    Keep what is returned: every call of `in_batches` compiles anew, as does another size of batch.
-
-    Args:
-        f: works on a trailing batch; `InverseProblem.predict` does. Differentiate f, not what is returned.
-        chunk: entries computed together.
-        threads: parts of the batch that are computed at the same time; f must not call LAPACK then.
-    """
-
-    def in_chunks(x: Array) -> Array:
-        size = x.shape[-1]
-        missing = -size % chunk
-        padded = jnp.concatenate([x, jnp.repeat(x[..., -1:], missing, -1)], -1)
-        chunks = jnp.moveaxis(padded.reshape((*x.shape[:-1], -1, chunk)), -2, 0)
-        y = jnp.moveaxis(jax.lax.map(f, chunks), 0, -2)
-        return y.reshape((*y.shape[:-2], -1))[..., :size]
-
-    run = jit(in_chunks)
-
-    def run_in_threads(x: Array) -> Array:
-        parts = jnp.array_split(x, threads, -1)
-        with ThreadPoolExecutor(threads) as pool:
-            return jnp.concatenate([jax.block_until_ready(y) for y in pool.map(run, parts)], -1)
-
-    return run if threads == 1 else run_in_threads
-
 
 # -------- Gauss-Newton
 # The solver of a search among data so many that each look at the model counts: one for each step.
@@ -87,29 +48,34 @@ def minimum(
         to_the_end: whether it goes on where the model would choose anew.
         steps: at most.
     """
-    here, damping, before = look(start, held), 0.0, math.inf
-    for _ in range(steps):
+
+    def at(theta: Float[np.ndarray, "P"], held: Any) -> tuple[End, np.ndarray, np.ndarray]:
+        here = look(theta, held)
         residuals, slope = weigh(here)
+        return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals), residuals, slope
+
+    (here, residuals, slope), damping, before = at(start, held), 0.0, math.inf
+    for _ in range(steps):
         if not (np.isfinite(here.cost) and np.isfinite(slope).all() and (to_the_end or here.choice.settled)):
             return here, True
         if damping > MOST:
             return here, True
-        length = _length(residuals, slope)
+        length = step_length(residuals, slope)
         near = length < SHORT
         if length < LEAST_STEP or (near and length >= before):
             return here, True
         step = _step(residuals, slope, 0.0 if near else damping)
-        there = look(here.theta + step, here.choice.held)
+        there, *weighed = at(here.theta + step, here.choice.held)
+        limit = here.cost + LEVEL * (1 + here.cost)
         if near:  # gains are rounding soon, and no measure of a step any more
-            if there.cost > here.cost + LEVEL * (1 + here.cost):
+            if there.cost > limit:
                 return here, True
-            here, before = there, length
-            continue
-        foreseen = here.cost - ((residuals + slope @ step) ** 2).sum()
-        gain = (here.cost - there.cost) / max(foreseen, 1e-300)
-        damping = _next_damping(damping, gain)
-        if there.cost <= here.cost + LEVEL * (1 + here.cost):
-            here = there
+            before = length
+        else:
+            foreseen = here.cost - ((residuals + slope @ step) ** 2).sum()
+            damping = _next_damping(damping, (here.cost - there.cost) / max(foreseen, 1e-300))
+        if near or there.cost <= limit:
+            here, (residuals, slope) = there, weighed
     return here, False
 
 
@@ -122,8 +88,10 @@ def _next_damping(damping: float, gain: float) -> float:
     return damping
 
 
-def _length(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> float:
-    """Return the length of the next whole step in standard deviations, as in `convergence`."""
+def step_length(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> float:
+    """Return the length of the next whole step [sd], as in `convergence`; infinite where there is no slope."""
+    if not np.isfinite(slope).all():
+        return np.inf
     U, s, _ = np.linalg.svd(slope, full_matrices=False)
     return float(np.linalg.norm((U.T @ residuals)[s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)]))
 
@@ -185,19 +153,8 @@ def look(problem: InverseProblem, theta: Float[AnyArray, "P"], held: Any) -> End
 
 def looker(problem: InverseProblem) -> Callable[[Float[np.ndarray, "P"], Any], tuple[np.ndarray, np.ndarray, Choice]]:
     """Return what looks at a problem at theta, with what the model holds: predictions, their Jacobian, the choice."""
-    large = problem.in_parts()
-    if large is not None:
-        first_matching = (problem if len(large.problems) > 1 else large.problems[0]).first_matching()
-        return lambda theta, held: _in_parts(large, theta, first_matching if held is None else held)
-    padded, places, _ = problem.padded()
-    first_matching = padded.first_matching()
-
-    def look(theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
-        found = jax.device_get(_with_jacobian(padded, theta, first_matching if held is None else held))
-        predicted, jacobian, choice = found
-        return predicted[places], jacobian[places], choice._replace(cost=choice.cost[places])
-
-    return look
+    whole = problem.in_parts()
+    return lambda theta, held: _predicted(whole, theta, whole.first_matching if held is None else held)
 
 
 def without_priors(problem: InverseProblem, *, but_nuisances: bool = False) -> InverseProblem:
@@ -290,56 +247,36 @@ def _searched(
 
     Nothing that is held lets the model choose.
     """
-    large = problem.in_parts()
-    if large is not None:
-        return _searched_in_parts(problem, large, np.asarray(start), held, to_the_end, weight)
-    padded, places, scatter = problem.padded()
-    held = padded.first_matching() if held is None else held
-    end, finished = jax.device_get(search(padded, np.asarray(start), held, to_the_end, weight))
-    choice = end.choice._replace(cost=end.choice.cost[places])
-    own = end._replace(predicted=end.predicted[places], jacobian=end.jacobian[places], choice=choice)
-    return own._replace(cost=own.cost + weight**2 * scatter) if scatter else own, bool(finished)
-
-
-def _searched_in_parts(
-    problem: InverseProblem,
-    large: InParts,
-    start: Float[np.ndarray, "P"],
-    held: Any,
-    to_the_end: np.ndarray,
-    weight: np.ndarray,
-) -> tuple[End, bool]:
-    """Search among data so many that the model predicts them part by part."""
-    weighed: list[tuple[Any, tuple[np.ndarray, np.ndarray]]] = []
+    parts = problem.in_parts()
+    held = parts.first_matching if held is None else held
+    if parts.whole:
+        end, finished = jax.device_get(search(parts.problems[0], np.asarray(start), held, to_the_end, weight))
+        places = parts.parts.places
+        choice = end.choice._replace(cost=end.choice.cost[places])
+        own = end._replace(predicted=end.predicted[places], jacobian=end.jacobian[places], choice=choice)
+        return own._replace(cost=own.cost + weight**2 * parts.scatter) if parts.scatter else own, bool(finished)
     by_problem = problem.weigh  # looked up once: equinox makes a module of a method each time
 
     def weigh(end: End) -> tuple[np.ndarray, np.ndarray]:
-        if not (weighed and weighed[0][0] is end.predicted):  # where a search looks it weighs a second time, to step
-            residuals, slope = by_problem(end.predicted, end.jacobian, end.theta)
-            weighed[:] = [(end.predicted, (weight * np.asarray(residuals), weight * np.asarray(slope)))]
-        return weighed[0][1]
+        residuals, slope = by_problem(end.predicted, end.jacobian, end.theta)
+        return weight * np.asarray(residuals), weight * np.asarray(slope)
 
     def look_there(theta: Float[np.ndarray, "P"], held: Any) -> End:
-        predicted, jacobian, choice = _in_parts(large, theta, held)
-        here = End(theta, np.nan, np.full_like(theta, np.nan), predicted, jacobian, choice)
-        residuals, slope = weigh(here)
-        return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
+        return End(theta, np.nan, np.full_like(theta, np.nan), *_predicted(parts, theta, held))
 
-    if held is None:
-        held = (problem if len(large.problems) > 1 else large.problems[0]).first_matching()
-    return minimum(look_there, weigh, start, held, bool(to_the_end))
+    return minimum(look_there, weigh, np.asarray(start), held, bool(to_the_end))
 
 
-def _in_parts(large: InParts, theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
+def _predicted(whole: InParts, theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
     """Return predictions, their Jacobian and what they belong to, computed part by part."""
-    places, own = large.parts.places, large.parts.split(held)
-    each = zip(large.problems, own, strict=True)
+    places, own = whole.parts.places, whole.parts.split(held)
+    each = zip(whole.problems, own, strict=True)
     found = [jax.device_get(_with_jacobian(part, theta, held)) for part, held in each]
     predicted, jacobian = (np.concatenate([each[i] for each in found])[places] for i in (0, 1))
     choices = [choice for _, _, choice in found]
     cost = np.concatenate([choice.cost for choice in choices])[places]
     settled = all(choice.settled for choice in choices)
-    return predicted, jacobian, Choice(large.parts.joined([choice.held for choice in choices]), settled, cost)
+    return predicted, jacobian, Choice(whole.parts.joined([choice.held for choice in choices]), settled, cost)
 
 
 @jit
@@ -349,7 +286,7 @@ def search(
     held: Any,
     to_the_end: Bool[AnyArray, ""],
     weight: Float[AnyArray, ""],
-    steps: int | None = None,
+    steps: int = MAX_STEPS,
 ) -> tuple[End, Array]:
     """Run Levenberg-Marquardt from one start, with what the model holds; to the end, or to where it would choose anew.
 
@@ -420,36 +357,17 @@ def convergence(problem: InverseProblem, end: End) -> Convergence:
     residuals, slope = weighed(problem, end)
     if not (np.isfinite(residuals).all() and np.isfinite(slope).all()):
         return Convergence(np.inf, np.empty((0, len(end.theta))))
-    components, s, Vt = _next_step(residuals, slope)
+    square = np.vstack([slope, np.zeros((slope.shape[1], slope.shape[1]))])  # so that all directions are there
+    U, s, Vt = np.linalg.svd(square, full_matrices=False)
+    components = U[: len(residuals)].T @ residuals
     open_ones = s <= RANK_TOLERANCE * max(s[0], 1e-300)
     far = ~open_ones & (s < 1 / SEVERAL) & (np.abs(components) >= OPTIMUM_STEP)
     for i in np.flatnonzero(far):
         step = -np.sign(components[i]) * SEVERAL * Vt[i]
-        there, beyond = (_cost(problem, np.asarray(end.theta) + times * step) for times in (1, 2))
+        looks = (weighed(problem, evaluate(problem, np.asarray(end.theta) + times * step))[0] for times in (1, 2))
+        there, beyond = (float(r @ r) if np.isfinite(r).all() else np.inf for r in looks)
         open_ones[i] = there < float(end.cost) + RISE and beyond < there + RISE
     return Convergence(float(np.linalg.norm(components[~open_ones])), Vt[open_ones])
-
-
-def step_length(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> float:
-    """Return the length of the next step [sd] in all directions that are seen; infinite where there is no slope."""
-    if not np.isfinite(slope).all():
-        return np.inf
-    components, s, _ = _next_step(residuals, slope)
-    return float(np.linalg.norm(components[s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)]))
-
-
-def _next_step(
-    residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]
-) -> tuple[Float[np.ndarray, "P"], Float[np.ndarray, "P"], Float[np.ndarray, "P P"]]:
-    """Return the next step's components [sd] along the slope's right singular vectors, singular values, and those."""
-    padded = np.vstack([slope, np.zeros((slope.shape[1], slope.shape[1]))])
-    U, s, Vt = np.linalg.svd(padded, full_matrices=False)
-    return U[: len(residuals)].T @ residuals, s, Vt
-
-
-def _cost(problem: InverseProblem, theta: Float[np.ndarray, "P"]) -> float:
-    residuals, _ = weighed(problem, evaluate(problem, theta))
-    return float(residuals @ residuals) if np.isfinite(residuals).all() else np.inf
 
 
 def weighed(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.ndarray]:
@@ -536,9 +454,9 @@ class Searcher:
     """
 
     def __init__(self, problem: InverseProblem, search: Callable[[InverseProblem, Any, End | None], End] = solve):
-        large = problem.in_parts()
+        parts = problem.in_parts()
         self.problem, self.search = problem, search
-        self.part = large.problems[0] if large else None
+        self.part = None if parts.whole else parts.problems[0]
         self.ends: list[tuple[End, End]] = []
 
     def __call__(self, start: Float[Any, "P"], example: End | None = None, *, near: bool = False) -> End:

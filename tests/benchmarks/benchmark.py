@@ -7,6 +7,7 @@ import argparse
 import dataclasses
 import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
@@ -29,8 +30,32 @@ from ident.identify.predict import ArmModel
 from ident.identify.unknowns import Unknowns, stiffness_parameters
 from ident.inference.fit import fit
 from ident.inference.problem import InverseProblem
-from ident.inference.search import in_batches, solve
+from ident.inference.search import solve
 from ident.measure import Campaign, read_campaign
+from ident.programs import jit
+
+CHUNK = 64
+"""Sets computed together: as many as leave all arrays of the model in the processor's cache."""
+
+
+def in_batches(f: Callable[[Any], Any], *, threads: int = 1) -> Callable[[Any], Any]:
+    """Return f for a trailing batch of any size, compiled, and run chunk by chunk, some parts at the same time."""
+
+    def in_chunks(x: Any) -> Any:
+        size = x.shape[-1]
+        padded = jnp.concatenate([x, jnp.repeat(x[..., -1:], -size % CHUNK, -1)], -1)
+        chunks = jnp.moveaxis(padded.reshape((*x.shape[:-1], -1, CHUNK)), -2, 0)
+        y = jnp.moveaxis(jax.lax.map(f, chunks), 0, -2)
+        return y.reshape((*y.shape[:-2], -1))[..., :size]
+
+    run = jit(in_chunks)
+
+    def run_in_threads(x: Any) -> Any:
+        with ThreadPoolExecutor(threads) as pool:
+            each = pool.map(run, jnp.array_split(x, threads, -1))
+            return jnp.concatenate([jax.block_until_ready(y) for y in each], -1)
+
+    return run if threads == 1 else run_in_threads
 
 
 def with_slopes(f: Callable[[Any], Any]) -> Callable[[Any], Any]:

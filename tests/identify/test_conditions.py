@@ -39,7 +39,8 @@ def shuffled(labels=True):
 @pytest.mark.parametrize("unknowns", [Unknowns(), DISCREPANT], ids=["plain", "discrepancy"])
 def test_a_padded_problem_says_the_same_where_its_own_values_are(unknowns):
     problem = pose(lcd_arm(), shuffled(), unknowns).problem
-    padded, places, scatter = problem.padded()
+    parts = problem.in_parts()
+    padded, places, scatter = parts.problems[0], parts.parts.places, parts.scatter
     assert scatter == 0
     theta = problem.parameters.theta(problem.parameters.column("start")) + 0.1
     own, more = (np.asarray(jax.jit(lambda t, p=p: p.predict(t))(theta)) for p in (problem, padded))
@@ -65,8 +66,9 @@ def again(campaign, most=70):
 def test_repeated_rows_are_predicted_once_and_cost_what_each_of_them_costs(unknowns):
     once, problem = shuffled(), pose(lcd_arm(), again(shuffled()), unknowns).problem
     assert len(problem.kinds) > 20 * len(once)
-    padded, places, scatter = problem.padded()
-    assert len(padded.kinds) == len(pose(lcd_arm(), once, unknowns).problem.padded().problem.kinds)
+    parts = problem.in_parts()
+    padded, places, scatter = parts.problems[0], parts.parts.places, parts.scatter
+    assert len(padded.kinds) == len(pose(lcd_arm(), once, unknowns).problem.in_parts().problems[0].kinds)
     theta = problem.parameters.theta(problem.parameters.column("start")) + 0.1
     own, more = (np.asarray(jax.jit(lambda t, p=p: p.predict(t))(theta)) for p in (problem, padded))
     np.testing.assert_allclose(more[places], own, rtol=1e-12)
@@ -106,7 +108,7 @@ def test_a_campaign_that_is_too_large_is_refused_by_its_size_and_many_repeats_ar
 
 def program(rows):
     """What tells one program from another: static parts, shapes and types."""
-    padded = pose(lcd_arm(), Campaign(measurements=rows)).problem.padded().problem
+    padded = pose(lcd_arm(), Campaign(measurements=rows)).problem.in_parts().problems[0]
     leaves, structure = jax.tree.flatten((padded, padded.first_matching()))
     return structure, [(np.shape(x), np.asarray(x).dtype) for x in leaves]
 

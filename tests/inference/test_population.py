@@ -15,20 +15,9 @@ from fleets import (
 )
 from scipy.stats import binom
 
-from ident.inference.population import FALSE_ALARM, Draws, Likelihood, deviations, population
+from ident.inference.population import FALSE_ALARM, Draws, deviations, population
 
 pytestmark = pytest.mark.slow
-
-
-def test_an_interim_prior_is_divided_out():
-    rng = np.random.default_rng(1)
-    A, y = rng.standard_normal((5, 3)), rng.standard_normal(5)
-    prior_mean, prior_sd = np.array([0.2, -0.3, 1.0]), np.array([0.5, 1.0, 2.0])
-    covariance = np.linalg.inv(A.T @ A + np.diag(prior_sd**-2))
-    mean = covariance @ (A.T @ y + prior_mean / prior_sd**2)
-    likelihood = Likelihood.of_posterior(mean, covariance, prior_mean, prior_sd)
-    np.testing.assert_allclose(likelihood.precision, A.T @ A, atol=1e-10)
-    np.testing.assert_allclose(likelihood.shift, A.T @ y, atol=1e-10)
 
 
 def test_the_joint_model_agrees():
