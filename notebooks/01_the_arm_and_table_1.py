@@ -107,7 +107,7 @@ for _ in range(30):
 hertz = torsion(middle, 2.0)
 print(f"joint 2 twice as stiff in torsion, joint 1 at {middle:.3f} of its stiffness: {hertz:.3f} Hz, as before")
 change = 1.1 ** table_1.trade_offs["joint2.k_tors"]["joint1.k_tors"] - 1
-print(f"for small changes, as the report has it: joint 2 by +10 %, joint 1 by {change:+.1%}")
+print(f"for small changes, from the report: joint 2 by +10 %, joint 1 by {change:+.1%}")
 
 # %% [markdown]
 # ### The three numbers contradict each other
@@ -116,10 +116,8 @@ print(f"for small changes, as the report has it: joint 2 by +10 %, joint 1 by {c
 
 # %%
 deflection = table_1.cross_predictions["deflection"]
-print(f"the frequencies lead to {1e3 * deflection.predicted[0]:.1f} mm, the weak prior filling what they leave open")
-print(
-    f"measured                {1e3 * deflection.measured[0]:.1f} mm, {abs(deflection.z[0]):.1f} sd off what they allow"
-)
+print(f"predicted from the frequencies and the weak prior: {1e3 * deflection.predicted[0]:.1f} mm")
+print(f"measured: {1e3 * deflection.measured[0]:.1f} mm, {abs(deflection.z[0]):.1f} standard deviations apart")
 
 # %% [markdown]
 # 31.6 mm against 22.0 mm, and no noise of 2 % explains that. The reason is plain for a vibration engineer: a mass

@@ -49,7 +49,7 @@ faulty
 # %%
 options = ident.FleetOptions(starts=4, batch=50)
 result = ident.fleet(robots, options=options, folder=Path(folder.name) / "fits")
-print("\n".join(result.report().splitlines()[:36]))
+print(result.report())
 
 # %% [markdown]
 # ## Who was found
@@ -61,7 +61,7 @@ print("\n".join(result.report().splitlines()[:36]))
 # %%
 for name, changes in result.standing_out.items():
     words = ", ".join(f"{stiffness} {change:+.0%}" for stiffness, change in changes.items())
-    print(f"{name}: {words}; {'faulty in ' + faulty[name] if name in faulty else 'a FALSE ALARM'}")
+    print(f"{name}: {words}; {'faulty in ' + faulty[name] if name in faulty else 'false alarm'}")
 print("missed:", [name for name in faulty if name not in result.standing_out] or "none")
 
 # %%
@@ -76,7 +76,7 @@ figure
 # %%
 first = next(iter(result.standing_out))
 own = ident.fit(robots / "arm.toml", robots / f"{first}.csv", ident.FitOptions(starts=2))
-print(own.doubts or "nothing speaks against the fit")
+print(own.doubts or "no objections to this fit")
 figure = own.figures()[""]
 figure
 
