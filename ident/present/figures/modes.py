@@ -142,7 +142,7 @@ def mode_figure(analysis: ModalAnalysis) -> Figure:
     figure, panels = _mode_panels(len(analysis.labels), [high - low for low, high in frame])
     title = f"Modes of {cut(analysis.arm.name, 40)} at {degrees(analysis.posture)}, load: {cut(str(analysis.load), 40)}"
     title += ", servo on" if analysis.drives == "servo" else ""
-    note = f"grey: at rest; in colour: the mode, its largest displacement drawn as {SWING * length:.2g} m"
+    note = f"grey: at rest; in colour: the mode, exaggerated to {SWING * length:.2g} m at its largest"
     figure.suptitle(f"{title}\n{note}", parse_math=False, fontsize=11)
     for i, label in enumerate(analysis.labels):
         colour = NAME_STYLES[f"{label.direction} {label.kind}"]["color"]
