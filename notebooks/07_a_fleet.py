@@ -49,7 +49,7 @@ faulty
 # %%
 options = ident.FleetOptions(starts=4, batch=50)
 result = ident.fleet(robots, options=options, folder=Path(folder.name) / "fits")
-print(result.report())
+print(result.report().replace(f"{folder.name}/", ""))
 
 # %% [markdown]
 # ## Who was found
