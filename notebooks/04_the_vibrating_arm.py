@@ -241,7 +241,7 @@ figure
 
 
 def sizes(name, result):
-    """Return the rows of a simulation at full speed: peak, and peak while the glass is stacked."""
+    """Return the rows of a simulation at full speed: largest, and when the glass is stacked."""
     then = (result.time >= STACKED) & (result.time <= STACKED + 0.5)
     return {f"{name}, peak": 1e3 * result.peak, f"{name}, 4.0 to 4.5 s": 1e3 * np.abs(result.vibration[:, then]).max(1)}
 
@@ -340,7 +340,7 @@ for axes, i in zip(panels, (1, 2), strict=True):
     axes.set_xlabel("time [s]")
     axes.set_ylabel(f"{AXES[i]}: largest in each half second [mm]")
     axes.set_ylim(0, None)
-panels[0].set_title("Vibration at 10 %, over the fitted stiffnesses", fontsize=10, fontweight="bold", loc="left")
+panels[0].set_title("Vibration at 10 %, by the fitted stiffnesses", fontsize=10, fontweight="bold", loc="left")
 panels[1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
 figure
 
@@ -352,7 +352,7 @@ print(f"half of the 90 % band, relative to the median: {words}")
 print(f"standard deviation of the stiffnesses: {sd.min():.1%} to {sd.max():.1%}")
 assert spread.max() < 0.1
 late = np.percentile(1e3 * np.abs(every[2][time > low.arrival]).max(0), (5, 95))
-print(f"residual vertical vibration after arrival: {late[0]:.3f} to {late[1]:.3f} mm")
+print(f"vertical vibration left after arrival: {late[0]:.3f} to {late[1]:.3f} mm")
 assert late[1] > 1.2 * late[0]
 
 # %% [markdown]
