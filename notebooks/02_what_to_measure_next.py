@@ -189,11 +189,10 @@ kept = [row for row in first if row.posture not in again]
 both = ident.Campaign("nine postures, three of them again", measurements=(*kept, *second), covariance=second.covariance)
 
 # %% [markdown]
-# The check again, still on the guessed arm: its verdicts and its statement on the measurements.
+# The check again, still on the guessed arm:
 
 # %%
-sections = str(ident.check(arm, both)).split("\n\n")
-print(sections[1], sections[3], sep="\n\n")
+print(ident.check(arm, both))
 
 # %% [markdown]
 # All six are identifiable now, and no measurement dominates. The fit:

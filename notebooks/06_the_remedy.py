@@ -206,8 +206,8 @@ options = ident.DesignOptions(speed=10, dwell=2.0, rate=200.0, change=change, li
 redesign = ident.design(arm_file, options).study.design
 best, least = redesign.optima[0], redesign.minimum_change
 
-print("                     largest          factor of joint       size of  first      deflection")
-print("                    X, Y, Z [mm]     1      2      3        change   frequency")
+print("                     largest          factor of joint       change   first      deflection")
+print("                    X, Y, Z [mm]     1      2      3          norm   frequency")
 
 
 def tell(name, place):
@@ -218,8 +218,8 @@ def tell(name, place):
 
 
 tell("present", redesign.present)
-tell("smallest change", least)
-tell("smallest peak", best)
+tell("minimum change", least)
+tell("least amplitude", best)
 assert 1e3 * least.largest <= LIMIT
 hollow = {"color": "black", "marker": "o", "markerfacecolor": "none", "linestyle": ""}
 assert (np.sign(least.changes) == [1, -1, -1]).all()
@@ -234,18 +234,18 @@ for d, (name, colour) in enumerate(zip("XYZ", (BLUE, ORANGE, GREEN), strict=True
     sizes = [1e3 * place.amplitude[d] for place in redesign.curve]
     left.plot(norm, sizes, "o-", color=colour, markersize=4, linewidth=1.2, label=name)
 left.axhline(LIMIT, color=GREY, linewidth=0.8, linestyle=":", label="limit")
-left.plot(least.change_norm, 1e3 * least.largest, "s", color="black", markersize=6, label="smallest change for 0.4 mm")
+left.plot(least.change_norm, 1e3 * least.largest, "s", color="black", markersize=6, label="minimum change for 0.4 mm")
 left.plot(0, 1e3 * redesign.present.largest, label="present", **hollow | {"markersize": 10})
 left.set_ylabel("peak [mm]")
 left.set_ylim(0)
-left.set_title("Peak against size of change", **TITLE)
+left.set_title("What a change buys", **TITLE)
 for j, colour in enumerate(("#000000", "#777777", "#BBBBBB")):
     factors = np.exp([place.changes[j] for place in redesign.curve])
     right.plot(norm, factors, "o-", color=colour, markersize=4, label=f"joint {j + 1}")
 right.set_ylabel("torsional stiffness / present")
-right.set_title("Change of each joint", **TITLE)
+right.set_title("What is changed", **TITLE)
 for panel in (left, right):
-    panel.set_xlabel("size of change [-]")
+    panel.set_xlabel("change norm [-]")
 figure.legend(loc="outside lower center", ncols=5)
 figure
 
@@ -258,7 +258,7 @@ figure
 # The paper's second group, mass centres, after either design and as it is:
 
 # %%
-designs = {"as it is": {}, "smallest change": least.values, "smallest peak": best.values}
+designs = {"as it is": {}, "minimum change": least.values, "least amplitude": best.values}
 print("peak in Y [mm], mass centre in -> out    " + "".join(f"{path:>18s}" for path in CENTRES))
 for name, values in designs.items():
     now, inwards, outwards = trends(arm.replace(values))
