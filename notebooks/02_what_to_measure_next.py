@@ -102,10 +102,10 @@ check = ident.check(arm, first)
 print(check)
 
 # %% [markdown]
-# Three of six are identifiable. The worst is the torsion of joint 3: a factor of 3.4 at the guess, more than ten
-# times that at the worst of the points tried. The undetermined combination says why. At the two lowest frequencies
-# the three joints bend, or twist, almost together: a softer joint 3 can be compensated by joint 2 along the whole
-# path. More postures on this path repeat the same information.
+# Three of six are identifiable. The worst is the torsion of joint 3: a factor of 3.3 at the guess, of 17 at the
+# worst of the points tried. The reason: at the two lowest frequencies the three joints bend, or twist, almost
+# together, and joint 2 can compensate a softer joint 3 along the whole path. More postures on this path repeat the
+# same information.
 #
 # The guess is not the truth, and a check is a linear approximation at some points. With the true stiffnesses
 # torsion looks worse, and bending of joint 2 a little better. Such large factors mean "nothing", not a number; all
@@ -163,9 +163,9 @@ plan.figures()[""]
 
 # %% [markdown]
 # A hammer test gives four frequencies instead of two, and the *third and fourth* are the new information (in the
-# brackets of the batch: 2.7 and 2.3 nat against 0.1 each for the two lowest). In those modes the joints move
-# against each other. Most of the postures were measured before (the star) and are still worthwhile. The dial gauge
-# adds little: one more number on bending, where torsion is missing.
+# details of the plan: 2.7 and 2.3 nat against 0.1 each for the two lowest). In those modes the joints move against
+# each other. So even a posture that was measured before is worthwhile. The dial gauge adds little: one more number
+# on bending, where torsion is missing.
 #
 # The first experiment alone promises 5 % or better for every stiffness. But it relies on two frequencies, the third
 # and fourth of one posture, which no other value checks. So three experiments are made here.
