@@ -250,10 +250,11 @@ figure.legend(loc="outside lower center", ncols=5)
 figure
 
 # %% [markdown]
-# The smallest change that meets the limit is a stiffer joint 1 and softer joints 2 and 3: **the paper's
-# guideline**, all three at once. The smallest peak within the bounds goes further with joint 1, but has joint 3
-# stiffer: there Z is as large as Y, and the guideline, which is about Y, ends. The lowest frequency rises with
-# joint 1. The deflection stays: it is largest on the unfolded arm, whose weight loads no torsion.
+# The smallest change that meets the limit (`minimum change`) is a stiffer joint 1 and softer joints 2 and 3: **the
+# paper's guideline**, all three at once. The smallest peak within the bounds (`least amplitude`) goes further with
+# joint 1, but has joint 3 stiffer: there Z is as large as Y, and the guideline, which is about Y, ends. The lowest
+# frequency rises with joint 1. The deflection stays: it is largest on the unfolded arm, whose weight loads no
+# torsion.
 #
 # The paper's second group, mass centres, after either design and as it is:
 
