@@ -29,6 +29,7 @@ smartquotes = False
 highlight_language = "none"
 exclude_patterns = ["_build"]
 
+autodoc_default_options = {"members": True, "exclude-members": "form, suffix, name"}  # of results
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented_params"

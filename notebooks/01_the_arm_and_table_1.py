@@ -14,9 +14,8 @@
 # %% [markdown]
 # # The arm, and what Table 1 can tell about it
 #
-# The paper gives six joint stiffnesses of an arm that carries LCD glass, and the three numbers they were found from:
-# two natural frequencies and one static deflection. Six numbers from three. This notebook asks what the three
-# numbers really say.
+# The paper gives six joint stiffnesses of an arm that carries LCD glass, and the three numbers they were found
+# from: two natural frequencies and one static deflection. This notebook asks what three numbers say about six.
 #
 # Run it in the folder `notebooks`.
 
@@ -34,11 +33,11 @@ arm = arm_file.arm
 # %% [markdown]
 # ## The arm
 #
-# Three vertical joints. Each one is a bushing that gives way in bending (`k_bend`, two directions alike) and in torsion
-# about the joint axis (`k_tors`); links and fingers are rigid. Stiffness and damping are the paper's. Lengths and
-# masses are not in the paper: they are those of an arm of this class, and three of them were calibrated so that the
-# paper's stiffnesses give the values that the paper computed with them.
-# The arm file says of every number which it is (a vector as a whole).
+# Three vertical joints. Each is a bushing with a bending stiffness (`k_bend`, the same in two directions) and a
+# torsional stiffness about the joint axis (`k_tors`); links and fingers are rigid. Stiffness and damping are the
+# paper's. The paper gives no lengths and masses: they are those of an arm of this class, and three of them were
+# calibrated so that the paper's stiffnesses give the paper's computed values. The arm file states the origin of
+# every number (of a vector as a whole).
 
 # %%
 for origin in ("paper", "calibrated", "assumed"):
@@ -58,9 +57,9 @@ print(unfolded)
 ident.predict(arm, ident.PredictOptions(modes=4)).figures()[""]
 
 # %% [markdown]
-# While the arm moves its hand straight, q = alpha (1, -2, 1), the two lowest branches come together and cross near 66
-# degrees. So a measured frequency belongs to a mode by what moves, not by its place in the list. The two upper branches
-# do not cross: they exchange their shapes, and in between their names are a near draw.
+# While the hand moves straight, q = alpha (1, -2, 1), the two lowest branches approach each other and cross near 66
+# degrees. So a measured frequency belongs to a mode by its shape, not by its rank. The two upper branches do not
+# cross: they exchange their shapes, and in between their names are ambiguous.
 
 # %%
 straight = tuple((alpha, -2.0 * alpha, alpha) for alpha in range(81))
@@ -80,12 +79,13 @@ print(table_1)
 table_1.figures()[""]
 
 # %% [markdown]
-# ### Three numbers fix three directions
+# ### Three numbers determine three combinations
 #
-# The deflection and the bending frequency speak of the three bending stiffnesses, the torsion frequency of the three
-# torsional ones. They fix three combinations. In the other three the arm may change and no measured number moves: a
-# softer joint 1 in torsion and a stiffer joint 2 give the same 4.38 Hz. What the fit prints for these is the prior's
-# choice, not the robot's. Here is such a change: joint 2 twice as stiff in torsion, joint 1 softer to make up for it.
+# The deflection and the bending frequency depend on the three bending stiffnesses, the torsion frequency on the
+# three torsional ones. They determine three combinations. In the other three the arm may change without moving a
+# measured number: a softer joint 1 in torsion and a stiffer joint 2 give the same 4.38 Hz. There the fit prints the
+# prior's choice, not the robot's. Here is such a change: joint 2 twice as stiff in torsion, joint 1 softer to
+# compensate.
 
 # %%
 fitted = table_1.parameters
@@ -107,42 +107,40 @@ for _ in range(30):
 hertz = torsion(middle, 2.0)
 print(f"joint 2 twice as stiff in torsion, joint 1 at {middle:.3f} of its stiffness: {hertz:.3f} Hz, as before")
 change = 1.1 ** table_1.trade_offs["joint2.k_tors"]["joint1.k_tors"] - 1
-print(f"for small changes, as the report has it: joint 2 by +10 %, joint 1 by {change:+.1%}")
+print(f"for small changes, from the report: joint 2 by +10 %, joint 1 by {change:+.1%}")
 
 # %% [markdown]
 # ### The three numbers contradict each other
 #
-# Leave the deflection out: the two frequencies then tell what it should be.
+# Leave the deflection out: the two frequencies then predict it.
 
 # %%
 deflection = table_1.cross_predictions["deflection"]
-print(f"the frequencies lead to {1e3 * deflection.predicted[0]:.1f} mm, the weak prior filling what they leave open")
-print(
-    f"measured                {1e3 * deflection.measured[0]:.1f} mm, {abs(deflection.z[0]):.1f} sd off what they allow"
-)
+print(f"predicted from the frequencies and the weak prior: {1e3 * deflection.predicted[0]:.1f} mm")
+print(f"measured: {1e3 * deflection.measured[0]:.1f} mm, {abs(deflection.z[0]):.1f} standard deviations apart")
 
 # %% [markdown]
-# 31.6 mm against 22.0 mm, and no noise of 2 % explains that. The reason is plain for a vibration engineer: a mass
-# on a spring deflects by g / omega^2, whatever the spring. A chain adds a factor of order one that depends on masses
-# and lengths, and only a little on the stiffnesses as long as these stay near Table 1. So 4.38 Hz and 22.0 mm do not
-# belong to one arm with these masses and lengths. The paper's own fit misses the frequency by +10 % and the deflection
-# by +20 %. This fit gets within two sigma of all three, but only with a joint 1 thirteen times as stiff as the paper's
-# and a joint 3 a quarter as stiff: residuals alone would have hidden the contradiction.
+# 31.6 mm against 22.0 mm: noise of 2 % does not explain that. A mass on a spring deflects by g / omega^2, whatever
+# the spring. A chain adds a factor of order one that depends on masses and lengths, and only slightly on the
+# stiffnesses as long as these stay near Table 1. So 4.38 Hz and 22.0 mm do not belong to one arm with these masses
+# and lengths. The paper's own fit misses the frequency by +10 % and the deflection by +20 %. This fit gets within
+# two sigma of all three, but only with a joint 1 thirteen times as stiff as the paper's and a joint 3 a quarter as
+# stiff. Residuals alone would have hidden the contradiction.
 #
-# How strong is that? 4.1 standard deviations, with a prior that allows a factor of 7 each way. It rests on this prior:
-# were it twice as wide, absurd stiffnesses such as those would be less absurd, and 2.4 would be left.
+# The contradiction amounts to 4.1 standard deviations with a prior that allows a factor of 7 each way. It depends
+# on this prior: with one twice as wide, absurd stiffnesses are less absurd, and 2.4 remain.
 #
-# It is a *model* discrepancy: the square of the frequency times the deflection is too small. Look first at the load
-# under which the deflection was measured (less than that, or less mass, than when the arm vibrated?), then at mass
-# centres and lengths. Drives that stiffen under load are no way out: the arm vibrates about its loaded state, where
-# the tangent of such a spring is steeper than its secant, which makes that product larger.
+# This is a *model* discrepancy: frequency squared times deflection is too small. Check first the load under which
+# the deflection was measured (was it, or the mass, less than when the arm vibrated?), then mass centres and
+# lengths. Drives that stiffen under load do not help: the arm vibrates about its loaded state, where the tangent of
+# such a spring is steeper than its secant, which makes that product larger.
 
 # %% [markdown]
 # ## What would be enough
 #
-# `campaign.csv` is synthetic: computed with this arm, with noise of 0.5 % on frequencies and 2 % on deflections. Four
-# frequencies and the deflection at four postures, twenty numbers. It fixes all six stiffnesses, none by the prior, and
-# the kinds agree.
+# `campaign.csv` is synthetic: computed with this arm, with noise of 0.5 % on frequencies and 2 % on deflections.
+# Four frequencies and the deflection at four postures are twenty numbers. They determine all six stiffnesses
+# without the prior, and the kinds agree.
 
 # %%
 enough = ident.fit(arm, ident.read_campaign(data / "campaign.csv"))
@@ -152,8 +150,8 @@ print(enough)
 enough.figures()[""]
 
 # %% [markdown]
-# The arm file's stiffnesses are the true ones here, so was it an easy start? Begin with every stiffness about a third
-# off, and the same twenty numbers lead to the same place. What is left of the distance to the truth is the noise.
+# The arm file's stiffnesses are the true ones here. Was that an easy start? Begin with every stiffness about a
+# third off: the same twenty numbers lead to the same place. The remaining error is the noise.
 
 # %%
 wrong = arm.replace({name: float(arm.get(name)) * (1.35 if i % 2 else 0.7) for i, name in enumerate(fitted)})

@@ -14,13 +14,14 @@
 # %% [markdown]
 # # What to measure next
 #
-# An identification that fails on purpose. Eighteen frequencies, six unknown stiffnesses, a perfect fit, and two of the
-# six are open all the same. The check says so before anything is fitted, the fit says so too, and the plan proposes
-# three experiments, 70 minutes in all, that cure it. At the end: what the plan promised, and what came out.
+# An identification that fails on purpose: eighteen frequencies, six unknown stiffnesses, a perfect fit, and two of
+# the six are still not determined. The check predicts this before any fit, the fit reports it too, and the plan
+# proposes three experiments, 70 minutes in all, that cure it. At the end the plan's promise is compared with the
+# result.
 #
-# **All measurements in this notebook are synthetic.** They are computed with the arm of `data/lcd_arm/arm.toml`, so
-# with the stiffnesses of the paper's Table 1, and noise from fixed seeds: 0.5 % of each frequency. Nothing here was
-# measured on a robot. That is also what makes it a test: the truth is known.
+# **All measurements in this notebook are synthetic.** They are computed with the arm of `data/lcd_arm/arm.toml`,
+# that is, with the stiffnesses of the paper's Table 1, and noise of 0.5 % of each frequency from fixed seeds.
+# Nothing here was measured on a robot. So the truth is known.
 #
 # Run it in the folder `notebooks`.
 
@@ -39,7 +40,7 @@ true_arm = ident.read_arm(Path("..") / "data" / "lcd_arm" / "arm.toml").arm
 # %% [markdown]
 # ## The arm as the engineer knows it
 #
-# Lengths and masses are right, stiffnesses are a first guess: a third too low or too high, as a catalogue may have
+# Lengths and masses are right. Stiffnesses are a first guess, a third too low or too high, as a catalogue may have
 # them. Starting values and centres of the priors are these guesses, not the truth.
 
 # %%
@@ -48,8 +49,8 @@ off = dict(zip(stiffnesses, (0.7, 1.35, 0.7, 1.35, 0.7, 1.35), strict=True))
 arm = true_arm.replace({name: factor * float(true_arm.get(name)) for name, factor in off.items()})
 
 # %% [markdown]
-# To measure is to predict with the true arm, and to add noise. The test rig, which finds a frequency by the label of
-# its mode, or takes the next one up from the lowest where there is no label:
+# To measure is to predict with the true arm and to add noise. The test rig finds a frequency by the label of its
+# mode; without a label it takes the next one up from the lowest:
 
 # %%
 SIGMA = 0.005
@@ -75,10 +76,10 @@ def measure(campaign: ident.Campaign, seed: int) -> ident.Campaign:
 
 
 # %% [markdown]
-# ## A campaign that looks like plenty
+# ## A campaign that looks sufficient
 #
-# The hand moves straight, q = alpha (1, -2, 1), and stops at nine postures from 0 to 80 degrees. At each one the two
-# lowest natural frequencies are taken, with two accelerometers, so that bending and torsion are told apart.
+# The hand moves straight, q = alpha (1, -2, 1), and stops at nine postures from 0 to 80 degrees. At each one the
+# two lowest natural frequencies are measured with two accelerometers, which tell bending from torsion.
 
 # %%
 alphas = np.radians(np.arange(0.0, 81.0, 10.0)).tolist()
@@ -92,23 +93,23 @@ first = measure(ident.Campaign("nine postures", measurements=tuple(wanted)), see
 print(f"{len(first)} numbers for {len(stiffnesses)} unknowns")
 
 # %% [markdown]
-# ### The check, before any solving
+# ### The check, before any fit
 #
-# It uses what will be measured, and the guessed arm; no fit.
+# It uses the planned measurements and the guessed arm.
 
 # %%
 check = ident.check(arm, first)
 print(check)
 
 # %% [markdown]
-# Three of six are identifiable. The worst is the torsion of joint 3: a factor of 3.4 at the guess, more than ten times
-# that at the worst of the points looked at. The near-null direction says why. At the two lowest frequencies the three
-# joints bend, or twist, almost together, and what joint 3 gives way more can be made up for by joint 2, along the
-# whole path. More postures on this path repeat the same message.
+# Three of six are identifiable. The worst is the torsion of joint 3: a factor of 3.3 at the guess, of 17 at the
+# worst of the points tried. The reason: at the two lowest frequencies the three joints bend, or twist, almost
+# together, and joint 2 can compensate a softer joint 3 along the whole path. More postures on this path repeat the
+# same information.
 #
-# The guess is not the truth, and a check is a linear approximation at some points. With the true stiffnesses it looks
-# worse in torsion, and a little better for joint 2 in bending. Such large factors mean "nothing", not a number; that
-# the torsion of joint 3 cannot be found is what all of them agree on.
+# The guess is not the truth, and a check is a linear approximation at some points. With the true stiffnesses
+# torsion looks worse, and bending of joint 2 a little better. Such large factors mean "nothing", not a number; all
+# of them agree that the torsion of joint 3 cannot be found.
 
 
 # %%
@@ -125,8 +126,9 @@ for row, at_truth in zip(check.table(), ident.check(true_arm, first).table(), st
 # %% [markdown]
 # ### The fit agrees
 #
-# Residuals below two sigma throughout, chi-squared small, one optimum only: by its residuals this is a perfect fit.
-# Yet it marks the torsion of joints 2 and 3 as weak. What it prints for joint 3 is mostly the prior's choice.
+# Residuals are below two sigma throughout, chi-squared is small, and there is one optimum: by its residuals this is
+# a perfect fit. Yet it marks the torsion of joints 2 and 3 as weak. The value for joint 3 is mostly the prior's
+# choice.
 
 # %%
 before = ident.fit(arm, first)
@@ -136,8 +138,8 @@ print(before)
 before.figures()[""]
 
 # %% [markdown]
-# Here, for once, one can look at the truth. What the fit calls known is right within its intervals; what it calls weak
-# is wrong by far more than the 0.5 % noise would suggest.
+# Here the truth is known. What the fit calls known is right within its intervals; what it calls weak is wrong by
+# far more than the noise of 0.5 % suggests.
 
 # %%
 for name, value in before.parameters.items():
@@ -147,10 +149,10 @@ for name, value in before.parameters.items():
 # %% [markdown]
 # ## What to measure next
 #
-# The plan looks at all postures that the arm can be held in, in steps of 30 degrees, and asks of each hammer test or
-# dial gauge reading how much it would tell for its time. The belts of this arm allow the straight path only
-# (`[workspace]` in its file). It knows of the arm only what the failed fit knows: it averages over stiffnesses that
-# are compatible with that.
+# The plan considers all possible postures in steps of 30 degrees, and computes the information per time of each
+# hammer test and dial gauge reading. The belts of this arm allow the straight path only (`[workspace]` in its
+# file). The plan knows of the arm only what the failed fit knows: it averages over stiffnesses that are compatible
+# with that.
 
 # %%
 plan = ident.plan(arm, first, ident.PlanOptions(count=3))
@@ -160,22 +162,21 @@ print(plan)
 plan.figures()[""]
 
 # %% [markdown]
-# What is new in what it proposes: a hammer test gives four frequencies instead of two, and it is the *third and fourth*
-# that count (in the brackets of the batch: 2.7 and 2.3 nat against 0.1 each for the two lowest). In those modes the
-# joints move against each other, so that they no longer speak of all joints together. Most of the postures were
-# measured before (the star), and still they are worth it. The dial gauge tells little here: it would be one more
-# number on bending, and torsion is what is missing.
+# A hammer test gives four frequencies instead of two, and the *third and fourth* are the new information (in the
+# details of the plan: 2.7 and 2.3 nat against 0.1 each for the two lowest). In those modes the joints move against
+# each other. So even a posture that was measured before is worthwhile. The dial gauge adds little: one more number
+# on bending, where torsion is missing.
 #
-# The first experiment alone promises 5 % or better for every stiffness. But it rests on two frequencies, the third and
-# the fourth of one posture, which no other value would check. So three experiments are made here.
+# The first experiment alone promises 5 % or better for every stiffness. But it relies on two frequencies, the third
+# and fourth of one posture, which no other value checks. So three experiments are made here.
 #
-# The plan knows joint limits and the workspace, and no collisions: at q2 = 180 degrees link 2 lies above link 1. On a
-# real arm, look first.
+# The plan knows joint limits and the workspace, but no collisions: at q2 = 180 degrees link 2 lies above link 1.
+# Check each posture on a real arm.
 
 # %% [markdown]
 # ## The experiments are made
 #
-# Where a posture was measured before, the four new frequencies take the place of the two old ones: without labels, all
+# Where a posture was measured before, the four new frequencies replace the two old ones: without labels, all
 # frequencies of one posture count as different modes.
 
 # %%
@@ -188,11 +189,10 @@ kept = [row for row in first if row.posture not in again]
 both = ident.Campaign("nine postures, three of them again", measurements=(*kept, *second), covariance=second.covariance)
 
 # %% [markdown]
-# The check again, still on the guessed arm; its verdicts, and what it says of the measurements:
+# The check again, still on the guessed arm:
 
 # %%
-sections = str(ident.check(arm, both)).split("\n\n")
-print(sections[1], sections[3], sep="\n\n")
+print(ident.check(arm, both))
 
 # %% [markdown]
 # All six are identifiable now, and no measurement dominates. The fit:
@@ -208,11 +208,10 @@ after.figures()[""]
 # All six are found, none by the prior.
 
 # %% [markdown]
-# ## Promised and got
+# ## Promise and result
 #
-# Standard deviations of each stiffness: by the fit to nine postures, as the plan promised them at its best estimate
-# (and at other draws of what it did not know), and by the fit after the experiments. Last, the distance from the
-# truth.
+# Standard deviations of each stiffness: from the fit to nine postures; as the plan promised them at its best
+# estimate, and over other plausible arms; and from the fit after the experiments. The last column is the error.
 
 # %%
 print("stiffness             before   promised   at other draws          got   off by")
@@ -224,11 +223,11 @@ for name, value in after.parameters.items():
     print(f"{name:16s} {was:>11s} {promised:>10s} {spread:>16s} {got:>12s} {error:+8.1%}")
 
 # %% [markdown]
-# The promise held: what came out lies within a factor of two of it, for each of the six. It can't be exact, because
-# the plan was made with the stiffnesses of the failed fit. Errors are of the size that the fit quotes; the largest, of
-# joint 3 in torsion, is 2.3 sd, as the largest of six is in one set of data in eight.
+# The promise held: each result lies within a factor of two of it. It cannot be exact, because the plan used the
+# stiffnesses of the failed fit. The errors match the reported standard deviations. The largest, of joint 3 in
+# torsion, is 2.3 sd, as the largest of six is in one set of data in eight.
 #
-# Two things that this does not show. Here the model is right, with true lengths and masses; and only frequencies were
-# measured, so nothing could have contradicted them. On a real robot one deflection is worth its ten minutes as a check
-# of the model, even where it adds little information on the stiffnesses. Notebook 03 is about the case where that
-# check fails.
+# Two things are not shown. The model is right here, with true lengths and masses; and only frequencies were
+# measured, so nothing could contradict them. On a real robot one deflection is worth its ten minutes as a check of
+# the model, even if it adds little information on the stiffnesses. Notebook 03 is about the case where that check
+# fails.

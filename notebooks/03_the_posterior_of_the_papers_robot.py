@@ -14,16 +14,15 @@
 # %% [markdown]
 # # The posterior of the paper's robot
 #
-# Three measured numbers, six stiffnesses, and the three numbers do not go together (notebook 01). What can be said of
-# the robot all the same? This notebook samples the posterior twice: once as if the model were right, once with the
-# model allowed to be off by some ten percent. The first answer is sharp and absurd. The second is wide, and honest
-# about what three numbers can tell.
+# Three measured numbers, six stiffnesses, and the three numbers contradict each other (notebook 01). What can still
+# be said of the robot? This notebook samples the posterior twice: once with the model taken as right, once with a
+# model error of some ten percent allowed. The first answer is sharp and absurd. The second is wide and honest.
 #
 # **Measured** (by the paper): 4.38 Hz in vertical bending, 4.38 Hz in lateral torsion, 22.0 mm at the finger end.
 #
-# **Assumed** (by us): the noise, 0.5 % and 2 %; the arm's lengths and masses, three of them calibrated so that the
+# **Assumed** (by us): noise of 0.5 % and 2 %; the arm's lengths and masses, three of them calibrated so that the
 # paper's stiffnesses give the paper's computed values; the priors, each stiffness within a factor of seven of the
-# paper's (95 %); in the second part, the ten percent. All that follows holds under these.
+# paper's (95 %); in the second part, the ten percent. All results depend on these.
 #
 # Run it in the folder `notebooks`.
 
@@ -43,7 +42,7 @@ arm, table_1 = ident.read_arm(data / "arm.toml").arm, ident.read_campaign(data /
 # %% [markdown]
 # ## The model taken as right
 #
-# The chains run until they are long enough by the sampler's own measure; the report says so at its end.
+# The chains run until they are long enough by the sampler's own criterion; the report states it at its end.
 
 # %%
 taken_as_right = ident.sample(arm, table_1)
@@ -53,15 +52,14 @@ print(taken_as_right)
 taken_as_right.figures()["posterior"]
 
 # %% [markdown]
-# Look at the right panel first. Two of the three predictions lie off the measured values, by one and by two sigma, and
-# no more. Judged by its residuals the model passes, and no report of residuals alone would have raised an alarm. The
-# alarm is on the left. To bring the frequency and the deflection together the posterior makes the bending of joint 1
-# more than ten times as stiff as the paper has it, and of joint 3 about a quarter: a stiff arm with one soft wrist.
-# And of this one it is *sure*: the bending of joint 3 is known to about one percent.
+# Look at the right panel first. Two of the three predictions miss the measured values by one and two sigma only. By
+# its residuals the model passes. The alarm is on the left. To match frequency and deflection the posterior makes
+# the bending of joint 1 more than ten times as stiff as in the paper, and that of joint 3 about a quarter: a stiff
+# arm with one soft wrist. And it is *certain* of this: the bending of joint 3 is known to about one percent.
 #
-# That is what a wrong model does. The draws lie on a thin, curved sheet where three numbers are met; the sheet lies
-# where the prior hardly reaches, and its thinness is taken for knowledge. The small interval is the interval of a
-# contradiction. The paper's bending stiffnesses are far outside all three intervals.
+# A wrong model does that. The draws lie on a thin, curved sheet where the three numbers are met, in the tail of the
+# prior, and its thinness looks like knowledge. The narrow interval is that of a contradiction. The paper's bending
+# stiffnesses are far outside all three intervals.
 
 # %%
 names = list(taken_as_right.medians)
@@ -80,10 +78,10 @@ for name, (low, median, high) in zip(names, ratios(taken_as_right), strict=True)
 # %% [markdown]
 # ## The model allowed to be wrong
 #
-# Now every frequency that the model computes is multiplied by one unknown factor, and every deflection by another:
-# lengths and masses that are taken wrong shift all values of a kind alike. Each factor has a log-normal prior about 1
-# with a standard deviation of 10 %. **The ten percent is an assumption**; the paper's own fit is off by +10 % in the
-# bending frequency and by +20 % in the deflection, so it is not a generous one.
+# Now one unknown factor multiplies every computed frequency, and another every deflection: wrong lengths and masses
+# shift all values of a kind alike. Each factor has a log-normal prior about 1 with a standard deviation of 10 %.
+# **The ten percent is an assumption**, and not a generous one: the paper's own fit is off by +10 % in the bending
+# frequency and by +20 % in the deflection.
 
 # %%
 width = {"frequency": 0.1, "deflection": 0.1}
@@ -95,27 +93,27 @@ figures = with_discrepancy.figures()
 figures["posterior"]
 
 # %% [markdown]
-# The predictions now lie on the measured values, and the stiffnesses are back where the paper has them. What is left
-# of the certainty?
+# The predictions now match the measured values, and the stiffnesses are near the paper's. What remains of the
+# certainty?
 #
-# - **One by one, the stiffnesses are open** (upper left). The 95 % intervals span a factor of seven to thirty
-#   from end to end, and five of six posteriors keep more than half of the prior's width in ln(stiffness). Torsion of
-#   joint 1 is the best known of them, and that is not much: it is rather more than less stiff than in the paper.
-# - **In combination some are known** (lower left; filled markers, far from the prior's bar). A product of torsional
-#   stiffnesses, that of joint 1 foremost, is known to a factor of 1.4, and a product of the bending stiffnesses to
-#   one of 1.5. Before, when the frequency had to be met exactly, such combinations were known to about a percent at any
-#   one place of the sheet; ten percent of doubt in the frequency makes twenty in a stiffness.
-# - **Best known of all is how wrong the model is**: the first row, a combination of the two factors, to one or two
-#   percent. That is no stiffness, it is a statement on lengths, masses and tests.
+# - **Single stiffnesses are not determined** (upper left). The 95 % intervals span a factor of seven to thirty, and
+#   five of six posteriors keep more than half of the prior's width in ln(stiffness). Torsion of joint 1 is known
+#   best: rather more than less stiff than in the paper.
+# - **Some combinations are known** (lower left; filled markers, far from the prior's bar). A product of torsional
+#   stiffnesses, mainly that of joint 1, is known to a factor of 1.4, and a product of the bending stiffnesses to
+#   one of 1.5. Before, with the frequency met exactly, such combinations were known to about a percent at any one
+#   place of the sheet; ten percent of doubt in the frequency makes twenty in a stiffness.
+# - **The model error is known best**: the first row, a combination of the two factors, to one or two percent. It is
+#   a statement on lengths, masses and tests, not on stiffness.
 
 # %%
 figures["corner"].set_dpi(70)
 figures["corner"]
 
 # %% [markdown]
-# The same pair by pair. Most pairs of stiffnesses are blots as wide as the prior. Where two are bent or cut off along
-# a curve, a combination is known: joints 1 and 2 in torsion, and pairs in bending. The thin strip in the last row is
-# the pair of discrepancies.
+# The same pair by pair. Most pairs of stiffnesses are as wide as the prior. Where two follow a curve, a combination
+# is known: joints 1 and 2 in torsion, and pairs in bending. The thin strip in the last row is the pair of
+# discrepancies.
 #
 # ## Two ways to the same three numbers
 
@@ -125,7 +123,7 @@ for name, one, two in zip(names, ratios(taken_as_right), ratios(with_discrepancy
     print(f"  {name:34s} {one[0]:8.2f} to {one[2]:5.2f} {two[0]:13.2f} to {two[2]:5.2f}")
 
 # %% [markdown]
-# ## Is the frequency to blame, or the deflection?
+# ## Frequency or deflection?
 
 # %%
 draws = with_discrepancy.draws
@@ -175,32 +173,31 @@ figure
 
 # %% [markdown]
 # Most draws lie along the orange curve, frequency squared times deflection constant: the product that masses and
-# lengths nearly fix, whatever the stiffnesses. Along the curve the three numbers say nothing. With a right frequency
-# the computed deflection is too large by a fifth or so; with a right deflection the computed frequency is too high by
-# 15 to 20 %; and anything in between will do. That the median lies where it does, with the larger share for the
-# frequency, is the prior's doing: both factors were given the same ten percent, and in the product the frequency
-# counts twice. Had the deflection been given thirty percent, it would take most of the blame.
+# lengths nearly determine, whatever the stiffnesses. Along the curve the three numbers say nothing. If the
+# frequency is right, the computed deflection is too large by a fifth or so; if the deflection is right, the
+# computed frequency is too high by 15 to 20 %; anything in between is possible. The prior places the median, with
+# the larger share for the frequency: both factors have the same ten percent, and the frequency counts twice in the
+# product. With thirty percent for the deflection, that would take most of the error.
 #
-# The draws between the curve and the black cross have a joint 3 that is soft in bending, the softer the nearer to the
-# cross: the other way out, absurd stiffnesses instead of a wrong model. The second posterior has not excluded it, but
-# it gives it the smaller weight.
+# The draws between the curve and the black cross have a joint 3 that is soft in bending, softer towards the cross:
+# absurd stiffnesses instead of a wrong model. The second posterior does not exclude them, but gives them the
+# smaller weight.
 
 # %% [markdown]
-# ## What follows for the paper's robot
+# ## Conclusions for the paper's robot
 #
-# What the three numbers establish, on this arm: lengths, masses, loads or tests are not what the model takes them for.
-# The product of frequency squared and deflection is off by a fifth to a third, unless joint 3 is less than half as
-# stiff in bending as the paper says.
+# The three numbers establish, on this arm: lengths, masses, loads or tests differ from the model. The product of
+# frequency squared and deflection is off by a fifth to a third, unless joint 3 is less than half as stiff in
+# bending as the paper says.
 #
-# What they do not establish: any of the six stiffnesses, whose 95 % intervals span a factor of seven at least; and
-# whether it is frequency or deflection that the model has wrong. Three numbers cannot tell these apart, and no sampler
-# changes that.
+# They do not establish any of the six stiffnesses, whose 95 % intervals span a factor of seven at least, nor
+# whether the model's frequency or its deflection is wrong. No sampler changes that.
 #
-# What is ours and not the robot's: the ten percent (twice as much would widen all of it), the sigmas, the priors, and
-# above all lengths and masses, which the paper does not print. Part of the discrepancy may be theirs alone; but the
-# paper's own model misses in the same direction (4.80 for 4.38 Hz in bending, 26.3 for 22.0 mm; in torsion it is low,
-# 4.12 for 4.38 Hz, which stiffnesses can mend), and its authors had the robot.
+# Our assumptions, not the robot's: the ten percent (twice as much would widen all results), the sigmas, the priors,
+# and above all lengths and masses, which the paper does not print. Part of the discrepancy may come from them
+# alone. But the paper's own model misses in the same direction (4.80 for 4.38 Hz in bending, 26.3 for 22.0 mm; in
+# torsion it is low, 4.12 for 4.38 Hz, which stiffnesses can correct), and its authors had the robot.
 #
-# What would help, in this order: the masses and lengths of the real arm, weighed and measured; a deflection
-# *difference* under a known weight, which does not depend on the arm's own mass; and the third and fourth frequency in
-# two or three postures (notebook 02).
+# What would help, in this order: weigh and measure the real arm; a deflection *difference* under a known weight,
+# which does not depend on the arm's own mass; and the third and fourth frequency in two or three postures (notebook
+# 02).

@@ -14,18 +14,17 @@
 # %% [markdown]
 # # The vibrating arm
 #
-# Figures 4 to 8 of the paper, with this model. The figures themselves are lost to us: of the measured and computed
-# traces only what the text says of them is left. So each section puts our figure beside the paper's words, and ends in
-# a verdict: does it agree, and if not, why.
+# Figures 4 to 8 of the paper, with this model. The figures themselves are lost to us: only the paper's words about
+# its measured and computed traces remain. So each section compares our figure with the paper's words and ends in a
+# verdict.
 #
-# Ours, not the paper's, are all lengths and masses, the drives and the stroke. Drives and stroke are calibrated to what
-# the paper says of the arm in motion: `docs/nominal_arm.md` shows to which words, and how far other
-# numbers would do too. `docs/paper.md` has every statement in one table. Amplitudes at low
-# speed are proportional to the mass eccentricities and prove nothing; frequencies, times and shapes do not depend on
-# them. The turning masses are all at phase 0.
+# Ours, not the paper's, are all lengths and masses, the drives and the stroke. Drives and stroke are calibrated to
+# what the paper says of the arm in motion: `docs/nominal_arm.md` shows to which words, and which other numbers
+# would do. `docs/paper.md` has every statement in one table. Amplitudes at low speed are proportional to the mass
+# eccentricities and prove nothing; frequencies, times and shapes do not depend on them. All imbalance phases are 0.
 #
-# Directions: x along the unfolded arm, the way of the hand; y to the left; z up. The paper shows "X" and "Z", and does
-# not say which horizontal direction X is. So all three are shown here.
+# Directions: x along the unfolded arm, the way of the hand; y to the left; z up. The paper shows "X" and "Z", and
+# does not say which horizontal direction X is. So all three are shown here.
 #
 # Run it in the folder `notebooks`.
 
@@ -51,7 +50,7 @@ AXES = ("X", "Y", "Z")
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#555555"
 
 # %% [markdown]
-# Samples go with the speed: as many for a turn of a pulley at every speed.
+# The sampling rate follows the speed: equally many samples per turn of a pulley.
 
 
 # %%
@@ -82,8 +81,8 @@ print(f"10 %: arrival after {low.arrival:.2f} s, {time[-1]:.0f} s at {1 / time[1
 # %% [markdown]
 # ## Figure 4: natural frequencies and pulley frequencies at 10 %
 #
-# The paper: pulley 2 is close to the two lowest natural frequencies in some interval of time, so excessive vibration
-# can occur there.
+# The paper: pulley 2 is close to the two lowest natural frequencies for some time, so excessive vibration can occur
+# there.
 
 # %%
 resonance = ident.resonance(arm, ident.ResonanceOptions(speed=10))
@@ -102,10 +101,11 @@ assert {str(e.label) for e in of_2} == {"vertical bending 1", "lateral torsion 1
 assert of_2 == list(met), "no other pulley comes near"
 
 # %% [markdown]
-# Verdict: **agrees**. Pulley 2 comes near both lowest frequencies, twice each: while it speeds up, and while it slows
-# down. No other pulley comes near any of the three. All four passings go at some 0.8 Hz a second. While speeding up the
-# torsion mode is damped by five percent, so it needs few cycles to build up, and does so nearly whole; the bending
-# mode, hardly damped, is passed long before it has. Each drive alone, the others balanced:
+# Verdict: **agrees**. Pulley 2 comes near both lowest frequencies, twice each: while it accelerates, and while it
+# decelerates. No other pulley comes near any of the three. All four crossings run at some 0.8 Hz per second. During
+# acceleration the torsion mode has a damping ratio of five percent: it needs few cycles to build up, and does so
+# almost completely. The bending mode, with hardly any damping, is passed long before it builds up. Each drive
+# alone, the others balanced:
 
 # %%
 alone = {}
@@ -121,8 +121,8 @@ assert alone["peak, only drive 2 eccentric [mm]"].max() > 0.98 * low.peak.max()
 # %% [markdown]
 # ## Figures 5 and 6: vibration of the end point at 10 %
 #
-# The paper: shapes differ in detail between measurement and simulation, but the largest peaks are similar. No number is
-# left of either. Ours, over the stroke and the dwell after it:
+# The paper: shapes differ in detail between measurement and simulation, but the largest peaks are similar. No
+# number remains of either. Ours, over the stroke and the dwell after it:
 
 
 # %%
@@ -146,11 +146,11 @@ assert 0 < when[2] - passes < 1.5
 assert low.peak[1] > 3 * low.peak[2] > 3 * low.peak[0]
 
 # %% [markdown]
-# Verdict: **cannot be judged**, for lack of traces. What can be said: there is a vertical vibration that is largest
-# just after pulley 2 has passed the bending mode, and a larger horizontal one across the way of the hand, largest just
-# after it has passed the torsion mode. Along the way of the hand there is seven times less than across it. So if the
-# paper's X shows a vibration worth a figure, then its X is likely the direction across the arm, our Y, or its arm is
-# not ours. A measured trace would be put beside this one with `ident.simulate(..., trace=...)`.
+# Verdict: **cannot be judged**, for lack of traces. The vertical vibration is largest just after pulley 2 has
+# passed the bending mode. A larger horizontal one, across the way of the hand, is largest just after it has passed
+# the torsion mode. Along the way of the hand there is seven times less. So if the paper's X shows a vibration worth
+# a figure, its X is probably the direction across the arm, our Y, or its arm differs from ours.
+# `ident.simulate(..., trace=...)` would compare a measured trace with this one.
 
 # %% [markdown]
 # ### The arm in motion
@@ -166,8 +166,8 @@ HTML(low.animation(np.arange(13.8, 14.35, 0.04), factor=400, fps=9).to_jshtml())
 # %% [markdown]
 # ## Figure 7: spectra at 10 %
 #
-# The paper: in X both spectra agree well from 4 to 8 Hz; in Z the measured one has a peak near 9.5 Hz, outside of what
-# the drives excite, whose cause was not found.
+# The paper: in X both spectra agree well from 4 to 8 Hz; in Z the measured one has a peak near 9.5 Hz, outside the
+# excitation by the drives, whose cause was not found.
 
 # %%
 spectrum = ident.spectrum(low, arm=arm_file)
@@ -186,13 +186,13 @@ assert (power["3.5 to 8.5 Hz"] / whole > 0.8).all()
 assert (power["9 to 10 Hz"] < 1e-4 * power["3.5 to 8.5 Hz"]).all()
 
 # %% [markdown]
-# Hann window over all 40 s, so 0.025 Hz between the lines. The bands are half a hertz wider than the paper's 4 to 8 Hz,
-# because pulley 2 nearly stands at 8 Hz half way, on its very end.
+# Hann window over all 40 s, so 0.025 Hz between the lines. The bands are half a hertz wider than the paper's 4 to 8
+# Hz, because half way pulley 2 stays at 8 Hz, at the very end of it.
 #
-# Verdict: **agrees**. Nearly all of the vibration lies where the paper says. **Agrees too** in what is missing: as the
-# paper's simulation, ours has nothing near 9.5 Hz. Notebook 04b looks for the reason.
+# Verdict: **agrees**. Nearly all of the vibration lies where the paper says. **Agrees too** in what is missing:
+# like the paper's simulation, ours has nothing near 9.5 Hz. Notebook 05 looks for the reason.
 #
-# What a single spectrum hides, a spectrogram shows: pulley lines that come, stay and go, and the mode that rings on.
+# A single spectrum hides what a spectrogram shows: pulley lines that come, stay and go, and the mode that rings on.
 
 # %%
 options = ident.SpectrumOptions(direction=("y",), spectrogram=True, segment=1.5, upto=12.0)
@@ -209,9 +209,9 @@ figure
 # %% [markdown]
 # ## Figure 8: full speed
 #
-# The paper: about 1 mm at most during the operation, about 0.1 mm at the stacking stage, around 4 s. It plots X and Z;
-# Y is beside them here, since nobody knows which horizontal direction its X is. What the motion itself does, with all
-# drives balanced, is drawn behind.
+# The paper: about 1 mm at most during the operation, about 0.1 mm at the stacking stage, around 4 s. It plots X and
+# Z; Y is added here, since the horizontal direction of its X is unknown. The vibration by the motion itself, with
+# all drives balanced, is drawn behind.
 
 # %%
 STACKED = 4.0  # s
@@ -255,20 +255,20 @@ assert 0.09 < now[1].max() < 0.11
 assert still[1].max() < 0.6 * now[1].max()
 
 # %% [markdown]
-# Verdict: **agrees within half a millimetre, and agrees**. The arm stands at 3.2 s; by 4 s it vibrates by 0.1 mm. The
-# second number is calibrated (the eccentricities), the first is what calibration of angle, ratio and profile allows.
+# Verdict: **agrees within half a millimetre, and agrees**. The arm stands at 3.2 s; by 4 s it vibrates by 0.1 mm.
+# The second number is calibrated (the eccentricities); the first results from the calibrated angle, ratio and
+# profile.
 #
-# **What sets 1 mm** is the motion, not the drives: the balanced arm has nearly all of it. The arm lags behind the
-# acceleration of its hand, a millimetre or so for each m/s^2 at these frequencies, first one way and then the other. So
-# it is a matter of how long the stroke takes.
+# **The motion causes the 1 mm**, not the drives: the balanced arm has nearly all of it. The arm lags behind the
+# acceleration of its hand, a millimetre or so per m/s^2 at these frequencies, first one way and then the other. So
+# the duration of the stroke decides.
 #
-# **What sets 0.1 mm** is what rings on. Just before arrival the pulleys, from 80 Hz down to rest, pass both lowest
-# modes in a fraction of a second: that leaves nearly all of the vertical vibration, and half of the lateral one, whose
-# other half is left by the motion itself. The vertical one then stays, because the paper's 0.02 % in bending is so
-# little. How the parts add up hangs on the phases of the turning masses: 0.04 to 0.13 mm over all of them
-# (`docs/nominal_arm.md`).
+# **Residual vibration causes the 0.1 mm.** Just before arrival the pulleys, from 80 Hz down to rest, pass both
+# lowest modes in a fraction of a second. That leaves nearly all of the vertical vibration and half of the lateral
+# one; the motion itself leaves the other half. The vertical one persists, because the paper's 0.02 % in bending is
+# so little. The sum depends on the imbalance phases: 0.04 to 0.13 mm over all of them (`docs/nominal_arm.md`).
 #
-# The same at other speeds, and on the arm of the first guess, which went 80 degrees with an s-curve in one second:
+# The same at other speeds, and on the arm of the first guess, which moved 80 degrees with an s-curve in one second:
 
 # %%
 print("           duration    peak [mm]               4.0 to 4.5 s [mm]")
@@ -291,11 +291,11 @@ print(f"bending mode, unfolded: damping ratio {bending:.2%}, its vibration falls
 assert decay > 8
 
 # %% [markdown]
-# Peaks go with the inverse square of the duration, as accelerations do. So the paper's 1 mm tells how long its stroke
-# takes: some three to four seconds, as long as its arm is like this one.
+# Peaks scale with the inverse square of the duration, as accelerations do. So the paper's 1 mm determines the
+# duration of its stroke: some three to four seconds, if its arm is like this one.
 
 # %% [markdown]
-# ## How far is the fast path from the exact one?
+# ## How close is the fast method to the exact one?
 #
 # The fast method linearises about the moving, sagging arm; the exact one does not. At full speed:
 
@@ -307,14 +307,14 @@ print(f"100 %: largest difference {row}: at most {(apart / exact.peak).max():.2%
 assert (apart / exact.peak).max() < 0.0015
 
 # %% [markdown]
-# About a thousandth of the peak or less: far below what any assumption about masses is worth. At 10 % the two agree as
-# well, and both with MuJoCo (`docs/nominal_arm.md`). So the fast path is used throughout.
+# About a thousandth of the peak or less: far below the effect of any assumption about masses. At 10 % the two agree
+# as well, and both with MuJoCo (`docs/nominal_arm.md`). So the fast method is used throughout.
 
 # %% [markdown]
-# ## What the fit leaves open
+# ## How uncertain stiffnesses affect the vibration
 #
-# The campaign of notebook 01 (synthetic) leaves each stiffness known within some percent. Forty draws from that fit,
-# normal in ln k with the fit's covariance, through the same stroke:
+# The campaign of notebook 01 (synthetic) determines each stiffness to some percent. Forty draws from that fit,
+# normal in ln k with the fit's covariance, go through the same stroke:
 
 # %%
 fit = ident.fit(arm_file, ident.read_campaign(data / "campaign.csv"))
@@ -356,9 +356,9 @@ print(f"vertical vibration left after arrival: {late[0]:.3f} to {late[1]:.3f} mm
 assert late[1] > 1.2 * late[0]
 
 # %% [markdown]
-# With a campaign like this one the stiffnesses leave the largest vibration open by a few percent only. What is left
-# after arrival is open by more: it is what two passings leave behind, and a percent of the frequency decides how these
-# add up. So a residual vibration is to be quoted with its band.
+# With such a campaign the stiffnesses make the largest vibration uncertain by a few percent only. The residual
+# vibration after arrival is more uncertain: two crossings leave it, and a percent of the frequency decides how they
+# add up. So report a residual vibration with its band.
 #
-# All this is no promise on the robot's amplitude: the eccentricities enter in proportion and nobody has measured them,
-# and the campaign was computed with this very model.
+# This does not predict the robot's amplitude: it is proportional to the eccentricities, which are not measured, and
+# the campaign was computed with this very model.

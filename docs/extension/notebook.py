@@ -1,6 +1,6 @@
 """Pages of the notebooks, out of their executed copies; nothing is executed here.
 
-A page in docs/notebooks/ has one line, a comment; its text is made of the notebook of the same name.
+A page in docs/notebooks/ is one comment; its text comes from the notebook of the same name.
 """
 
 import json

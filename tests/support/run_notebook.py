@@ -32,8 +32,8 @@ OPTIONS: Mapping[str, Mapping[str, Any]] = {
 """Options by the function that takes them; scripts look at no simulations but those with the phases of the file."""
 SHORTER: Mapping[str, tuple[tuple[str, str], ...]] = {
     "04_the_vibrating_arm": (("covariance, 40))", "covariance, 8))"), ("window, 40)", "window, 8)")),
-    "05_the_remedy": (('"2.5x", 21)', '"2.5x", 11)'), ("(*ends, 21)", "(*ends, 11)")),
-    "08_a_fleet": (("generate(robots)", "generate(robots, 8, 1, seed=1)"), ('"robot200.csv"', '"robot008.csv"')),
+    "06_the_remedy": (('"2.5x", 21)', '"2.5x", 11)'), ("(*ends, 21)", "(*ends, 11)")),
+    "07_a_fleet": (("generate(robots)", "generate(robots, 8, 1, seed=1)"), ('"robot200.csv"', '"robot008.csv"')),
 }
 """What is put in the place of what in a script: fewer draws, values and robots."""
 

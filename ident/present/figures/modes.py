@@ -156,7 +156,7 @@ def mode_figure(analysis: "ModalAnalysis") -> Figure:
     panels = figure.subplots(count, len(VIEWS), squeeze=False)
     title = f"Modes of {cut(analysis.arm.name, 40)} at {degrees(analysis.posture)}, load: {cut(str(analysis.load), 40)}"
     title += ", servo on" if analysis.drives == "servo" else ""
-    note = f"grey: at rest; in colour: the mode, its largest displacement drawn as {largest:.2g} m"
+    note = f"grey: at rest; in colour: the mode, exaggerated to {largest:.2g} m at its largest"
     figure.suptitle(f"{title}\n{note}", parse_math=False, fontsize=11)
     for i, label in enumerate(analysis.labels):
         for axes, (view, across, up) in zip(panels[i], VIEWS, strict=True):

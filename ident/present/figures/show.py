@@ -409,7 +409,7 @@ def _draw_mode(axes: Axes, analysis: "ModalAnalysis", i: int, views: tuple[View,
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.1, 0.15)
     axes.set_axis_off()
-    name = f"{i + 1}: {analysis.modes.frequency[i]:.2f} Hz, {label}\n{seen.name}"
+    name = f"{i + 1}: {analysis.modes.frequency[i]:.2f} Hz, {label}\n{seen.name}, exaggerated"
     axes.set_title(name, fontsize=8.5, loc="left", color="black")
 
 

@@ -231,7 +231,7 @@ def _modes(analysis: "ModalAnalysis", count: int, seen: tuple[View, View]) -> It
         words = f"{i + 1}: {analysis.modes.frequency[i]:.2f} Hz, {label}"
         yield (
             f'<text x="{ROOM:g}" y="20">{escape(words)}</text>'
-            f'<text class="soft" x="{ROOM:g}" y="37">{escape(view.name)}</text>'
+            f'<text class="soft" x="{ROOM:g}" y="37">{escape(view.name)}, exaggerated, slowed down</text>'
             + _swinging(view.of(analysis.outline[0]), view.of(swing), colour_of(label))
         )
 

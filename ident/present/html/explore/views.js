@@ -26,7 +26,7 @@ function drawArm() {
   const words = `${style} ${factor} ${mode.label} ${Boolean(load)}`;
   if ($("arm-key").dataset.words === words) return;
   $("arm-key").dataset.words = words;
-  const entries = [["rigid", "the arm with rigid joints"], [`${style} chosen`, `${mode.label}, drawn far too wide and too slow`]];
+  const entries = [["rigid", "the arm with rigid joints"], [`${style} chosen`, `${mode.label}, exaggerated, slowed down`]];
   if (factor > 1) entries.push(["sag", `sag, drawn ${factor} times as large`]);
   if (load) entries.push(["rigid load", model.payload.kind === "payload" ? model.payload.name : `mass at ${model.payload.name}`]);
   key($("arm-key"), entries);

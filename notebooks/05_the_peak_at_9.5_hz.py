@@ -15,16 +15,16 @@
 # # The peak at 9.5 Hz
 #
 # In the paper's Figure 7 the measured vertical spectrum has a peak near 9.5 Hz. The simulation has none, the drives
-# excite from 4 to 8 Hz only, and the paper leaves the cause open. The peak's height is not in its text.
+# excite from 4 to 8 Hz only, and the paper does not name the cause. The peak's height is not in its text.
 #
 # Three explanations, each simulated on the nominal arm (`docs/nominal_arm.md`) along the real motion:
 #
-# - **the third mode of the folded arm**, which has 9.2 Hz there: does the arm have this peak by itself?
-# - **kinematic error** of the harmonic drives on that mode, at twice the turning frequency of the wave generator, since
-#   that is an ellipse (Tuttle and Seering 1996; Ghorbel, Gandhi and Alpeter 2001);
+# - **the third mode of the folded arm**, at 9.2 Hz: does the arm have this peak by itself?
+# - **kinematic error** of the harmonic drives on that mode, at twice the turning frequency of the wave generator,
+#   which is an ellipse (Tuttle and Seering 1996; Ghorbel, Gandhi and Alpeter 2001);
 # - **a flexible finger**, which the paper takes as rigid.
 #
-# A mode is half of an explanation. The other half is what shakes it. Run it in the folder `notebooks`.
+# A mode is half of an explanation. The other half is its excitation. Run it in the folder `notebooks`.
 
 # %%
 from pathlib import Path
@@ -114,8 +114,7 @@ def modes_at(arm, alpha=UNFOLDED):
 # %% [markdown]
 # ## The third mode of the folded arm
 #
-# How the finger end moves in the three lowest modes (mass-normalised: the third beside the others), and where the
-# pulleys are meanwhile:
+# Motion of the finger end in the three lowest modes (mass-normalised), and the frequency of pulley 2 at that time:
 
 # %%
 resonance = ident.resonance(arm, ident.ResonanceOptions(speed=10, orders=(1, 2), margin=3))
@@ -149,11 +148,11 @@ figure.legend(loc="outside lower center", ncols=4)
 figure
 
 # %% [markdown]
-# The third mode stays within 9 to 10.5 Hz for the first eight seconds. Meanwhile the cycloid starts: pulley 2 turns at
-# less than 4 Hz, pulleys 1 and 3 at less than 2. Nothing turns at the mode's frequency when it is there (a fourth order
-# of pulley 2 would meet it near 6 s; nothing in the model has one). By the time that pulley 2 is at 8 Hz, the mode is
-# at 13. So: what excites it? Along the real motion, in three folded angles, at three speeds, and with an s-curve, which
-# starts more abruptly:
+# The third mode stays within 9 to 10.5 Hz for the first eight seconds, while the cycloid starts: pulley 2 turns at
+# less than 4 Hz, pulleys 1 and 3 at less than 2. Nothing turns at the mode's frequency then (a fourth order of
+# pulley 2 would meet it near 6 s; the model has none). When pulley 2 reaches 8 Hz, the mode is at 13. What could
+# excite it? Along the real motion, from three folded angles, at three speeds, and with an s-curve, which starts
+# more abruptly:
 
 # %%
 print(HEAD)
@@ -168,13 +167,13 @@ alone["s-curve"] = tell("from 142 deg, s-curve", abrupt)
 assert all(high["z"] < 1e-3 * low["z"] for low, high in alone.values())
 
 # %% [markdown]
-# **Nothing.** At 10 % the vertical band from 9 to 10.5 Hz is four orders of magnitude or more below that from 4 to
-# 8 Hz. (At 12 % pulley 2 itself turns at 9.6 Hz.) The motion is far too smooth to ring a mode, and nothing turns at its
-# frequency.
+# **Nothing.** At 10 % the vertical band from 9 to 10.5 Hz is at least four orders of magnitude below that from 4 to
+# 8 Hz. (At 12 % pulley 2 itself turns at 9.6 Hz.) The motion is far too smooth to excite a mode, and nothing turns
+# at its frequency.
 #
-# What if something else knocks, a brake that opens, stiction that lets go? A short knock gives every mode a start in
-# proportion to how much the knocked place moves in it. Upwards at the finger's end, the amplitude there is the square
-# of its vertical motion by the frequency; sideways, the product of both motions:
+# What if something else knocks: a brake that opens, stiction that lets go? A short knock starts every mode in
+# proportion to its motion at the knocked place. Upwards at the finger's end, the amplitude there is the square of
+# the mode's vertical motion over its frequency; sideways, the product of both motions:
 
 # %%
 for name, knocked in (("upwards", 2), ("sideways", 1)):
@@ -187,13 +186,13 @@ upwards = shapes[2] ** 2 / frequencies
 assert upwards[2] < 0.05 * upwards[1]
 
 # %% [markdown]
-# A knock upwards rings the second mode, at 8.2 Hz: its vertical motion at the finger's end is five times that of the
-# third. So a vertical peak at 9.2 Hz *alone* is not what a knock gives: one at 8.2 Hz, larger, would stand beside it.
+# A knock upwards excites the second mode, at 8.2 Hz: its vertical motion at the finger's end is five times that of
+# the third. So a knock does not give a vertical peak at 9.2 Hz *alone*: a larger one at 8.2 Hz would accompany it.
 #
 # ## Kinematic error on the third mode
 #
-# 30 arc seconds peak to peak: the order of magnitude of catalogues, assumed and not looked up for any type. Of all
-# drives, of one at a time, at three speeds:
+# 30 arc seconds peak to peak: the order of magnitude of catalogues, assumed and not looked up for any type. On all
+# drives, on one at a time, at three speeds:
 
 
 # %%
@@ -224,18 +223,19 @@ drawn = {"no error": base[10], "error of drive 2": run(with_error(arm, 30, (2,))
 spectra_figure(drawn, "Rigid arm, 10 %")
 
 # %% [markdown]
-# It does shake the third mode, as order 2 of pulley 2 sweeps through 9 to 10.5 Hz. But in Z that is one or two percent
-# of what is there from 4 to 8 Hz, less than in X, and far less than in Y: an error about a vertical axis moves the arm
-# sideways. Its vertical line stands near 14 Hz instead, where order 2 of pulley 2 slowly passes the *second* vertical
-# bending mode. And it makes Y several millimetres, by order 2 of pulleys 1 and 3 on the lowest modes. So such errors
-# predict a line near 14 Hz in Z of which the paper says nothing, and an arm that shakes sideways.
+# It does excite the third mode, as order 2 of pulley 2 sweeps through 9 to 10.5 Hz. But in Z that is one or two
+# percent of the vibration from 4 to 8 Hz, less than in X, and far less than in Y: an error about a vertical axis
+# moves the arm sideways. Its vertical line is near 14 Hz instead, where order 2 of pulley 2 slowly passes the
+# *second* vertical bending mode. And it makes Y several millimetres, by order 2 of pulleys 1 and 3 on the lowest
+# modes. So such errors predict a line near 14 Hz in Z and a large sideways vibration, which the paper does not
+# mention.
 #
 # ## A flexible finger
 #
-# A hinge (an undriven joint) between bracket and fingers. A share of the fingers' mass is behind it: all of them, half,
-# or one finger of four, whose end is then the end point. The rest stays rigid on the bracket. The stiffness of the
-# hinge is chosen so that the finger's mode is at 9.5 Hz; in a second step together with that of the joints in bending,
-# so that the lowest bending mode stays at 4.80 Hz.
+# A hinge (an undriven joint) between bracket and fingers carries a share of the fingers' mass: all of it, half, or
+# one finger of four, whose end is then the end point. The rest stays rigid on the bracket. The hinge's stiffness
+# puts the finger's mode at 9.5 Hz; in a second step it is fitted together with the joints' bending stiffness, so
+# that the lowest bending mode stays at 4.80 Hz.
 
 # %%
 TEXT = FILE.read_text(encoding="utf-8")
@@ -317,11 +317,11 @@ for share in (1.0, 0.5, 0.25):
     assert (abs(reached[0] - 4.80) < 0.01) == (share < 1)
 
 # %% [markdown]
-# - *All fingers together* cannot do it. A hinge soft enough for 9.5 Hz pulls the lowest bending mode far down and adds
-#   to the deflection; and no stiffer joints bring 4.80 Hz and 9.5 Hz together again.
-# - *Half of them, or one of four*, can, with joints a little stiffer in bending.
+# - *All fingers together* fail. A hinge soft enough for 9.5 Hz lowers the lowest bending mode far and adds to the
+#   deflection; no stiffer joints restore 4.80 Hz with 9.5 Hz.
+# - *Half of them, or one of four*, succeed, with slightly stiffer joints in bending.
 #
-# The price is in the static deflection. Any slender body with a pitching frequency f at its root deflects at its end by
+# The price is static deflection. Any slender body with a pitching frequency f at its root deflects at its end by
 # about 1.5 g / omega^2, whatever its mass:
 
 # %%
@@ -332,13 +332,13 @@ print(f"one finger of four, after the new fit: {extra:+.1f} mm at its end")
 assert 2 < extra < 1e3 * own
 
 # %% [markdown]
-# Some millimetres, of 22.0 measured and 26.3 computed with rigid fingers: the wrong way, since the model deflects too
-# much already. The paper calls the fingers' effect on the deflection trivial. A dial gauge at bracket and finger would
-# tell at once.
+# Some millimetres, of 22.0 measured and 26.3 computed with rigid fingers, in the wrong direction: the model already
+# deflects too much. The paper calls the fingers' effect on the deflection trivial. A dial gauge at bracket and
+# finger would decide at once.
 #
 # ### Along the motion
 #
-# One finger of four, refitted, and tuned so that it is near 9.5 Hz when the arm is nearly unfolded:
+# One finger of four, refitted, and tuned to be near 9.5 Hz when the arm is nearly unfolded:
 
 # %%
 TUNED = 9.2  # Hz unfolded; folded it is higher
@@ -393,44 +393,43 @@ print("largest vertical line from 8.7 to 13 Hz: " + ", ".join(f"{p} %: {e.freque
 assert np.ptp([each.frequency for each in line.values()]) < 0.8
 
 # %% [markdown]
-# The finger alone does not move either: nothing shakes it. With an error of drive 2 **there is a vertical peak**,
-# between 9.2 and 9.5 Hz at every speed from 6 to 12 %, and the finger adds nothing to X. The finger's mode is higher
-# while the arm is folded. Order 2 of pulley 2 passes it near 10 s at some 11 Hz, and once more near 22 s at 9.3 Hz,
-# after which the lightly damped finger rings on. It is several tenths as high as what is there from 4 to 8 Hz. The
-# price is what the error does to the rigid arm besides: Y of two millimetres from drive 2 alone, of six from all. With
-# a tenth of the error the peak falls to a tenth, too, while the vibration from 4 to 8 Hz stays that of the
+# The finger alone does not vibrate either: nothing excites it. With an error of drive 2 **there is a vertical
+# peak**, between 9.2 and 9.5 Hz at every speed from 6 to 12 %, and the finger adds nothing to X. The finger's mode
+# is higher while the arm is folded. Order 2 of pulley 2 passes it near 10 s at some 11 Hz, and again near 22 s at
+# 9.3 Hz, after which the lightly damped finger rings on. The peak is several tenths of the vibration from 4 to 8
+# Hz. The price is the error's effect on the rigid arm: Y of two millimetres from drive 2 alone, of six from all.
+# With a tenth of the error the peak falls to a tenth too, while the vibration from 4 to 8 Hz stays that of the
 # eccentricities.
 #
-# ## What would tell them apart
+# ## How to tell them apart
 #
-# | | third mode, folded | kinematic error on it | flexible finger, shaken by an error |
+# | | third mode, folded | kinematic error on it | flexible finger, excited by an error |
 # |---|---|---|---|
 # | Z peak near 9.5 Hz along the real motion | no, nothing excites it | no, a hundredth of 4 to 8 Hz | yes |
 # | X there | no | more than Z | no more than without the finger |
-# | when in the stroke | the first 8 s | near 9 s | from 22 s on |
+# | time in the stroke | the first 8 s | near 9 s | from 22 s on |
 # | hammer, standing arm, unfolded | 13.7 Hz, nothing near 9.5 | the same | 9.2 Hz, finger end against bracket |
 # | hammer, folded | 9.2 Hz | the same | 9.4 and 12 Hz |
 # | at 8 and 12 % | stays | moves with the speed | stays |
-# | other lines | 8.2 Hz beside it, larger, if knocked upwards | 14 Hz in Z, millimetres in Y | millimetres in Y |
+# | other lines | a larger one at 8.2 Hz, if knocked upwards | 14 Hz in Z, millimetres in Y | millimetres in Y |
 # | static deflection | as it is | as it is | some 3 mm more at the finger end |
 #
 # Three measurements decide, the cheapest first. **Knock** on the finger of the standing arm, unfolded: if 9.5 Hz
-# answers, it is no mode of the rigid arm. Make a **spectrogram** of the recorded trace instead of one spectrum: in the
-# first eight seconds it is the third mode, after 20 s it is a finger. **Drive** at 8 and 12 %: whole orders move with
-# the speed.
+# answers, it is no mode of the rigid arm. Make a **spectrogram** of the recorded trace instead of one spectrum: a
+# peak in the first eight seconds is the third mode, one after 20 s a finger. **Drive** at 8 and 12 %: whole orders
+# move with the speed.
 #
 # ## Verdict
 #
-# **The third mode alone is not the answer**, though it has the right frequency and, fully folded, moves the finger's
-# end more up and down than sideways. It is near 9.5 Hz only while the arm is folded, when the cycloid has hardly
-# started and no pulley is near it: along the real motion it gives no peak in Z. A knock at the start would ring it, but
-# upwards the second mode more, at 8.2 Hz.
+# **The third mode alone is not the answer**, though it has the right frequency and, fully folded, moves the
+# finger's end more vertically than sideways. It is near 9.5 Hz only while the arm is folded, when the cycloid has
+# hardly started and no pulley is near it: along the real motion it gives no peak in Z. A knock at the start would
+# excite it, but upwards the second mode more, at 8.2 Hz.
 #
-# Kinematic error on that mode is not the answer either: what it makes near 9.5 Hz is in Y and X before Z.
+# Kinematic error on that mode is not the answer either: near 9.5 Hz it acts on Y and X before Z.
 #
-# A flexible finger is the only one of the three that gives a peak in Z and none of its own in X, if something shakes it
-# at 9 to 10 Hz. The error that does this here shakes the arm sideways by millimetres, of which the paper's text does
-# not speak, and adds to a deflection that is too large already. So the question stays open: a mode of the right
-# frequency is easily had, folded arm or finger; what is not known is what shook it. Anything that does between 9 and
-# 10.5 Hz will do, a belt's teeth, a motor's cogging, the floor, and what neither model has, the glass or the body below
-# the arm.
+# A flexible finger is the only one of the three with a peak in Z and none of its own in X, if something excites it
+# at 9 to 10 Hz. The error that does so here moves the arm sideways by millimetres, which the paper's text does not
+# mention, and adds to a deflection that is already too large. So the question remains: folded arm and finger both
+# offer a mode of the right frequency, but its excitation is unknown. Anything between 9 and 10.5 Hz would do: a
+# belt's teeth, a motor's cogging, the floor, or what neither model has, the glass or the body below the arm.

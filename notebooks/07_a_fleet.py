@@ -15,11 +15,11 @@
 # # A fleet of two hundred robots
 #
 # Two hundred robots of one design, sixteen frequencies and four deflections each. How do their stiffnesses spread,
-# which robot is faulty, and how much does the fleet say about the next one before it is measured?
+# which robot is faulty, and what does the fleet say about the next robot before it is measured?
 #
-# **All measurements in this notebook are synthetic**: `data/fleet/generate.py` makes them, with 6 % of spread in
-# bending and 10 % in torsion from robot to robot, and five robots of which one torsional stiffness is 40 % lower, as of
-# a loose bolt. So the truth is known.
+# **All measurements in this notebook are synthetic** (`data/fleet/generate.py`): a spread of 6 % in bending and 10
+# % in torsion, and five robots with one torsional stiffness 40 % lower, as from a loose bolt. So the truth is
+# known.
 #
 # Run it in the folder `notebooks`.
 
@@ -43,25 +43,25 @@ faulty
 # %% [markdown]
 # ## From files to a population
 #
-# Each robot is fitted under a wide prior; robots that were measured in the same way together, 50 at a time. What the
-# data of each say, the prior divided out, makes the population. A second call would take the fits from `folder`.
+# Each robot is fitted under a wide prior; robots with the same measurements together, 50 at a time. The
+# likelihoods, with the prior divided out, determine the population. A second call would reuse the fits in `folder`.
 
 # %%
 options = ident.FleetOptions(starts=4, batch=50)
 result = ident.fleet(robots, options=options, folder=Path(folder.name) / "fits")
-print("\n".join(result.report().splitlines()[:36]))
+print(result.report().replace(f"{folder.name}/", ""))
 
 # %% [markdown]
 # ## Who was found
 #
-# A robot stands out where a stiffness differs so much from the other robots' that a fleet of healthy ones shows as much
-# with a chance below 3 %. A loose bolt takes away five times the spread of healthy robots here, from whatever that
-# robot had before: one that was weak anyway is found at once, one that was strong is hard to tell from a weak one.
+# A robot stands out if a stiffness differs so much from the others' that the chance is below 3 % in a healthy
+# fleet. Here a loose bolt lowers a stiffness by five times the spread of healthy robots. A robot that was weak
+# before is found at once; one that was strong looks like a weak one.
 
 # %%
 for name, changes in result.standing_out.items():
     words = ", ".join(f"{stiffness} {change:+.0%}" for stiffness, change in changes.items())
-    print(f"{name}: {words}; {'faulty in ' + faulty[name] if name in faulty else 'a FALSE ALARM'}")
+    print(f"{name}: {words}; {'faulty in ' + faulty[name] if name in faulty else 'false alarm'}")
 print("missed:", [name for name in faulty if name not in result.standing_out] or "none")
 
 # %%
@@ -69,21 +69,21 @@ figure = result.figures()[""]
 figure
 
 # %% [markdown]
-# ## What the first of them says by itself
+# ## The first of them alone
 #
-# Its own data, fitted alone as `ident fit` does it: nothing is wrong with them. Only beside others is the robot odd.
+# `ident fit` on its own data has no objections. The robot stands out only in comparison with the others.
 
 # %%
 first = next(iter(result.standing_out))
 own = ident.fit(robots / "arm.toml", robots / f"{first}.csv", ident.FitOptions(starts=2))
-print(own.doubts or "nothing speaks against the fit")
+print(own.doubts or "no objections to this fit")
 figure = own.figures()[""]
 figure
 
 # %% [markdown]
-# ## Did the population come out?
+# ## Is the population right?
 #
-# The spread that the robots were made with, and the one that was inferred, without the five.
+# The true spread and the inferred one, without the five.
 
 # %%
 made_with = {"k_bend": 0.06, "k_tors": 0.10}
@@ -96,8 +96,8 @@ for name, draws in zip(result.fleet.names, population.sd.T, strict=True):
 # %% [markdown]
 # ## The next robot
 #
-# One tap test: the four lowest frequencies at one posture, six unknown stiffnesses. With what the fleet says as their
-# prior, every one is known at least as well as the robots are alike, and some better.
+# One tap test: the four lowest frequencies at one posture, six unknown stiffnesses. With the fleet's prior, each is
+# known at least as well as the robots are alike, and some better.
 
 # %%
 campaign = ident.read_campaign(robots / "robot200.csv")

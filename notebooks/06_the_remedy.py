@@ -14,16 +14,16 @@
 # %% [markdown]
 # # The remedy
 #
-# Figures 9 and 10 of the paper, and what follows from them: which change of the arm makes it quieter? As in notebook 04
-# the figures themselves are lost to us, and only the paper's words are left.
+# Figures 9 and 10 of the paper, and their consequence: which change makes the arm quieter? As in notebook 04 the
+# figures themselves are lost to us; only the paper's words remain.
 #
-# **What all amplitudes here rest on** is assumed or calibrated to the paper's words, not measured: drives, stroke, and
-# eccentricity, besides lengths and masses (`docs/nominal_arm.md`); the turning masses are all at
-# phase 0. Sizes in mm are proportional to the eccentricity, so limits of 0.4 or 0.5 mm are examples. Trends do not
-# depend on it, but on the speeds of the pulleys, as will be seen. Numbers are printed, not repeated in the text.
+# **All amplitudes here rest on assumed numbers**, or on numbers calibrated to the paper's words: drives, stroke and
+# eccentricity, lengths and masses (`docs/nominal_arm.md`); all imbalance phases are 0. Amplitudes in mm are
+# proportional to the eccentricity, so limits of 0.4 or 0.5 mm are examples. Trends do not depend on it, but on the
+# speeds of the pulleys, as shown below. Numbers are printed, not repeated in the text.
 #
-# X is along the unfolded arm, Y to the left, Z up. Everything is an extension at 10 % of full speed. Run it in the
-# folder `notebooks`.
+# X is along the unfolded arm, Y to the left, Z up. All simulations are extensions at 10 % of full speed. Run it in
+# the folder `notebooks`.
 
 # %%
 from pathlib import Path
@@ -49,10 +49,10 @@ arm = arm_file.arm
 # %% [markdown]
 # ## Figures 9 and 10
 #
-# Five numbers, each alone over 21 values: torsional stiffness of each joint from 0.4 to 2.5 times what it is, the mass
-# centre of the hand bracket over its length, that of the fingers from 1.0 to 2.2 m. In all 106 simulations, in one
-# batch of one compiled program. 200 samples a second are enough: the peak of a vibration of 8 Hz is missed by 0.8 % at
-# most.
+# Five numbers, each alone over 21 values: torsional stiffness of each joint from 0.4 to 2.5 times its value, the
+# mass centre of the hand bracket over its length, that of the fingers from 1.0 to 2.2 m. One compiled program runs
+# all 106 simulations in one batch. 200 samples a second are enough: they miss the peak of a vibration of 8 Hz by at
+# most 0.8 %.
 
 # %%
 TORSION = [f"joint{j}.k_tors" for j in (1, 2, 3)]
@@ -71,9 +71,9 @@ print("as it is: " + ", ".join(f"{d} {1e3 * a:.3f} mm" for d, a in zip("XYZ", pr
 swept.figures()[""]
 
 # %% [markdown]
-# What the paper says of its own figures: the largest amplitude becomes smaller with a stiffer joint 1, with softer
-# joints 2 and 3, and with both mass centres moved in the positive direction. We take that as outwards. It gives no size
-# and no direction of vibration. Beside it, each of our curves over its whole range and about the present value (a
+# The paper says of its own figures: the largest amplitude falls with a stiffer joint 1, with softer joints 2 and 3,
+# and with both mass centres moved in the positive direction. We take that as outwards. It gives no amplitude and no
+# direction of vibration. The table compares each of our curves over its whole range and about the present value (a
 # factor of 1.25, or 15 % of the range, either way); less than 5 % counts as flat.
 
 # %%
@@ -100,18 +100,18 @@ assert [whole[path, "Y"] for path in PATHS] == ["agrees"] * 5
 assert [about[path, "Y"] for path in PATHS] == ["agrees", "agrees", "flat", "flat", "agrees"]
 
 # %% [markdown]
-# Verdict: **agrees**. Y is the largest (but for a joint 2 softer than 0.7 times, where Z is), so the "largest
-# amplitude" is that in Y (notebook 04 gives a reason to take it for the paper's X). There all five run the paper's way
+# Verdict: **agrees**. Y is the largest (except with joint 2 softer than 0.7 times, where Z is), so the "largest
+# amplitude" is that in Y (notebook 04 gives a reason to take it for the paper's X). There all five follow the paper
 # over their whole ranges. About the present value three do by more than 5 %; joint 3 and the bracket's mass centre
-# hardly matter there. In X and Z, which are smaller, some run the other way.
+# hardly matter. In X and Z, which are smaller, some run the other way.
 #
-# No number was chosen for these five trends. They come out of most arms of this kind whose pulleys do not dwell near a
-# mode, as `docs/nominal_arm.md` shows over many assumptions.
+# No number was chosen for these five trends. They follow for most arms of this kind whose pulleys do not dwell near
+# a mode, as `docs/nominal_arm.md` shows over many assumptions.
 #
 # ## Why
 #
-# Each drive shakes what its pulley meets. The largest vibration by parts of the stroke, which pulley 2 makes of it,
-# as each number is changed:
+# Each drive excites the modes that its pulley meets. The largest vibration by parts of the stroke, which pulley 2
+# causes, as each number is changed:
 
 # %%
 PARTS = {"speeding up": (0.0, 0.5), "slowing down": (0.5, 1.0), "stop and after": (1.0, 9.0)}
@@ -143,18 +143,18 @@ for name, values in cases.items():
 assert np.ptp(list(frequency.values())) < 0.3
 
 # %% [markdown]
-# It is the passing of pulley 2 through lateral torsion 1 while it speeds up, near its top speed. A stiffer joint raises
-# that mode, so pulley 2 meets it later. But it is not the frequency that decides: when the vibration is largest, all of
-# these arms have the mode at nearly the same. What a joint's stiffness does to the mode's shape, and so to what drive 2
-# can shake and the finger's end shows, differs from joint to joint. That is how the paper's guideline can ask for a
-# stiffer joint 1 and softer joints 2 and 3 at once.
+# The cause is the crossing of pulley 2 with lateral torsion 1 during acceleration, near its top speed. A stiffer
+# joint raises that mode, so pulley 2 meets it later. But the frequency does not decide: at the largest vibration
+# all these arms have the mode at nearly the same frequency. A joint's stiffness changes the mode's shape, and so
+# how drive 2 excites it and how far the finger's end moves; this differs from joint to joint. So the paper's
+# guideline can demand a stiffer joint 1 and softer joints 2 and 3 at once.
 #
 # ### Where it does not hold
 #
-# On the arm of the first guess (`first_guess.toml`: ratio 120, an s-curve from 80 degrees) pulleys 1 and 3 hold 4.00 Hz
-# for four seconds, three percent below the torsion mode. The same arm with all torsional stiffnesses by the factor that
-# gives the frequency which the paper measured, and again as it is, with pulleys that turn so much slower. Each number
-# 25 % up and down, mass centres 40 and 100 mm out and in:
+# On the arm of the first guess (`first_guess.toml`: ratio 120, an s-curve from 80 degrees) pulleys 1 and 3 stay at
+# 4.00 Hz for four seconds, three percent below the torsion mode. Compare it with the same arm with all torsional
+# stiffnesses scaled to the measured frequency, and with itself at pulleys slowed down by as much. Each number
+# changes by 25 % up and down, mass centres by 40 and 100 mm out and in:
 
 # %%
 guess = ident.read_arm(data / "first_guess.toml").arm
@@ -188,16 +188,16 @@ for name, (which, ratio) in sides.items():
 assert [sum(agreed) for agreed in signs.values()] == [5, 1, 5, 5]
 
 # %% [markdown]
-# Near a dwell, whatever raises the mode away from the pulley makes it quieter, all stiffnesses alike, and one of five
-# trends is the paper's. A few percent of frequency or speed away from it all five are. So the sign of a trend is no
-# property of the arm alone. Whoever takes advice on stiffness from here, or from the paper, should look first whether a
+# Near a dwell, whatever raises the mode away from the pulley makes the arm quieter, all stiffnesses alike, and one
+# of five trends is the paper's. A few percent of frequency or speed away all five are. So the sign of a trend is no
+# property of the arm alone. Before you take advice on stiffness from here, or from the paper, check whether a
 # pulley dwells near a mode (`ident resonance`).
 
 # %% [markdown]
 # ## The redesign
 #
-# The three torsional stiffnesses together, each between half and twice what it is, for a limit of 0.4 mm. The change
-# norm is the size of the change: 1 for one stiffness doubled.
+# The three torsional stiffnesses together, each between half and twice its value, for a limit of 0.4 mm. The size
+# of change is 1 for one stiffness doubled.
 
 # %%
 LIMIT = 0.4  # mm
@@ -250,10 +250,11 @@ figure.legend(loc="outside lower center", ncols=5)
 figure
 
 # %% [markdown]
-# The least change that meets the limit is joint 1 stiffer, joints 2 and 3 softer: **the paper's guideline**, all three
-# at once. The least amplitude within the bounds goes on with joint 1, but has joint 3 stiffer: there Z is as large as
-# Y, and the guideline, which is about Y, ends. The lowest frequency rises with joint 1. The deflection stays: it is
-# largest on the unfolded arm, whose weight loads no torsion.
+# The smallest change that meets the limit (`minimum change`) is a stiffer joint 1 and softer joints 2 and 3: **the
+# paper's guideline**, all three at once. The smallest peak within the bounds (`least amplitude`) goes further with
+# joint 1, but has joint 3 stiffer: there Z is as large as Y, and the guideline, which is about Y, ends. The lowest
+# frequency rises with joint 1. The deflection stays: it is largest on the unfolded arm, whose weight loads no
+# torsion.
 #
 # The paper's second group, mass centres, after either design and as it is:
 
@@ -266,19 +267,19 @@ for name, values in designs.items():
     print(f"{name:24s}{now:17.3f}{ways}")
 
 # %% [markdown]
-# Outwards makes it quieter as it is and after either design: the paper's order, torsion first, mass centres second, is
-# ours too. After the first there is little left for the second. What both give together `ident diagnose` tries.
+# Outwards reduces the vibration as it is and after either design. The paper's order, torsion first, mass centres
+# second, holds here too. After the first little is left for the second. `ident diagnose` tries both together.
 
 # %% [markdown]
 # ## All of it in one command
 #
 #     ident diagnose data/lcd_arm/campaign.csv
 #
-# goes from the measurements to the advice: posterior of the stiffnesses, resonances, vibration against a limit, what it
-# depends on, remedies (torsion, mass centres, both, another speed) judged by the posterior's draws, and a proof by the
-# exact equations and by draws that nothing was chosen by. `docs/commands/diagnose.md` shows what it
-# answers for the shipped campaign, which is synthetic, and a limit of 0.5 mm. The same story with what is at hand here,
-# the fit in place of the posterior, and joint 1 alone:
+# goes from the measurements to the advice: posterior of the stiffnesses, resonances, vibration against a limit,
+# sensitivities, remedies (torsion, mass centres, both, another speed) judged by the posterior's draws, and a proof
+# by the exact equations and by fresh draws. `docs/commands/diagnose.md` shows its answer for the shipped campaign,
+# which is synthetic, and a limit of 0.5 mm. Here the same in short, with the fit in place of the posterior, and
+# joint 1 alone:
 
 # %%
 fit = ident.fit(arm_file, ident.read_campaign(data / "campaign.csv"))
@@ -323,7 +324,7 @@ second.text(max(end for _, end in near) + 0.4, -0.83, "pulley 2 near\nresonance"
 picture
 
 # %% [markdown]
-# This is the picture of the README. Which stiffness, how sure, how far it shakes, what cures it: the first panel rests
-# on measurements (here synthetic ones), the other two on assumed drives, stroke and eccentricity as well. For a real
-# robot put those of its data sheets into the arm file, and compare one measured trace (`ident simulate --trace`) before
-# anything is bought.
+# This is the picture of the README. How stiff, how certain, how large is the vibration, what cures it: the first
+# panel rests on measurements (here synthetic ones), the other two also on assumed drives, stroke and eccentricity.
+# For a real robot take those from its data sheets, and compare one measured trace (`ident simulate --trace`) before
+# you buy anything.

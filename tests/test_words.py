@@ -1,0 +1,75 @@
+"""Manual, data formats and notebooks in plain English: the field's phrases, few words, one glossary."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+COUNTED = [
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "data/README.md", "tests/benchmarks/README.md")),
+    *sorted(DOCS.rglob("*.md")),
+]
+READ = [
+    *(page for page in COUNTED if page.name != "CHANGELOG.md"),
+    *sorted((DOCS / "pictures").glob("*.txt")),
+    *sorted((ROOT / "tests" / "benchmarks" / "results").glob("*.txt")),
+    *sorted((ROOT / "notebooks").glob("*.py")),
+]
+WORDS, TERMS = 32_000, 40
+"""How long all may be together, and the glossary."""
+INSTEAD = {
+    "nobody knows": "unknown",
+    "turning mass": "imbalance, rotating unbalance",
+    "speaks? against": "contradicts, objection, warning",
+    "anew": "again",
+    "beside": "next to, and, against",
+    "for granted": "assumed, assumption",
+    "withheld": "not reported",
+    "open directions?": "undetermined combination",
+    "change norm": "size of change",
+    "far too (wide|slow)": "exaggerated, slowed down",
+    "likened": "matched",
+    "rivals?": "competing optima",
+    "reconcile": "explain",
+    "near draw": "ambiguous",
+    "misfits?": "reference check",
+    "held out": "left out, cross-validation",
+    "exchanged": "swapped",
+    "sought": "searched, searched for",
+}
+"""What is not said, and what is said instead."""
+ALLOWED = {"show.md": ("held out level",)}
+
+
+def said_otherwise(text, allowed=()):
+    """Return the phrases of a text that have a better one, code in backticks apart."""
+    for phrase in allowed:
+        text = text.replace(phrase, "")
+    text = " ".join(re.sub(r"`[^`\n]*`", "", text).split())
+    return [phrase for phrase in INSTEAD if re.search(rf"\b{phrase}", text, re.IGNORECASE)]
+
+
+@pytest.mark.parametrize("page", READ, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_is_in_plain_english(page):
+    text = page.read_text(encoding="utf-8")
+    if page.suffix == ".py":
+        text = "\n".join(line.removeprefix("#") for line in text.splitlines() if line.startswith("# "))
+    assert not said_otherwise(text, ALLOWED.get(page.name, ()))
+
+
+def test_a_phrase_is_found():
+    assert said_otherwise("phases that nobody\nknows") == ["nobody knows"]
+    assert said_otherwise("`anew` besides") == ["beside"]
+
+
+def test_all_together_is_short():
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in COUNTED) <= WORDS
+
+
+def test_the_glossary_is_short_and_in_order():
+    text = (DOCS / "glossary.md").read_text(encoding="utf-8")
+    terms = re.findall(r"^(.+)\n: ", text, re.MULTILINE)
+    assert 20 < len(terms) <= TERMS
+    assert terms == sorted(terms, key=str.lower)
