@@ -378,6 +378,6 @@ def _compare(folder: Path, claimed: Mapping[str, str], wanted: Mapping[str, str]
     if other:
         got = f"the checkpoints of a run with another {', another '.join(other)}"
         remedy = (
-            "take the inputs and options of that run, or begin anew (`restart`), or choose another folder (`folder`)"
+            "take the inputs and options of that run, or start again (`restart`), or choose another folder (`folder`)"
         )
         raise InputError(Problem(one_line(str(folder)), got, "those of this run", remedy))

@@ -6,11 +6,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 from uuid import uuid4
 
 from ident.errors import InputError, Problem
 from ident.text import one_line
+
+if TYPE_CHECKING:
+    import h5py
 
 CLAIM = "run.lock"
 """File in a folder that a run has to itself: it holds the number of its process."""
@@ -236,3 +239,26 @@ def _process(folder: Path) -> str:
     except (OSError, ValueError):
         return ""
     return f" (process {number})" if number.isdigit() else ""
+
+
+def leads_away(file: "h5py.File") -> tuple[str, str] | None:
+    """Return what in an HDF5 file leads to another one, by its name, None for nothing; no other file is opened.
+
+    Reading it would bring in any file of the machine that its writer has named.
+    """
+    import h5py
+
+    def linked(name: bytes, link: Any) -> bytes | None:  # what it raised, h5py would turn into an error of its own
+        own = link.type in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)  # a soft one is of this file, and is not followed
+        return None if own else name
+
+    def stored(name: str, item: Any) -> tuple[str, str] | None:
+        if not isinstance(item, h5py.Dataset):
+            return None
+        if item.id.get_create_plist().get_external_count():
+            return name, "numbers stored in another file"
+        virtual = item.is_virtual and any(source.file_name != "." for source in item.virtual_sources())
+        return (name, "numbers of another file (a virtual dataset)") if virtual else None
+
+    name = file.id.links.visit(linked, info=True)
+    return (name.decode("utf-8", "replace"), "a link to another file") if name else file.visititems(stored)

@@ -89,3 +89,35 @@ def test_the_check_sees_imports():
     assert "matplotlib.figure" in set(imports(design)) - set(run(design))
     assert "ident.present.figures.design" in set(run(design)), "within a function"
     assert len(modules()) > 20
+
+
+REACHES = {"predict": 14_800, "fit": 22_300, "simulate": 20_000, "sample": 28_400, "modal": 20_500, "sweep": 21_700}
+"""Lines of the modules that a study can reach, those that it imports within functions among them: no more, rather less."""
+
+
+@pytest.mark.parametrize("study", REACHES)
+def test_a_study_reaches_only_so_many_lines(study):
+    """What a reader of one study may have to read: aims are 12,000 for a prediction, 16,000 for a fit."""
+    reached, ahead = set(), [PACKAGE / "studies" / f"{study}.py"]
+    while ahead:
+        path = ahead.pop()
+        if path not in reached:
+            reached.add(path)
+            ahead += list(of_the_house(path))
+    assert PACKAGE / "arm" / "arm.py" in reached
+    assert sum(path.read_text().count("\n") for path in reached) <= REACHES[study]
+
+
+def of_the_house(path):
+    """The files that a file's imports run; of `from package import name` the module of that name, if there is one."""
+    tree = ast.parse(path.read_text())
+    for block in [node for node in ast.walk(tree) if isinstance(node, ast.If)]:
+        if ast.unparse(block.test) == "TYPE_CHECKING":
+            block.body = [ast.Pass()]
+    for node in ast.walk(tree):
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        for name in names:
+            own = PACKAGE.parent.joinpath(*name.split("."))
+            yield from (each for each in (own.with_suffix(".py"), own / "__init__.py") if each.is_file())

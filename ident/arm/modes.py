@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Complex, Float, Inexact
+from jaxtyping import Array, Bool, Complex, Float, Inexact, Int
 
 from ident.arm.chain import Chain
 from ident.arm.linalg import Square, inverse_cholesky_factor, lowest_modes, lowest_modes_whitened
@@ -385,3 +385,39 @@ def moving_points_damped(chain: Chain, linear: Linearized) -> Complex[Array, "3 
 def _moved(chain: Chain, linear: Linearized, shapes: Float[Array, "n n *batch"]) -> Float[Array, "3 P n *batch"]:
     columns = jnp.moveaxis(shapes, 1, -1)
     return jax.vmap(lambda v: point_motion(chain, linear.phi, v), in_axes=-1, out_axes=2)(columns)
+
+
+# -------- Likeness
+# Which modes of a batch are which known ones, by the MAC of their shapes.
+
+
+def follow(
+    reference: Float[np.ndarray, "n B K"], mass: Float[np.ndarray, "n n K"], shape: Float[np.ndarray, "n m K S"]
+) -> tuple[Int[np.ndarray, "B K S"], Float[np.ndarray, "B K S"]]:
+    """Tell which mode of each arm is which branch, by the likeness of its own shapes to the branch's at each posture.
+
+    Args:
+        reference: (n, B, K) shapes of the branches.
+        mass: (n, n, K) [kg m^2] the weight of the MAC.
+        shape: (n, m, K, S) shapes of the batch's modes in the same axes, m >= B.
+
+    Returns:
+        Modes of the batch and their MAC with the branch.
+    """
+    weighted = np.einsum("nok,obk->nbk", mass, reference)
+    cross = np.einsum("nbk,nmks->bmks", weighted, shape) ** 2
+    own = np.einsum("nmks,nok,omks->mks", shape, mass, shape, optimize=True)
+    likeness = cross / own / np.einsum("nbk,nbk->bk", weighted, reference)[:, None, :, None]
+    place = likeness.argmax(1)
+    shared = (np.diff(np.sort(place, axis=0), axis=0) == 0).any(0)  # two branches are most like the same mode
+    for k, s in np.argwhere(shared):
+        place[:, k, s] = assigned(likeness[:, :, k, s])
+    return place, np.take_along_axis(likeness, place[:, None], 1)[:, 0]
+
+
+def assigned(likeness: np.ndarray) -> np.ndarray:
+    """Return for each row the column that is its own, so that they are most alike in all."""
+    from scipy.optimize import linear_sum_assignment  # takes longer to import than a prediction to compute
+
+    columns: np.ndarray = linear_sum_assignment(likeness, maximize=True)[1]
+    return columns

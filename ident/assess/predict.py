@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm, stiffness_paths
+from ident.arm.modes import follow
 from ident.assess.show import home
 from ident.errors import ModelError
 from ident.identify.modal_analysis import ModalAnalysis, modal_analysis, modal_solution
 from ident.measure import Campaign, Load, Measurement
 from ident.units import to_si
-from ident.vibrate.branches import follow
 
 # -------- Example
 # A campaign as it could have been measured on an arm, simulated from stated stiffnesses: an example to begin with.

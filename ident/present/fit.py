@@ -391,11 +391,11 @@ def _uncertain_numbers(fit: "CampaignFit") -> Iterator[Section]:
         item, off = parameters.items[i], float(parameters.prior_residuals(fit.best.theta)[0][i])
         size, _ = read_unit(item.name)
         said, now = (_known_to(item, float(sd)) for sd in (item.prior_sd, known.sd[i]))
-        shift = f"{off:+.1f} sd" if np.isfinite(item.prior_sd) else "-"
+        shift = f"{off:+.1f} sigma" if np.isfinite(item.prior_sd) else "-"
         rows.append((item.name, float(item.start) / size, said, fit.best.values[i] / size, shift, now, _cost(fit, i)))
         if words := _advice(item, known, i, off):
             advice.append(f"{item.name}: {words}")
-    head = ("number", "given", "within", "fitted", "off by", "known to", "widens most")
+    head = ("number", "given", "within", "fitted", "shift", "known to", "widens most")
     note = "widens most: how much wider an interval is than it would be if this number were known exactly."
     if any(item.name.startswith(SETUP) for item in parameters.items):
         note += " setup: place [mm] and further turn [mrad] of its frame; what was free was found from the data first."

@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ident.assess.spectrum import PEAKS, Band, MarkedModes, Spectra
+from ident.assess.spectrum import PEAKS, MarkedModes, Spectra
 from ident.present.report import Cell, Part, Report, Section, Table, cut
-from ident.present.words import counted, degrees
+from ident.present.words import TRACE_UNITS, counted, hertz, where_marked
 
 if TYPE_CHECKING:
     from ident.vibrate.spectra import Peak
 
-UNITS = {"displacement": (1e3, "mm"), "acceleration": (1.0, "m/s^2")}
-"""Unit in which each kind of trace is reported, and how many there are in the SI unit."""
 STRONGEST = 2
 """Peaks of a direction on the first screen, of a single trace."""
 
@@ -75,7 +73,7 @@ def _details(spectra: Spectra) -> Iterator[Section]:
 
 def _peaks_table(spectra: Spectra, name: str, caption: str, most: int) -> Table:
     """Return the strongest peaks of a trace in each direction, and the mode near each."""
-    factor, unit = UNITS[spectra.kind]
+    factor, unit = TRACE_UNITS[spectra.kind]
     rows: list[tuple[Cell, ...]] = []
     for direction in spectra.directions:
         for i, peak in enumerate(spectra.strongest(name, direction)[:most]):
@@ -103,21 +101,8 @@ def _modes(modes: MarkedModes) -> Section:
         "Names as at the end of the motion. A peak in z is named by a vertical mode if one is near, others by a "
         "lateral one; of several, by the one that is near for longest."
     )
-    title = f"Natural frequencies of {cut(modes.arm, 40)}, {modes.load}, {where(modes)}"
+    title = f"Natural frequencies of {cut(modes.arm, 40)}, {modes.load}, {where_marked(modes)}"
     return Section(title, (Table("", ("mode", "frequency"), rows, note="" if modes.held else meaning),))
-
-
-def where(modes: MarkedModes) -> str:
-    """Say at which posture the natural frequencies are those of the arm, or along which motion."""
-    if modes.held:
-        return f"at {degrees(modes.first)}"
-    return f"along the motion from {degrees(modes.first)} to {degrees(modes.last)}"
-
-
-def hertz(band: Band, digits: int = 2) -> str:
-    """Write a frequency [Hz], or between which ones it changes: `4.80 to 5.23 Hz`."""
-    low, high = (f"{frequency:.{digits}f}" for frequency in band)
-    return f"{low} Hz" if low == high else f"{low} to {high} Hz"
 
 
 # -------- Orders
@@ -137,7 +122,7 @@ class _Order(NamedTuple):
 
 def _orders(spectra: Spectra, *, attributed: bool = False) -> dict[str, list[_Order]]:
     """Return the orders by direction; those that belong to another pulley or are not resolved only if asked for."""
-    factor = UNITS[spectra.kind][0]
+    factor = TRACE_UNITS[spectra.kind][0]
     found: dict[str, list[_Order]] = {direction: [] for direction in spectra.directions}
     for d, direction in enumerate(spectra.directions):
         for name, track in spectra.tracks.items():
@@ -154,7 +139,7 @@ def _orders(spectra: Spectra, *, attributed: bool = False) -> dict[str, list[_Or
 
 
 def _orders_table(spectra: Spectra, caption: str, orders: list[_Order], note: str = "") -> Table:
-    unit = UNITS[spectra.kind][1]
+    unit = TRACE_UNITS[spectra.kind][1]
     rows: list[tuple[Cell, ...]] = []
     for row in orders:
         numbers = map(float, (row.amplitude, row.time, row.turning, row.order * row.turning))

@@ -101,7 +101,7 @@ def _part_rows(
 ) -> Iterator[tuple[Cell, ...]]:
     """Yield the relative errors of a part, and the absolute ones of each kind that has values near zero."""
     if not part.told:
-        why = "not determined by the others" if part.ended else "no optimum without it"
+        why = "not determined by the rest" if part.ended else "no optimum without it"
         yield cut(part.name, 32), len(part.places), "", "-", "-", "-", None, why
         return
     kinds = np.array([validation.fit.campaign.measurements[place].kind for place in part.places])
@@ -153,7 +153,7 @@ def _details(validation: "Validation", absolute: Collection[str]) -> Iterator[Se
         )
     shown = _parts_table(validation, absolute, few=True)
     every = (_parts_table(validation, absolute),) if shown.caption else ()
-    yield Section("Each part, predicted by the others", (*every, note))
+    yield Section("Each part, predicted from the rest", (*every, note))
     if validation.scopes:
         meaning = (
             "95 % of measurements like these, where it was not measured, are expected within the larger of two spans. "

@@ -17,6 +17,7 @@ from ident.present.report import Section, Table, cut, kept
 from ident.units import QUANTITIES, stiffness_unit
 
 if TYPE_CHECKING:
+    from ident.assess.spectrum import Band, MarkedModes
     from ident.inference.fit import Fit
     from ident.inference.information import Direction, Information, TradeOff
     from ident.inference.parameters import Parameter
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 READ_UNITS = {"Hz": (1.0, "Hz"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
 """Units in which what was measured is read, and how many there are in the SI unit; ratios are read in percent."""
+TRACE_UNITS = {"displacement": (1e3, "mm"), "acceleration": (1.0, "m/s^2")}
+"""Unit in which each kind of trace is reported, and how many there are in the SI unit."""
 TURN = ".turn."
 """What tells how a setup's frame is turned from where it is."""
 MM = 1e3
@@ -400,3 +403,16 @@ def place_in_words(place: "Place") -> str:
     if len(along):
         return f"{cut(place.point, 12)} {'-' if axes[along[0]] < 0 else ''}{'xyz'[along[0]]}"
     return f"{cut(place.point, 12)} ({' '.join(f'{each + 0.0:.2g}' for each in axes)})"
+
+
+def where_marked(modes: "MarkedModes") -> str:
+    """Say at which posture the natural frequencies are those of the arm, or along which motion."""
+    if modes.held:
+        return f"at {degrees(modes.first)}"
+    return f"along the motion from {degrees(modes.first)} to {degrees(modes.last)}"
+
+
+def hertz(band: "Band", digits: int = 2) -> str:
+    """Write a frequency [Hz], or between which ones it changes: `4.80 to 5.23 Hz`."""
+    low, high = (f"{frequency:.{digits}f}" for frequency in band)
+    return f"{low} Hz" if low == high else f"{low} to {high} Hz"

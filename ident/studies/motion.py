@@ -1,13 +1,13 @@
 """What the studies share that move an arm: options of the motion, and the basis that a simulation rests on."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.options import MEASURES, STROKE_PROFILES, option
+from ident.studies.options import STROKE_PROFILES, option
 from ident.studies.shared import ArmOptions, as_file, with_numbers
 from ident.studies.taken import fitted_values
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from ident.identify.values import Values
     from ident.measure import Log
     from ident.studies.fit import FitResult
-    from ident.vibrate.evaluator import Evaluator, Variable
     from ident.vibrate.motion import Motion
 
 STROKE = "add a [stroke] section to the arm file (example: `ident new scara`), or give a joint path (`path`)"
@@ -26,7 +25,7 @@ STROKE = "add a [stroke] section to the arm file (example: `ident new scara`), o
 SLOWEST = 1e-3
 """Lowest speed [%]."""
 PHASES = ("unknown", "file")
-"""What is taken for the phases of the turning masses."""
+"""What is taken for the phases of the rotating unbalance."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +53,7 @@ class MotionOptions(ArmOptions):
         return [*super().problems(), *([problem] if slow else [])]
 
     def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
-        """Return the arm, and what nobody knows of its excitation, as far as it matters."""
+        """Return the arm, and what is unknown of its excitation, as far as it matters."""
         from ident.assess.scenario import Unknowns
 
         return arm, Unknowns()
@@ -67,7 +66,7 @@ class HeldMotionOptions(MotionOptions):
     dwell: float = option(2.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
     phases: str = option(
         "unknown",
-        "phases of the turning masses: unknown, but for those set, measured, or of a datasheet or paper; or the file's",
+        "phases of the rotating unbalance: unknown (but for those set, measured, or of a datasheet or paper) or file",
         choices=PHASES,
     )
     errors: tuple[float, float] | None = option(
@@ -83,41 +82,10 @@ class HeldMotionOptions(MotionOptions):
         return self.dwell
 
     def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
-        """Return the arm with the largest kinematic errors, and what nobody knows of its excitation."""
+        """Return the arm with the largest kinematic errors, and what is unknown of its excitation."""
         from ident.assess.scenario import unknowns
 
         return unknowns(arm, origins, self.set, errors=self.errors, phases=self.phases == "unknown")
-
-
-@dataclass(frozen=True, kw_only=True)
-class AmplitudeOptions(HeldMotionOptions):
-    """The same, and how the amplitude of the vibration is measured."""
-
-    measure: str = option("peak", "peak or rms over the motion, or residual: peak after arrival", choices=MEASURES)
-    limit: float | None = option(None, "amplitude [mm] that should not be exceeded", above=0.0)
-    elastic_belts: bool = option(False, "belts stretch: k_tors without them, which one from a hammer test has in it")
-    rate: float = option(500.0, "samples a second", low=1.0, high=1e6)
-
-    @property
-    def limit_si(self) -> float | None:
-        """The limit [m]."""
-        return None if self.limit is None else self.limit / 1e3
-
-    def evaluator(self, basis: "Basis", variables: "Iterable[Variable]" = ()) -> "Evaluator":
-        """Return what simulates an arm and its draws again and again, by the fast method.
-
-        Raises:
-            InputError: a belt that stretches goes slack with the arm as it is.
-        """
-        from ident.vibrate.evaluator import Evaluator
-        from ident.vibrate.response import refuse_slack
-        from ident.vibrate.simulate import simulate
-
-        if self.elastic_belts and basis.arm.belts:
-            as_is = simulate(basis.arm, basis.motion, loads=basis.loads, elastic_belts=True, rate=self.rate)
-            refuse_slack(as_is, [belt.name for belt in basis.arm.belts])
-        own = (self.measure, basis.draws, basis.loads, self.elastic_belts, self.rate)
-        return Evaluator(basis.arm, basis.motion, tuple(variables), *own, unknown=basis.unknown.phases)
 
 
 def basis_of(

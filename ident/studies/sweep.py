@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import ranges
-from ident.studies.motion import AmplitudeOptions, basis_of
+from ident.studies.amplitudes import AmplitudeOptions
+from ident.studies.motion import basis_of
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import as_file

@@ -13,7 +13,16 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
 from ident.arm.fields import FIELDS
 from ident.arm.mechanics import flat, mass_matrix, static_equilibrium, unflatten
-from ident.arm.modes import Label, in_shaft_axes, labels_of_shares, modes_about, torsion_share, vertical_share
+from ident.arm.modes import (
+    Label,
+    assigned,
+    follow,
+    in_shaft_axes,
+    labels_of_shares,
+    modes_about,
+    torsion_share,
+    vertical_share,
+)
 from ident.arm.rotations import matvec
 from ident.errors import InputError, ModelError, Problem
 from ident.programs import jit, library
@@ -83,7 +92,7 @@ def track(
         here = _turned(frequency[:, b], shape[..., b], weight @ before)
         norms = [np.einsum("ni,nk,ki->i", x, weight, x) for x in (before, here)]
         mac = (before.T @ weight @ here) ** 2 / np.multiply.outer(*norms)
-        own = _assigned(mac)
+        own = assigned(mac)
         return _Step(own, here[:, own], mac[np.arange(modes), own])
 
     k = 0
@@ -116,38 +125,6 @@ class _Step(NamedTuple):
     def weakest(self, before: np.ndarray, count: int) -> float:
         """Return the least MAC of what is among the lowest modes before or after."""
         return float(self.mac[(before < count) | (self.place < count)].min())
-
-
-def _assigned(likeness: np.ndarray) -> np.ndarray:
-    """Return for each row the column that is its own, so that they are most alike in all."""
-    from scipy.optimize import linear_sum_assignment  # takes longer to import than a prediction to compute
-
-    columns: np.ndarray = linear_sum_assignment(likeness, maximize=True)[1]
-    return columns
-
-
-def follow(
-    reference: Float[np.ndarray, "n B K"], mass: Float[np.ndarray, "n n K"], shape: Float[np.ndarray, "n m K S"]
-) -> tuple[Int[np.ndarray, "B K S"], Float[np.ndarray, "B K S"]]:
-    """Tell which mode of each arm is which branch, by the likeness of its own shapes to the branch's at each posture.
-
-    Args:
-        reference: (n, B, K) shapes of the branches.
-        mass: (n, n, K) [kg m^2] the weight of the MAC.
-        shape: (n, m, K, S) shapes of the batch's modes in the same axes, m >= B.
-
-    Returns:
-        Modes of the batch and their MAC with the branch.
-    """
-    weighted = np.einsum("nok,obk->nbk", mass, reference)
-    cross = np.einsum("nbk,nmks->bmks", weighted, shape) ** 2
-    own = np.einsum("nmks,nok,omks->mks", shape, mass, shape, optimize=True)
-    likeness = cross / own / np.einsum("nbk,nbk->bk", weighted, reference)[:, None, :, None]
-    place = likeness.argmax(1)
-    shared = (np.diff(np.sort(place, axis=0), axis=0) == 0).any(0)  # two branches are most like the same mode
-    for k, s in np.argwhere(shared):
-        place[:, k, s] = _assigned(likeness[:, :, k, s])
-    return place, np.take_along_axis(likeness, place[:, None], 1)[:, 0]
 
 
 def _turned(frequency: np.ndarray, shape: np.ndarray, wanted: np.ndarray) -> np.ndarray:

@@ -399,7 +399,7 @@ def validate_figure(validation: "Validation") -> Figure:
     told = validation.told
     count = sum(len(part.places) for part in told)
     height = max(3.6, 0.24 * min(count, MOST) + 1.8)
-    title = f"Each part of {cut(validation.fit.campaign.name, 30)}, predicted by the others"
+    title = f"Each part of {cut(validation.fit.campaign.name, 30)}, predicted from the rest"
     figure = titled((10.0, height), title)
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     _off(left, validation)

@@ -32,8 +32,7 @@ from ident.present.figures.style import (
     titled,
 )
 from ident.present.report import cut
-from ident.present.spectrum import UNITS, hertz, where
-from ident.present.words import MM
+from ident.present.words import MM, TRACE_UNITS, hertz, where_marked
 from ident.vibrate.study import DIRECTIONS
 
 if TYPE_CHECKING:
@@ -213,7 +212,7 @@ def spectra_figure(spectra: "Spectra") -> Figure:
     remarks, modes = [spectra.remark] if spectra.remark else [], spectra.modes
     if modes:
         drawn = "thin lines" if modes.held else "grey"
-        remarks.append(f"{drawn}: natural frequencies {where(modes)}, {modes.load}")
+        remarks.append(f"{drawn}: natural frequencies {where_marked(modes)}, {modes.load}")
     panels = [direction.upper() for direction in spectra.directions]
     return spectrum_figure(
         spectra.spectra, panels, modes.bands if modes else {}, upto=spectra.upto, kind=spectra.kind, remarks=remarks
@@ -260,8 +259,10 @@ def spectrum_figure(
     figure = titled((SPECTRUM_PANEL[0], height), "Amplitude spectrum")
     grid = figure.subplots(len(directions), 1, squeeze=False, sharex=True)[:, 0]
     for i, (axes, direction) in enumerate(zip(grid, directions, strict=True)):
-        _spectra(axes, series, i, upto, UNITS[kind][0])
-        axes.set_ylabel(f"{cut(direction, 20)}: amplitude, 0-peak [{UNITS[kind][1]}]", fontsize=9, parse_math=False)
+        _spectra(axes, series, i, upto, TRACE_UNITS[kind][0])
+        axes.set_ylabel(
+            f"{cut(direction, 20)}: amplitude, 0-peak [{TRACE_UNITS[kind][1]}]", fontsize=9, parse_math=False
+        )
         _flags(axes, flags, labelled=i == 0)
     grid[-1].set_xlabel("frequency [Hz]", fontsize=9)
     handles = [Line2D([], [], label=cut(name, 40), **s) for name, s in zip(series, cycle(SERIES), strict=False)]
@@ -291,7 +292,7 @@ def spectrogram_figure(
     """
     figure = titled((SPECTRUM_PANEL[0], 4.9), cut(title, 70))
     axes = figure.subplots()
-    _colours(figure, axes, spectrogram, upto, decibel, *UNITS[kind])
+    _colours(figure, axes, spectrogram, upto, decibel, *TRACE_UNITS[kind])
     handles = []
     for (name, (time, frequency)), style in zip((lines or {}).items(), cycle(LINES), strict=False):
         axes.plot(time, frequency, **style)
@@ -388,7 +389,7 @@ def _descriptions(series: Mapping[str, "Spectrum"]) -> Iterator[str]:
 
 def orders_figure(spectra: "Spectra") -> Figure:
     """Draw the amplitude of each pulley's orders over time, a panel for each direction; none that is another's."""
-    factor, unit = UNITS[spectra.kind]
+    factor, unit = TRACE_UNITS[spectra.kind]
     count = len(spectra.directions)
     figure = titled((SPECTRUM_PANEL[0], SPECTRUM_PANEL[1] * count + 1.3), "Orders of the pulleys")
     grid = figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0]

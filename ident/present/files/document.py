@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.errors import InputError, ModelError, Problem
-from ident.files import replace_file
+from ident.files import leads_away, replace_file
 from ident.present.report import Finding, Report, Section, Table, Verdict, written
 from ident.text import LARGEST_BINARY, one_line, quoted, read_bytes, study_of
 from ident.text import decode as decode_text
@@ -275,8 +275,6 @@ def read_group(file: "str | Path | BytesIO", group: str | None = None, **how: An
     import h5netcdf
     import h5py
     import xarray
-
-    from ident.measure.recordings.hdf5 import leads_away
 
     h5netcdf.File._writable = False  # of one that it fails to open, and asks for this when that is thrown away
     with h5py.File(file, "r") as opened:  # what is no such file at all ends here: in h5netcdf it would not end quietly
