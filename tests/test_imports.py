@@ -92,7 +92,7 @@ def test_the_check_sees_imports():
 
 
 REACHES = {"predict": 14_800, "fit": 22_300, "simulate": 20_000, "sample": 28_400, "modal": 20_500, "sweep": 21_700}
-"""Lines of the modules that a study can reach, those that it imports within functions among them: no more, rather less."""
+"""Lines of the modules that a study can reach, those that functions import among them: no more, rather less."""
 
 
 @pytest.mark.parametrize("study", REACHES)

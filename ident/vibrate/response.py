@@ -97,9 +97,9 @@ class Response(eqx.Module):
         """Angles [rad] and turning frequencies [Hz], counted positive, of the pulleys, `(driven, T)` each."""
         q, qd, _ = concrete(command(self.model, self.motion, self.time))
         ratio = concrete(self.model.drives.ratio)[np.asarray(self.model.driven)]
-        first_of_batch = (..., *(0,) * (ratio.ndim - 1))
-        angle, rate = ((ratio * part)[first_of_batch] for part in (q, qd))
-        return angle, library(rate).abs(rate) / (2 * np.pi)
+        angle, rate = ratio * q, ratio * qd
+        first_of_batch = (..., *(0,) * (angle.ndim - 2))
+        return angle[first_of_batch], library(rate).abs(rate[first_of_batch]) / (2 * np.pi)
 
     def after(self, time: float) -> Vibration:
         """Return the vibration from a time on."""

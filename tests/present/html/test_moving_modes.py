@@ -37,7 +37,8 @@ def test_each_mode_swings_between_its_own_ends(view):
         up, down, again = map(points, moving[0].get("values").split(";"))
         np.testing.assert_allclose((up + down) / 2, middle, atol=0.11)
         assert (up == again).all()
-        shown = [0, 1] if seen == "from above" else [0, 2]
+        assert seen.endswith(", exaggerated, slowed down")
+        shown = [0, 1] if seen.startswith("from above,") else [0, 2]
         size = np.ptp(middle[:, 0]) / np.ptp(rest[0])
         expected = moved[shown, :, i] / np.linalg.norm(moved[:, :, i], axis=0).max()
         swing = (up - down).T / 2 * [[1], [-1]] / size
