@@ -190,7 +190,7 @@ def equivalent_postures(predictions: CandidatePredictions, favoured: np.ndarray)
     return np.array([leader[int(k)] for k in group])
 
 
-def _columns(x: Any, columns: Int[np.ndarray, "B"]) -> Float[Array, "n B"]:
+def _columns(x: Any, columns: Int[np.ndarray, "B"]) -> Float[Array, "*n B"]:
     return jnp.asarray(np.asarray(x)[..., columns])
 
 

@@ -7,10 +7,12 @@ stays, and is read for ever (`tests/studies/test_saved.py`).
 import runpy
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import ident
 from ident.assess.effort import DiagnosisEffort
+from ident.studies.result import Result
 
 DATA = Path("data")
 LCD = DATA / "lcd_arm"
@@ -29,28 +31,26 @@ def fleet(folder: Path) -> ident.FleetResult:
     return ident.fleet(folder, **FIT)
 
 
-def results(folder: Path) -> "list[ident.studies.result.Result]":
-    """Return a result of every study."""
+def results(folder: Path) -> Iterator[Result]:
+    """Yield a result of every study."""
     fit, simulated = ident.fit(ARM, CAMPAIGN), ident.simulate(ARM, **FAST)
     numbers = {"joint1.k_tors": ("0.5x", "2x", 2)}
-    return [
-        fit,
-        simulated,
-        ident.predict(ARM, posture=((0, 0, 0),)),
-        ident.check(ARM, CAMPAIGN),
-        ident.profile(ARM, CAMPAIGN, parameter=("joint1.k_bend",), **FIT),
-        ident.sample(ARM, CAMPAIGN, steps=500, walkers=14, starts=1),
-        ident.validate(ARM, CAMPAIGN, **FIT),
-        ident.plan(ARM, LCD / "table1.csv", step=60, count=1, **FIT),
-        ident.compare(fit, ident.fit(ARM, LCD / "after_a_year.csv", starts=1)),
-        fleet(folder),
-        ident.resonance(ARM, speed=10.0),
-        ident.spectrum(simulated),
-        ident.sweep(ARM, vary=numbers, **SHORT),
-        ident.design(ARM, change={"joint1.k_tors": ("1x", "2x")}, no_curve=True, starts=1, **SHORT),
-        ident.modal_test(LCD / "hammer"),
-        ident.diagnose(ARM, CAMPAIGN, ident.DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=SMALL)),
-    ]
+    yield fit
+    yield simulated
+    yield ident.predict(ARM, posture=((0, 0, 0),))
+    yield ident.check(ARM, CAMPAIGN)
+    yield ident.profile(ARM, CAMPAIGN, parameter=("joint1.k_bend",), **FIT)
+    yield ident.sample(ARM, CAMPAIGN, steps=500, walkers=14, starts=1)
+    yield ident.validate(ARM, CAMPAIGN, **FIT)
+    yield ident.plan(ARM, LCD / "table1.csv", step=60, count=1, **FIT)
+    yield ident.compare(fit, ident.fit(ARM, LCD / "after_a_year.csv", starts=1))
+    yield fleet(folder)
+    yield ident.resonance(ARM, speed=10.0)
+    yield ident.spectrum(simulated)
+    yield ident.sweep(ARM, vary=numbers, **SHORT)
+    yield ident.design(ARM, change={"joint1.k_tors": ("1x", "2x")}, no_curve=True, starts=1, **SHORT)
+    yield ident.modal_test(LCD / "hammer")
+    yield ident.diagnose(ARM, CAMPAIGN, ident.DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=SMALL))
 
 
 if __name__ == "__main__":
