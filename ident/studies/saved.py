@@ -15,7 +15,7 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
-from ident.present.report import Report
+from ident.present.report import Report, text_of
 from ident.studies import STUDIES
 from ident.studies.options import Options
 from ident.studies.result import BESIDE, Reported, Result
@@ -70,6 +70,7 @@ class Saved(Reported):
             self.summary: Mapping[str, Any] = dict(record["summary"])
             self._rows = [dict(row) for row in record["table"]]
             self.options = self._options()
+            text_of(self._report, details=True)  # what can't be printed is no report
 
     @contextmanager
     def _read(self) -> Iterator[None]:
