@@ -244,7 +244,8 @@ def rerun(
 ) -> None:
     """Repeat what a saved result records, and say whether the numbers are the same.
 
-    Its inputs are found by their hash: where they were, beside the file, or in this folder; else the exit status is 2.
+    Its inputs are found by their hash: where they were, beside the file, or in this folder; an arm or campaign that is
+    gone or changed is taken from the text in the file. Without an input the exit status is 2.
     Fits shall agree to 1e-9, chains within their Monte Carlo error; exit status 3 where they do not.
     """
     if out is not None:
