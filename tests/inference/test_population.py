@@ -15,7 +15,7 @@ from fleets import (
 )
 from scipy.stats import binom
 
-from ident.inference.population import FALSE_ALARM, Draws, deviations, population
+from ident.inference.population import FALSE_ALARM, Draws, Likelihood, deviations, population
 
 pytestmark = pytest.mark.slow
 

@@ -10,6 +10,7 @@ from arms import lcd_arm
 from runs import named
 from scipy.optimize import minimize
 
+from ident.vibrate import design_search
 from ident.vibrate.design import design
 from ident.vibrate.design_search import GAP, MARGIN, Requirements, Search, minimum_change, settled, worst
 from ident.vibrate.evaluator import Evaluator, Variable
@@ -129,8 +130,8 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> None:
         more = replace(search, seen=(*search.seen, int(amplitudes.argmax()))) if search.learns else replace(search)
         return more, float(amplitudes.max())
 
-    monkeypatch.setattr(worst_case, "worst", worst_of)
-    monkeypatch.setattr(worst_case, "worst_amplitude", lambda search, u: float(search.amplitudes(u).max()))
+    monkeypatch.setattr(design_search, "worst", worst_of)
+    monkeypatch.setattr(design_search, "worst_amplitude", lambda search, u: float(search.amplitudes(u).max()))
 
 
 QUIET = np.array([0.9, 0.9, 0.4])
