@@ -160,8 +160,8 @@ def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
         if name:
             segments.append(Segment(joints[name], pose))
         pose = _collect(segments[-1], joints[name].child if name else root, following, links, children)
-    check_names((where, "joint", segment.joint.name) for segment in segments[1:])
-    check_names((where, "link", name) for segment in segments[1:] for name in segment.bodies)
+    joints_of = [(where, "joint", segment.joint.name) for segment in segments[1:]]
+    check_names([*joints_of, *((where, "link", name) for segment in segments[1:] for name in segment.bodies)])
     return segments
 
 

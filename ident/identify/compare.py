@@ -239,6 +239,8 @@ def sample_campaign(
 # -------- Validate
 # How far a fitted arm may be trusted where it was not measured: parts of a campaign, predicted by the rest of it.
 
+LEAVE = ("posture", "kind", "row", "fraction")
+"""What may be left out at a time."""
 FOLDS = 5
 """Parts of a campaign of which one is left out at a time, chosen at random, for `fraction`."""
 LEVEL = 0.95
@@ -359,6 +361,8 @@ def validate_fit(
 
 def parts_of(campaign: Campaign, leave: str, seed: int = 0) -> Mapping[str, list[int]]:
     """Return the places of the measurements in each part of a campaign, by the part's name."""
+    if leave not in LEAVE:
+        raise InputError(Problem("leave", quoted(leave), f"one of {', '.join(LEAVE)}", did_you_mean(leave, LEAVE, "")))
     count, parts = len(campaign), dict[str, list[int]]()
     fold = np.random.default_rng(seed).permutation(np.arange(count) % min(FOLDS, count))
     for place, m in enumerate(campaign):

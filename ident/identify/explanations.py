@@ -129,7 +129,7 @@ def _candidates(arm: Arm, campaign: Campaign) -> list[Measurement]:
     rows = []
     for posture, load in product(list(postures)[:POSTURES], list(loads)[:LOADS]):
         lowest = Measurement(kind="frequency", posture=posture, value=1.0, sigma=1.0, load=load)
-        drop = replace(lowest, kind="deflection", point=arm.points[-1].name, direction=AXES["-z"])
+        drop = replace(lowest, kind="deflection", unit="", point=arm.points[-1].name, direction=AXES["-z"])
         rows += [lowest, replace(lowest, value=2.0), drop]
     return rows
 

@@ -100,10 +100,12 @@ def _assumptions(state: Mapping[str, Any] | None) -> Assumptions | None:
 
 
 def moved(fit: CampaignFit, state: Mapping[str, Any]) -> float:
-    """Return by how much predictions differ from the stored ones, relative to these: by `MOVED` for another reason."""
-    before = np.asarray(_array(state["predicted"]))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return float(np.nanmax(np.abs(np.where(before == fit.predicted, 0.0, fit.predicted / before - 1)), initial=0.0))
+    """Return by how much predictions differ from the stored ones: relative to these, small ones to their sigma."""
+    before, sigma = np.asarray(_array(state["predicted"])), np.asarray(fit.problem.sigma)
+    size = np.maximum(np.abs(before), np.where(np.isfinite(sigma), sigma, 0.0))
+    if not np.array_equal(np.isnan(before), np.isnan(fit.predicted)):
+        return math.inf
+    return float(np.nanmax(np.abs(fit.predicted - before) / np.where(size > 0, size, 1.0), initial=0.0))
 
 
 def _held(posed: Posed, state: Mapping[str, Any]) -> Matching | None:

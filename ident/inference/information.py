@@ -469,7 +469,7 @@ def row_tests(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope:
 
         own = np.flatnonzero(fitted & (units == unit))
         # in directions in which errors are independent of one size, so that what is left of them is a share
-        shifts = _shifts(problem, own)
+        shifts = np.eye(len(own)) if problem.correlation is None else _shifts(problem, own)
         L = np.linalg.inv(np.linalg.cholesky(shifts.T @ shifts))
         taken = L @ absorbed[own]
         share, ways = np.linalg.eigh(np.eye(len(own)) - taken @ taken.T)
@@ -509,7 +509,9 @@ def blamed(
 
 def _shifts(problem: InverseProblem, own: Int[np.ndarray, "n"]) -> Float[np.ndarray, "D n"]:
     """Return what a shift of each of some values by its sigma is, made independent."""
-    return np.asarray(problem.errors.whiten(np.eye(len(problem.kinds))[:, own]))
+    shifts = np.zeros((len(problem.kinds), len(own)))
+    shifts[own, np.arange(len(own))] = 1.0
+    return np.asarray(problem.errors.whiten(shifts))
 
 
 def _factors(slope: Float[np.ndarray, "R P"]) -> tuple[Float[np.ndarray, "R K"], Float[np.ndarray, "P R"]]:

@@ -220,7 +220,6 @@ def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str
         sensitivity, unit = mine.attempt(where, "sensitivity", _volts, volts, unit, decimal) or (None, unit)
     return {
         **{name: cell.get(name, "") for name in ("file", "channel", "point", "joint")},
-        **{name: number(name) for name in ("full_scale", "rate")},
         "role": role,
         "posture": tuple(
             (mine.attempt(where, name, _number, cell[name], decimal, None) or 0.0) * header.factors[name]
@@ -233,6 +232,7 @@ def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str
         "quantity": "length" if quantity == "displacement" else quantity,
         "unit": unit,
         "sensitivity": sensitivity,
+        **{name: number(name) for name in ("full_scale", "rate")},
         "in_volts": volts is not None,
         "decay": number("decay") or 0.0,
         "load": mine.attempt(where, "load", Load.parse, cell.get("load", ""), decimal=decimal),

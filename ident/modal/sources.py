@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
+from jaxtyping import Complex, Float
 
 from ident.errors import InputError, Problem, noted, refuse
 from ident.measure.channels import (
@@ -23,7 +24,7 @@ from ident.measure.load import Load
 from ident.measure.recordings import Channel, Recording, Shape
 from ident.measure.recordings.sampling import even_step
 from ident.measure.series import Speed
-from ident.modal.frf import HeldArm, ModeSet, Place
+from ident.modal.frf import HeldArm, Place
 from ident.text import did_you_mean, one_line, quoted
 from ident.units import GRAVITIES, POUNDS, STANDARD_GRAVITY, sensor_factor
 
@@ -36,21 +37,44 @@ POLE = "pole"
 
 
 @dataclass(frozen=True)
-class FinishedModes(ModeSet):
-    """Modes of a file: damping ratios are zero where it has none, shapes of any scale; it says nothing of correlations.
+class FinishedModes:
+    """Modes of a file, ascending in frequency.
 
     Attributes:
+        frequency: (m,) [Hz] see `of`.
+        damping: (m,) [-] damping ratios; zero where the file has none.
+        shape: (O, m) complex motion of each response, of any scale.
+        sd: (n,) standard deviations of frequencies, damping ratios, then real and imaginary parts of each shape.
         responses: places of the responses.
         of: what the frequencies are, one of `ident.measure.DEFINITIONS`.
     """
 
+    frequency: Float[np.ndarray, "m"]
+    damping: Float[np.ndarray, "m"]
+    shape: Complex[np.ndarray, "O m"]
+    sd: Float[np.ndarray, "n"]
     responses: tuple[Place, ...]
     of: str
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "n n"]:
+        """Covariance, in the order of `sd`: a file says nothing of correlations."""
+        return np.diag(self.sd**2)
+
+    @property
+    def sigma(self) -> Float[np.ndarray, "2 m"]:
+        """(2, m) [Hz, -] standard deviations of frequencies and damping ratios."""
+        return self.sd[: 2 * len(self.frequency)].reshape(2, -1)
 
     @property
     def band(self) -> tuple[float, float]:
         """Lowest and highest frequency [Hz]."""
         return float(self.frequency[0]), float(self.frequency[-1])
+
+    def of_shape(self, modes: Sequence[int]) -> Float[np.ndarray, "k k"]:
+        """Return the covariance of the shapes of some modes: real parts, then imaginary ones, mode by mode."""
+        count, size = 2 * len(self.frequency), 2 * len(self.shape)
+        return np.diag(np.concatenate([self.sd[count + mode * size :][:size] for mode in modes]) ** 2)
 
 
 @dataclass(frozen=True)
@@ -107,8 +131,7 @@ def _test(
         share = sigma.get("shape", 0.0) * float(np.abs(motion[:, i]).max())
         sd += 2 * [s.sigma.get(row.channel, share) for row in rows]
     places = tuple(Place(row.point, row.direction) for row in rows if row.direction is not None)
-    covariance = np.diag(np.array(sd) ** 2)
-    modes = FinishedModes(frequency, damping, motion, covariance, places, next(s.of for s in shapes) or of or "")
+    modes = FinishedModes(frequency, damping, motion, np.array(sd), places, next(s.of for s in shapes) or of or "")
     return FinishedTest(rows[0].posture, rows[0].load, rows[0].drives, (name,), modes)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ident.errors import InputError, Problem
-from ident.studies.result import BESIDE
+from ident.studies.result import input_of
 from ident.studies.shared import FARTHEST, as_file, is_angle
 from ident.text import one_line, study_of
 
@@ -189,7 +189,7 @@ def export(
 
     read, where = _read(result), one_line(str(result)) if isinstance(result, str | Path) else ""
     if arm is None:
-        inputs = {name: source for name, source in read.inputs.items() if name.partition(BESIDE)[0] == "arm"}
+        inputs = {name: source for name, source in read.inputs.items() if input_of(name) == "arm"}
         arm = files_of(inputs, Path(result).absolute().parent if where else Path()).paths["arm"]  # type: ignore[arg-type]
     asked = exported(read, None if path is None else Path(path), as_file(arm), posture, force, where)
     path, own = asked.path, asked.own

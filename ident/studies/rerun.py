@@ -38,7 +38,7 @@ class Rerun(Reported):
     def notes(self) -> tuple[str, ...]:
         """Which inputs are no longer as they were, and where the arm is not what its robot description says."""
         inputs = self.before.inputs
-        paths = (one_line(inputs[name].path) for name in self.restored)  # type: ignore[union-attr]
+        paths = (one_line(inputs[name].path) for name in self.restored)
         return *(f"{path} is not as it was: repeated from its text in the result" for path in paths), *self.now.notes
 
     def sections(self) -> Report:

@@ -6,7 +6,7 @@ import os
 import re
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import wraps
@@ -138,6 +138,11 @@ def _with_what_lies_beside(inputs: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**inputs, **{name: source for name, source in pairs if source is not None and source.path}}
 
 
+def input_of(name: str) -> str:
+    """Return the input that a file was read for: `campaign` for `campaign's covariance`."""
+    return next((name.removesuffix(end) for end in (BESIDE + word for word in SIDE_FILES) if name.endswith(end)), name)
+
+
 def _inputs_of(path: Path) -> Mapping[str, Any]:
     """Return the inputs of a result that is there; none where it can't be read."""
     from ident.present.files.document import EXPECTED, read_document, read_group, whole
@@ -163,14 +168,28 @@ def _same(old: Any, new: Any) -> bool:
 
 def _text(name: str, source: Any) -> str | None:
     """Return what an input says, as far as its result keeps that: arms, campaigns and what lies beside them."""
-    if source is None or not source.path or name.split()[0].removesuffix(BESIDE.strip()) not in TEXTS:
+    if source is None or not source.path or input_of(name).split()[0] not in TEXTS:
         return None
     try:
         data = Path(source.path).read_bytes()
-        same = len(data) <= LONGEST_TEXT and hashlib.sha256(data).hexdigest() == source.sha256
-        return data.decode("utf-8") if same else None
+        text = data.decode("utf-8")
     except (OSError, UnicodeDecodeError):
         return None
+    same = len(data) <= LONGEST_TEXT and hashlib.sha256(data).hexdigest() == source.sha256
+    return text if same and "<include" not in text else None  # MJCF that consists of several files is found on disk
+
+
+def _text_of_part(campaign: Any) -> str:
+    """Return a campaign as text where it is not what its file says; empty where it is, or where no text says all."""
+    from ident.measure import Campaign, read_campaign
+    from ident.measure.reading import campaign_text
+
+    if not isinstance(campaign, Campaign) or campaign.covariance or campaign.setups.each:
+        return ""
+    with suppress(InputError):
+        if campaign.path and read_campaign(campaign.path) == campaign:
+            return ""
+    return campaign_text(campaign)
 
 
 def _origin(source: Any) -> str:
@@ -456,12 +475,20 @@ class Result(Reported):
         """Return all that is kept of the result, as JSON knows it: its own numbers and texts, and no class."""
         from ident.present.files.document import plain, report_data
 
+        texts = {name: text for name, source in self.inputs.items() if (text := _text(name, source)) is not None}
+        document = self._document(head)
+        campaign = self.inputs.get("campaign")
+        if campaign is not None and (own := _text_of_part(campaign)):
+            # a part of a file, or values of no file, are kept as a file of their own
+            source = {"path": campaign.path or "campaign.csv", "sha256": hashlib.sha256(own.encode()).hexdigest()}
+            document["inputs"] = {**document["inputs"], "campaign": source}
+            texts["campaign"] = own
         return {
-            **self._document(head),
+            **document,
             "name": self.name,
             "standard_errors": plain(self.standard_errors()),
             "fit": self._fit_state(),
-            "texts": {name: text for name, source in self.inputs.items() if (text := _text(name, source)) is not None},
+            "texts": texts,
             "report": report_data(self.sections()),
         }
 

@@ -18,7 +18,7 @@ from ident.errors import InputError, Problem
 from ident.present.report import Report, text_of
 from ident.studies import STUDIES
 from ident.studies.options import Options
-from ident.studies.result import BESIDE, Reported, Result
+from ident.studies.result import Reported, Result, input_of
 from ident.text import one_line, quoted, study_of
 
 if TYPE_CHECKING:
@@ -44,6 +44,20 @@ class Source:
     sha256: str
     text: str | None
 
+    @classmethod
+    def read(cls, document: Mapping[str, Any], text: Any) -> "Source":
+        """Return an input as a record has it.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is none.
+        """
+        path, sha256 = document["path"], document["sha256"]
+        if not (isinstance(path, str) and isinstance(sha256, str) and isinstance(text, str | None)) or "\0" in path:
+            raise TypeError
+        if text is not None and Path(path).name in ("", ".."):
+            raise ValueError
+        return cls(path, sha256, text)
+
 
 class Saved(Reported):
     """A saved result: its numbers are those that were stored, nothing is computed again.
@@ -62,14 +76,18 @@ class Saved(Reported):
         Raises:
             InputError: it is no record of a result.
         """
-        self.path, self.record, self.moved = Path(path), record, tuple[str, ...]()
         from ident.present.files.document import report_of
 
+        self.path, self.record, self.moved = Path(path).absolute(), record, tuple[str, ...]()
+        self.form, self.study = str(record["format"]), study_of(str(record["format"]))
         with self._read():
-            self._report, self.name, self.form = report_of(record["report"]), str(record["name"]), record["format"]
+            self._report, self.name = report_of(record["report"]), str(record["name"])
             self.summary: Mapping[str, Any] = dict(record["summary"])
-            self._rows = [dict(row) for row in record["table"]]
-            self.options = self._options()
+            self._rows, texts = [dict(row) for row in record["table"]], dict(record["texts"])
+            self._errors = [dict(row) for row in record["standard_errors"]]
+            if len(self._errors) not in (0, len(self._rows)):
+                raise ValueError
+            self.inputs = {name: each and Source.read(each, texts.get(name)) for name, each in record["inputs"].items()}
             text_of(self._report, details=True)  # what can't be printed is no report
 
     @contextmanager
@@ -84,26 +102,21 @@ class Saved(Reported):
 
     def __getattr__(self, name: str) -> Any:
         """Return a number of the summary."""
-        summary = self.__dict__.get("summary", {})
-        if name in summary:
-            return summary[name]
-        raise AttributeError(f"a saved {self.study} has no {name}: see ident.rerun(path).now")
+        known = vars(self)
+        if name in known.get("summary", {}):
+            return known["summary"][name]
+        raise AttributeError(f"a saved {known.get('study', 'result')} has no {name}: see ident.rerun(path).now")
 
     def __repr__(self) -> str:
         return f"<ident Saved {self.name}: print it for the report>"
-
-    @property
-    def study(self) -> str:
-        """The study that has computed it."""
-        return study_of(str(self.record.get("format", "")))
 
     def sections(self) -> Report:
         """Return all that was said of the result."""
         return self._report
 
     def table(self) -> list[dict[str, Any]]:
-        """Return the main numbers as rows, as `Result.table` did; what was not finite is NaN."""
-        return [{name: math.nan if value is None else value for name, value in row.items()} for row in self._rows]
+        """Return the main numbers as rows, as `Result.table` did; what was not finite is None."""
+        return [dict(row) for row in self._rows]
 
     def document(self) -> dict[str, Any]:
         """Return for programs what `Result.document` did."""
@@ -111,22 +124,28 @@ class Saved(Reported):
 
     def standard_errors(self) -> list[dict[str, float]]:
         """Return the Monte Carlo standard errors [SI] of the table's numbers that were sampled, by row, or none."""
-        rows = self.record.get("standard_errors") or []
-        return [{name: math.inf if value is None else value for name, value in row.items()} for row in rows]
+        return [{name: math.inf if value is None else value for name, value in row.items()} for row in self._errors]
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Where the arm is not what its robot description says, and how its fit, evaluated again, differs."""
         return *map(str, self.record.get("notes", ())), *self.moved
 
-    @property
-    def inputs(self) -> Mapping[str, Source | None]:
-        """What it was made from, by name; None for what was not given."""
-        texts = self.record.get("texts", {})
-        return {
-            name: None if source is None else Source(source["path"], source["sha256"], texts.get(name))
-            for name, source in self.record["inputs"].items()
-        }
+    @cached_property
+    def options(self) -> Options:
+        """What was asked for.
+
+        Raises:
+            InputError: it has options that this version of ident does not know, or that are out of its ranges.
+        """
+        module = importlib.import_module(f"ident.studies.{self.study}")
+        kind: type[Options] = getattr(module, f"{self.study.capitalize()}Options")
+        with self._read():
+            try:
+                return kind.restored(self.record["options"])
+            except InputError as error:
+                got, where = str(error.problems[0]), one_line(str(self.path))
+                raise InputError(Problem(where, got, "options of this version of ident", "update ident")) from None
 
     @cached_property
     def fitted(self) -> "CampaignFit":
@@ -142,30 +161,25 @@ class Saved(Reported):
         if state is None or not isinstance(options, ProblemOptions):
             got, expected = f"a result of {quoted(self.study)}", "one of fit, sample or diagnose"
             raise InputError(Problem(one_line(str(self.path)), got, expected, "give that"))
-        files = files_of(self.inputs, self.path.absolute().parent).paths
+        files = files_of(self.inputs, self.path.parent).paths
         with self._read():
             arm, campaign = as_file(files["arm"], options.soft_base), as_campaign(files["campaign"])
             fit = fit_of(arm.arm, campaign, options.unknowns_of(arm), state)
             if (change := moved(fit, state)) > MOVED:
-                self.moved = (f"{one_line(str(self.path))}: its predictions, evaluated again, differ by {change:.1g}",)
+                self.moved = (f"{one_line(self.path.name)}: its predictions, evaluated again, differ by {change:.1g}",)
             return fit
 
     def taken_over(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
         """Return the fitted values [SI] of an arm, see `FitResult.taken_over`."""
         from ident.present.files.values import read_fit
 
-        return read_fit(self.path, arm)
+        return read_fit(self.path, arm, self.record)
 
     def taken_draws(self) -> "Draws":
         """Return the draws of a posterior, see `SampleResult.taken_draws`."""
         from ident.present.files.values import read_posterior
 
         return read_posterior(self.path)
-
-    def _options(self) -> Options:
-        module = importlib.import_module(f"ident.studies.{self.study}")
-        kind: type[Options] = getattr(module, f"{self.study.capitalize()}Options")
-        return kind.restored(self.record["options"])
 
 
 class FromFit(Result):
@@ -229,7 +243,7 @@ def files_of(inputs: Mapping[str, Any], beside: Path) -> Files:
     groups: dict[str, dict[str, Any]] = {}
     for name, source in inputs.items():
         if source is not None:
-            groups.setdefault(name.partition(BESIDE)[0], {})[name] = source
+            groups.setdefault(input_of(name), {})[name] = source
     found, restored, problems = dict[str, Path](), list[str](), list[Problem]()
     places = ("", str(beside), ".")
     for group, sources in groups.items():

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,14 +22,18 @@ FIT = "a result file of ident fit (.fit.json)"
 POSTERIOR = "a posterior of ident sample (.sample.nc)"
 
 
-def read_fit(path: str | Path, arm: "Arm") -> tuple[Values, Robot, float | None]:
+def read_fit(
+    path: str | Path, arm: "Arm", document: Mapping[str, Any] | None = None
+) -> tuple[Values, Robot, float | None]:
     """Return the fitted values of a result file, with what they were fitted, and at which height their base gives.
 
     Args:
         path: the file.
         arm: whose numbers are looked for.
+        document: what the file says, where it was read before.
     """
-    where, document = one_line(str(path)), read_document(path, FIT)
+    where = one_line(str(path))
+    document = document or read_document(path, FIT)
     check_version(document["format"], "fit", where, FIT)
     try:
         parameters: dict[str, Any] = document["summary"]["parameters"]
