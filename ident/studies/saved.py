@@ -87,7 +87,10 @@ class Saved(Reported):
             self._errors = [dict(row) for row in record["standard_errors"]]
             if len(self._errors) not in (0, len(self._rows)):
                 raise ValueError
-            self.inputs = {name: each and Source.read(each, texts.get(name)) for name, each in record["inputs"].items()}
+            self.inputs = {
+                name: None if source is None else Source.read(source, texts.get(name))
+                for name, source in record["inputs"].items()
+            }
             text_of(self._report, details=True)  # what can't be printed is no report
 
     @contextmanager

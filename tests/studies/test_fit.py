@@ -1,5 +1,6 @@
 """`ident.fit` from Python: what it gives, that it comes back, and what it refuses."""
 
+import copy
 import json
 from dataclasses import replace
 
@@ -271,7 +272,7 @@ def test_a_name_makes_no_folder(result, tmp_path):
         ("ident-fit/10", "ident-fit/11", "update ident"),
         ("ident-fit/10", "ident-feat/10", "give the file that ident wrote"),
         ('"report"', '"record"', "other contents"),
-        ('"no_prior": ', '"no_prayer": ', "got the option no_prayer"),
+        ('"no_prior": ', '"no_prayer": ', "got the option no_prayer.*update ident"),
         ('"summary"', '"somery"', "other contents"),
     ],
 )
@@ -281,7 +282,7 @@ def test_a_damaged_or_other_file_is_refused_in_one_line(result, tmp_path, old, n
     assert old in text
     path.write_text(text.replace(old, new))
     with pytest.raises(ident.InputError, match=words) as refusal:
-        ident.load(path)
+        assert ident.load(path).options
     assert len(str(refusal.value).splitlines()) == 1
     path.write_text(text[: len(text) // 2])
     with pytest.raises(ident.InputError, match="other contents"):
@@ -298,7 +299,31 @@ def test_a_damaged_fit_is_refused_where_it_is_made_again_and_a_moved_one_is_said
     path.write_text(json.dumps({**document, "fit": {**document["fit"], "predicted": predicted}}))
     saved = ident.load(path)
     assert saved.fitted.parameters == result.parameters
-    assert saved.notes == (f"{path}: its predictions, evaluated again, differ by 0.001",)
+    assert saved.notes == ("table1.fit.json: its predictions, evaluated again, differ by 0.001",)
+
+
+def test_a_part_of_a_campaign_and_one_of_no_file_are_kept_as_they_were(table_1, tmp_path):
+    whole = ident.read_campaign(DATA / "lcd_arm" / "campaign.csv")
+    parts = (
+        replace(whole, measurements=whole.measurements[:12]),
+        ident.Campaign(name="own", measurements=whole.measurements),
+    )
+    for number, campaign in enumerate(parts):
+        first = fit(DATA / "lcd_arm" / "arm.toml", campaign, FitOptions(starts=1))
+        saved = ident.load(first.save(tmp_path / str(number))[0])
+        assert copy.deepcopy(saved).fitted.parameters == pytest.approx(first.parameters, rel=1e-9)
+        assert ident.rerun(saved.path).same
+
+
+@pytest.mark.parametrize(
+    "inputs",
+    [None, {"arm": "x"}, {"arm": {}}, {"arm": {"path": 5, "sha256": ""}}, {"arm": {"path": "a\0", "sha256": ""}}],
+)
+def test_damaged_inputs_are_refused_in_one_line(result, tmp_path, inputs):
+    (path,) = result.save(tmp_path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), "inputs": inputs}))
+    with pytest.raises(ident.InputError, match="other contents"):
+        ident.load(path)
 
 
 def test_a_fit_is_made_again_where_its_inputs_are_gone(table_1, tmp_path):

@@ -25,7 +25,7 @@ def test_modes_are_drawn_in_two_views(tmp_path):
     assert titles[0] == "1: lateral torsion 1, 4.12 Hz, from the side"
     assert titles[3] == "2: vertical bending 1, 4.80 Hz, from above"
     length = 2 * np.hypot(1.0, 0.12) + np.hypot(2.79, 0.05)
-    assert f"drawn as {0.12 * length:.2g} m" in figure.get_suptitle()
+    assert f"exaggerated to {0.12 * length:.2g} m" in figure.get_suptitle()
     assert all("[m]" in a.get_ylabel() for a in figure.axes)
     assert_tidy(figure)
     save(figure, tmp_path / "modes.png")
