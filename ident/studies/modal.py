@@ -202,7 +202,7 @@ class ModalResult(Result):
 
         responses = self._beside(path, ".nc")
         write_netcdf(responses, modal_groups(self.tests, head))
-        written = *super()._write(path, head), responses
+        written = responses, *super()._write(path, head)
         tables = self._beside(path, ".csv"), self._beside(path, ".covariance.csv")
         if not self.campaign:
             return written

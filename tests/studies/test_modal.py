@@ -283,7 +283,7 @@ def test_the_first_screen_has_a_line_for_each_mode_and_says_what_is_in_doubt(res
 
 def test_the_campaign_and_its_covariance_are_written_beside_each_other(result, tmp_path):
     names = [path.name for path in result.save(tmp_path)]
-    assert names == ["hammer.modal.csv", "hammer.modal.covariance.csv", "hammer.modal.json", "hammer.modal.nc"]
+    assert names == ["hammer.modal.csv", "hammer.modal.covariance.csv", "hammer.modal.nc", "hammer.modal.json"]
     assert ident.read_campaign(tmp_path / names[0]) == result.campaign
     for each, (places, R) in zip(result.identified, result.campaign.correlated, strict=True):
         named = [i for i, label in enumerate(each.labels.given) if label is not None]
