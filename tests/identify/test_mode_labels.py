@@ -94,7 +94,7 @@ def exact(arm, posture):
     frequency, ratio = np.asarray(known.modes.frequency), np.asarray(known.damping_ratio)
     largest = np.repeat(np.abs(shape).max(0), 2 * len(shape))
     sd = np.concatenate([1e-3 * frequency, 0.1 * ratio, 0.01 * largest])
-    return FinishedModes(frequency, ratio, shape.astype(complex), np.diag(sd**2), places, "undamped"), known.labels
+    return FinishedModes(frequency, ratio, shape.astype(complex), sd, places, "undamped"), known.labels
 
 
 def test_it_is_one_arm_in_all_postures_and_draws_come_near_it(arm):
