@@ -41,7 +41,7 @@ def test_a_design_with_all_that_there_is(run, tmp_path, made):
     assert result["inputs"]["posterior"]["path"] == "draws.nc"
     assert result["options"]["change"] == {K[0]: [], f"{K[1]}={K[2]}": ["0.5x", "1.5x", 2]}
     assert result["options"]["set"] == {"link2.mass": 36}
-    (study,) = (each.study for each in made.values())
+    study = made[f"{NAME}.design"].study
     assert study.basis.changed == {"link2.mass": 36.0}
     design, best = study.design, study.design.best
     assert design.limit == pytest.approx(limit / 1e3)
