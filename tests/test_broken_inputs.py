@@ -39,7 +39,7 @@ from ident.measure.series import parse_log, parse_trace
 from ident.studies.motion import basis_of
 from ident.studies.options import flag_of, specs
 from ident.studies.result import check_place, written_to
-from ident.studies.taken import drawn_values, fitted_values
+from ident.studies.values import drawn_values, fitted_values
 from ident.vibrate.simulate import sample_times
 
 CAMPAIGN, TABLE = ARM.with_name("campaign.csv"), ARM.with_name("table1.csv")

@@ -30,13 +30,12 @@ from ident.description.robot import (
     limits_note,
     listed,
     refusal,
-    refuse,
     renamed_note,
     serial_chain,
     told_at,
     unclear_branch,
 )
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.text import did_you_mean, one_line, read_bytes
 
 ENDS = ("tors", "bend_1", "bend_2")

@@ -30,7 +30,7 @@ from ident.description.schema import (
     Table,
     Time,
 )
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.text import NAME, NAME_RULE, decode, did_you_mean, one_line, read_bytes
 
 Pair = tuple[float, ...]
@@ -45,12 +45,6 @@ Node = TypeVar("Node", bound=Hashable)
 def refusal(where: str, got: str, expected: str, remedy: str) -> InputError:
     """Return the error of one problem."""
     return InputError(Problem(where, got, expected, remedy))
-
-
-def refuse(problems: Iterable[Problem]) -> None:
-    """Raise all problems together, if there is any."""
-    if every := list(problems):
-        raise InputError(every)
 
 
 @contextmanager

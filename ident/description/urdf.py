@@ -30,14 +30,13 @@ from ident.description.robot import (
     limits_note,
     listed,
     refusal,
-    refuse,
     refuse_xacro,
     renamed_note,
     serial_chain,
     told_at,
     unclear_branch,
 )
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refuse
 from ident.text import NAME_RULE, did_you_mean, one_line, read_bytes
 
 # -------- Chain of a URDF file

@@ -32,16 +32,16 @@ PARTS: Mapping[str, type] = {
 
 
 def fit_state(fit: CampaignFit) -> dict[str, Any]:
-    """Return the numbers by which a fit is made again, as JSON knows them.
+    """Return the numbers by which a fit is made again.
 
     They are its optima and what searches have found: what the kinds of measurement say of each other, the ends of the
     intervals, exchanged values, and tests of assumptions. What follows from the data at the best optimum is computed
     again.
     """
     held, granted = fit.choice.held, fit.assumptions
-    state: dict[str, Any] = {name: [_plain(asdict(item)) for item in getattr(fit, name)] for name in PARTS}
-    state |= {name: _plain(getattr(fit, name)) for name in ("failed", "predicted", "stretch", "beaten", "weights")}
-    state["assumptions"] = None if granted is None else _plain(asdict(granted))
+    state: dict[str, Any] = {name: [asdict(item) for item in getattr(fit, name)] for name in PARTS}
+    state |= {name: getattr(fit, name) for name in ("failed", "predicted", "stretch", "beaten", "weights")}
+    state["assumptions"] = None if granted is None else asdict(granted)
     state["modes"] = None if held is None else np.argmax(np.asarray(held.place), 0).tolist()
     state["log_error"] = None if held is None else float(held.log_error)
     return state
@@ -54,7 +54,7 @@ def fit_of(arm: Arm, campaign: Campaign, unknowns: Unknowns, state: Mapping[str,
         arm: as it was fitted.
         campaign: the measurements.
         unknowns: what was unknown, and its priors.
-        state: the numbers.
+        state: the numbers, which JSON may have made lists, and what is not finite its name, which `float` reads.
 
     Raises:
         InputError: see `pose`.
@@ -117,17 +117,6 @@ def _held(posed: Posed, state: Mapping[str, Any]) -> Matching | None:
     place = (np.arange(len(first.place))[:, None] == modes).astype(float)
     log_error = np.asarray(float(state["log_error"]))
     return Matching(np.zeros_like(place), place, log_error, np.array(False), np.array(True))
-
-
-def _plain(value: Any) -> Any:
-    """Return a value as JSON knows it; what is not finite as its name, which `float` reads."""
-    if isinstance(value, Mapping):
-        return {name: _plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if hasattr(value, "dtype"):
-        return _plain(np.asarray(value).tolist())
-    return repr(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _array(value: Any) -> np.ndarray | None:

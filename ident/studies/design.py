@@ -13,7 +13,7 @@ from ident.studies.motion import basis_of
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import as_file
-from ident.studies.taken import drawn_groups
+from ident.studies.values import drawn_groups
 
 if TYPE_CHECKING:
     import numpy as np

@@ -11,7 +11,7 @@ from ident.studies import reading
 from ident.studies.options import STROKE_PROFILES, keyword_options, option
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, as_campaign, as_file, is_angle, with_numbers
-from ident.studies.taken import drawn_values, fitted_values
+from ident.studies.values import drawn_values, fitted_values
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -159,7 +159,7 @@ class FitResult(FromFit):
         """The fit itself."""
         return self.fit
 
-    def taken_over(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
+    def values_of(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
         """Return the fitted values of an arm [SI], the robot of the fit, and at which height [m] its base gives."""
         from ident.identify.values import Robot, Values
 

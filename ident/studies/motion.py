@@ -9,7 +9,7 @@ from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.options import STROKE_PROFILES, option
 from ident.studies.shared import ArmOptions, as_file, with_numbers
-from ident.studies.taken import fitted_values
+from ident.studies.values import fitted_values
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm

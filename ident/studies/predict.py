@@ -11,7 +11,7 @@ from ident.studies import reading
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, as_file, is_angle, with_numbers
-from ident.studies.taken import drawn_values, fitted_values
+from ident.studies.values import drawn_values, fitted_values
 from ident.text import did_you_mean, quoted
 
 if TYPE_CHECKING:

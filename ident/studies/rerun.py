@@ -37,8 +37,8 @@ class Rerun(Reported):
     @property
     def notes(self) -> tuple[str, ...]:
         """Which inputs are no longer as they were, and where the arm is not what its robot description says."""
-        inputs = self.before.inputs
-        paths = (one_line(inputs[name].path) for name in self.restored)
+        inputs = (self.before.inputs[name] for name in self.restored)
+        paths = (one_line(source.path) for source in inputs if source)
         return *(f"{path} is not as it was: repeated from its text in the result" for path in paths), *self.now.notes
 
     def sections(self) -> Report:

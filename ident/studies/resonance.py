@@ -11,7 +11,7 @@ from ident.studies.motion import MotionOptions, basis_of
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Result, check_place
 from ident.studies.shared import as_file
-from ident.studies.taken import drawn_values
+from ident.studies.values import drawn_values
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

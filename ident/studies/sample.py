@@ -155,7 +155,7 @@ class SampleResult(FromFit):
         """The fit that the chains started from."""
         return self.sample.fitted
 
-    def taken_draws(self) -> "Draws":
+    def posterior_draws(self) -> "Draws":
         """Return the draws as other studies take them over."""
         from ident.identify.values import Draws
 

@@ -172,14 +172,14 @@ class Saved(Reported):
                 self.moved = (f"{one_line(self.path.name)}: its predictions, evaluated again, differ by {change:.1g}",)
             return fit
 
-    def taken_over(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
-        """Return the fitted values [SI] of an arm, see `FitResult.taken_over`."""
+    def values_of(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
+        """Return the fitted values [SI] of an arm, see `FitResult.values_of`."""
         from ident.present.files.values import read_fit
 
         return read_fit(self.path, arm, self.record)
 
-    def taken_draws(self) -> "Draws":
-        """Return the draws of a posterior, see `SampleResult.taken_draws`."""
+    def posterior_draws(self) -> "Draws":
+        """Return the draws of a posterior, see `SampleResult.posterior_draws`."""
         from ident.present.files.values import read_posterior
 
         return read_posterior(self.path)
@@ -190,9 +190,11 @@ class FromFit(Result):
 
     def _fit_state(self) -> dict[str, Any]:
         from ident.identify.stored import fit_state
+        from ident.present.files.document import plain
 
         assert self.fitted
-        return fit_state(self.fitted)
+        state: dict[str, Any] = plain(fit_state(self.fitted), repr)
+        return state
 
 
 def load(path: str | Path) -> Saved:

@@ -12,7 +12,7 @@ from ident.studies.motion import basis_of
 from ident.studies.options import keyword_options, option
 from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import as_file
-from ident.studies.taken import drawn_values
+from ident.studies.values import drawn_values
 
 if TYPE_CHECKING:
     import numpy as np

@@ -180,7 +180,7 @@ def test_draws_of_a_posterior_give_bands(run, tmp_path):
 
 
 def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
-    from ident.studies.taken import drawn_values, fitted_values
+    from ident.studies.values import drawn_values, fitted_values
 
     document = {
         "format": ident.FitResult.form,

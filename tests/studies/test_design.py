@@ -14,7 +14,7 @@ from ident.assess.design import unchanged
 from ident.description.file import parse_arm, read_arm
 from ident.errors import InputError
 from ident.studies.design import DesignOptions, design
-from ident.studies.taken import drawn_groups, drawn_values
+from ident.studies.values import drawn_groups, drawn_values
 from ident.vibrate.design import verify, with_minimum_change
 from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.sweep import sensitivities

@@ -97,7 +97,7 @@ def test_it_comes_back_as_it_was(result, tmp_path):
 
 
 def test_its_posterior_is_one_for_other_studies(result, tmp_path):
-    from ident.studies.taken import drawn_values
+    from ident.studies.values import drawn_values
 
     result.save(tmp_path)
     drawn = drawn_values(tmp_path / "campaign.diagnose.nc", ARM.arm, SMALL.draws, result.options.seed)

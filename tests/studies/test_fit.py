@@ -18,7 +18,7 @@ from ident.identify.predict import predict
 from ident.identify.values import Values
 from ident.present.basis import values_in_words
 from ident.studies.fit import FitOptions, fit
-from ident.studies.taken import fitted_values
+from ident.studies.values import fitted_values
 
 pytestmark = pytest.mark.slow
 

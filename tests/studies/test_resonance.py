@@ -9,7 +9,7 @@ from results import assert_comes_back
 
 from ident import InputError, read_arm
 from ident.studies.resonance import ResonanceOptions, resonance
-from ident.studies.taken import drawn_values
+from ident.studies.values import drawn_values
 from ident.vibrate.branches import branches
 from ident.vibrate.motion import stroke
 

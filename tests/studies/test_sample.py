@@ -22,7 +22,7 @@ from ident.present.report import Table, text_of
 from ident.present.sample import sample_sections
 from ident.studies.fit import FitOptions, fit
 from ident.studies.sample import SampleOptions, SampleResult, sample
-from ident.studies.taken import drawn_groups, drawn_values, fitted_values
+from ident.studies.values import drawn_groups, drawn_values, fitted_values
 
 pytestmark = pytest.mark.slow
 
@@ -67,7 +67,7 @@ def test_it_comes_back_as_it_was(result, tmp_path):
     saved = assert_comes_back(result, tmp_path)
     assert saved.doubts == list(result.doubts)
     assert saved.fitted.parameters == pytest.approx(result.fitted.parameters, rel=1e-12)
-    ours, theirs = (each.taken_draws().by_paths for each in (saved, result))
+    ours, theirs = (each.posterior_draws().by_paths for each in (saved, result))
     for paths, own in theirs.items():
         np.testing.assert_array_equal(ours[paths], own)
 

@@ -1,5 +1,6 @@
 """Result files of every version: each is read, shows one screen, and its numbers are taken over."""
 
+import importlib
 from pathlib import Path
 
 import pytest
@@ -7,13 +8,21 @@ from arms import lcd_arm
 from reports import assert_one_screen, too_wide
 
 import ident
+from ident.present.files.document import FIRST, NEWEST
 from ident.studies import STUDIES
-from ident.studies.taken import drawn_values, fitted_values
+from ident.studies.values import drawn_values, fitted_values
 
 FOLDER = Path(__file__).parents[1] / "data" / "results"
 FILES = sorted(path for path in FOLDER.glob("*/*") if path.suffix in (".json", ".nc"))
 WITH_FIT = [path for path in FILES if path.name.endswith((".fit.json", ".sample.nc", ".diagnose.json"))]
 by_file = pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}-{path.name}")
+
+
+def test_every_study_writes_the_newest_version():
+    for study in STUDIES:
+        kind = getattr(importlib.import_module(f"ident.studies.{study}"), f"{study.capitalize()}Result")
+        assert kind.form == f"ident-{study}/{NEWEST}"
+    assert {int(path.name) for path in FOLDER.iterdir() if path.is_dir()} == set(range(FIRST, NEWEST + 1))
 
 
 def test_every_study_has_one_in_every_version():

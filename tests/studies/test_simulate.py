@@ -13,7 +13,7 @@ from results import assert_comes_back
 
 from ident import InputError, load, read_arm, read_log, read_trace
 from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
-from ident.studies.taken import drawn_values
+from ident.studies.values import drawn_values
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate as response
 

@@ -11,7 +11,7 @@ import platform
 import shutil
 import subprocess
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
 from datetime import UTC, datetime
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 LIBRARIES = ("ident-arm", "jax", "optimistix", "emcee", "arviz", "diffrax", "ruckig", "xarray", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
-FIRST = 10
-"""Version of every format from which on files are read; those before it named classes."""
+FIRST, NEWEST = 10, 10
+"""Versions of all formats that are read, the newest of which is written; those before named classes."""
 WIDTH = 160
 """Longest line of a file, but for those of numbers."""
 
@@ -127,7 +127,7 @@ def read_record(path: str | Path) -> dict[str, Any]:
 
 
 def check_version(form: str, study: str, where: str, expected: str = EXPECTED) -> None:
-    """Refuse the result of another study, of a version before `FIRST`, and of a newer one than this program's.
+    """Refuse the result of another study, of a version before `FIRST`, and of one after `NEWEST`.
 
     Args:
         form: the format that a file says.
@@ -140,27 +140,32 @@ def check_version(form: str, study: str, where: str, expected: str = EXPECTED) -
     """
     number = form.rpartition("/")[2]
     known = form.startswith(f"ident-{study}/") and number.isdecimal() and len(number) < 6
-    if known and int(number) == FIRST:
+    if known and FIRST <= int(number) <= NEWEST:
         return
     remedy = f"give the file that ident {study} wrote"
     if known:
-        remedy = "update ident" if int(number) > FIRST else f"run ident {study} again: files of this age are not read"
+        remedy = "update ident" if int(number) > NEWEST else f"run ident {study} again: files of this age are not read"
     raise InputError(Problem(where, f"the format {quoted(form)}", expected, remedy))
 
 
-def plain(value: Any) -> Any:
-    """Return a value as JSON knows it; infinite and undefined numbers become null."""
+def plain(value: Any, instead: Callable[[float], str | None] = lambda number: None) -> Any:
+    """Return a value as JSON knows it.
+
+    Args:
+        value: numbers, text, arrays, paths, dataclasses, and containers of these.
+        instead: what stands for an infinite or undefined number; null by default.
+    """
     if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
+        return {key: plain(item, instead) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [plain(item, instead) for item in value]
     if hasattr(value, "dtype"):
-        return plain(np.asarray(value).tolist())
+        return plain(np.asarray(value).tolist(), instead)
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
+        return value if math.isfinite(value) else instead(value)
     if isinstance(value, Path):
         return str(value)
-    return plain(asdict(value)) if is_dataclass(value) and not isinstance(value, type) else value
+    return plain(asdict(value), instead) if is_dataclass(value) and not isinstance(value, type) else value
 
 
 def _laid_out(value: Any, indent: str = "") -> str:
@@ -184,19 +189,9 @@ def _laid_out(value: Any, indent: str = "") -> str:
 # A report as plain data and back, so that any width, the first screen or the details can be printed later.
 
 
-def report_data(report: Report) -> dict[str, Any]:
+def report_data(report: Report) -> Any:
     """Return a report as JSON knows it; an infinite number in the word that is printed for it."""
-    return dict(_exact(asdict(report)))
-
-
-def _exact(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _exact(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_exact(item) for item in value]
-    if hasattr(value, "dtype"):
-        return _exact(value.tolist())
-    return written(value) if isinstance(value, float) and not math.isfinite(value) else value
+    return plain(report, written)
 
 
 def report_of(data: Any) -> Report:

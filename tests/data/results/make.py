@@ -27,8 +27,8 @@ FAST = {**SHORT, "method": "fast"}
 
 def fleet(folder: Path) -> ident.FleetResult:
     """Return a fleet of four robots."""
-    runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"](folder, robots=4, faulty=1)
-    return ident.fleet(folder, **FIT)
+    runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"](folder / "robots", robots=4, faulty=1)
+    return ident.fleet(folder / "robots", **FIT)
 
 
 def results(folder: Path) -> Iterator[Result]:

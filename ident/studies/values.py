@@ -36,8 +36,8 @@ def fitted_values(
         return fit
     if isinstance(fit, str | Path):
         values, robot, base = read_fit(fit, own.arm)
-    elif hasattr(fit, "taken_over"):
-        values, robot, base = fit.taken_over(own.arm)
+    elif hasattr(fit, "values_of"):
+        values, robot, base = fit.values_of(own.arm)
     else:
         raise InputError(Problem("fit", f"a {type(fit).__name__}", "a result of ident.fit, or its file", "give that"))
     return _of_this_robot(_on_the_same_base(values, base, options.soft_base), robot, own, options)
@@ -120,7 +120,7 @@ def _draws(posterior: "SampleResult | Saved | str | Path") -> "Draws":
 
     if isinstance(posterior, str | Path):
         return read_posterior(posterior)
-    if not hasattr(posterior, "taken_draws"):
+    if not hasattr(posterior, "posterior_draws"):
         got, expected = f"a {type(posterior).__name__}", "a result of ident.sample, or its file"
         raise InputError(Problem("posterior", got, expected, "give that"))
-    return posterior.taken_draws()
+    return posterior.posterior_draws()
