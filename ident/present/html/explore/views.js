@@ -138,7 +138,7 @@ function keyOfCampbell(shown, turning, dots) {
   const entries = [...shown].map((style) => [style, style.replace("-", " ")]);
   entries.push(["before", "as given"]);
   turning.forEach(({ name }, i) => entries.push([`pulley d${i % 4}`, `${name} at ${short(state.speed)} %`]));
-  if (dots) entries.push(["measured", "measured, ± 2 sd"]);
+  if (dots) entries.push(["measured", "measured, ± 2 std. errors"]);
   entries.push(["now", "this posture"]);
   const words = JSON.stringify(entries);
   if ($("campbell-key").dataset.words === words) return;
