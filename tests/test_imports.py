@@ -50,11 +50,15 @@ def imports_of(tree):
 
 def run(path):
     """Imports that run: not those for type checkers alone."""
+    return imports_of(run_time(path))
+
+
+def run_time(path):
     tree = ast.parse(path.read_text())
     blocks = [node for node in ast.walk(tree) if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
     for block in blocks:
         block.body = [ast.Pass()]
-    return imports_of(tree)
+    return tree
 
 
 def modules():
@@ -110,11 +114,7 @@ def test_a_study_reaches_only_so_many_lines(study):
 
 def of_the_house(path):
     """The files that a file's imports run; of `from package import name` the module of that name, if there is one."""
-    tree = ast.parse(path.read_text())
-    for block in [node for node in ast.walk(tree) if isinstance(node, ast.If)]:
-        if ast.unparse(block.test) == "TYPE_CHECKING":
-            block.body = [ast.Pass()]
-    for node in ast.walk(tree):
+    for node in ast.walk(run_time(path)):
         names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         if isinstance(node, ast.ImportFrom) and node.module:
             names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]

@@ -68,6 +68,8 @@ class Saved(Reported):
     Attributes:
         path: the file.
         record: all that it holds.
+        inputs: what it was made from, by name; None for what was not given.
+        moved: how its fit, evaluated again, differs; empty until then, and where it does not.
     """
 
     def __init__(self, path: str | Path, record: Mapping[str, Any]):
