@@ -127,7 +127,8 @@ def test_its_arm_file_has_the_changed_numbers(result, tmp_path):
 @pytest.mark.parametrize("name", ["result", "alone"])
 def test_it_comes_back_as_it_was(name, request, tmp_path):
     result = request.getfixturevalue(name)
-    assert_plain(assert_comes_back(result, tmp_path).table())
+    assert_comes_back(result, tmp_path)
+    assert_plain(result.table())
     figures = [path.name for path in result.save_figures(tmp_path)]
     words = ["" if word == result.main_figure else f".{word}" for word in result.figures()]
     assert figures == [f"{result.name}{word}.png" for word in words]
