@@ -187,6 +187,8 @@ TURN_WITH_ERROR = 0.5
 count: inverses are less smooth than a sine, wrong by 2e-4 in the folded arm at a turn of 0.8, at this 17 times less."""
 JUMP = 1e-6
 """Jump of a derivative, against its largest value, that counts as one."""
+ROUNDED = 1000.0
+"""Roundings of an angle of which a jump between pieces may come; a spline through samples has some tens."""
 
 FINER = 8
 """Intervals are at most this much shorter than they must be, where that makes them more alike."""
@@ -287,12 +289,14 @@ def fastest(motion: Motion) -> Float[np.ndarray, "driven"]:
 
 def _jumps(motion: Motion) -> np.ndarray:
     """Return the breaks at which a derivative up to the third jumps: there a smooth method loses its order."""
-    inner = np.asarray(motion.breaks)[1:-1]
-    jumps = np.zeros(len(inner), bool)
+    breaks, c = np.asarray(motion.breaks), np.asarray(motion.coefficients)
+    jumps = np.zeros(len(breaks) - 2, bool)
+    rounding = ROUNDED * np.finfo(float).eps * np.abs(c[-1]).max()
     for order in range(1, 4):
         largest = max(np.abs(_derivative(motion, order)[-1]).max(), 1e-12)
-        jumps |= (jumps_of(motion, order) > JUMP * largest).any(1)
-    return inner[jumps]
+        least = max(JUMP * largest, rounding / np.diff(breaks).min() ** order)  # dense samples: their rounding jumps
+        jumps |= (jumps_of(motion, order) > least).any(1)
+    return breaks[1:-1][jumps]
 
 
 def jumps_of(motion: Motion, order: int) -> Float[np.ndarray, "inner driven"]:
