@@ -10,19 +10,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from ident.assess.effort import DiagnosisEffort
 from ident.errors import InputError
+from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.motion import HeldMotionOptions, basis_of
-from ident.studies.options import keyword_options, option, specs
+from ident.studies.options import option, specs
 from ident.studies.result import Progress, check_place, silent
 from ident.studies.sample import SampleOptions, sample
 from ident.studies.saved import FromFit
-from ident.studies.shared import as_campaign, as_file
 from ident.units import USUAL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ident.arm.arm import Arm
     from ident.assess.diagnose import Diagnosis, Identification, ResonanceAssessment, Verdict
     from ident.assess.remedies import Remedy, Verification, VibrationAssessment
     from ident.codec import Store
@@ -325,13 +324,13 @@ class DiagnoseResult(FromFit):
         return {"arm": basis.arm_file, "campaign": campaign, "path": basis.log}
 
 
-@keyword_options
+@study
 def diagnose(
-    arm: "Arm | ArmFile | str | Path",
-    campaign: "Campaign | str | Path",
-    options: DiagnoseOptions | None = None,
+    arm: "ArmFile",
+    campaign: "Campaign",
+    options: DiagnoseOptions = DEFAULT,
     *,
-    path: "Log | str | Path | None" = None,
+    path: "Log | None" = None,
     folder: str | Path | None = None,
     restart: bool = False,
     progress: Progress = silent,
@@ -359,12 +358,15 @@ def diagnose(
     """
     from ident.codec import Store
     from ident.files import claimed
+    from ident.identify.binding import loads_of
+    from ident.vibrate.simulate import refuse_jumps
 
-    options, folder = DiagnoseOptions.of(options), Path(folder) if folder is not None else None
-    arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
-    log = _checked_path(arm_file, options, path)
-    check_place(_name(campaign), {"arm": arm_file, "campaign": campaign, "path": log})
-    job = Job(arm_file, campaign, options, log, folder, progress)
+    folder = Path(folder) if folder is not None else None
+    basis = basis_of(arm, options, path=path)
+    refuse_jumps(basis.arm, basis.motion)  # what can be refused is refused before the posterior is sampled
+    loads_of(basis.arm, basis.load)
+    check_place(_name(campaign), {"arm": arm, "campaign": campaign, "path": path})
+    job = Job(arm, campaign, options, path, folder, progress)
     if restart and folder is not None:
         discard_stages(folder)
     fresh = folder is not None and not os.path.exists(folder)
@@ -397,14 +399,3 @@ def part_folder(folder: Path, campaign: "Campaign") -> Path:
 
 def _name(campaign: "Campaign") -> str:
     return f"{campaign.name}.diagnose"
-
-
-def _checked_path(arm: "ArmFile", options: DiagnoseOptions, path: "Log | str | Path | None") -> "Log | None":
-    """Check what can be checked before the posterior is sampled, and return the joint path if there is one."""
-    from ident.identify.binding import loads_of
-    from ident.vibrate.simulate import refuse_jumps
-
-    basis = basis_of(arm, options, path=path)
-    refuse_jumps(basis.arm, basis.motion)
-    loads_of(basis.arm, basis.load)
-    return basis.log
