@@ -21,9 +21,10 @@ ARM, TABLE1, CAMPAIGN, HAMMER = (DATA / name for name in ("arm.toml", "table1.cs
 def small_diagnosis():
     from ident.assess.effort import DiagnosisEffort
 
-    numbers = dict(steps=500, draws=30, band_draws=4, assessment_draws=10, values=5, screened=4, iterations=2)
-    small = DiagnosisEffort(**numbers, speeds=(0.5, 1.25))
-    return ident.diagnose(ARM, CAMPAIGN, ident.DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=small))
+    few = DiagnosisEffort(
+        steps=500, draws=30, band_draws=4, assessment_draws=10, speeds=(0.5, 1.25), values=5, screened=4, iterations=2
+    )
+    return ident.diagnose(ARM, CAMPAIGN, ident.DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=few))
 
 
 RUNS = {
@@ -64,4 +65,5 @@ if __name__ == "__main__":
     for study in sys.argv[1:] or RUNS:
         with contextlib.redirect_stdout(sys.stderr):
             found = pairs(RUNS[study])
-        print(f"{study:9s} {len(found):5d} pairs of {len({path for pair in found for path in pair}):4d} files", flush=True)
+        files = {path for pair in found for path in pair}
+        print(f"{study:9s} {len(found):4d} pairs of {len(files):3d} files", flush=True)
