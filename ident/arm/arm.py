@@ -42,7 +42,7 @@ from ident.units import stiffness_unit
 AT_LIMIT = 1e-9
 """Angle [rad] by which a stroke may end beyond a joint limit: rounding."""
 PARALLEL = 1e-6
-"""Angle between axes [rad] up to which they count as parallel."""
+"""Angle between axes [rad] up to which they count as parallel; assumed."""
 
 
 def check_drives(arm: "Arm") -> None:

@@ -23,7 +23,8 @@ STAGES = ("stiffness", "trust", "resonance", "vibration", "sensitivities", "reme
 LEAVE = "posture"
 """What is left out at a time, to see how well the others predict it."""
 TIMES, NEAR = 500, np.radians(2.0)
-"""Times at which a motion is compared with the measured postures, and what a joint may turn beyond them [rad]."""
+"""Times at which a motion is compared with the measured postures, and what a joint may turn beyond them [rad];
+assumed."""
 
 
 @dataclass(frozen=True)

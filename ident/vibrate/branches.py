@@ -32,9 +32,9 @@ from ident.vibrate.motion import Motion, check_joints
 # Which mode at one posture is which at the next: matching by mass-weighted MAC, never by order of frequency.
 
 ALIKE = 0.9
-"""MAC of successive postures below which a mode is not followed with certainty."""
+"""MAC of successive postures below which a mode is not followed with certainty; assumed."""
 BACK = 4
-"""Postures before a failure in which modes may have begun to mix."""
+"""Postures before a failure in which modes may have begun to mix; assumed."""
 REPEATED = 1e-6
 """Relative distance of frequencies below which the shapes of two modes are any basis of their plane."""
 
@@ -338,7 +338,8 @@ SAMPLES = 1001
 MORE = 3
 """Modes computed above those wanted, from which a branch may come down."""
 MATCHED = 0.5
-"""MAC of a draw's mode with the branch below which it can be taken for another."""
+"""MAC of a draw's mode with the branch below which it can be taken for another;
+of shapes that are orthogonal at most one has more."""
 BAND = (5.0, 95.0)
 """Ends of a band [%]."""
 
