@@ -9,9 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ident.arm.arm import Arm
+from ident.arm.arm import Arm, nominal
 from ident.arm.chain import Loads, at_posture
-from ident.arm.fields import FIELDS
 from ident.arm.mechanics import flat, mass_matrix, static_equilibrium, unflatten
 from ident.arm.modes import (
     Label,
@@ -25,7 +24,7 @@ from ident.arm.modes import (
 )
 from ident.arm.rotations import matvec
 from ident.errors import InputError, ModelError, Problem
-from ident.programs import jit, library
+from ident.programs import jit
 from ident.vibrate.motion import Motion, check_joints
 
 # -------- Tracking
@@ -261,17 +260,6 @@ def followed(
         start = here.stop
     frequency, damping, mac = (np.concatenate(parts, 1) for parts in zip(*columns, strict=True))
     return frequency, damping, mac
-
-
-def nominal(arm: Arm) -> Arm:
-    """Return the arm of the medians of its numbers over their batch."""
-    ranks = {field.name: field.rank for field in FIELDS} | {"axis": 1, "gravity": 1, "direction": 1}
-
-    def middle(path: Any, leaf: Any) -> Any:
-        batch = tuple(range(ranks.get(getattr(path[-1], "name", ""), 0), np.ndim(leaf)))
-        return library(leaf).median(leaf, axis=batch) if batch else leaf
-
-    return jax.tree_util.tree_map_with_path(middle, arm)
 
 
 def _track(along: ModesAlongPath, path: Path, count: int) -> Track:

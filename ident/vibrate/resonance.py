@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.arm import Arm
+from ident.arm.arm import Arm, nominal
 from ident.arm.chain import Loads, at_posture
 from ident.arm.modes import Label, modes
 from ident.errors import InputError, Problem
 from ident.programs import AnyArray, jit
-from ident.vibrate.branches import Branches, check, motion_times, nominal
+from ident.vibrate.branches import Branches, check, motion_times
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import runs
 from ident.vibrate.simulate import Superposition, superposition

@@ -30,7 +30,7 @@ def small_diagnosis():
 RUNS = {
     "predict": lambda: ident.predict(ARM),
     "fit": lambda: ident.fit(ARM, TABLE1),
-    "simulate": lambda: ident.simulate(ARM, speed=100.0),
+    "simulate": lambda: ident.simulate(ARM, ident.SimulateOptions(speed=100.0)),
     "diagnose": small_diagnosis,
     "modal": lambda: ident.modal_test(HAMMER),
 }
