@@ -39,6 +39,7 @@ from ident.measure.series import parse_log, parse_trace
 from ident.studies.motion import basis_of
 from ident.studies.options import flag_of, specs
 from ident.studies.result import check_place, written_to
+from ident.studies.shared import as_file
 from ident.studies.values import drawn_values, fitted_values
 from ident.vibrate.simulate import sample_times
 
@@ -398,7 +399,7 @@ def test_options(kind):
         if hasattr(options, "unknowns"):
             stiffness_parameters(arm.arm, options.unknowns)
         if hasattr(options, "hold"):
-            sample_times(basis_of(arm, options).motion, getattr(options, "rate", 500.0))
+            sample_times(basis_of(as_file(arm), options).motion, getattr(options, "rate", 500.0))
 
     cases = [some_options(rng, kind, arm.arm.paths()) for _ in range(60)]
     assert 0.3 < share_refused(cases, use) < 1

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.fields import DAMPING, EXPECTED, LOSS, STIFFNESS, fields_in, fields_of
+from ident.arm.fields import DAMPING, EXPECTED, FIELDS, LOSS, STIFFNESS, fields_in, fields_of
 from ident.arm.parts import (
     DIRECTIONS,
     PROFILES,
@@ -42,7 +42,7 @@ from ident.units import stiffness_unit
 AT_LIMIT = 1e-9
 """Angle [rad] by which a stroke may end beyond a joint limit: rounding."""
 PARALLEL = 1e-6
-"""Angle between axes [rad] up to which they count as parallel."""
+"""Angle between axes [rad] up to which they count as parallel; assumed."""
 
 
 def check_drives(arm: "Arm") -> None:
@@ -459,6 +459,17 @@ def _with_component(old: Array, component: tuple[int, ...], value: Array) -> Arr
     whole = whole.copy()
     whole[component] = value
     return jnp.asarray(whole)
+
+
+def nominal(arm: Arm) -> Arm:
+    """Return the arm of the medians of its numbers over their batch."""
+    ranks = {field.name: field.rank for field in FIELDS} | {"axis": 1, "gravity": 1, "direction": 1}
+
+    def middle(path: Any, leaf: Any) -> Any:
+        batch = tuple(range(ranks.get(getattr(path[-1], "name", ""), 0), np.ndim(leaf)))
+        return library(leaf).median(leaf, axis=batch) if batch else leaf
+
+    return jax.tree_util.tree_map_with_path(middle, arm)
 
 
 # -------- Base

@@ -373,7 +373,8 @@ Matrix = Float[Array, "n n *#batch"]
 Vector = Float[Array, "n *#batch"]
 
 ABOVE = 4.0
-"""A motor that a brake holds is a mode of its own, by this factor above the sum of all eigenvalues of the arm."""
+"""A motor that a brake holds is a mode of its own, by this factor above the sum of all eigenvalues of the arm;
+assumed."""
 
 
 def system(chain: Chain, phi: Phi) -> tuple[Matrix, Matrix, Matrix]:

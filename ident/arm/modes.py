@@ -248,7 +248,7 @@ def _eig(A: Inexact[Array, "k k"]) -> tuple[Array, Array, Array]:
 # the arm's end point moves, and numbered in ascending frequency among the modes of the same name.
 
 AMBIGUOUS = 0.1
-"""A share this near to one half leaves the name of a mode open."""
+"""A share this near to one half leaves the name of a mode open; assumed."""
 
 
 @dataclass(frozen=True)

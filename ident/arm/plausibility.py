@@ -204,23 +204,25 @@ DENSEST, LIGHTEST = 23e3, 10.0
 MOST_GIVING = 0.02
 """Angle [rad] by which the weight beyond it may bend a bushing when it is held out level: a degree."""
 PROPORTION = 20.0
-"""Factor between stiffnesses of one arm that is odd, if what they carry does not explain it."""
+"""Factor between stiffnesses of one arm that is odd, if what they carry does not explain it;
+assumed, and tried on sound arms and mistakes (tests/benchmarks/oddities.py)."""
 LOWEST, HIGHEST = 0.5, 200.0
-"""First natural frequencies [Hz] of arms."""
+"""First natural frequencies [Hz] of arms; assumed."""
 MOST_SAG = 0.02
-"""Static deflection of the end point as a share of the reach."""
+"""Static deflection of the end point as a share of the reach; assumed."""
 MOST_DAMPED = 0.3
-"""Damping ratio of one of the first modes."""
+"""Damping ratio of one of the first modes; assumed."""
 LONG = 0.2
-"""Share of the reach from which a link is a long one: the links before and after the elbow, no turret and no wrist."""
+"""Share of the reach from which a link is a long one: the links before and after the elbow, no turret and no wrist;
+assumed."""
 ALIKE, LEAST_ALIKE = 0.6, 3
-"""Share and number of bodies of one inertia that are odd, if their links are not alike."""
+"""Share and number of bodies of one inertia that are odd, if their links are not alike; assumed."""
 UNLIKE = 3.0
-"""Factor between lengths, or masses, of links that are not alike."""
+"""Factor between lengths, or masses, of links that are not alike; assumed."""
 FLATTEST, LARGEST_BOX = 0.1, 3.0
 """Edge of the box of a link's mass and inertia, over the link's length: 0.12 to 2.5 on the long links of 15 arms."""
 FARTHEST_TURN, LEAST_TURN = 25.0, 0.12
-"""Range of a pin [rad]: four turns; seven degrees."""
+"""Range of a pin [rad]: four turns; seven degrees; assumed."""
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """A diagnosis as a value: what each stage has come to, and the verdict."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -18,10 +18,13 @@ from ident.vibrate.resonance import Excitation, ResonanceCrossing, excitation, r
 from ident.vibrate.sweep import Sensitivities
 
 Verdict = Literal["accept", "warn", "reject"]
+STAGES = ("stiffness", "trust", "resonance", "vibration", "sensitivities", "remedies", "verification")
+"""The stages in order, by the names under which their values are kept."""
 LEAVE = "posture"
 """What is left out at a time, to see how well the others predict it."""
 TIMES, NEAR = 500, np.radians(2.0)
-"""Times at which a motion is compared with the measured postures, and what a joint may turn beyond them [rad]."""
+"""Times at which a motion is compared with the measured postures, and what a joint may turn beyond them [rad];
+assumed."""
 
 
 @dataclass(frozen=True)
@@ -66,27 +69,30 @@ class ResonanceAssessment:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """A diagnosis as far as it has come.
+    """What the stages of a diagnosis have come to, in their order.
 
     Attributes:
-        stages: value of each finished stage, in order: stiffness, trust, resonance, vibration, sensitivities; and,
-            where the vibration is not accepted, remedies and verification.
+        identification: how stiff the joints are, and what is asked of the arm.
+        trust: each posture as the others predict it; none where all measurements are of one.
+        resonance: whether a drive meets a natural frequency.
+        vibration: how far the arm vibrates.
+        sensitivities: which numbers of the arm matter most.
+        remedies: what can be done, the best first; none where the vibration is accepted.
+        verifications: those of the first remedies, in their order.
     """
 
-    stages: Mapping[str, Any] = field(default_factory=dict)
-
-    def then(self, stage: str, value: Any) -> "Diagnosis":
-        """Return the diagnosis with one stage more."""
-        return Diagnosis({**self.stages, stage: value})
-
-    def needs(self, stage: str) -> bool:
-        """Return whether a stage is to be carried out: remedies are sought where the vibration is not accepted."""
-        return stage not in ("remedies", "verification") or not self.vibration.accepted
+    identification: Identification
+    trust: tuple[HeldOut, ...]
+    resonance: ResonanceAssessment
+    vibration: VibrationAssessment
+    sensitivities: Sensitivities
+    remedies: tuple[Remedy, ...] = ()
+    verifications: tuple[Verification, ...] = ()
 
     @property
-    def identification(self) -> Identification:
-        """How stiff the joints are."""
-        return self.stages["stiffness"]
+    def stages(self) -> tuple[str, ...]:
+        """The stages that were carried out: where the vibration is accepted, no remedy is sought."""
+        return STAGES if self.verifications else STAGES[:-2]
 
     @property
     def task(self) -> Task:
@@ -96,7 +102,7 @@ class Diagnosis:
     @property
     def validation(self) -> Validation:
         """How well each posture is predicted by the others; no part where all measurements are of one."""
-        return Validation(self.identification.sampled.fitted, LEAVE, self.stages["trust"])
+        return Validation(self.identification.sampled.fitted, LEAVE, self.trust)
 
     @property
     def beyond(self) -> Mapping[str, float]:
@@ -107,31 +113,6 @@ class Diagnosis:
         far = np.maximum(measured.min(0) - turned.min(1), turned.max(1) - measured.max(0))
         names = (joint.name for joint in self.task.basis.arm.driven)
         return {name: float(by) for name, by in zip(names, far, strict=True) if by > NEAR}
-
-    @property
-    def resonance(self) -> ResonanceAssessment:
-        """Whether the drive meets a natural frequency."""
-        return self.stages["resonance"]
-
-    @property
-    def vibration(self) -> VibrationAssessment:
-        """How far the arm vibrates."""
-        return self.stages["vibration"]
-
-    @property
-    def sensitivities(self) -> Sensitivities:
-        """Which numbers of the arm matter most."""
-        return self.stages["sensitivities"]
-
-    @property
-    def remedies(self) -> tuple[Remedy, ...]:
-        """What can be done, the best first; nothing where nothing need be done."""
-        return tuple(self.stages.get("remedies", ()))
-
-    @property
-    def verifications(self) -> tuple[Verification, ...]:
-        """Those of the first remedies, in their order."""
-        return tuple(self.stages.get("verification", ()))
 
     @property
     def advised(self) -> Remedy | None:

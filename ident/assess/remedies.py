@@ -25,7 +25,7 @@ STIFFER = 2.0
 MOVED = 0.2
 """Share of a body's length by which its mass centre may be moved either way; our assumption."""
 CONFIDENT = 0.95
-"""Probability of keeping the limit that is asked for."""
+"""Probability of keeping the limit that is asked for; assumed."""
 RATE = 250.0
 """Samples a second."""
 
@@ -104,7 +104,8 @@ class Task:
 FIRST = 19
 """Draws at the first look; with the arm itself they fill the cores evenly. At each further look twice as many."""
 UNLIKELY = 0.01
-"""Probability of such a count, or one as improbable, if the limit were kept with just the probability asked for."""
+"""Probability of such a count, or one as improbable, if the limit were kept with just the probability asked for;
+assumed."""
 
 
 def is_settled(keeps: BinomialEstimate) -> bool:
@@ -257,9 +258,9 @@ KINDS = ("torsion", "mass centre", "both", "speed")
 FULL = 100.0
 """Speed [%] above which none is advised."""
 CANDIDATES = 10
-"""Values of a single number that are assessed by draws, at most."""
+"""Values of a single number that are assessed by draws, at most; for the time that they take."""
 VERIFIED = 3
-"""Remedies that are verified at most, until one is."""
+"""Remedies that are verified at most, until one is; for the time that they take."""
 
 
 @dataclass(frozen=True)

@@ -116,13 +116,14 @@ Pulleys = Mapping[str, Pulley]
 PEAKS = 5
 """Peaks of each direction that are reported."""
 SLOW = 3.0
-"""Bins from zero up to which a peak may be a drift or the slow part of a motion."""
+"""Bins from zero up to which a peak may be a drift or the slow part of a motion; assumed."""
 STANDING = 1e-3
-"""Share of its fastest turning below which a pulley counts as standing."""
+"""Share of its fastest turning below which a pulley counts as standing; assumed."""
 SMALL = 0.02
-"""Share of the largest peak below which a peak is not reported."""
+"""Share of the largest peak below which a peak is not reported; assumed."""
 NEAR = 0.05
-"""Distance of a mode from a peak, relative to the frequency, up to which it is named; or a bin, if that is more."""
+"""Distance of a mode from a peak, relative to the frequency, up to which it is named; or a bin, if that is more;
+assumed."""
 LONGEST, LEAST_SEGMENTS = 1.0, 4
 """Duration [s] of a spectrogram's segments unless asked otherwise, in a trace that has so many of them."""
 

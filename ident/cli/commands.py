@@ -38,7 +38,6 @@ from ident.studies.check import check
 from ident.studies.compare import compare
 from ident.studies.design import design
 from ident.studies.diagnose import (
-    STAGES,
     DiagnoseOptions,
     DiagnoseResult,
     check_browser,
@@ -453,12 +452,12 @@ def run_diagnose(
     measured, arm_file = running.read(campaign, arm)
     import jax
 
-    folder, stages = part_folder(out, measured), list(STAGES)
+    folder = part_folder(out, measured)
 
     def finished(report: "StageReport") -> None:
         if not output().quiet:
             typer.echo(str(report), err=True)
-        if stages[report.number - 1] in ("trust", "vibration", "sensitivities"):
+        if report.name in ("trust", "vibration", "sensitivities"):
             jax.clear_caches()  # most programs of the next stage are new
             gc.collect()
         running.glibc("malloc_trim", 0)  # with few heaps (`running.start`) 1.0 instead of 1.3 GB

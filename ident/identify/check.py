@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 TOLD_APART = 3.84
 """Chi-squared that a straight spring must cost, for the data to tell: the 95 % limit of one number."""
 UNLOADED = 0.1
-"""Share of T1 below which a spring counts as unloaded."""
+"""Share of T1 below which a spring counts as unloaded; assumed."""
 
 
 @dataclass(frozen=True)

@@ -242,7 +242,8 @@ def sample_campaign(
 LEAVE = ("posture", "kind", "row", "fraction")
 """What may be left out at a time."""
 FOLDS = 5
-"""Parts of a campaign of which one is left out at a time, chosen at random, for `fraction`."""
+"""Parts of a campaign of which one is left out at a time, chosen at random, for `fraction`;
+as is usual for cross-validation."""
 LEVEL = 0.95
 """Share of measurements like these that a scope shall hold."""
 

@@ -241,7 +241,7 @@ def shared_error(
 # as they are, modes that coincide as a plane, and the prediction is smooth throughout, as shapes turn by 1/g at most.
 
 NEAR = 0.02
-"""Relative distance of squared frequencies at which two modes count half as their plane: 1 % in frequency."""
+"""Relative distance of squared frequencies at which two modes count half as their plane: 1 % in frequency; assumed."""
 SHAPE_ROUNDING = 1e-12
 """The square of that distance below which they are taken to coincide."""
 

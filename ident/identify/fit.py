@@ -386,7 +386,7 @@ FARTHEST = 20
 NAMED = 30
 """Rows that a remark names at most."""
 LEAST_CHANGE = 0.1
-"""Change of chi-squared that is worth a word."""
+"""Change of chi-squared that is worth a word; assumed."""
 
 
 @dataclass(frozen=True)

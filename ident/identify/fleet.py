@@ -38,7 +38,8 @@ from ident.measure import Campaign
 FEWEST = 3
 """Robots that a spread needs."""
 WIDEST = 10.0
-"""Width in theta of the prior of a population's mean where the robots' own fits have none."""
+"""Width in theta of the prior of a population's mean where the robots' own fits have none;
+wide enough to say nothing."""
 
 
 @dataclass(frozen=True)
@@ -280,9 +281,10 @@ def _of_the_fleet(robot: Robot, names: tuple[str, ...]) -> Robot:
 COUNT, CHUNK = 4000, 64
 """Draws of a robot, and how many of them are computed together."""
 HEAVY = 5.0
-"""Degrees of freedom of the densities that are drawn from: their tails shall be above those of what is drawn."""
+"""Degrees of freedom of the densities that are drawn from: their tails shall be above those of what is drawn;
+assumed."""
 HEALTHY = 0.5
-"""Share of the draws that takes all stiffnesses for healthy; in each of the others one is off."""
+"""Share of the draws that takes all stiffnesses for healthy; in each of the others one is off; assumed."""
 STARTS = 2
 ENOUGH = 1000.0
 """Effective draws of chains."""

@@ -36,7 +36,7 @@ less than that of a single fit, as robots of one design are alike."""
 STEPS = 40
 """Steps of a search at most: all searches of a batch take as many as the longest."""
 REACHED = 2
-"""Starts that have ended in the best optimum at least."""
+"""Starts that have ended in the best optimum at least; assumed."""
 
 
 class Values(NamedTuple):

@@ -44,7 +44,7 @@ NAMING_SD = AMBIGUOUS / 2
 SHARES_MOVE = 3.0
 """By how much a share is off where the frequencies are off by so many times less, as the stiffnesses then are."""
 FAR = 9.0
-"""Most that one value may say for or against a mode, as a squared number of sigma."""
+"""Most that one value may say for or against a mode, as a squared number of sigma; three sigma."""
 AT_FIRST = 0.3
 """By how much the frequencies of a start may be off, as a fraction: a factor of e in stiffness makes 0.5 at most."""
 NEVER = 1e12

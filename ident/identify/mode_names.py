@@ -26,13 +26,13 @@ from ident.text import one_line
 # Arms that may be the one that was measured: draws of the prior that draw nearer to the modes of all postures.
 
 FEWEST = 1 / 8
-"""Share of the draws that count at least: else likelihoods are flattened until so many do."""
+"""Share of the draws that count at least: else likelihoods are flattened until so many do; assumed."""
 KERNEL = 0.5
-"""Standard deviation of a new draw about an old one, over that of all."""
+"""Standard deviation of a new draw about an old one, over that of all; assumed."""
 HALVINGS = 40
 """Steps in which the power is found by which likelihoods are flattened."""
 DEFENSIVE = 0.1
-"""Share of new draws that come from the prior again."""
+"""Share of new draws that come from the prior again; assumed."""
 NARROW = 1e-3
 """Least standard deviation of all draws along any direction, over the prior's."""
 
@@ -127,7 +127,7 @@ MOST = 12
 CERTAIN = 0.95
 """Probability from which on a label is given."""
 ALIKE = 0.9
-"""MAC from which on two modes move alike where it is measured."""
+"""MAC from which on two modes move alike where it is measured; assumed."""
 
 
 @dataclass(frozen=True)

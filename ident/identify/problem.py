@@ -222,7 +222,7 @@ def ramps_of(campaign: Campaign, problem: InverseProblem, sd: Float[np.ndarray, 
 # Which measured modes may be taken for others: names by a near draw, neighbours that nearly cross.
 
 NEAR = 0.05
-"""Relative distance of two frequencies below which their order may change in the fit."""
+"""Relative distance of two frequencies below which their order may change in the fit; assumed."""
 NEAR_DRAW = -2 * math.log1p(-math.erfc(AMBIGUOUS / NAMING_SD / math.sqrt(2)) / 2)
 """What speaks against a label whose mode is named by a share that is `AMBIGUOUS` from one half."""
 POINTS = 16
@@ -230,7 +230,8 @@ POINTS = 16
 NEARBY, FREE = 0.4, 1.0
 """Their standard deviation in theta, where the prior is not narrower: where values are judged; where labels are."""
 ALIKE = 3.0
-"""Standard deviations within which two values of different modes may be of one mode that was measured twice."""
+"""Standard deviations within which two values of different modes may be of one mode that was measured twice;
+assumed."""
 
 
 @dataclass(frozen=True)
@@ -356,7 +357,7 @@ PLAUSIBLE = {
 """Factor by which a value may differ from what the arm file predicts before it is refused."""
 
 AWAY = 0.1
-"""Distance [m] by which a position may differ from the arm file's before it is refused."""
+"""Distance [m] by which a position may differ from the arm file's before it is refused; assumed."""
 
 ALL = "all"
 """What trusts the values of all rows."""

@@ -163,9 +163,9 @@ def _name(number: int) -> str:
 # What chains say of themselves: autocorrelation time, effective sample size, R-hat.
 
 BURN_IN = 5
-"""Autocorrelation times that are left out at the start."""
+"""Autocorrelation times that are left out at the start; assumed."""
 LONG_ENOUGH = 50
-"""Autocorrelation times below which emcee's estimate of that time is not to be trusted."""
+"""Autocorrelation times below which emcee's estimate of that time is not to be trusted; the rule of emcee's manual."""
 ENDLESS = 1e9
 """Steps that no run takes: what is beyond is as good as for ever."""
 MIXED = 1.01

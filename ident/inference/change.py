@@ -27,7 +27,7 @@ WIDE = 1.0
 OPEN = 0.5
 """Standard deviation of a change, as a share of that, from which it is open: the prior tells a quarter or more."""
 LEVEL = 0.05
-"""Chance of calling anything changed where nothing is."""
+"""Chance of calling anything changed where nothing is; as is usual."""
 
 
 @dataclass(frozen=True)

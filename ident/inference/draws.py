@@ -160,7 +160,7 @@ def posterior_predictive(sample: Sample, basin: int = 0, count: int = COUNT) -> 
 LEVELS = (0.025, 0.25, 0.5, 0.75, 0.975)
 """Ends of the 95 and 50 % intervals, and the median between."""
 LEARNED = 0.5
-"""Share of the prior's width above which a posterior says little beyond the prior."""
+"""Share of the prior's width above which a posterior says little beyond the prior; assumed."""
 
 
 def draws(sample: Sample, basin: int = 0) -> Float[np.ndarray, "P n"]:

@@ -45,7 +45,7 @@ from ident.inference.search import (
 # Do the kinds of data contradict each other? Each one against all others, with the prior among these.
 
 FEW = 6
-"""Values of a kind up to which each is compared by itself."""
+"""Values of a kind up to which each is compared by itself; assumed."""
 STARTS = 2
 """Starts drawn at random for each minimum, beside the optima that are known and the parameters' starting values."""
 WIDE = 10.0
@@ -57,7 +57,7 @@ SPREAD = 1.0
 SAME = 1e-6
 """Difference of costs, relative to one plus the cost, that is none."""
 NOTHING = 1e-3
-"""Degrees of freedom below which a kind says nothing that the others could contradict."""
+"""Degrees of freedom below which a kind says nothing that the others could contradict; assumed."""
 
 
 @dataclass(frozen=True)
@@ -301,10 +301,10 @@ def _with_widths(problem: InverseProblem, widths: Float[np.ndarray, "P"]) -> Inv
 FIT_STARTS = 16
 """Starts tried at least, the given one among them."""
 PATIENCE = 6
-"""Starts tried at most, as a multiple of that, until the best optimum has been reached `AGAIN` times."""
+"""Starts tried at most, as a multiple of that, until the best optimum has been reached `AGAIN` times; assumed."""
 AGAIN = 3
 UNMET = 0.5
-"""Expected number of rivals that were not met, below which the search may end where it has met one."""
+"""Expected number of rivals that were not met, below which the search may end where it has met one; assumed."""
 FIT_SPREAD = 1.0
 """Standard deviation in theta of the further starts about the given one: a factor of e for a stiffness."""
 

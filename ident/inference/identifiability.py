@@ -20,7 +20,7 @@ from ident.inference.search import End, Searcher, convergence, evaluate, without
 # Which measurements matter: what each one tells, and what would be lost without it.
 
 EMPTY = 0.02
-"""Share of an average measurement's information below which one counts as carrying none."""
+"""Share of an average measurement's information below which one counts as carrying none; assumed."""
 ALONE = 0.9
 """Leverage above which one measurement dominates: nine tenths of what is known of some direction come from it."""
 REPLACEABLE = 0.5
@@ -288,9 +288,9 @@ def _scaled_jacobian(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.
 # Do the data agree among themselves? A linear answer, before any solving.
 
 COARSE = 0.3
-"""Relative sigma above which a value may well change its sign, so that its logarithm means nothing."""
+"""Relative sigma above which a value may well change its sign, so that its logarithm means nothing; assumed."""
 STRAIGHT = 1.0
-"""Largest error of the straight line, in sigma, at which a chi-squared over all values is worth its name."""
+"""Largest error of the straight line, in sigma, at which a chi-squared over all values is worth its name; assumed."""
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     from ident.inference.fit import Fit
 
 WEAK_ABOVE = 0.5
-"""Standard deviation in theta above which a direction counts as weakly known: for a stiffness, a factor of 1.6."""
+"""Standard deviation in theta above which a direction counts as weakly known: for a stiffness, a factor of 1.6;
+assumed."""
 OPEN_ABOVE = math.log(1e3)
 """The same above which it counts as open: whatever little the data say there, no prior would say less."""
 ALONE = 0.05
-"""Largest exponent of the others, relative to the first one's, with which a combination is one parameter."""
+"""Largest exponent of the others, relative to the first one's, with which a combination is one parameter; assumed."""
 RANK_TOLERANCE = 1e-8
 """Singular values below this share of the largest are rounding."""
 
@@ -241,7 +242,8 @@ SUSPICIOUS = 3.0
 RARE = 2 * NormalDist().cdf(-SUSPICIOUS)
 """The chance of that: of a false alarm among all values, or all kinds of data, that are tested together."""
 IMPROBABLE = 1e-3
-"""Chance of so large a chi-squared below which model or sigmas are called wrong; of so small a one, sigmas or rows."""
+"""Chance of so large a chi-squared below which model or sigmas are called wrong; of so small a one, sigmas or rows;
+assumed."""
 
 
 def rare(chances: Sequence[float] | Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:

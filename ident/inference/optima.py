@@ -28,7 +28,7 @@ Ended = tuple[End, Convergence]
 TIE, DIGITS = 1e-6, 4
 """Relative difference of two costs that is none; decimals of theta, and of a distance, by which ties are ordered."""
 SAME = 1e-3
-"""Ends nearer to each other than this, in standard deviations of the data or of theta, are one optimum."""
+"""Ends nearer to each other than this, in standard deviations of the data or of theta, are one optimum; assumed."""
 
 
 @dataclass(frozen=True)
@@ -159,11 +159,12 @@ def _is_valley(scaled: np.ndarray, prior_sd: np.ndarray) -> bool:
 WIDTH = 1e-5
 """Width of the prior that holds a parameter, in its standard deviations, or in theta where that is less."""
 GAIN = 1e-6
-"""Fall of the cost that is not worth a further step."""
+"""Fall of the cost that is not worth a further step; assumed."""
 MORE = 3
 """Further searches where none has converged."""
 BEYOND = 100.0
-"""Delta chi-squared above which a point is outside of every interval, and need not be known any better."""
+"""Delta chi-squared above which a point is outside of every interval, and need not be known any better;
+ten standard deviations."""
 REACH = 1000.0
 """Factor on a positive parameter beyond which a profile is called open; for the others, ln(REACH) units of theta or
 standard deviations, whichever is more."""
@@ -423,9 +424,9 @@ def _root(point: Point) -> float:
 LEVEL = 0.95
 """Chance of covering the true value, of the intervals whose ends are looked at."""
 BETTER = 1e-3
-"""Fall of the cost below the optimum from which the fit is said to be beaten."""
+"""Fall of the cost below the optimum from which the fit is said to be beaten; assumed."""
 LINEAR = 0.2
-"""Share by which half an interval may differ from the linear one's half and still count as linear."""
+"""Share by which half an interval may differ from the linear one's half and still count as linear; assumed."""
 LOOKS, NEAR, LONGEST = 8, 0.1, 6.0
 """Constrained searches for an end of a combination at most, the share within which it is found, and the factor by which
 one reaches beyond the last at most."""

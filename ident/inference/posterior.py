@@ -139,7 +139,7 @@ def _evaluate(density: Any, points: Float[Array, "P batch"]) -> Any:
 TRIED = 8
 """Points of the posterior at which the nuisances' derivatives are computed anew."""
 MOVED = 0.1
-"""Standard deviations by which that may move the mean of an unknown: beyond, the nuisance is sampled."""
+"""Standard deviations by which that may move the mean of an unknown: beyond, the nuisance is sampled; assumed."""
 
 
 class LinearMarginal(eqx.Module):

@@ -20,7 +20,7 @@ from ident.text import did_you_mean, one_line
 
 LEVELS = (0.5, 0.683, 0.95)
 FLAT = 0.01
-"""Delta chi-squared below which an open profile counts as flat."""
+"""Delta chi-squared below which an open profile counts as flat; assumed."""
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ from ident.inference.search import solve
 # Where an ensemble begins: points that are already spread as the posterior is.
 
 TRIES = 20
-"""Rounds of drawing until the model has an answer at enough points."""
+"""Rounds of drawing until the model has an answer at enough points; assumed."""
 NARROW = 0.1
 """Spread of the noise scales of initial walkers, in widths of their priors."""
 
@@ -217,9 +217,9 @@ PARTS = 2
 TRIALS = 4
 """Points for each walker by which independent proposals are tried."""
 WORTH = 0.25
-"""Share of independent proposals that must be accepted for them to be made at all."""
+"""Share of independent proposals that must be accepted for them to be made at all; assumed."""
 MOST = 0.8
-"""Share of the moves that they are at most: the others reach where no such proposal goes."""
+"""Share of the moves that they are at most: the others reach where no such proposal goes; assumed."""
 
 
 def batch_size(ensembles: int, walkers: int) -> int:
@@ -369,9 +369,9 @@ FIRST_CHECK = 100
 """Steps after which the chains are diagnosed first; then when they should do, or are half as long again."""
 LEAST_ENSEMBLES = 4
 EXCLUDED = 5.0
-"""Standard deviations from a prior at which the data and it cannot both be right."""
+"""Standard deviations from a prior at which the data and it cannot both be right; assumed."""
 JOINED = 1.05
-"""R-hat over the ensembles about two optima below which they have met."""
+"""R-hat over the ensembles about two optima below which they have met; assumed."""
 ANEW = "explicit"
 """Folder within the folder for the chains that begin anew, with more nuisances sampled."""
 RIVAL = 30.0

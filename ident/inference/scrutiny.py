@@ -223,7 +223,7 @@ HUBER = 1.345
 FREEDOM = 4.0
 """Degrees of freedom of Student's t (Lange, Little, Taylor, JASA 84, 1989)."""
 SUSPICIOUS = 0.5
-"""Weight below which a value is named."""
+"""Weight below which a value is named; assumed."""
 STEPS, SETTLED = 60, 1e-3
 """Solutions at most, and the change of any weight below which they are the last."""
 

@@ -110,9 +110,9 @@ def _step(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"], da
 WHOLE, NOTHING = np.array(1.0), np.array(0.0)
 TO_THE_END, UNTIL_REMATCHED = np.array(True), np.array(False)
 STEEP = 1e-2
-"""Gradient of the cost by theta above which a search has not ended in an optimum."""
+"""Gradient of the cost by theta above which a search has not ended in an optimum; assumed."""
 WORTH = 1e-7
-"""Fall of the cost by a whole search that is worth another one."""
+"""Fall of the cost by a whole search that is worth another one; assumed."""
 TURNS = 6
 """Searches in a row at most, each with another choice of what the values belong to, or more steps."""
 
@@ -322,11 +322,12 @@ def _with_jacobian(problem: InverseProblem, theta: AnyArray, held: Any) -> tuple
 # Whether a search has ended in an optimum: how far the next step would lead, in standard deviations.
 
 OPTIMUM_STEP = 1e-3
-"""Length of the Gauss-Newton step [sd] below which a point is an optimum."""
+"""Length of the Gauss-Newton step [sd] below which a point is an optimum; assumed."""
 SEVERAL = 3.0
-"""Way in theta, e-folds of a stiffness, over which, and over as much again, an open direction's cost does not rise."""
+"""Way in theta, e-folds of a stiffness, over which, and over as much again, an open direction's cost does not rise;
+assumed."""
 RISE = 1e-2
-"""Rise of the cost over that way that would not be noticed."""
+"""Rise of the cost over that way that would not be noticed; assumed."""
 
 
 class Convergence(NamedTuple):
@@ -380,7 +381,7 @@ def weighed(problem: InverseProblem, end: End) -> tuple[np.ndarray, np.ndarray]:
 # The last way to an optimum that Levenberg-Marquardt nears but slowly, or from a place where it gets stuck.
 
 WALL = 1e3
-"""Times the cost at the start that counts where the model has no answer."""
+"""Times the cost at the start that counts where the model has no answer; assumed."""
 ITERATIONS = 200
 """Iterations at most."""
 AGAIN = 4

@@ -227,7 +227,8 @@ FEWEST_ROWS = 4
 """Fewest rows of a log."""
 
 FASTEST = 100.0
-"""Joint speed [rad/s] above which angle or time must be in another unit than the header says, or an outlier."""
+"""Joint speed [rad/s] above which angle or time must be in another unit than the header says, or an outlier;
+assumed."""
 
 FARTHEST = 10 * 2 * math.pi
 """Angle [rad] beyond which a column marked rad must be in degrees."""

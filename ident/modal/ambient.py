@@ -100,9 +100,9 @@ def _block(record: np.ndarray, references: Sequence[int], start: int, end: int, 
 MULTIPLES = 10
 """Multiples of a speed at which lines are sought."""
 SLIP = 0.01
-"""How far a speed may be from what is said, as a share."""
+"""How far a speed may be from what is said, as a share; assumed."""
 CHANCE = 1e-10
-"""Chance of noise alone to stand out so far, at one frequency."""
+"""Chance of noise alone to stand out so far, at one frequency; assumed."""
 NARROW, ABOUT = 2.5, 24.0
 """A line is that narrow, and what lies about it that wide to either side, in reciprocals of the duration."""
 

@@ -9,15 +9,15 @@ from scipy.linalg import solve_triangular
 from scipy.special import gammaln, logsumexp
 
 INEXACT = 0.15
-"""How far a computed shape is off, as a share of its length: places, directions, what the model leaves out."""
+"""How far a computed shape is off, as a share of its length: places, directions, what the model leaves out; assumed."""
 COUPLING = 0.05
-"""How far squared frequencies are off, as a share: it mixes the shapes of modes that are near each other."""
+"""How far squared frequencies are off, as a share: it mixes the shapes of modes that are near each other; assumed."""
 NODES = 9
 """Tangents of angles at which mixed shapes are computed."""
 UNSEEN = 0.05
-"""Probability that a test does not show a mode within its band."""
+"""Probability that a test does not show a mode within its band; assumed."""
 NONE = 0.02
-"""Probability that a measured mode is none of the computed ones, before its shape is seen."""
+"""Probability that a measured mode is none of the computed ones, before its shape is seen; assumed."""
 
 
 def likelihoods(

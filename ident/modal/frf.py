@@ -104,11 +104,11 @@ class ModeSet:
 ALONG = 0.999
 """Cosine of the angle of two directions that are the same."""
 SIGMAS = 3.0
-"""Standard deviations by which a mobility may fall below zero."""
+"""Standard deviations by which a mobility may fall below zero; assumed."""
 SHARE = 0.1
-"""Share of the lines, weighted by their size, that may do so."""
+"""Share of the lines, weighted by their size, that may do so; assumed."""
 APART = 0.1
-"""Difference of two responses that should be equal, as a share of their size, beyond which it is said."""
+"""Difference of two responses that should be equal, as a share of their size, beyond which it is said; assumed."""
 
 
 @dataclass(frozen=True)

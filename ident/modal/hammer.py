@@ -32,17 +32,18 @@ from ident.text import one_line, quoted
 # Hits of a hammer in a record of the force: where each begins, and which are double, overloaded or cut off.
 
 PULSE = 0.1
-"""Share of the largest force of a record beyond which it counts as a pulse."""
+"""Share of the largest force of a record beyond which it counts as a pulse; assumed."""
 REBOUND = 0.05
-"""Share of a hit's own peak which a second pulse must reach to make a double hit."""
+"""Share of a hit's own peak which a second pulse must reach to make a double hit; assumed."""
 NOISE = 8.0
-"""Standard deviations of the noise which a pulse must exceed."""
+"""Standard deviations of the noise which a pulse must exceed; assumed."""
 FLAT = 3
-"""Equal samples in a row at its largest number by which a channel shows that it was overloaded."""
+"""Equal samples in a row at its largest number by which a channel shows that it was overloaded; assumed."""
 STEPS = 50
-"""Different numbers that a channel must have for a flat top to mean anything: else it is coarse, not overloaded."""
+"""Different numbers that a channel must have for a flat top to mean anything: else it is coarse, not overloaded;
+assumed."""
 FULL = 0.999
-"""Share of full scale that counts as overload."""
+"""Share of full scale that counts as overload; assumed."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,7 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
 MAINS = (50.0, 60.0, 100.0, 120.0)
 """Frequencies [Hz] at which the mains may be heard."""
 CHANCE = 1e-6
-"""Chance of noise alone to stand out so far, at one line of one channel."""
+"""Chance of noise alone to stand out so far, at one line of one channel; assumed."""
 ABOUT = 3.0
 """Width [Hz] to either side of the line of what lies about it."""
 
@@ -214,7 +215,7 @@ FALLEN = 0.1
 BEFORE = 0.05
 """Largest share of a record that is kept from before the hit: the offset is taken there."""
 CALM = 0.1
-"""Motion before a hit, as a share of that after it, beyond which the arm had not calmed down."""
+"""Motion before a hit, as a share of that after it, beyond which the arm had not calmed down; assumed."""
 
 
 @dataclass

@@ -204,9 +204,9 @@ FIRST_STEPS = 8
 ABOUT = 5
 """Lines about a pole that tell how the references move."""
 SHARPEST = 0.005
-"""Relative standard deviation of a frequency that is good enough, however sharp its resonance."""
+"""Relative standard deviation of a frequency that is good enough, however sharp its resonance; assumed."""
 BEYOND = 0.15
-"""How far outside the band a mode is sought first, as a share of its end."""
+"""How far outside the band a mode is sought first, as a share of its end; assumed."""
 MOST_ADDED = 8
 """Modes that are added to those of the diagram at most."""
 

@@ -95,7 +95,7 @@ def _realisation(transition: np.ndarray, output: np.ndarray, step: float) -> Rea
 # The joint covariance of modes of an ambient test: repeat the estimate without each block of the record.
 
 LOST = 3.0
-"""Distance, in those of one mode's poles of neighbouring orders, from which on a pole is another one."""
+"""Distance, in those of one mode's poles of neighbouring orders, from which on a pole is another one; assumed."""
 
 
 @dataclass(frozen=True)
@@ -218,13 +218,13 @@ FASTEST = 100.0
 LEAST_DAMPED = 0.001
 """Damping ratio below which a pole is the line of something that turns."""
 SURE = 2.0
-"""Standard deviations by which a damping ratio has to lie above that, for a pole to be a mode."""
+"""Standard deviations by which a damping ratio has to lie above that, for a pole to be a mode; assumed."""
 LIGHT = 0.01
-"""Damping ratio below which the line of what turns may be taken for a mode."""
+"""Damping ratio below which the line of what turns may be taken for a mode; assumed."""
 VAGUE = 0.5
-"""Relative standard deviation of the damping ratio from which on a pole is no mode."""
+"""Relative standard deviation of the damping ratio from which on a pole is no mode; assumed."""
 CLOSE = 0.05
-"""Difference of two modes that are close, as a share."""
+"""Difference of two modes that are close, as a share; assumed."""
 
 
 @dataclass(frozen=True)

@@ -159,7 +159,7 @@ SMOOTHED = 100
 COURSE = 240
 """Degrees of freedom of the scatter's course over the record, at each of its times."""
 STEADY = 1.5
-"""Largest variance at a time over the mean one where lines are independent."""
+"""Largest variance at a time over the mean one where lines are independent; assumed."""
 WEIGHED = SMOOTHED / (SMOOTHED - 4)
 """By how much estimates vary more than their nominal variance, as their weights are estimated: E[1/x^2] / E[1/x] of a
 chi-squared x."""
@@ -414,13 +414,13 @@ MOST_POLES = 60
 ORDERS = (8, 40)
 """Highest order at least and at most."""
 MOST_DAMPED = 0.2
-"""Damping ratio beyond which a pole is none of a mode's."""
+"""Damping ratio beyond which a pole is none of a mode's; assumed."""
 NEAR_POLE, NEAR_SHAPE = 0.01, 0.1
-"""How far poles of one mode are apart, as a share of their size, and how far from one their shapes' MAC is."""
+"""How far poles of one mode are apart, as a share of their size, and how far from one their shapes' MAC is; assumed."""
 LASTING = 0.5
-"""Share of the orders in which the pole of a mode is found at least."""
+"""Share of the orders in which the pole of a mode is found at least; assumed."""
 FEWEST = 3
-"""Orders in which a pole that may be a mode's is found at least."""
+"""Orders in which a pole that may be a mode's is found at least; assumed."""
 
 
 @dataclass(frozen=True)

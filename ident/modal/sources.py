@@ -234,7 +234,7 @@ ORDER = {"acceleration": 0, "velocity": 1, "length": 2}
 SAME = 1e-6
 """Relative difference of two rates that are the same."""
 TOGETHER = 1e-3
-"""Share of a step by which samples of two channels may be apart and count as taken together."""
+"""Share of a step by which samples of two channels may be apart and count as taken together; assumed."""
 STEPS = (1e-9, 1e3)
 """Sampling intervals [s], or distances of lines [Hz], that can be meant: a rate of 1 mHz shows no vibration."""
 

@@ -23,9 +23,11 @@ from ident.present.resonance import caused_words, grouped, sources_words
 from ident.present.words import MM, beside, counted, in_shown_unit, is_stiffness, percent, rounded, sentence
 
 if TYPE_CHECKING:
-    from ident.assess.diagnose import Diagnosis
+    from ident.assess.diagnose import Diagnosis, Identification, ResonanceAssessment
+    from ident.assess.remedies import Verification, VibrationAssessment
     from ident.identify.compare import Validation
     from ident.vibrate.evaluator import BinomialEstimate
+    from ident.vibrate.sweep import Sensitivities
 
 # -------- Remedy words
 # A remedy in words: something to do.
@@ -74,7 +76,7 @@ def diagnose_sections(diagnosis: "Diagnosis") -> Report:
         tuple(_cautions(diagnosis)),
         f"Model: {of_model(diagnosis)}.",
         _next(diagnosis, in_doubt=bool(fit.doubts), good=verdict.kind == "good"),
-        tuple(Section(_STAGES[stage].title, tuple(_STAGES[stage].details(diagnosis))) for stage in diagnosis.stages),
+        tuple(Section(title, tuple(of(diagnosis))) for title, of in map(_DETAILS.__getitem__, diagnosis.stages)),
     )
 
 
@@ -123,9 +125,15 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
 
 
 def _cause(diagnosis: "Diagnosis") -> str:
-    groups = grouped(diagnosis.resonance.crossings)
+    itself = "the motion itself; no drive comes near a natural frequency"
+    return _resonant(diagnosis.resonance) or contribution_words(diagnosis) or itself
+
+
+def _resonant(resonance: "ResonanceAssessment") -> str:
+    """Say which drives meet a natural frequency, and cause most by that; empty where none does."""
+    groups = grouped(resonance.crossings)
     if not groups:
-        return contribution_words(diagnosis) or "the motion itself; no drive comes near a natural frequency"
+        return ""
     first, kinds = groups[0][0], ("imbalance", "transmission error")
     drives: dict[str, list[str]] = {}
     for crossing in groups[0]:
@@ -226,15 +234,9 @@ class StageReport:
         return f"{self.number}/{self.count} {self.name}: {self.result}{' (from an earlier run)' * self.resumed}"
 
 
-def stage_report(diagnosis: "Diagnosis", stage: str, *, resumed: bool = False) -> StageReport:
-    """Return what a finished stage of a diagnosis says."""
-    stages = [each for each in _STAGES if each not in ("remedies", "verification")]
-    count = len(stages if "vibration" in diagnosis.stages and diagnosis.vibration.accepted else _STAGES)
-    return StageReport(list(_STAGES).index(stage) + 1, count, stage, _STAGES[stage].result(diagnosis), resumed)
-
-
-def _stiffness_result(diagnosis: "Diagnosis") -> str:
-    fit = diagnosis.identification.sampled.fitted
+def stiffness_line(identification: "Identification") -> str:
+    """Say in a line how much is known of the stiffnesses."""
+    fit = identification.sampled.fitted
     doubt = "; IN DOUBT" if fit.doubts else ""
     return f"{fit.information.fixed} of {len(fit.information.names)} combinations determined{doubt}"
 
@@ -260,8 +262,8 @@ def _stiffness(diagnosis: "Diagnosis") -> Iterator[Part]:
     yield Table("Posterior", ("number", "median", "95 % interval", "unit"), tuple(rows), note=note.strip())
 
 
-def _trust_result(diagnosis: "Diagnosis") -> str:
-    validation = diagnosis.validation
+def trust_line(validation: "Validation") -> str:
+    """Say in a line how well postures are predicted from others."""
     if not validation.told:
         return "no posture can be predicted from others"
     return f"{validation.covered} of {len(validation.z)} measurements within the interval predicted from other postures"
@@ -298,8 +300,9 @@ def scope_words(validation: "Validation") -> str:
     return ", ".join(f"within {percent(s.half)} in {s.kind.replace('_', ' ')}" for s in validation.scopes)
 
 
-def _resonance_result(diagnosis: "Diagnosis") -> str:
-    return _cause(diagnosis) if diagnosis.resonance.crossings else "no drive comes near a natural frequency"
+def resonance_line(resonance: "ResonanceAssessment") -> str:
+    """Say in a line which drive comes nearest to a natural frequency."""
+    return _resonant(resonance) or "no drive comes near a natural frequency"
 
 
 def _resonance(diagnosis: "Diagnosis") -> Iterator[Part]:
@@ -327,8 +330,8 @@ def _resonance(diagnosis: "Diagnosis") -> Iterator[Part]:
     yield Table("Resonance along the motion, by the vibration caused", head, tuple(rows), note=note)
 
 
-def _vibration_result(diagnosis: "Diagnosis") -> str:
-    vibration = diagnosis.vibration
+def vibration_line(vibration: "VibrationAssessment") -> str:
+    """Say in a line how far the arm vibrates."""
     kept = f"kept by {vibration.keeps.count} of {vibration.keeps.draws} draws"
     return f"{beside(MM * vibration.peak.max(), MM * vibration.limit)} mm, limit {MM * vibration.limit:g} mm, {kept}"
 
@@ -382,8 +385,8 @@ def contribution_words(diagnosis: "Diagnosis") -> str:
     )
 
 
-def _sensitivities_result(diagnosis: "Diagnosis") -> str:
-    sensitivities = diagnosis.sensitivities
+def sensitivities_line(sensitivities: "Sensitivities") -> str:
+    """Say in a line which numbers matter most."""
     return f"most on {joined([sensitivities.paths[i] for i in sensitivities.order[:3]])}"
 
 
@@ -392,8 +395,8 @@ def _sensitivities(diagnosis: "Diagnosis") -> Iterator[Part]:
     column = int(np.argmax(sensitivities.amplitude))
     percents = ", ".join(f"{sensitivities.elasticity[i, column]:+.2g}" for i in sensitivities.order[:3])
     yield (
-        f"The vibration is largest in {'xyz'[column]}. It depends {_sensitivities_result(diagnosis)}: {percents} % per "
-        "percent of the number."
+        f"The vibration is largest in {'xyz'[column]}. It depends {sensitivities_line(sensitivities)}: {percents} % "
+        "per percent of the number."
     )
     yield "Drive ratios and masses shift a resonance along the path; they can rarely be chosen."
     shown, rows = sensitivities.order[:SENSITIVITIES], []
@@ -407,13 +410,14 @@ def _sensitivities(diagnosis: "Diagnosis") -> Iterator[Part]:
     yield Table("Sensitivities, the strongest first", head, tuple(rows), ("", ".4g", "", "", ""), note)
 
 
-def _remedies_result(diagnosis: "Diagnosis") -> str:
-    good = sum(remedy.meets_limit for remedy in diagnosis.remedies)
-    return f"{good} of {len(diagnosis.remedies)} remedies keep the limit with probability {100 * CONFIDENT:g} % or more"
+def remedies_line(remedies: Sequence[Remedy]) -> str:
+    """Say in a line how many remedies keep the limit."""
+    good = sum(remedy.meets_limit for remedy in remedies)
+    return f"{good} of {len(remedies)} remedies keep the limit with probability {100 * CONFIDENT:g} % or more"
 
 
 def _remedies(diagnosis: "Diagnosis") -> Iterator[Part]:
-    yield f"{_remedies_result(diagnosis)}."
+    yield f"{remedies_line(diagnosis.remedies)}."
     moved = f" mass centres of the last joint's bodies moved by {100 * MOVED:g} % of their length,"
     yield (
         f"Tried: torsional stiffness from 1/{STIFFER:g} to {STIFFER:g} times,{moved * bool(diagnosis.task.centres)} "
@@ -433,12 +437,12 @@ def _remedies(diagnosis: "Diagnosis") -> Iterator[Part]:
     yield Table("Remedies", head, tuple(rows), ("", "", ".3f", "", ".2f", ".1f", ".2f"), note, strong)
 
 
-def _verification_result(diagnosis: "Diagnosis") -> str:
-    assert diagnosis.advised is not None
-    assert diagnosis.verified is not None
-    size = f"{beside(MM * diagnosis.verified.largest, MM * diagnosis.verified.limit)} mm"
-    kept = f"kept by {diagnosis.verified.keeps.count} of {diagnosis.verified.keeps.draws} fresh draws"
-    return f"{change_words(diagnosis.advised)}: {size}, limit {kept}"
+def verification_line(advised: Remedy, verified: "Verification") -> str:
+    """Say in a line what the remedy that is advised comes to."""
+    size = f"{beside(MM * verified.largest, MM * verified.limit)} mm"
+    return (
+        f"{change_words(advised)}: {size}, limit kept by {verified.keeps.count} of {verified.keeps.draws} fresh draws"
+    )
 
 
 def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
@@ -470,24 +474,16 @@ def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
         yield Table(title, ("number", "now", "after", "change", "unit"), tuple(changes), ("", ".4g", ".4g", "", ""))
 
 
-@dataclass(frozen=True)
-class _Stage:
-    """How a stage is told: its title, its result in a line, and its details."""
-
-    title: str
-    result: Callable[["Diagnosis"], str]
-    details: Callable[["Diagnosis"], Iterator[Part]]
-
-
-_STAGES: Mapping[str, _Stage] = {
-    "stiffness": _Stage("How stiff are the joints?", _stiffness_result, _stiffness),
-    "trust": _Stage("How far can the model be trusted?", _trust_result, _trust),
-    "resonance": _Stage("Does a drive meet a natural frequency?", _resonance_result, _resonance),
-    "vibration": _Stage("How much does the arm vibrate?", _vibration_result, _vibration),
-    "sensitivities": _Stage("What matters most?", _sensitivities_result, _sensitivities),
-    "remedies": _Stage("Which change keeps the limit?", _remedies_result, _remedies),
-    "verification": _Stage("Does it hold?", _verification_result, _verification),
+_DETAILS: Mapping[str, tuple[str, Callable[["Diagnosis"], Iterator[Part]]]] = {
+    "stiffness": ("How stiff are the joints?", _stiffness),
+    "trust": ("How far can the model be trusted?", _trust),
+    "resonance": ("Does a drive meet a natural frequency?", _resonance),
+    "vibration": ("How much does the arm vibrate?", _vibration),
+    "sensitivities": ("What matters most?", _sensitivities),
+    "remedies": ("Which change keeps the limit?", _remedies),
+    "verification": ("Does it hold?", _verification),
 }
+"""The details of each stage, with their title."""
 
 
 # -------- Rows

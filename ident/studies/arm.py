@@ -88,7 +88,7 @@ def new_from_robot(robot: str | Path, folder: str | Path, tip: str | None = None
     Raises:
         InputError: a robot description of no serial arm, or a folder that has files already or can't be written.
     """
-    from ident.assess.predict import example
+    from ident.assess.show import example
     from ident.description.file import parse_arm, read_robot
     from ident.description.rewriting import arm_text
     from ident.measure.reading import campaign_text

@@ -2,17 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.studies.options import keyword_options, option
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option
 from ident.studies.result import Result
-from ident.studies.shared import ProblemOptions, as_campaign, as_file
+from ident.studies.shared import ProblemOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.check import CampaignCheck
     from ident.measure import Campaign
@@ -79,11 +78,11 @@ class CheckResult(Result):
         return {"arm": self.arm, "campaign": self.check.campaign}
 
 
-@keyword_options
+@study
 def check(
-    arm: "Arm | ArmFile | str | Path",
-    campaign: "Campaign | str | Path",
-    options: CheckOptions | None = None,
+    arm: "ArmFile",
+    campaign: "Campaign",
+    options: CheckOptions = DEFAULT,
 ) -> CheckResult:
     """Say what a campaign can tell about the joint stiffnesses, and what else is freed, before any solving.
 
@@ -98,14 +97,12 @@ def check(
     """
     from ident.identify.check import check_campaign
 
-    options = CheckOptions.of(options)
-    arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
-    unknowns, trusted = options.unknowns_of(arm_file), tuple(map(str, options.trust_values))
-    checked = check_campaign(arm_file.arm, campaign, unknowns, seed=options.seed, trusted=trusted)
+    unknowns, trusted = options.unknowns_of(arm), tuple(map(str, options.trust_values))
+    checked = check_campaign(arm.arm, campaign, unknowns, seed=options.seed, trusted=trusted)
     if checked.contradictory and not options.no_explain:
         from ident.identify.explanations import explain
         from ident.identify.fit import fit_campaign
 
-        fitted = fit_campaign(arm_file.arm, campaign, unknowns, seed=options.seed, trusted=trusted)
+        fitted = fit_campaign(arm.arm, campaign, unknowns, seed=options.seed, trusted=trusted)
         checked = replace(checked, explanations=explain(fitted, unknowns))
-    return CheckResult(arm_file, checked, options)
+    return CheckResult(arm, checked, options)

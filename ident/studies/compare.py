@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.options import keyword_options, option
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option
 from ident.studies.result import Result, check_place
 from ident.studies.shared import UnitOptions
 from ident.text import one_line, quoted, study_of
@@ -125,11 +126,11 @@ def _inputs(files: Files) -> Mapping[str, Any]:
     return {f"{word}{'' if one else i}": file for i, pair in pairs for word, file in zip(WORDS, pair, strict=True)}
 
 
-@keyword_options
+@study
 def compare(
     first: "Compared | Sequence[Compared]",
     second: "Compared | Sequence[Compared]",
-    options: CompareOptions | None = None,
+    options: CompareOptions = DEFAULT,
 ) -> CompareResult:
     """Say which joint stiffness has changed between two campaigns, by how much, and how sure that is.
 
@@ -149,7 +150,6 @@ def compare(
     """
     from ident.identify.compare import names_of
 
-    options = CompareOptions.of(options)
     pairs, unpaired = _pairs(first, second)
     found = [tuple(_known(each, word) for each, word in zip(pair, WORDS, strict=True)) for pair in pairs]
     files = tuple((one, other) for (_, one), (_, other) in found)

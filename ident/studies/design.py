@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError, Problem
 from ident.studies import ranges
 from ident.studies.amplitudes import AmplitudeOptions
+from ident.studies.door import DEFAULT, study
 from ident.studies.motion import basis_of
-from ident.studies.options import keyword_options, option
+from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
-from ident.studies.shared import as_file
 from ident.studies.values import drawn_groups
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log
-    from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
     from ident.vibrate.design_search import Requirements
     from ident.vibrate.evaluator import Evaluator, Variable
@@ -161,13 +160,13 @@ class DesignResult(Result):
         return self.study.basis.sources
 
 
-@keyword_options
+@study
 def design(
-    arm: "Arm | ArmFile | str | Path",
-    options: DesignOptions | None = None,
+    arm: "ArmFile",
+    options: DesignOptions = DEFAULT,
     *,
-    path: "Log | str | Path | None" = None,
-    fit: "Values | FitResult | str | Path | None" = None,
+    path: "Log | None" = None,
+    fit: "Values | None" = None,
     posterior: "Values | SampleResult | str | Path | None" = None,
     progress: Progress = silent,
 ) -> DesignResult:
@@ -192,10 +191,8 @@ def design(
     from ident.vibrate.design import design, verify, with_minimum_change
     from ident.vibrate.sweep import sensitivities
 
-    options = DesignOptions.of(options)
-    arm_file = as_file(arm, options.soft_base)
-    searched, fresh = drawn_groups(posterior, arm_file, options.draws, options.fresh, options.seed, options)
-    basis = basis_of(arm_file, options, path=path, fit=fit, posterior=searched)
+    searched, fresh = drawn_groups(posterior, arm, options.draws, options.fresh, options.seed, options)
+    basis = basis_of(arm, options, path=path, fit=fit, posterior=searched)
     check_place(_name(basis, options), basis.sources)
     evaluator = _evaluator(basis, options)
     if options.sensitivities:
@@ -207,7 +204,7 @@ def design(
         evaluator,
         limit=options.limit_si,
         required=options.required,
-        extents=arm_file.extents,
+        extents=arm.extents,
         starts=options.starts,
         curve=not options.no_curve,
         seed=options.seed,

@@ -6,38 +6,37 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 from ident.assess.effort import DiagnosisEffort
 from ident.errors import InputError
+from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.motion import HeldMotionOptions, basis_of
-from ident.studies.options import keyword_options, option, specs
+from ident.studies.options import option, specs
 from ident.studies.result import Progress, check_place, silent
 from ident.studies.sample import SampleOptions, sample
 from ident.studies.saved import FromFit
-from ident.studies.shared import as_campaign, as_file
 from ident.units import USUAL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ident.arm.arm import Arm
-    from ident.assess.diagnose import Diagnosis, Identification, ResonanceAssessment, Verdict
+    from ident.assess.diagnose import Diagnosis, Identification, Verdict
     from ident.assess.remedies import Remedy, Verification, VibrationAssessment
     from ident.codec import Store
     from ident.description.file import ArmFile
     from ident.identify.fit import CampaignFit
-    from ident.inference.scrutiny import HeldOut
     from ident.measure import Campaign, Log
     from ident.present.diagnose import StageReport
     from ident.present.html.page import Page
-    from ident.vibrate.sweep import Sensitivities
 
 
 # -------- Diagnose stages
-# The stages of a diagnosis: each computes its value from those before, or takes it over from an earlier run.
+# The stages of a diagnosis: `carry_out` has them in order.
 
+V = TypeVar("V")
+"""The value of a stage."""
 OnStage = Callable[["StageReport"], None]
 CHAINS = "chains"
 """Folder of the sampler's chains within that of the stages."""
@@ -100,24 +99,64 @@ def discard_stages(folder: str | Path) -> None:
 
 
 def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
-    """Compute or take over each stage, store it, and report it."""
-    from ident.assess.diagnose import Diagnosis
-    from ident.present.diagnose import stage_report
+    """Carry out the stages in order; each is computed from those before or taken over from an earlier run, and kept."""
+    from ident.assess.diagnose import LEAVE, STAGES, Diagnosis, assess_resonance, assess_trust, chosen
+    from ident.assess.remedies import assess_vibration, remedies, verify_in_turn, verify_remedy
+    from ident.identify.compare import Validation
+    from ident.present.diagnose import (
+        StageReport,
+        remedies_line,
+        resonance_line,
+        sensitivities_line,
+        stiffness_line,
+        trust_line,
+        verification_line,
+        vibration_line,
+    )
+    from ident.vibrate.sweep import sensitivities
 
-    diagnosis = Diagnosis()
-    for stage, compute in STAGES.items():
-        if diagnosis.needs(stage):
-            value = store.read(stage)
-            resumed = value is not None
-            if not resumed:
-                value = compute(job, diagnosis)
-                store.write(stage, value)
-            diagnosis = diagnosis.then(stage, value)
-            on_stage(stage_report(diagnosis, stage, resumed=resumed))
-    return diagnosis
+    def stage(
+        name: str,
+        compute: Callable[[], V],
+        line: Callable[[V], str],
+        count: Callable[[V], int] = lambda value: len(STAGES),
+    ) -> V:
+        kept: V | None = store.read(name)
+        value = compute() if kept is None else kept
+        if kept is None:
+            store.write(name, value)
+        on_stage(StageReport(STAGES.index(name) + 1, count(value), name, line(value), kept is not None))
+        return value
+
+    def needed(vibration: "VibrationAssessment") -> int:
+        return len(STAGES[:-2] if vibration.accepted else STAGES)
+
+    def verify(remedy: "Remedy") -> "Verification":
+        return verify_remedy(task, remedy, job.progress("fresh draws"))
+
+    def advised_line(verifications: "tuple[Verification, ...]") -> str:
+        place = chosen(verifications)
+        return verification_line(ranked[place], verifications[place])
+
+    identified = stage("stiffness", lambda: _identified(job), stiffness_line)
+    task, fitted = identified.task, identified.sampled.fitted
+    trust = stage("trust", lambda: assess_trust(fitted), lambda parts: trust_line(Validation(fitted, LEAVE, parts)))
+    resonance = stage("resonance", lambda: assess_resonance(task), resonance_line)
+    vibration = stage("vibration", lambda: assess_vibration(task, job.progress("draws")), vibration_line, needed)
+    slopes = stage(
+        "sensitivities",
+        lambda: sensitivities(task.over_phases(task.evaluator())),
+        sensitivities_line,
+        lambda slopes: needed(vibration),
+    )
+    if vibration.accepted:
+        return Diagnosis(identified, trust, resonance, vibration, slopes)
+    ranked = stage("remedies", lambda: remedies(task, vibration.scatter, job.progress("remedies")), remedies_line)
+    verified = stage("verification", lambda: verify_in_turn(ranked, verify), advised_line)
+    return Diagnosis(identified, trust, resonance, vibration, slopes, ranked, verified)
 
 
-def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
+def _identified(job: Job) -> "Identification":
     from ident.assess.diagnose import Identification
     from ident.assess.remedies import Task, at_confidence
     from ident.identify.values import Draws
@@ -130,57 +169,6 @@ def _stiffness(job: Job, diagnosis: "Diagnosis") -> "Identification":
     draws = Draws.of_sample(sampled.sample.sample).some(job.arm.arm, effort.draws, options.seed)
     basis = basis_of(job.arm, options, path=job.log, posterior=draws.shuffled(options.seed))
     return Identification(sampled.sample, at_confidence(Task(basis, options.limit / 1e3, effort)))
-
-
-def _trust(job: Job, diagnosis: "Diagnosis") -> "tuple[HeldOut, ...]":
-    from ident.assess.diagnose import assess_trust
-
-    return assess_trust(diagnosis.identification.sampled.fitted)
-
-
-def _resonance(job: Job, diagnosis: "Diagnosis") -> "ResonanceAssessment":
-    from ident.assess.diagnose import assess_resonance
-
-    return assess_resonance(diagnosis.task)
-
-
-def _vibration(job: Job, diagnosis: "Diagnosis") -> "VibrationAssessment":
-    from ident.assess.remedies import assess_vibration
-
-    return assess_vibration(diagnosis.task, job.progress("draws"))
-
-
-def _sensitivities(job: Job, diagnosis: "Diagnosis") -> "Sensitivities":
-    from ident.vibrate.sweep import sensitivities
-
-    task = diagnosis.task
-    return sensitivities(task.over_phases(task.evaluator()))
-
-
-def _remedies(job: Job, diagnosis: "Diagnosis") -> "tuple[Remedy, ...]":
-    from ident.assess.remedies import remedies
-
-    return remedies(diagnosis.task, diagnosis.vibration.scatter, job.progress("remedies"))
-
-
-def _verification(job: Job, diagnosis: "Diagnosis") -> "tuple[Verification, ...]":
-    from ident.assess.remedies import verify_in_turn, verify_remedy
-
-    return verify_in_turn(
-        diagnosis.remedies, lambda remedy: verify_remedy(diagnosis.task, remedy, job.progress("fresh draws"))
-    )
-
-
-STAGES: Mapping[str, Callable[[Job, "Diagnosis"], Any]] = {
-    "stiffness": _stiffness,
-    "trust": _trust,
-    "resonance": _resonance,
-    "vibration": _vibration,
-    "sensitivities": _sensitivities,
-    "remedies": _remedies,
-    "verification": _verification,
-}
-"""The stages in order, each with what computes its value from those before."""
 
 
 # -------- Diagnose
@@ -325,13 +313,13 @@ class DiagnoseResult(FromFit):
         return {"arm": basis.arm_file, "campaign": campaign, "path": basis.log}
 
 
-@keyword_options
+@study
 def diagnose(
-    arm: "Arm | ArmFile | str | Path",
-    campaign: "Campaign | str | Path",
-    options: DiagnoseOptions | None = None,
+    arm: "ArmFile",
+    campaign: "Campaign",
+    options: DiagnoseOptions = DEFAULT,
     *,
-    path: "Log | str | Path | None" = None,
+    path: "Log | None" = None,
     folder: str | Path | None = None,
     restart: bool = False,
     progress: Progress = silent,
@@ -359,12 +347,15 @@ def diagnose(
     """
     from ident.codec import Store
     from ident.files import claimed
+    from ident.identify.binding import loads_of
+    from ident.vibrate.simulate import refuse_jumps
 
-    options, folder = DiagnoseOptions.of(options), Path(folder) if folder is not None else None
-    arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
-    log = _checked_path(arm_file, options, path)
-    check_place(_name(campaign), {"arm": arm_file, "campaign": campaign, "path": log})
-    job = Job(arm_file, campaign, options, log, folder, progress)
+    folder = Path(folder) if folder is not None else None
+    basis = basis_of(arm, options, path=path)
+    refuse_jumps(basis.arm, basis.motion)  # what can be refused is refused before the posterior is sampled
+    loads_of(basis.arm, basis.load)
+    check_place(_name(campaign), {"arm": arm, "campaign": campaign, "path": path})
+    job = Job(arm, campaign, options, path, folder, progress)
     if restart and folder is not None:
         discard_stages(folder)
     fresh = folder is not None and not os.path.exists(folder)
@@ -397,14 +388,3 @@ def part_folder(folder: Path, campaign: "Campaign") -> Path:
 
 def _name(campaign: "Campaign") -> str:
     return f"{campaign.name}.diagnose"
-
-
-def _checked_path(arm: "ArmFile", options: DiagnoseOptions, path: "Log | str | Path | None") -> "Log | None":
-    """Check what can be checked before the posterior is sampled, and return the joint path if there is one."""
-    from ident.identify.binding import loads_of
-    from ident.vibrate.simulate import refuse_jumps
-
-    basis = basis_of(arm, options, path=path)
-    refuse_jumps(basis.arm, basis.motion)
-    loads_of(basis.arm, basis.load)
-    return basis.log

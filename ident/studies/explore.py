@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.options import STROKE_PROFILES, keyword_options, option
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import STROKE_PROFILES, option
 from ident.studies.result import Result
-from ident.studies.shared import FARTHEST, ArmOptions, as_campaign, as_file, is_angle, with_numbers
-from ident.studies.values import drawn_values, fitted_values
+from ident.studies.shared import FARTHEST, ArmOptions, is_angle, with_numbers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Campaign
-    from ident.studies.fit import FitResult
-    from ident.studies.sample import SampleResult
     from ident.vibrate.motion import Motion
 
 BESIDE = 0.05
@@ -110,14 +108,14 @@ class ExploreResult(Result):
         return (path,)
 
 
-@keyword_options
+@study
 def explore(
-    arm: "Arm | ArmFile | str | Path",
-    options: ExploreOptions | None = None,
+    arm: "ArmFile",
+    options: ExploreOptions = DEFAULT,
     *,
-    fit: "Values | FitResult | str | Path | None" = None,
-    posterior: "Values | SampleResult | str | Path | None" = None,
-    measured: "Campaign | str | Path | None" = None,
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
+    measured: "Campaign | None" = None,
 ) -> ExploreResult:
     """Make a page on which stiffnesses, payload, speed and posture of an arm are changed by hand.
 
@@ -140,19 +138,14 @@ def explore(
     from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
 
-    options = ExploreOptions.of(options)
-    arm_file = as_file(arm, options.soft_base)
-    fitted = fitted_values(fit, arm_file, options) if fit is not None else None
-    drawn = drawn_values(posterior, arm_file, options.draws, options=options)
-    changed = with_numbers(arm_file.arm, fitted or drawn, options.set)
+    changed = with_numbers(arm.arm, fit or posterior, options.set)
     _check_posture(changed, options.posture)
-    campaign = None if measured is None else as_campaign(measured)
-    draws, load = drawn.without(options.set) if drawn else {}, Load.parse(options.load)
+    draws, load = posterior.without(options.set) if posterior else {}, Load.parse(options.load)
     extension = _extension(changed, options.profile)
-    made = exploration(changed, load, options.payload, extension, draws, campaign)
+    made = exploration(changed, load, options.payload, extension, draws, measured)
     posture = options.posture or _middle(changed)
     modal_analysis(changed, tuple(map(radians, posture)), load)  # an arm that collapses there has nothing to show
-    return ExploreResult(arm_file, made, options, posture, fitted, drawn)
+    return ExploreResult(arm, made, options, posture, fit, posterior)
 
 
 def page_of(basis: "Basis", measured: "Campaign", soft_base: float | None, profile: str | None, posterior: str) -> str:

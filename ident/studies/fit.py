@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.studies.options import keyword_options, option
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option
 from ident.studies.result import Progress, check_place, silent
 from ident.studies.saved import FromFit
-from ident.studies.shared import ProblemOptions, as_campaign, as_file
+from ident.studies.shared import ProblemOptions
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -169,11 +169,11 @@ class FitResult(FromFit):
         return {"arm": self.arm, "campaign": self.fit.campaign}
 
 
-@keyword_options
+@study
 def fit(
-    arm: "Arm | ArmFile | str | Path",
-    campaign: "Campaign | str | Path",
-    options: FitOptions | None = None,
+    arm: "ArmFile",
+    campaign: "Campaign",
+    options: FitOptions = DEFAULT,
     *,
     progress: Progress = silent,
 ) -> FitResult:
@@ -191,12 +191,10 @@ def fit(
     """
     from ident.identify.fit import fit_campaign
 
-    options = FitOptions.of(options)
-    arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
-    check_place(f"{campaign.name}.fit", {"arm": arm_file, "campaign": campaign})
-    unknowns = options.unknowns_of(arm_file)
+    check_place(f"{campaign.name}.fit", {"arm": arm, "campaign": campaign})
+    unknowns = options.unknowns_of(arm)
     fitted = fit_campaign(
-        arm_file.arm,
+        arm.arm,
         campaign,
         unknowns,
         starts=options.starts,
@@ -205,7 +203,7 @@ def fit(
         robust=options.robust,
         progress=progress("starts"),
     )
-    return FitResult(arm_file, explained(fitted, unknowns, options.explains, progress), options)
+    return FitResult(arm, explained(fitted, unknowns, options.explains, progress), options)
 
 
 def explained(fit: "CampaignFit", unknowns: "Unknowns", wanted: bool, progress: Progress) -> "CampaignFit":

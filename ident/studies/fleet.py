@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import quote
 
 from ident.errors import InputError, Problem
+from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
-from ident.studies.options import keyword_options, option
+from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
 from ident.text import one_line
 
@@ -177,11 +178,11 @@ Files = tuple[str, Path, Path]
 """A robot: its name, campaign and arm."""
 
 
-@keyword_options
+@study
 def fleet(
     robots: str | Path | Sequence[Files],
     arm: str | Path | None = None,
-    options: FleetOptions | None = None,
+    options: FleetOptions = DEFAULT,
     *,
     folder: str | Path | None = None,
     label: str = "",
@@ -204,7 +205,6 @@ def fleet(
     from ident.identify.fleet import fleet as infer
     from ident.studies.fleet_tasks import Engine, One, drawn, outcomes
 
-    options = FleetOptions.of(options)
     files = robots_in(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
     if isinstance(robots, str | Path):
         label = label or Path(robots).absolute().name

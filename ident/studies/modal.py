@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.options import keyword_options, option
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option
 from ident.studies.result import Result, check_place
 from ident.studies.shared import ProblemOptions, as_file
 
@@ -219,12 +220,12 @@ class ModalResult(Result):
         return {"tests": first.parent, "channels": inputs["channels"], "arm": inputs["arm"]}
 
 
-@keyword_options
+@study
 def modal_test(
     tests: str | Path,
     channels: "ChannelTable | str | Path | None" = None,
-    arm: "Arm | ArmFile | str | Path | None" = None,
-    options: ModalOptions | None = None,
+    arm: "ArmFile | None" = None,
+    options: ModalOptions = DEFAULT,
 ) -> ModalResult:
     """Identify the modes of a hammer test, or of one without any force, and name them by their shapes.
 
@@ -244,14 +245,14 @@ def modal_test(
     from ident.modal.ambient import measured_tests
     from ident.modal.sources import finished_tests
 
-    options, folder = ModalOptions.of(options), Path(tests)
+    folder = Path(tests)
     reproducibility = options.known_reproducibility  # refused before any file is read
     check_folder(folder)
     table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
     recordings = recordings_of(folder, table)
-    arm_file = as_file(arm if arm is not None else folder / ARM, options.soft_base)
-    check_place(_name(table.path), {"arm": arm_file, "channels": table, **recordings})
-    placed = with_places(arm_file.arm, table)
+    arm = arm or as_file(folder / ARM, options.soft_base)
+    check_place(_name(table.path), {"arm": arm, "channels": table, **recordings})
+    placed = with_places(arm.arm, table)
     based = in_base_frame(placed, table)
     measured = measured_tests(based, recordings, options.processing)
     files = {"channels": SourceFile(table.path, table.sha256)}
@@ -261,8 +262,7 @@ def modal_test(
     if not measured and not finished:
         raise InputError(Problem(table.path, "no row of a response", "at least one", "fill in the column role", "role"))
     identified, named = _identified(placed, (measured, finished), options)
-    arm_file = replace(arm_file, arm=placed)
-    result = ModalResult(arm_file, measured, identified, finished, named, None, files, options)
+    result = ModalResult(replace(arm, arm=placed), measured, identified, finished, named, None, files, options)
     if options.no_modes:
         return result
     every: tuple[ModalTest | AmbientTest | FinishedTest, ...] = (*measured, *finished)

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.options import STROKE_PROFILES, option
-from ident.studies.shared import ArmOptions, as_file, with_numbers
-from ident.studies.values import fitted_values
+from ident.studies.shared import ArmOptions, with_numbers
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log
-    from ident.studies.fit import FitResult
     from ident.vibrate.motion import Motion
 
 STROKE = "add a [stroke] section to the arm file (example: `ident new scara`), or give a joint path (`path`)"
@@ -89,11 +87,11 @@ class HeldMotionOptions(MotionOptions):
 
 
 def basis_of(
-    arm: "Arm | ArmFile | str | Path",
+    arm: "ArmFile",
     options: MotionOptions,
     *,
-    path: "Log | str | Path | None" = None,
-    fit: "Values | FitResult | str | Path | None" = None,
+    path: "Log | None" = None,
+    fit: "Values | None" = None,
     posterior: "Values | None" = None,
 ) -> "Basis":
     """Return what a simulation rests on: the arm with the values that it takes over, and its motion.
@@ -101,24 +99,20 @@ def basis_of(
     Args:
         arm: the arm.
         options: the motion, the load and what is set.
-        path: a joint path to follow instead of the stroke: a log, or its file.
-        fit: fitted values that the arm takes over: a result, or its file.
+        path: a joint path to follow instead of the stroke.
+        fit: fitted values that the arm takes over.
         posterior: draws; the arm takes over their medians, unless it has fitted values.
     """
     from ident.assess.scenario import Basis
-    from ident.measure import Load, Log, read_log
+    from ident.measure import Load
 
-    arm_file = as_file(arm, options.soft_base)
-    fitted = fitted_values(fit, arm_file, options) if fit is not None else None
-    central = fitted or posterior
-    described = with_numbers(arm_file.arm, central, options.set)
+    described = with_numbers(arm.arm, fit or posterior, options.set)
     _check(options, path is not None)
-    log = path if isinstance(path, Log) or path is None else read_log(path, [joint.name for joint in described.driven])
-    motion, percent = _motion(described, options, log)
-    name = f"{Path(arm_file.path).stem or arm_file.arm.name}.{_name(described, options, log, percent)}"
+    motion, percent = _motion(described, options, path)
+    name = f"{Path(arm.path).stem or arm.arm.name}.{_name(described, options, path, percent)}"
     load = Load.parse(options.load)
-    described, unknown = options.unknown(described, arm_file.origins)
-    basis = Basis(arm_file, described, motion, percent, load, log, fitted, posterior, options.set, name, unknown)
+    described, unknown = options.unknown(described, arm.origins)
+    basis = Basis(arm, described, motion, percent, load, path, fit, posterior, options.set, name, unknown)
     if posterior and not basis.draws:
         raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
     return basis

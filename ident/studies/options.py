@@ -3,22 +3,17 @@
 What `ident --help` says and what the command line refuses follow from these, and so does what Python refuses.
 """
 
-import inspect
 import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
-from functools import wraps
 from numbers import Integral, Real
 from types import NoneType, UnionType
-from typing import Any, ClassVar, Self, TypeVar, get_args, get_origin
+from typing import Any, ClassVar, Self, get_args, get_origin
 
 from ident.errors import InputError, Problem
 from ident.text import did_you_mean
-from ident.units import USUAL, stiffness_in
 
-R = TypeVar("R")
-"""What a study returns."""
 INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart", "force")
 """Inputs of studies that the command line takes as flags, too."""
 
@@ -159,41 +154,6 @@ def _is_text(value: Any, repeated: bool) -> bool:
     """Tell whether an option is given as the command line gives it: as a text, or as several where it is repeated."""
     several = repeated and isinstance(value, tuple | list) and bool(value)
     return isinstance(value, str) or (several and all(isinstance(each, str) for each in value))
-
-
-def keyword_options(study: Callable[..., R]) -> Callable[..., R]:
-    """Let a study take its options as keywords, too: `fit(arm, campaign, fix="*.k_bend")`.
-
-    They are put into the options that are given, or into the default ones.
-
-    Raises:
-        InputError: a keyword that is no option of the study.
-    """
-    own = inspect.signature(study).parameters
-    kind: type[Options] = get_args(own["options"].annotation)[0]
-    place = list(own).index("options")
-
-    @wraps(study)
-    def call(*given: Any, **named: Any) -> R:
-        keywords = {name: named.pop(name) for name in list(named) if name not in own}
-        if not keywords:
-            options = given[place] if len(given) > place else named.get("options")
-            with stiffness_in(getattr(options, "units", USUAL)):
-                return study(*given, **named)
-        known = [each.name for each, _ in specs(kind)]
-        if unknown := [name for name in keywords if name not in known]:
-            expected = f"one of {kind.__name__}"
-            raise InputError(
-                Problem(study.__name__, f"the option {name}", expected, did_you_mean(name, known, "drop it"))
-                for name in unknown
-            )
-        before = given[place] if len(given) > place else named.pop("options", None)
-        options = replace(kind.of(before), **keywords)
-        if len(given) > place:
-            return call(*given[:place], options, *given[place + 1 :], **named)
-        return call(*given, options=options, **named)
-
-    return call
 
 
 def _as_float(value: Any) -> float:

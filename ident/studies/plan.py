@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies import reading
+from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions, fit
-from ident.studies.options import keyword_options, option
+from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
-from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
-    from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.candidates import HammerPlan
     from ident.identify.plan import CampaignPlan, PlanSettings
@@ -164,11 +163,11 @@ class PlanResult(Result):
         return {"arm": self.arm, "campaign": self.plan.fit.campaign if self.plan.fit else None}
 
 
-@keyword_options
+@study
 def plan(
-    arm: "Arm | ArmFile | str | Path",
-    campaign: "Campaign | str | Path | None" = None,
-    options: PlanOptions | None = None,
+    arm: "ArmFile",
+    campaign: "Campaign | None" = None,
+    options: PlanOptions = DEFAULT,
     *,
     progress: Progress = silent,
 ) -> PlanResult:
@@ -190,18 +189,16 @@ def plan(
     from ident.identify.instruments import all_postures
     from ident.identify.plan import plan_campaign
 
-    options = PlanOptions.of(options)
-    arm_file, measured = as_file(arm, options.soft_base), None if campaign is None else as_campaign(campaign)
-    check_place(_name(arm_file, measured), {"arm": arm_file, "campaign": measured})
+    check_place(_name(arm, campaign), {"arm": arm, "campaign": campaign})
     settings = options.settings
-    all_postures(arm_file.arm, settings.step, settings.seed)  # what is wrong with a step is said before the fit
-    fitted = fit(arm_file, measured, options, progress=progress).fit if measured is not None else None
-    made = plan_campaign(arm_file.arm, fitted, options.unknowns_of(arm_file), settings)
+    all_postures(arm.arm, settings.step, settings.seed)  # what is wrong with a step is said before the fit
+    fitted = fit(arm, campaign, options, progress=progress).fit if campaign is not None else None
+    made = plan_campaign(arm.arm, fitted, options.unknowns_of(arm), settings)
     best = made.parameters.by_path(np.asarray(made.parameters.values(made.known.points[0])))
     places = (options.modes, options.sensors, options.hit_noise)
-    sought = {path: best[path] for item in made.sought for path in item.paths if path in arm_file.arm.paths()}
-    hammer = hammer_plans(arm_file.arm.replace(sought), made.batch, *places) if options.sensors else ()
-    return PlanResult(arm_file, made, hammer, options)
+    sought = {path: best[path] for item in made.sought for path in item.paths if path in arm.arm.paths()}
+    hammer = hammer_plans(arm.arm.replace(sought), made.batch, *places) if options.sensors else ()
+    return PlanResult(arm, made, hammer, options)
 
 
 def _name(arm: "ArmFile", campaign: "Campaign | None") -> str:

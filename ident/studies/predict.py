@@ -8,23 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.options import keyword_options, option
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option
 from ident.studies.result import Result
-from ident.studies.shared import FARTHEST, ArmOptions, as_file, is_angle, with_numbers
-from ident.studies.values import drawn_values, fitted_values
+from ident.studies.shared import FARTHEST, ArmOptions, is_angle, with_numbers
 from ident.text import did_you_mean, quoted
 
 if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
 
-    from ident.arm.arm import Arm
     from ident.assess.predict import Prediction
     from ident.description.file import ArmFile
     from ident.identify.modal_analysis import ModalAnalysis
     from ident.identify.values import Values
-    from ident.studies.fit import FitResult
-    from ident.studies.sample import SampleResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,13 +146,13 @@ class PredictResult(Result):
         return {"arm": self.arm, "fit": self.fit, "posterior": self.posterior}
 
 
-@keyword_options
+@study
 def predict(
-    arm: "Arm | ArmFile | str | Path",
-    options: PredictOptions | None = None,
+    arm: "ArmFile",
+    options: PredictOptions = DEFAULT,
     *,
-    fit: "Values | FitResult | str | Path | None" = None,
-    posterior: "Values | SampleResult | str | Path | None" = None,
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
 ) -> PredictResult:
     """Predict natural frequencies, modes and static deflection of an arm, held at postures under a load.
 
@@ -175,18 +172,13 @@ def predict(
     from ident.identify.modal_analysis import modal_analysis
     from ident.measure import Load
 
-    options = PredictOptions.of(options)
-    arm_file = as_file(arm, options.soft_base)
-    fitted = fitted_values(fit, arm_file, options) if fit is not None else None
-    drawn = drawn_values(posterior, arm_file, options.draws, options.seed, options)
-    central = fitted or drawn
-    changed = with_numbers(arm_file.arm, central, options.set)
-    draws, load = drawn.without(options.set) if drawn else {}, Load.parse(options.load)
-    if drawn and next(iter(drawn.values.values())).size < 2:
+    changed = with_numbers(arm.arm, fit or posterior, options.set)
+    draws, load = posterior.without(options.set) if posterior else {}, Load.parse(options.load)
+    if posterior and next(iter(posterior.values.values())).size < 2:
         raise InputError(Problem("posterior", "one draw", "two at least, for a band", "sample longer"))
-    if drawn and not draws:
+    if posterior and not draws:
         raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
     postures = [tuple(map(radians, angles)) for angles in options.posture] or [(0.0,) * len(changed.driven)]
     analyses = [modal_analysis(changed, posture, load, options.modes, options.drives) for posture in postures]
     predictions = tuple(predict_draws(each, draws) if draws else Prediction(each) for each in analyses)
-    return PredictResult(arm_file, predictions, options, fitted, drawn)
+    return PredictResult(arm, predictions, options, fit, posterior)

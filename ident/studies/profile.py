@@ -2,18 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies import reading
+from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
-from ident.studies.options import keyword_options, option
+from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
-from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
-    from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.fit import CampaignFit
     from ident.inference.profile import Profile
@@ -84,11 +82,11 @@ class ProfileResult(Result):
         return {"arm": self.arm, "campaign": self.fit.campaign}
 
 
-@keyword_options
+@study
 def profile(
-    arm: "Arm | ArmFile | str | Path",
-    campaign: "Campaign | str | Path",
-    options: ProfileOptions | None = None,
+    arm: "ArmFile",
+    campaign: "Campaign",
+    options: ProfileOptions = DEFAULT,
     *,
     progress: Progress = silent,
 ) -> ProfileResult:
@@ -109,11 +107,9 @@ def profile(
     from ident.identify.problem import pose
     from ident.inference import profile as likelihood
 
-    options = ProfileOptions.of(options)
-    arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
-    check_place(f"{campaign.name}.profile", {"arm": arm_file, "campaign": campaign})
-    problem = pose(arm_file.arm, campaign, options.unknowns_of(arm_file)).problem
+    check_place(f"{campaign.name}.profile", {"arm": arm, "campaign": campaign})
+    problem = pose(arm.arm, campaign, options.unknowns_of(arm)).problem
     likelihood.check(problem.parameters, options.parameter)
-    fit = fit_study(arm_file, campaign, options, progress=progress).fit
+    fit = fit_study(arm, campaign, options, progress=progress).fit
     profiles = likelihood.profile(fit, options.parameter, reach=options.reach, progress=progress("profiles"))
-    return ProfileResult(arm_file, fit, profiles, options)
+    return ProfileResult(arm, fit, profiles, options)

@@ -2,28 +2,23 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import Problem
 from ident.studies import reading
+from ident.studies.door import DEFAULT, study
 from ident.studies.motion import MotionOptions, basis_of
-from ident.studies.options import keyword_options, option
+from ident.studies.options import option
 from ident.studies.result import Result, check_place
-from ident.studies.shared import as_file
-from ident.studies.values import drawn_values
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ident.arm.arm import Arm
     from ident.assess.scenario import Basis
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log
     from ident.present.report import Report
-    from ident.studies.fit import FitResult
-    from ident.studies.sample import SampleResult
     from ident.vibrate.branches import Branches
     from ident.vibrate.resonance import Excitation, ResonanceCrossing
 
@@ -100,14 +95,14 @@ class ResonanceResult(Result):
         return self.basis.sources
 
 
-@keyword_options
+@study
 def resonance(
-    arm: "Arm | ArmFile | str | Path",
-    options: ResonanceOptions | None = None,
+    arm: "ArmFile",
+    options: ResonanceOptions = DEFAULT,
     *,
-    path: "Log | str | Path | None" = None,
-    fit: "Values | FitResult | str | Path | None" = None,
-    posterior: "Values | SampleResult | str | Path | None" = None,
+    path: "Log | None" = None,
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
 ) -> ResonanceResult:
     """Compare the pulleys' frequencies with the arm's natural frequencies along a motion (the paper's Figure 4).
 
@@ -126,10 +121,7 @@ def resonance(
     from ident.vibrate.branches import branches
     from ident.vibrate.resonance import excitation, resonance_crossings, with_amplitudes
 
-    options = ResonanceOptions.of(options)
-    arm_file = as_file(arm, options.soft_base)
-    drawn = drawn_values(posterior, arm_file, options.draws, options.seed, options)
-    basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
+    basis = basis_of(arm, options, path=path, fit=fit, posterior=posterior)
     check_place(f"{basis.name}.resonance", basis.sources)
     turning = excitation(basis.arm, basis.motion, orders=options.orders)
     followed = branches(basis.arm.replace(basis.draws), basis.motion, count=options.count, loads=basis.loads)

@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import Problem
 from ident.studies import reading
+from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions, fit
-from ident.studies.options import keyword_options, option
+from ident.studies.options import option
 from ident.studies.result import Progress, check_place, silent
 from ident.studies.saved import FromFit
-from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
     import arviz
     import numpy as np
     from matplotlib.figure import Figure
 
-    from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.compare import CampaignSample
     from ident.identify.fit import CampaignFit
@@ -165,11 +164,11 @@ class SampleResult(FromFit):
         return {"arm": self.arm, "campaign": self.sample.fitted.campaign}
 
 
-@keyword_options
+@study
 def sample(
-    arm: "Arm | ArmFile | str | Path",
-    campaign: "Campaign | str | Path",
-    options: SampleOptions | None = None,
+    arm: "ArmFile",
+    campaign: "Campaign",
+    options: SampleOptions = DEFAULT,
     *,
     folder: str | Path | None = None,
     restart: bool = False,
@@ -201,13 +200,12 @@ def sample(
     from ident.inference.draws import check_installed
     from ident.inference.sample import ANEW, BLOCK, Settings
 
-    options, folder = SampleOptions.of(options), Path(folder) if folder is not None else None
-    arm_file, campaign = as_file(arm), as_campaign(campaign)
-    check_place(f"{campaign.name}.sample", {"arm": arm_file, "campaign": campaign})
+    folder = Path(folder) if folder is not None else None
+    check_place(f"{campaign.name}.sample", {"arm": arm, "campaign": campaign})
     if options.weights:
         check_installed()
     with claimed(folder):
-        fitted = fit(arm_file, campaign, options, progress=progress)
+        fitted = fit(arm, campaign, options, progress=progress)
         if restart and folder is not None:
             Store.discard(folder / ANEW)
             Store.empty(folder)

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
+from ident.studies.door import DEFAULT, study
 from ident.studies.motion import HeldMotionOptions, basis_of
-from ident.studies.options import keyword_options, option
+from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
-from ident.studies.shared import as_file
-from ident.studies.values import drawn_values
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log, Trace
-    from ident.studies.fit import FitResult
-    from ident.studies.sample import SampleResult
     from ident.vibrate.compare import Comparison
     from ident.vibrate.response import Outline
     from ident.vibrate.study import Draws, SimulatedMotion
@@ -181,15 +178,15 @@ class SimulateResult(Result):
         return {**self.simulation.basis.sources, "trace": self.simulation.trace}
 
 
-@keyword_options
+@study
 def simulate(
-    arm: "Arm | ArmFile | str | Path",
-    options: SimulateOptions | None = None,
+    arm: "ArmFile",
+    options: SimulateOptions = DEFAULT,
     *,
-    path: "Log | str | Path | None" = None,
-    fit: "Values | FitResult | str | Path | None" = None,
-    posterior: "Values | SampleResult | str | Path | None" = None,
-    trace: "Trace | str | Path | None" = None,
+    path: "Log | None" = None,
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
+    trace: "Trace | None" = None,
     progress: Progress = silent,
 ) -> SimulateResult:
     """Simulate how the end point vibrates while the arm carries out a motion.
@@ -212,16 +209,12 @@ def simulate(
     """
     from ident.assess.simulate import Simulation, simulated_over_phases
 
-    options = SimulateOptions.of(options)
-    arm_file = as_file(arm, options.soft_base)
-    drawn = drawn_values(posterior, arm_file, options.draws, options.seed, options)
-    basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
-    measured = _trace(trace)
+    basis = basis_of(arm, options, path=path, fit=fit, posterior=posterior)
     _check_time(options.at, basis)
-    check_place(f"{basis.name}.simulate", {**basis.sources, "trace": measured})
+    check_place(f"{basis.name}.simulate", {**basis.sources, "trace": trace})
     with ThreadPoolExecutor(1) as beside:  # the exact method keeps one core busy
         phases = beside.submit(simulated_over_phases, basis, options.elastic_belts, options.rate, options.step)
-        study = _simulated(basis, options, "fast" if drawn else "both", progress)
+        study = _simulated(basis, options, "fast" if posterior else "both", progress)
     _check_belts(basis, study)
     simulation = Simulation(
         basis,
@@ -230,8 +223,8 @@ def simulate(
         options.at,
         None if options.limit is None else options.limit / 1e3,
         _draws(basis, options, progress) if study.interrupted is None else None,
-        measured,
-        _compared(study, measured, options.band) if measured else None,
+        trace,
+        _compared(study, trace, options.band) if trace else None,
         phases.result() if study.interrupted is None else None,
     )
     return SimulateResult(simulation, options)
@@ -288,12 +281,6 @@ def _compared(study: "SimulatedMotion", measured: "Trace", band: tuple[float, fl
         if study.interrupted is None:
             raise
         return None
-
-
-def _trace(trace: "Trace | str | Path | None") -> "Trace | None":
-    from ident.measure import read_trace
-
-    return read_trace(trace) if isinstance(trace, str | Path) else trace
 
 
 def _check_time(at: float | None, basis: "Basis") -> None:

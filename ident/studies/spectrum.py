@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
 from ident.studies import reading
-from ident.studies.options import WINDOWS, keyword_options, option
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import WINDOWS, option
 from ident.studies.result import Result, check_place
-from ident.studies.shared import FARTHEST, BaseOptions, as_file, is_angle
+from ident.studies.shared import FARTHEST, BaseOptions, is_angle
 from ident.studies.simulate import SimulateResult
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from jaxtyping import Float
     from matplotlib.figure import Figure
 
-    from ident.arm.arm import Arm
     from ident.assess.spectrum import MarkedModes, Spectra
     from ident.description.file import ArmFile
     from ident.measure import Log, Pulley, Trace
@@ -150,12 +150,12 @@ class SpectrumResult(Result):
         return _inputs(self.spectra.traces, self.arm, self.path)
 
 
-@keyword_options
+@study
 def spectrum(
     trace: "Trace | SimulateResult | str | Path",
-    options: SpectrumOptions | None = None,
+    options: SpectrumOptions = DEFAULT,
     *,
-    arm: "Arm | ArmFile | str | Path | None" = None,
+    arm: "ArmFile | None" = None,
     against: "Trace | SimulateResult | str | Path | None" = None,
     pulleys: "Mapping[str, Pulley] | None" = None,
     path: "Log | str | Path | None" = None,
@@ -185,13 +185,12 @@ def spectrum(
         spectrograms,
     )
 
-    options = SpectrumOptions.of(options)
-    arm_file = _arm(arm, options, path)
+    _check_arm(arm, options, path)
     given, turning = _traces(trace, against, pulleys, options)
     directions, (traces, remark) = common_directions(given, options.direction), comparable(given)
     first, turning = next(iter(traces.values())), distinct(turning)
-    log = _given_path(arm_file, path)
-    check_place(_name(traces), _inputs(traces, arm_file, log))
+    log = _given_path(arm, path)
+    check_place(_name(traces), _inputs(traces, arm, log))
     orders, window = options.orders, options.window
     spectra = Spectra(
         directions,
@@ -199,13 +198,13 @@ def spectrum(
         amplitude_spectra(traces, directions, window=window, segments=options.segments),
         options.upto,
         turning,
-        _modes(arm_file, options, first, trace, log),
+        _modes(arm, options, first, trace, log),
         order_tracks(first, directions, turning, orders, options.revolutions) if orders else {},
         orders,
         spectrograms(first, directions, window=window, seconds=options.segment) if options.spectrogram else {},
         remark,
     )
-    return SpectrumResult(spectra, arm_file, log, options)
+    return SpectrumResult(spectra, arm, log, options)
 
 
 def _name(traces: "Mapping[str, Trace]") -> str:
@@ -253,15 +252,13 @@ def _read(trace: "Trace | SimulateResult | str | Path") -> "tuple[str, Trace, Ma
     return Path(trace).stem, measured, read_pulleys(trace, measured)
 
 
-def _arm(arm: "Arm | ArmFile | str | Path | None", options: SpectrumOptions, path: Any) -> "ArmFile | None":
+def _check_arm(arm: "ArmFile | None", options: SpectrumOptions, path: Any) -> None:
+    """Refuse what is asked of an arm where none is named, and two postures of one."""
     if path is not None and options.posture is not None:
         raise InputError(Problem("posture", "it beside `path`", "one of them", "drop one"))
-    if arm is not None:
-        return as_file(arm, options.soft_base)
     for name, value in {"posture": options.posture, "soft_base": options.soft_base, "path": path}.items():
-        if value is not None:
+        if arm is None and value is not None:
             raise InputError(Problem(name, "it without `arm`", "an arm", "name the arm's file (`arm`)"))
-    return None
 
 
 def _modes(

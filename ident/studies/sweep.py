@@ -8,24 +8,20 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError, Problem
 from ident.studies import ranges
 from ident.studies.amplitudes import AmplitudeOptions
+from ident.studies.door import DEFAULT, study
 from ident.studies.motion import basis_of
-from ident.studies.options import keyword_options, option
+from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
-from ident.studies.shared import as_file
-from ident.studies.values import drawn_values
 
 if TYPE_CHECKING:
     import numpy as np
     from jaxtyping import Float
 
-    from ident.arm.arm import Arm
     from ident.assess.design import SweepStudy
     from ident.assess.scenario import Basis
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log
-    from ident.studies.fit import FitResult
-    from ident.studies.sample import SampleResult
     from ident.vibrate.sweep import Axis, Sweep, Trend
 
 MOST_NAMED = 3
@@ -117,14 +113,14 @@ class SweepResult(Result):
         return self.study.basis.sources
 
 
-@keyword_options
+@study
 def sweep(
-    arm: "Arm | ArmFile | str | Path",
-    options: SweepOptions | None = None,
+    arm: "ArmFile",
+    options: SweepOptions = DEFAULT,
     *,
-    path: "Log | str | Path | None" = None,
-    fit: "Values | FitResult | str | Path | None" = None,
-    posterior: "Values | SampleResult | str | Path | None" = None,
+    path: "Log | None" = None,
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
     progress: Progress = silent,
 ) -> SweepResult:
     """Simulate a motion with other numbers of the arm, each alone, or two together; by the fast method.
@@ -144,10 +140,7 @@ def sweep(
     from ident.assess.design import SweepStudy
     from ident.vibrate.sweep import sweep, sweeps
 
-    options = SweepOptions.of(options)
-    arm_file = as_file(arm, options.soft_base)
-    drawn = drawn_values(posterior, arm_file, options.draws, options.seed, options)
-    basis = basis_of(arm_file, options, path=path, fit=fit, posterior=drawn)
+    basis = basis_of(arm, options, path=path, fit=fit, posterior=posterior)
     axes, shown = _axes(basis, options), progress("simulations")
     check_place(_name(basis, axes, options.grid), basis.sources)
     evaluator = options.evaluator(basis)

@@ -2,17 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
-from ident.studies.options import keyword_options, option
+from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
-from ident.studies.shared import as_campaign, as_file
 
 if TYPE_CHECKING:
-    from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.compare import Scope, Validation
     from ident.measure import Campaign
@@ -72,11 +70,11 @@ class ValidateResult(Result):
         return {"arm": self.arm, "campaign": self.validation.fit.campaign}
 
 
-@keyword_options
+@study
 def validate(
-    arm: "Arm | ArmFile | str | Path",
-    campaign: "Campaign | str | Path",
-    options: ValidateOptions | None = None,
+    arm: "ArmFile",
+    campaign: "Campaign",
+    options: ValidateOptions = DEFAULT,
     *,
     progress: Progress = silent,
 ) -> ValidateResult:
@@ -96,8 +94,6 @@ def validate(
     """
     from ident.identify.compare import validate_fit
 
-    options = ValidateOptions.of(options)
-    arm_file, campaign = as_file(arm, options.soft_base), as_campaign(campaign)
-    check_place(f"{campaign.name}.validate", {"arm": arm_file, "campaign": campaign})
-    fit = fit_study(arm_file, campaign, options, progress=progress).fit
-    return ValidateResult(arm_file, validate_fit(fit, options.leave, options.seed, progress("parts")), options)
+    check_place(f"{campaign.name}.validate", {"arm": arm, "campaign": campaign})
+    fit = fit_study(arm, campaign, options, progress=progress).fit
+    return ValidateResult(arm, validate_fit(fit, options.leave, options.seed, progress("parts")), options)

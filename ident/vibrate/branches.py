@@ -9,9 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ident.arm.arm import Arm
+from ident.arm.arm import Arm, nominal
 from ident.arm.chain import Loads, at_posture
-from ident.arm.fields import FIELDS
 from ident.arm.mechanics import flat, mass_matrix, static_equilibrium, unflatten
 from ident.arm.modes import (
     Label,
@@ -25,16 +24,16 @@ from ident.arm.modes import (
 )
 from ident.arm.rotations import matvec
 from ident.errors import InputError, ModelError, Problem
-from ident.programs import jit, library
+from ident.programs import jit
 from ident.vibrate.motion import Motion, check_joints
 
 # -------- Tracking
 # Which mode at one posture is which at the next: matching by mass-weighted MAC, never by order of frequency.
 
 ALIKE = 0.9
-"""MAC of successive postures below which a mode is not followed with certainty."""
+"""MAC of successive postures below which a mode is not followed with certainty; assumed."""
 BACK = 4
-"""Postures before a failure in which modes may have begun to mix."""
+"""Postures before a failure in which modes may have begun to mix; assumed."""
 REPEATED = 1e-6
 """Relative distance of frequencies below which the shapes of two modes are any basis of their plane."""
 
@@ -263,17 +262,6 @@ def followed(
     return frequency, damping, mac
 
 
-def nominal(arm: Arm) -> Arm:
-    """Return the arm of the medians of its numbers over their batch."""
-    ranks = {field.name: field.rank for field in FIELDS} | {"axis": 1, "gravity": 1, "direction": 1}
-
-    def middle(path: Any, leaf: Any) -> Any:
-        batch = tuple(range(ranks.get(getattr(path[-1], "name", ""), 0), np.ndim(leaf)))
-        return library(leaf).median(leaf, axis=batch) if batch else leaf
-
-    return jax.tree_util.tree_map_with_path(middle, arm)
-
-
 def _track(along: ModesAlongPath, path: Path, count: int) -> Track:
     reach = BRIDGE * path.s[-1] / (POSTURES - 1)
     return track(along.s, along.frequency, along.shape, along.mass, count=count, reach=reach)
@@ -338,7 +326,8 @@ SAMPLES = 1001
 MORE = 3
 """Modes computed above those wanted, from which a branch may come down."""
 MATCHED = 0.5
-"""MAC of a draw's mode with the branch below which it can be taken for another."""
+"""MAC of a draw's mode with the branch below which it can be taken for another;
+of shapes that are orthogonal at most one has more."""
 BAND = (5.0, 95.0)
 """Ends of a band [%]."""
 

@@ -24,9 +24,10 @@ from ident.vibrate.simulate import simulate
 STARTS = 3
 """Starts, the arm as it is among them."""
 SAME = 1e-4
-"""Difference of amplitudes, as a share, that is none."""
+"""Difference of amplitudes, as a share, that is none; assumed."""
 ALIKE = 0.01
-"""Difference of amplitudes, as a share, up to which optima are one before the worst phases are searched for."""
+"""Difference of amplitudes, as a share, up to which optima are one before the worst phases are searched for;
+assumed."""
 SHARES = (0.125, 0.25, 0.5, 0.75)
 """Change norms on the trade-off curve, of that of the minimum amplitude."""
 

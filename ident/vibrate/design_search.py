@@ -38,7 +38,8 @@ from ident.vibrate.evaluator import (
 # What a design minimises and keeps within limits: functions of scaled changes, with exact slopes.
 
 BLUR = 0.05
-"""Width in ln(amplitude) over which a draw passes from below the limit to above it, so that there is a slope."""
+"""Width in ln(amplitude) over which a draw passes from below the limit to above it, so that there is a slope;
+assumed."""
 CACHED = 64
 """Results that are remembered: an optimiser asks for the same several times."""
 
@@ -367,11 +368,11 @@ class Search:
 ROUNDS = 4
 """Further searches, with one cut more each, at most."""
 PHASES_CLOSE = 0.01
-"""Share by which the worst phases may give more than the cuts."""
+"""Share by which the worst phases may give more than the cuts; assumed."""
 LONGER = 12
-"""Further searches for the least change: one that stops too early says that it is no answer."""
+"""Further searches for the least change: one that stops too early says that it is no answer; assumed."""
 GAP = 3e-3
-"""Share by which a change that keeps the limit with any phases may be larger than one that need not."""
+"""Share by which a change that keeps the limit with any phases may be larger than one that need not; assumed."""
 MARGIN = 1e-3
 """Share by which the least change keeps a limit better than asked for: the fast method differs less, mostly."""
 

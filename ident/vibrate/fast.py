@@ -77,7 +77,7 @@ from ident.vibrate.response import Response
 # Springs that are no straight lines, in motion: where the fast method may take their tangent, and what passes T1.
 
 MISSED = 0.02
-"""Share of a bushing's moment of vibration by which its tangent may miss its curve, for the fast method."""
+"""Share of a bushing's moment of vibration by which its tangent may miss its curve, for the fast method; assumed."""
 
 
 class LeavesTangentError(InputError):

@@ -20,7 +20,7 @@ from ident.vibrate.spectra import (
 )
 
 TURNING = 0.05
-"""Share of the fastest turning rate below which the pulley counts as at rest."""
+"""Share of the fastest turning rate below which the pulley counts as at rest; assumed."""
 FAITHFUL = 0.5
 """Share of the Nyquist order up to which the interpolation keeps amplitudes to within 0.2 %."""
 

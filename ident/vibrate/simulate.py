@@ -11,14 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ident.arm.arm import Arm
+from ident.arm.arm import Arm, nominal
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, has_transmission_error, multibody
 from ident.errors import InputError, ModelError, Problem
 from ident.programs import RUNS_ONCE, AnyArray, jit, library
 from ident.text import did_you_mean, quoted
 from ident.vibrate import exact, fast
-from ident.vibrate.branches import nominal
 from ident.vibrate.exact import Progress
 from ident.vibrate.fast import (
     FastMethod,

@@ -350,9 +350,9 @@ def _about(path: str, present: float, share: float | None, extents: Extents) -> 
 # What to change first: percent of amplitude per percent of each number of the arm, and where its sign is not sure.
 
 NEARBY = 0.1
-"""Share of a number by which nearby arms differ in it, either way."""
+"""Share of a number by which nearby arms differ in it, either way; assumed."""
 FLAT = 0.002
-"""Share of an amplitude below which a change is none: peaks are sampled."""
+"""Share of an amplitude below which a change is none: peaks are sampled; assumed."""
 
 
 @dataclass(frozen=True)
@@ -481,7 +481,7 @@ def _elasticities(
 # How an amplitude depends on what is swept, in a word: falls, rises, least or largest in between, hardly changed.
 
 NOTABLE = 0.05
-"""Part of the largest amplitude in a range that counts as a change."""
+"""Part of the largest amplitude in a range that counts as a change; assumed."""
 NEAR_FACTOR, NEAR_SHARE = 1.25, 0.15
 """How far about the present value is near: a factor, or a share of the range of what is changed by a difference."""
 

@@ -11,7 +11,7 @@ import pytest
 from commands import ARM, files
 from three_joints import WITH_HAND
 
-from ident.assess.predict import Example
+from ident.assess.show import Example
 from ident.measure import Campaign
 
 URDF = "<robot name='one'><link name='base'/><link name='a'/></robot>"
@@ -58,7 +58,7 @@ def test_what_cannot_be_made_is_one_line_and_nothing_is_written(run, tmp_path, a
 
 def test_what_a_robot_description_says_otherwise_is_said(run, tmp_path, monkeypatch):
     """Where the campaign is simulated, is tested in tests/studies/test_new.py."""
-    monkeypatch.setattr("ident.assess.predict.example", lambda arm: Example(Campaign(), {}))
+    monkeypatch.setattr("ident.assess.show.example", lambda arm: Example(Campaign(), {}))
     (tmp_path / "arm.urdf").write_text(WITH_HAND.replace('lower="-1" upper="2"', 'lower="0" upper="0"'))
     code, out, err = run("new", "robot", "--robot=arm.urdf", "--tip=hand")
     assert (code, err) == (0, "")

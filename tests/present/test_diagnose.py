@@ -1,5 +1,6 @@
 """What a diagnosis says: verdicts, causes, remedies and stages."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,11 +19,12 @@ from ident.present.diagnose import (
     change_words,
     contribution_words,
     judged,
-    stage_report,
+    vibration_line,
 )
 from ident.studies.diagnose import DiagnoseOptions
 from ident.studies.motion import basis_of
 from ident.vibrate.evaluator import binomial_estimate
+from ident.vibrate.sweep import Sensitivities
 
 pytestmark = pytest.mark.slow
 
@@ -49,10 +51,10 @@ def diagnosis(meets_limit=True, holds=(), excess=1.4, phases="file", doubts=(), 
     verifications = tuple(Verification(SMALL if good else LARGE, GOOD if good else BAD, 5e-4) for good in holds)
     sampled = object.__new__(CampaignSample)
     object.__setattr__(sampled, "fitted", SimpleNamespace(doubts=doubts))
-    begun = Diagnosis({"stiffness": Identification(sampled, Task(basis, limit)), "resonance": ResonanceAssessment()})
-    begun = begun.then("vibration", vibration)
+    identified, slopes = Identification(sampled, Task(basis, limit)), object.__new__(Sensitivities)
+    begun = Diagnosis(identified, (), ResonanceAssessment(), vibration, slopes)
     remedies = (*(remedy(meets_limit) for _ in holds), SLOWER)
-    return begun.then("remedies", remedies).then("verification", verifications) if holds else begun
+    return replace(begun, remedies=remedies, verifications=verifications) if holds else begun
 
 
 @pytest.mark.parametrize(
@@ -132,9 +134,6 @@ def test_contributions_are_those_at_the_worst_phases():
 
 
 def test_a_finished_stage_is_a_line():
-    report = stage_report(diagnosis(), "vibration")
-    assert (report.number, report.count, report.name) == (4, 7, "vibration")
-    assert "kept by 50 of 100 draws" in report.result
-    assert stage_report(diagnosis(excess=0.9, keeps=GOOD), "vibration").count == 5
+    assert "kept by 50 of 100 draws" in vibration_line(diagnosis().vibration)
     report = StageReport(6, 7, "remedies", "2 of 9", resumed=True)
     assert str(report) == "6/7 remedies: 2 of 9 (from an earlier run)"

@@ -13,10 +13,10 @@ from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain, contents
 
 import ident
-from ident.assess.diagnose import Diagnosis, ResonanceAssessment
+from ident.assess.diagnose import STAGES, ResonanceAssessment
 from ident.present.basis import assumed
 from ident.present.files.document import NAMES
-from ident.studies.diagnose import STAGES, DiagnoseOptions, DiagnoseResult, diagnose, discard_stages
+from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard_stages
 from ident.vibrate.evaluator import BinomialEstimate
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -47,20 +47,19 @@ def page(result):
     return result.html()
 
 
-def with_stage(result, stage, value):
-    return DiagnoseResult(result.diagnosis.then(stage, value), result.options)
+def with_stages(result, **values):
+    return DiagnoseResult(replace(result.diagnosis, **values), result.options)
 
 
 def accepted(result):
     """The same arm where the limit is far away: no remedy is sought."""
     vibration = replace(result.diagnosis.vibration, limit=1.0, keeps=BinomialEstimate(10, 10))
-    stages = {**result.diagnosis.stages, "vibration": vibration}
-    return DiagnoseResult(Diagnosis({stage: stages[stage] for stage in list(STAGES)[:5]}), result.options)
+    return with_stages(result, vibration=vibration, remedies=(), verifications=())
 
 
 def test_each_stage_is_a_value(result):
     diagnosis = result.diagnosis
-    assert list(diagnosis.stages) == list(STAGES)
+    assert diagnosis.stages == STAGES
     draws = diagnosis.task.basis.draws
     assert {len(values) for values in draws.values()} == {SMALL.draws}
     assert diagnosis.task.basis.arm.get("joint1.k_tors") == pytest.approx(float(np.median(draws["joint1.k_tors"])))
@@ -164,7 +163,7 @@ def test_it_says_how_far_to_trust_postures_that_were_not_measured(result):
 
 
 def test_without_other_postures_nothing_is_predicted_and_a_motion_within_them_is_no_caution(result):
-    untold = with_stage(result, "trust", ())
+    untold = with_stages(result, trust=())
     assert "No posture can be predicted from others" in untold.report(details=True)
     assert "trust" not in untold.figures()
     assert TESTED in untold.html()
@@ -173,11 +172,11 @@ def test_without_other_postures_nothing_is_predicted_and_a_motion_within_them_is
     identification = result.diagnosis.identification
     fitted = replace(identification.sampled.fitted, campaign=replace(MEASURED, measurements=(folded, *rest)))
     narrow = replace(identification, sampled=replace(identification.sampled, fitted=fitted))
-    assert TESTED not in with_stage(result, "stiffness", narrow).html()
+    assert TESTED not in with_stages(result, identification=narrow).html()
 
 
 def test_where_nothing_turns_there_is_no_chart_of_resonance(result, page):
-    undriven = with_stage(result, "resonance", ResonanceAssessment())
+    undriven = with_stages(result, resonance=ResonanceAssessment())
     assert "resonance" not in undriven.figures()
     assert any("no [[drive]]" in part for part in undriven.sections().details[2].parts)
     assert undriven.html().count("<figure>") == page.count("<figure>") - 1
@@ -208,7 +207,7 @@ def test_an_interrupted_one_goes_on_and_comes_to_the_same(diagnosed, tmp_path):
     part = Path(shutil.copytree(behind / "3", tmp_path / "part"))
     assert going_on(part, 3) == [(number, True) for number in (1, 2, 3)]
     assert going_on(part, 4) == [*((number, True) for number in (1, 2, 3)), (4, False)]
-    assert items(part) == {name: kept for name, kept in items(behind / "whole").items() if name in list(STAGES)[:4]}
+    assert items(part) == {name: kept for name, kept in items(behind / "whole").items() if name in STAGES[:4]}
     shutil.copytree(behind / "5", part, dirs_exist_ok=True)
     reports = []
     resumed = diagnose(ARM, MEASURED, OPTIONS, folder=part, on_stage=reports.append)
@@ -224,12 +223,27 @@ def test_an_interrupted_one_goes_on_and_comes_to_the_same(diagnosed, tmp_path):
     assert not part.exists()
 
 
-def test_without_a_folder_nothing_is_kept(result, tmp_path, monkeypatch):
+@pytest.mark.parametrize("good", [False, True], ids=["not accepted", "accepted"])
+def test_without_a_folder_nothing_is_kept(result, good, tmp_path, monkeypatch):
     """With stages that are known already in the place of what computes them."""
-    known = {stage: lambda job, diagnosis, value=value: value for stage, value in result.diagnosis.stages.items()}
-    monkeypatch.setattr("ident.studies.diagnose.STAGES", known)
+    expected, reports = accepted(result) if good else result, []
+    known = expected.diagnosis
+    for computes, value in {
+        "ident.studies.diagnose._identified": known.identification,
+        "ident.assess.diagnose.assess_trust": known.trust,
+        "ident.assess.diagnose.assess_resonance": known.resonance,
+        "ident.assess.remedies.assess_vibration": known.vibration,
+        "ident.vibrate.sweep.sensitivities": known.sensitivities,
+        "ident.assess.remedies.remedies": known.remedies,
+        "ident.assess.remedies.verify_in_turn": known.verifications,
+    }.items():
+        monkeypatch.setattr(computes, lambda *_, value=value: value)
     monkeypatch.chdir(tmp_path)
-    assert diagnose(ARM, MEASURED, OPTIONS).sections() == result.sections()
+    assert diagnose(ARM, MEASURED, OPTIONS, on_stage=reports.append).sections() == expected.sections()
+    counts = (7, 7, 7, 5, 5) if good else (7,) * 7
+    assert [(each.number, each.count, each.name) for each in reports] == list(
+        zip(range(1, 8), counts, STAGES, strict=False)
+    )
     assert not list(tmp_path.iterdir())
 
 

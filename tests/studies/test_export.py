@@ -10,7 +10,7 @@ import pytest
 from three_joints import JOINTS, URDF, WITHOUT_MESHES
 
 import ident
-from ident.assess.predict import example
+from ident.assess.show import example
 from ident.errors import InputError
 from ident.measure.reading import campaign_text
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import jax
 
-from ident.assess.predict import Example, example
+from ident.assess.show import Example, example
 from ident.description.file import read_arm
 from ident.measure.reading import campaign_text
 

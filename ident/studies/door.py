@@ -1,0 +1,125 @@
+"""The one door of the studies: what a user gives becomes values once, by the name of the parameter."""
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import wraps
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from ident.errors import InputError, Problem
+from ident.studies.options import specs
+from ident.studies.shared import UnitOptions, as_campaign, as_file
+from ident.studies.values import drawn_values, fitted_values
+from ident.text import did_you_mean
+from ident.units import stiffness_in
+
+if TYPE_CHECKING:
+    from ident.identify.values import Values
+    from ident.measure import Log, Trace
+
+R = TypeVar("R")
+"""What a study returns."""
+DEFAULT: Any = None
+"""Stands for the default options of a study."""
+
+
+class Input(NamedTuple):
+    """What a study takes under a name.
+
+    Attributes:
+        value: type of what the study gets, as it annotates the parameter.
+        given: type of what a user may give, as `help` shows it.
+        read: makes the one of the other, and of the inputs that have been read before, `options` and `arm` among them.
+    """
+
+    value: str
+    given: str
+    read: Callable[[Any, Mapping[str, Any]], Any]
+
+
+def _fitted(fit: Any, known: Mapping[str, Any]) -> "Values":
+    return fitted_values(fit, known["arm"], known["options"])
+
+
+def _draws(posterior: Any, known: Mapping[str, Any]) -> "Values | None":
+    options = known["options"]
+    return drawn_values(posterior, known["arm"], options.draws, getattr(options, "seed", None), options)
+
+
+def _log(path: Any, known: Mapping[str, Any]) -> "Log":
+    from ident.measure import Log, read_log
+
+    return path if isinstance(path, Log) else read_log(path, [joint.name for joint in known["arm"].arm.driven])
+
+
+def _trace(trace: Any, known: Mapping[str, Any]) -> "Trace":
+    from ident.measure import Trace, read_trace
+
+    return trace if isinstance(trace, Trace) else read_trace(trace)
+
+
+CAMPAIGN = Input("Campaign", "Campaign | str | Path", lambda campaign, known: as_campaign(campaign))
+INPUTS = {
+    "arm": Input("ArmFile", "Arm | ArmFile | str | Path", lambda arm, known: as_file(arm, known["options"].soft_base)),
+    "campaign": CAMPAIGN,
+    "measured": CAMPAIGN,
+    "fit": Input(
+        "Values",
+        "Values | FitResult | str | Path",
+        lambda fit, known: fitted_values(fit, known["arm"], known["options"]),
+    ),
+    "posterior": Input("Values", "Values | SampleResult | str | Path", _draws),
+    "path": Input("Log", "Log | str | Path", _log),
+    "trace": Input("Trace", "Trace | str | Path", _trace),
+}
+"""Inputs by the parameter's name, in the order in which they are read."""
+
+
+def study(function: Callable[..., R]) -> Callable[..., R]:
+    """Make a study of a function of values: users may give files and results, and options as keywords, too.
+
+    A parameter of `INPUTS` that the function annotates with the value's type is read; another type it reads itself.
+    Keywords as in `fit(arm, campaign, fix="*.k_bend")` are put into the options that are given, or into the default
+    ones. What `help` shows is what may be given.
+
+    Raises:
+        InputError: a keyword that is no option of the study, or an input that can't be read.
+    """
+    own = inspect.signature(function)
+    kind: type[UnitOptions] = own.parameters["options"].annotation
+    read = {
+        name: each
+        for name, each in INPUTS.items()
+        if name in own.parameters and own.parameters[name].annotation in (each.value, f"{each.value} | None")
+    }
+
+    @wraps(function)
+    def call(*given: Any, **named: Any) -> R:
+        keywords = {name: named.pop(name) for name in list(named) if name not in own.parameters}
+        options_of = [each.name for each, _ in specs(kind)]
+        if unknown := [name for name in keywords if name not in options_of]:
+            expected = f"one of {kind.__name__}"
+            raise InputError(
+                Problem(function.__name__, f"the option {name}", expected, did_you_mean(name, options_of, "drop it"))
+                for name in unknown
+            )
+        inputs = own.bind(*given, **named)
+        inputs.apply_defaults()
+        known = inputs.arguments
+        options = known["options"] = replace(kind.of(known["options"]), **keywords)
+        with stiffness_in(options.units):
+            for name, each in read.items():
+                if known[name] is not None or own.parameters[name].default is inspect.Parameter.empty:
+                    known[name] = each.read(known[name], known)
+            return function(*inputs.args, **inputs.kwargs)
+
+    def shown(parameter: inspect.Parameter) -> inspect.Parameter:
+        if parameter.name == "options":
+            return parameter.replace(annotation=kind | None)
+        if parameter.name not in read:
+            return parameter
+        none = " | None" * parameter.annotation.endswith(" | None")
+        return parameter.replace(annotation=read[parameter.name].given + none)
+
+    call.__signature__ = own.replace(parameters=[shown(each) for each in own.parameters.values()])  # type: ignore[attr-defined]
+    return call
