@@ -32,6 +32,7 @@ FIGURES = {
     "simulate": "arm.extend-10.simulate.png",
     "spectrum": "arm.extend-10.spectrum.png",
     "sweep": "arm.extend-10.joint1.k_tors+bracket.com.x+speed.sweep.png",
+    "motion": "arm.extend-10.motion.png",
     "design": "arm.extend-10.design.png",
     "show": "arm.show.png",
     "modal": "hammer.modal.modes2.png",

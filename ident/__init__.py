@@ -24,6 +24,7 @@ In the order of use; every study is one function that returns one frozen result.
     simulate        how far the end point vibrates while the arm carries out a motion
     spectrum        at which frequencies a trace vibrates
     sweep           how the vibration depends on numbers of the arm, or on its speed
+    motion          how fast to go along the path so that the arm keeps a limit, no part changed
     design          what to change so that the arm vibrates least
     explore         a page with sliders: what the arm does when a number is changed
     diagnose        all of it, from a campaign to advice
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from ident.studies.fit import FitOptions, FitResult, fit
     from ident.studies.fleet import FleetOptions, FleetResult, fleet
     from ident.studies.modal import ModalOptions, ModalResult, modal_test
+    from ident.studies.motion import MotionOptions, MotionResult, motion
     from ident.studies.plan import PlanOptions, PlanResult, plan
     from ident.studies.predict import PredictOptions, PredictResult, predict
     from ident.studies.profile import ProfileOptions, ProfileResult, profile

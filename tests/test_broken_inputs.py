@@ -36,7 +36,7 @@ from ident.measure import parse_campaign
 from ident.measure.channels import read_channels
 from ident.measure.recordings import read_recording
 from ident.measure.series import parse_log, parse_trace
-from ident.studies.motion import basis_of
+from ident.studies.motion_options import basis_of
 from ident.studies.options import flag_of, specs
 from ident.studies.result import check_place, written_to
 from ident.studies.shared import as_file

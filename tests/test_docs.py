@@ -35,6 +35,7 @@ REDUCED = {
     "sample": ("--ess=100", "--steps=500", "--starts=1", "--no-figure"),
     "simulate": ("--method=fast", "--no-figure"),
     "sweep": ("--speed=200", "--rate=100", "--dwell=0.5", "--no-figure"),
+    "motion": ("--time=27", "--segments=4", "--no-figure"),
     "design": ("--path=teach.csv", "--dwell=0.2", "--rate=100", "--starts=1", "--no-curve", "--no-figure", *TWO),
 }
 """What is added to a command that takes long: the way through it is tested, its numbers are elsewhere. Motions are

@@ -49,6 +49,7 @@ from ident.studies.explore import explore
 from ident.studies.fit import fit
 from ident.studies.fleet import FleetOptions, fleet
 from ident.studies.modal import ModalOptions, modal_test, new_channels
+from ident.studies.motion import motion
 from ident.studies.options import Options, renamed
 from ident.studies.plan import PlanOptions, plan
 from ident.studies.predict import predict
@@ -220,6 +221,16 @@ offer(
     Each parameter alone, the others as they are; two together with --grid. By the fast method. Writes
     ARM.MOTION.PARAMETERS.sweep.csv, .json and .png into the folder given by --out, when all is done.
     """,
+)
+offer(
+    motion,
+    """Choose how fast to go along the path so that the arm keeps a limit of vibration: no part is changed.
+
+    Compares the motion as it is with slower ones, other profiles, input shapers, and a speed chosen along the path.
+    Writes ARM.MOTION.motion.json, .csv (the joint path, for the controller and ident simulate --path) and .png into the
+    folder given by --out. Exit status 3 where no motion keeps the limit.
+    """,
+    posterior=flag("posterior of ident sample (.nc): the limit is kept with 95 % by its draws"),
 )
 offer(
     design,

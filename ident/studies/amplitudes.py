@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ident.studies.motion import HeldMotionOptions
+from ident.studies.motion_options import HeldMotionOptions
 from ident.studies.options import MEASURES, option
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from ident.assess.effort import DiagnosisEffort
 from ident.errors import InputError
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
-from ident.studies.motion import HeldMotionOptions, basis_of
+from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option, specs
 from ident.studies.result import Progress, check_place, silent
 from ident.studies.sample import SampleOptions, sample

@@ -1,168 +1,159 @@
-"""What the studies share that move an arm: options of the motion, and the basis that a simulation rests on."""
+"""Choose how fast the arm goes along its path, so that it vibrates little: no part is changed."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
-from ident.studies import reading
-from ident.studies.options import STROKE_PROFILES, option
-from ident.studies.shared import ArmOptions, with_numbers
+from ident.studies.door import DEFAULT, study
+from ident.studies.motion_options import HeldMotionOptions, basis_of
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.values import drawn_groups
 
 if TYPE_CHECKING:
-    from ident.arm.arm import Arm
-    from ident.assess.scenario import Basis, Unknowns
+    from matplotlib.figure import Figure
+
+    from ident.assess.motion import MotionStudy
     from ident.description.file import ArmFile
     from ident.identify.values import Values
-    from ident.measure import Log
-    from ident.vibrate.motion import Motion
-
-STROKE = "add a [stroke] section to the arm file (example: `ident new scara`), or give a joint path (`path`)"
-
-SLOWEST = 1e-3
-"""Lowest speed [%]."""
-PHASES = ("unknown", "file")
-"""What is taken for the phases of the rotating unbalance."""
+    from ident.studies.sample import SampleResult
 
 
 @dataclass(frozen=True, kw_only=True)
-class MotionOptions(ArmOptions):
-    """What the arm carries out, under which load, with which numbers changed."""
+class MotionOptions(HeldMotionOptions):
+    """Options of `ident.motion`: the motion as it is, the limit, and how finely the speed may change along the path."""
 
     speed: float | None = option(
-        None, "percent of full speed, default 10; with --path of its own speed, default 100", above=0.0, high=1000.0
+        None,
+        "percent of full speed of the motion as it is, default 10; alpha never goes faster",
+        above=0.0,
+        high=1000.0,
     )
-    profile: str | None = option(
-        None, "of the stroke's speed: s-curve, trapezoid or cycloid; the arm file's by default", choices=STROKE_PROFILES
+    limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
+    time: float | None = option(
+        None, "time [s] in which to vibrate least; default: the least time that keeps the limit", above=0.0
     )
-    retract: bool = option(False, "from unfolded to folded")
-    smoothing: float = option(0.0, "noise of that path, rms [deg]", low=0.0, high=90.0)
+    segments: int = option(12, "segments of the path; at their ends the speed is chosen", low=4, high=30)
+    rate: float = option(250.0, "rows a second of the joint path that is written", low=10.0, high=10_000.0)
+    draws: int = option(50, "draws of the posterior by which motions are judged", low=1, high=1000)
+    fresh: int = option(200, "other draws, by which the proposed motion is verified", low=0, high=100_000)
+    seed: int = option(0, "seed of the choice of draws", low=0, high=1e18)
 
     @property
     def hold(self) -> float:
-        """Time that the arm is held at the end [s]."""
+        """The motion as it is arrives and is held by the study itself."""
         return 0.0
 
-    def problems(self) -> list[Problem]:
-        """Refuse a motion that takes for ever."""
-        slow = self.speed is not None and self.speed < SLOWEST
-        problem = Problem("speed", f"{self.speed}", f"at least {SLOWEST:g}", "100 is full speed, 10 a tenth")
-        return [*super().problems(), *([problem] if slow else [])]
 
-    def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
-        """Return the arm, and what is unknown of its excitation, as far as it matters."""
-        from ident.assess.scenario import Unknowns
+@dataclass(frozen=True, repr=False, eq=False)
+class MotionResult(Result):
+    """Motions along the path of an arm, and the one that keeps the limit in the least time.
 
-        return arm, Unknowns()
+    Its table has a row for each motion: time [s], vibration [m], chance of keeping the limit [-], acceleration.
 
+    Attributes:
+        motions: the motion as it is, the others, the speeds along the path, and their verification.
+        options: what was asked for.
+    """
 
-@dataclass(frozen=True, kw_only=True)
-class HeldMotionOptions(MotionOptions):
-    """The same, and how long the arm is held at the end."""
+    motions: "MotionStudy"
+    options: MotionOptions = field(default_factory=MotionOptions)
 
-    dwell: float = option(2.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
-    phases: str = option(
-        "unknown",
-        "phases of the rotating unbalance: unknown (but for those set, measured, or of a datasheet or paper) or file",
-        choices=PHASES,
-    )
-    errors: tuple[float, float] | None = option(
-        None,
-        "kinematic error of each drive at twice a turn, LOW:HIGH [arc seconds, peak to peak], as 30:60; "
-        "default: the arm file's",
-        read=reading.peak_to_peak,
-    )
+    form = "ident-motion/10"
+    shown = ("motions",)
+    summary = ("time", "vibration", "keeps")
 
     @property
-    def hold(self) -> float:
-        """Time that the arm is held at the end [s]."""
-        return self.dwell
+    def name(self) -> str:
+        """The arm's name, its motion and the study."""
+        return f"{self.motions.basis.name}.motion"
 
-    def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
-        """Return the arm with the largest kinematic errors, and what is unknown of its excitation."""
-        from ident.assess.scenario import unknowns
+    @property
+    def time(self) -> float:
+        """Time from start to arrival with the speeds along the path [s]."""
+        return self.motions.schedule.duration
 
-        return unknowns(arm, origins, self.set, errors=self.errors, phases=self.phases == "unknown")
+    @property
+    def vibration(self) -> float:
+        """Largest vibration with these speeds and the worst phases, by the exact equations [m]."""
+        return self.motions.verification.largest
+
+    @property
+    def keeps(self) -> float | None:
+        """Probability that these speeds keep the limit, by fresh draws [-]; None without a posterior."""
+        kept = self.motions.verification.keeps
+        return None if kept is None else kept.share
+
+    @property
+    def short(self) -> bool:
+        """Whether no motion keeps the limit."""
+        return self.motions.recommended is None
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return speed and vibration along the path, as it is and with the speeds that were found."""
+        from ident.present.figures.motion import motion_figure
+
+        return {"": motion_figure(self.motions)}
+
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.present.motion import write_path
+
+        csv = self._beside(path, ".csv")
+        write_path(self.motions, self.options.rate, head, csv)
+        return csv, *super()._write(path, head)
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return self.motions.basis.sources
 
 
-def basis_of(
+@study
+def motion(
     arm: "ArmFile",
-    options: MotionOptions,
+    options: MotionOptions = DEFAULT,
     *,
-    path: "Log | None" = None,
     fit: "Values | None" = None,
-    posterior: "Values | None" = None,
-) -> "Basis":
-    """Return what a simulation rests on: the arm with the values that it takes over, and its motion.
+    posterior: "Values | SampleResult | str | Path | None" = None,
+    progress: Progress = silent,
+) -> MotionResult:
+    """Choose the speed along the stroke so that the arm keeps a limit of vibration in the least time.
+
+    Compared with the motion as it is, slower, by other profiles and, where the motion itself shakes the arm, by input
+    shapers. The path stays; what is proposed is verified by the exact equations and by draws it was not chosen by.
 
     Args:
-        arm: the arm.
-        options: the motion, the load and what is set.
-        path: a joint path to follow instead of the stroke.
-        fit: fitted values that the arm takes over.
-        posterior: draws; the arm takes over their medians, unless it has fitted values.
+        arm: the arm; it has a stroke.
+        options: the motion as it is, the limit, and how finely the speed may change.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws by which the limit is kept with 95 %: a sample, or its file.
+        progress: shows how far it is, over the steps of the search.
+
+    Raises:
+        InputError: an arm without stroke or drives, a limit or a time out of reach.
+        ModelError: the arm collapses.
     """
-    from ident.assess.scenario import Basis
-    from ident.measure import Load
+    from ident.assess.motion import motions
+    from ident.vibrate.schedule import MotionLimits
 
-    described = with_numbers(arm.arm, fit or posterior, options.set)
-    _check(options, path is not None)
-    motion, percent = _motion(described, options, path)
-    name = f"{Path(arm.path).stem or arm.arm.name}.{_name(described, options, path, percent)}"
-    load = Load.parse(options.load)
-    described, unknown = options.unknown(described, arm.origins)
-    basis = Basis(arm, described, motion, percent, load, path, fit, posterior, options.set, name, unknown)
-    if posterior and not basis.draws:
-        raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
-    return basis
-
-
-def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Motion, float]":
-    """Return the stroke, or the path of a log, within the joint limits, and its speed in percent."""
-    from ident.vibrate.motion import beyond_limits
-
-    percent = options.speed if options.speed is not None else 10.0 if log is None else 100.0
-    motion = _stroke(arm, options, percent) if log is None else _replayed(options, log)
-    beyond_limits(arm, motion)
-    return motion, percent
-
-
-def _stroke(arm: "Arm", options: MotionOptions, percent: float) -> "Motion":
-    from ident.vibrate.motion import stroke
-
-    if arm.stroke is None:
-        raise InputError(Problem(arm.name, "no motion defined", "a stroke or a joint path", STROKE))
-    return stroke(arm.stroke, percent=percent, profile=options.profile, retract=options.retract, dwell=options.hold)
-
-
-def _replayed(options: MotionOptions, log: "Log") -> "Motion":
-    from math import radians
-
-    import numpy as np
-
-    from ident.vibrate.replay import replay
-
-    angles = np.stack(list(log.angles.values()))
-    motion = replay(log.time, angles, smoothing=radians(options.smoothing), name=Path(log.path).name)
-    if options.speed is not None:
-        motion = motion.at_speed(options.speed)
-    return motion.dwell(options.hold)
-
-
-def _check(options: MotionOptions, replayed: bool) -> None:
-    """Refuse options that do not go together."""
-    if replayed and (options.profile or options.retract):
-        name = "profile" if options.profile else "retract"
-        raise InputError(Problem(name, "it beside `path`", "one of them", "it shapes the stroke: drop one"))
-    if not replayed and options.smoothing:
-        raise InputError(Problem("smoothing", "it without `path`", "a path to smooth", "drop it, or give `path`"))
-
-
-def _name(arm: "Arm", options: MotionOptions, log: "Log | None", percent: float) -> str:
-    """Return what a motion's files are called: motion, percent."""
-    if log is not None:
-        return f"{Path(log.path).stem}{'' if options.speed is None else f'-{options.speed:g}'}"
-    own = arm.stroke.profile if arm.stroke else None
-    form = "" if options.profile in (None, own) else f"-{options.profile}"
-    return f"{'retract' if options.retract else 'extend'}-{percent:g}{form}"
+    judging, fresh = drawn_groups(posterior, arm, options.draws, options.fresh, options.seed, options)
+    basis = basis_of(arm, options, fit=fit, posterior=judging)
+    check_place(f"{basis.name}.motion", basis.sources)
+    stroke = basis.arm.stroke
+    if stroke is None or not basis.arm.drives:
+        raise InputError(
+            Problem(basis.arm.name, "no drive", "drives whose imbalance excites the arm", "add its [[drive]]")
+        )
+    speed = float(stroke.speed) * basis.percent / 100
+    found = motions(
+        basis,
+        MotionLimits(speed, float(stroke.acceleration), float(stroke.jerk)),
+        limit=options.limit / 1e3,
+        time=options.time,
+        segments=options.segments,
+        dwell=options.dwell,
+        fresh=basis.drawn(fresh, seed=1),
+        retract=options.retract,
+        progress=progress("speeds along the path"),
+    )
+    return MotionResult(found, options)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
-from ident.studies.motion import MotionOptions, basis_of
+from ident.studies.motion_options import MotionOptions, basis_of
 from ident.studies.options import option
 from ident.studies.result import Result, check_place
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
-from ident.studies.motion import HeldMotionOptions, basis_of
+from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
 

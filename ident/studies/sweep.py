@@ -9,7 +9,7 @@ from ident.errors import InputError, Problem
 from ident.studies import ranges
 from ident.studies.amplitudes import AmplitudeOptions
 from ident.studies.door import DEFAULT, study
-from ident.studies.motion import basis_of
+from ident.studies.motion_options import basis_of
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
 

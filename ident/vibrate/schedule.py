@@ -12,7 +12,6 @@ References:
     Math. Programming 43, 1989 (the trust region).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -55,7 +54,7 @@ STEEP = -10.0
 """Slope of ln(least vibration) over ln(time) before it is known: on the paper's arm it is -6 to -14."""
 FARTHEST = 0.15
 """Largest change of ln(time) from one round to the next."""
-EXACT, SCALINGS = 1e-9, 30
+EXACT, SCALINGS = 1e-9, 100
 """Share of a time by which a schedule may miss it, and how often its speeds are scaled for that at most."""
 
 
@@ -152,7 +151,9 @@ class Scheduling:
 
     def orders(self) -> Float[np.ndarray, "orders"]:
         """Return the frequencies that excite the arm, over the speed of alpha: cycles a radian."""
-        direction = zip((joint.name for joint in self.evaluator.arm.driven), np.asarray(self.stroke.direction), strict=True)
+        direction = zip(
+            (joint.name for joint in self.evaluator.arm.driven), np.asarray(self.stroke.direction), strict=True
+        )
         share, drives = dict(direction), self.evaluator.arm.drives
         turns = [(abs(float(d.ratio) * share[d.joint]) / (2 * np.pi), 1 + bool(float(d.error))) for d in drives]
         return np.unique([turn * order for turn, highest in turns for order in range(1, highest + 1) if turn])
@@ -180,24 +181,33 @@ class Scheduling:
         alpha = direction @ np.asarray(motion(time)[0]) / (direction @ direction)
         share = (alpha - self.places[0]) / (self.places[-1] - self.places[0])
         later = LATER * (time - motion.arrival) / max(self.dwell, 1 / rate)
-        places = np.where(later >= 0, BINS + np.clip(later, 0, LATER - 1), np.clip(BINS * share, 0, BINS - 1)).astype(int)
+        places = np.where(later >= 0, BINS + np.clip(later, 0, LATER - 1), np.clip(BINS * share, 0, BINS - 1)).astype(
+            int
+        )
         largest = np.full((3, BINS + LATER), SMALL)
         for way in range(3):
             np.maximum.at(largest[way], places, envelope[way])
         return np.log(largest.ravel())
 
-    def least_time(self, limit: float, progress: Progress = iter) -> Schedule:
+    def least_time(self, limit: float, progress: Progress = iter, near: Schedule | None = None) -> Schedule:
         """Return the schedule of least time that keeps a limit [m] with all phases that are not known.
 
         The least vibration falls with the time: a few times are tried, each from the schedule found for the last.
 
+        Args:
+            limit: [m]
+            progress: shows how far it is, over these times.
+            near: a schedule to start from; the best of a few when None.
+
         Raises:
             InputError: a limit that even ten times the least time breaks.
         """
-        starts = {float(self.by_bins(each).max()): each for each in self._starts()}
-        best, found, rounds = None, starts[min(starts, key=lambda x: (x > np.log(limit), starts[x].duration, x))], []
+        starts = {float(self.by_bins(each).max()): each for each in ([near] if near else self._starts())}
+        found = starts[min(starts, key=lambda x: (x > np.log(limit), starts[x].duration, x))]
+        best, excess = None, 0.0
+        rounds: list[tuple[float, float]] = []
         for _ in progress(range(ROUNDS)):
-            found = self._search(found, found.duration, region=REGION if not rounds else REGION / 2)
+            found = self._search(found, found.duration, region=REGION / (1 + bool(rounds)))
             excess = float(self.by_bins(found).max() - np.log(limit))
             if excess <= 0 and (best is None or found.duration < best.duration):
                 best = found
@@ -207,7 +217,9 @@ class Scheduling:
             found = self.in_time(found, found.duration * np.exp(self._later(rounds)))
         if best is None:
             expected = f"at least {1e3 * limit * np.exp(excess):.2g} mm, in {found.duration:.4g} s"
-            raise InputError(Problem("limit", f"{1e3 * limit:g} mm", expected, "raise it, or change the arm (ident design)"))
+            raise InputError(
+                Problem("limit", f"{1e3 * limit:g} mm", expected, "raise it, or change the arm (ident design)")
+            )
         return best
 
     def least_vibration(self, time: float, progress: Progress = iter) -> Schedule:
@@ -246,9 +258,7 @@ class Scheduling:
         speeds = [np.full(len(first), np.inf), *(below * first / order for order in self.orders() for below in BELOW)]
         return list({each.speeds.tobytes(): each for each in map(self.schedule, speeds)}.values())
 
-    def _search(
-        self, schedule: Schedule, time: float, progress: Progress = iter, region: float = REGION
-    ) -> Schedule:
+    def _search(self, schedule: Schedule, time: float, progress: Progress = iter, region: float = REGION) -> Schedule:
         """Return the schedule of least vibration of all that take a time [s], from one near it.
 
         By linear programs within a region that grows and shrinks with their success.

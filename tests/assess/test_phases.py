@@ -14,7 +14,7 @@ from ident.errors import InputError
 from ident.identify.values import Values
 from ident.present.basis import motion_section
 from ident.studies.design import DesignOptions
-from ident.studies.motion import basis_of
+from ident.studies.motion_options import basis_of
 from ident.studies.reading import peak_to_peak
 from ident.studies.resonance import ResonanceOptions
 from ident.studies.simulate import SimulateOptions

@@ -22,7 +22,7 @@ from ident.present.diagnose import (
     vibration_line,
 )
 from ident.studies.diagnose import DiagnoseOptions
-from ident.studies.motion import basis_of
+from ident.studies.motion_options import basis_of
 from ident.vibrate.evaluator import binomial_estimate
 from ident.vibrate.sweep import Sensitivities
 

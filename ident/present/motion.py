@@ -1,0 +1,163 @@
+"""Motions along one path: what is said of them, their rows for programs, and the joint path as a file."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.files import replace_file
+from ident.present.basis import all_findings, assumed_section, motion_section, same_motion, subject
+from ident.present.report import Finding, Report, Section, Table, Verdict
+from ident.present.words import MM, counted
+from ident.text import one_line
+
+if TYPE_CHECKING:
+    from ident.assess.motion import MotionStudy
+
+
+def motion_sections(motions: "MotionStudy") -> Report:
+    """Return all that is said of motions along a path."""
+    return Report(
+        f"Motions of {subject(motions.basis)}: {counted(len(motions.candidates), 'way')} along the same path",
+        _verdict(motions),
+        (_touched(motions), _candidates(motions)),
+        tuple(_findings(motions)),
+        next=_next(motions),
+        details=tuple(_details(motions)),
+    )
+
+
+def _verdict(motions: "MotionStudy") -> Verdict:
+    best, limit = motions.recommended, f"{MM * motions.limit:g} mm"
+    now = motions.candidates[0]
+    if best is None:
+        quiet = min(motions.candidates, key=lambda each: each.worst)
+        least = f"the quietest is {quiet.name}: {MM * quiet.worst:.2f} mm in {quiet.time:.1f} s"
+        return Verdict("NOT MET", f"No motion keeps the limit of {limit}; {least}.", "bad")
+    keeps = f"keeps the limit of {limit} in {best.time:.1f} s"
+    if best is now:
+        return Verdict("MET", f"The motion as it is {keeps}: no change is needed.", "good")
+    compared = f"as it is: {MM * now.worst:.2f} mm in {now.time:.1f} s"
+    size = f"{MM * best.worst:.2f} mm with the worst phases"
+    if best.kind == "along the path":
+        size = f"{MM * motions.verification.largest:.2f} mm by the exact equations"
+    return Verdict("MET", f"Recommended: {best.name}. It {keeps} ({size}; {compared}).", "good")
+
+
+def _touched(motions: "MotionStudy") -> str:
+    share = motions.share_of_motion
+    what = "shape the motion for it" if share > 0.5 else "drives make the rest: choose the speed, no shaper helps there"
+    return f"Made by the motion itself: {100 * share:.0f} % of the vibration as it is; {what}."
+
+
+def _candidates(motions: "MotionStudy") -> Table:
+    now, best, rows = motions.candidates[0], motions.recommended, []
+    for each in motions.candidates:
+        keeps = each.keeps(motions.limit)
+        if each.kind == "along the path" and motions.verification.keeps is not None:
+            keeps = motions.verification.keeps
+        median, high = np.quantile(each.peaks, (0.5, 0.95))
+        sizes = (MM * median, MM * high, MM * each.worst)
+        rows.append(
+            (each.name, each.time, each.time - now.time, *sizes, 100 * keeps.share, np.degrees(each.acceleration))
+        )
+    head = (
+        *("Motion", "time [s]", "added [s]", "vibration, median [mm]", "95 % [mm]", "worst phases [mm]"),
+        *("keeps limit [%]", "joint acceleration [deg/s^2]"),
+    )
+    strong = tuple(k for k, each in enumerate(motions.candidates) if each is best)
+    return Table("", head, tuple(rows), ("", ".1f", "+.1f", ".2f", ".2f", ".2f", ".0f", ".0f"), strong=strong)
+
+
+def _findings(motions: "MotionStudy") -> Iterator[Finding]:
+    checked, found = motions.verification, motions.candidates[-1]
+    if checked.largest > motions.limit >= found.worst:
+        yield Finding(
+            f"the exact equations give {MM * checked.largest:.3f} mm along the path: more than the limit",
+            f"ask for a lower --limit, as {MM * motions.limit * 0.95:.2g}",
+        )
+    if checked.keeps is not None and checked.keeps.share < 0.95:
+        low, high = checked.keeps.interval
+        yield Finding(
+            f"speed along the path keeps the limit with {100 * low:.0f} to {100 * high:.0f} % of {checked.keeps.draws} "
+            "fresh draws",
+            "measure the stiffnesses better (ident plan), or ask for a lower --limit",
+        )
+    if not motions.basis.posterior:
+        yield Finding("the stiffnesses count as exact", "give --posterior of ident sample")
+    yield from all_findings(motions.basis)
+
+
+def _next(motions: "MotionStudy") -> str:
+    best = motions.recommended
+    if best is None or best.kind != "along the path":
+        return f"ident design {{arm}}{same_motion(motions.basis)}" if best is None else ""
+    return "ident simulate {arm} --path PATH.csv  (the joint path that is written)"
+
+
+def _details(motions: "MotionStudy") -> Iterator[Section]:
+    basis, schedule, limits = motions.basis, motions.schedule, motions.scheduling.limits
+    yield motion_section(
+        basis,
+        elastic_belts=False,
+        rate=motions.scheduling.evaluator.rate,
+        method="fast, the proposed motion also exact",
+    )
+    full = np.degrees(limits.speed) * 100 / basis.percent
+    rows = [
+        (k + 1, np.degrees(a), np.degrees(b), 100 * np.degrees(v) / full, 100 * np.degrees(w) / full, np.degrees(acc))
+        for k, (a, b, v, w, acc) in enumerate(
+            zip(
+                *(schedule.places[:-1], schedule.places[1:]),
+                *(schedule.speeds[:-1], schedule.speeds[1:], schedule.accelerations),
+                strict=True,
+            )
+        )
+    ]
+    head = ("Segment", "alpha from [deg]", "to [deg]", "speed from [%]", "to [%]", "acceleration [deg/s^2]")
+    windows = " and ".join(f"{window:.3f} s" for window in schedule.windows)
+    yield Section(
+        "Speed along the path",
+        (
+            f"Percent of full speed, {full:.4g} deg/s of alpha, with an even acceleration in each segment; then the "
+            f"mean over {windows}, the periods of the two lowest modes at the arrival.",
+            Table("", head, tuple(rows), ("d", ".1f", ".1f", ".2f", ".2f", ".1f")),
+            f"Limits: {np.degrees(limits.speed):.4g} deg/s, {np.degrees(limits.acceleration):.4g} deg/s^2, "
+            f"{np.degrees(limits.jerk):.4g} deg/s^3 of alpha.",
+        ),
+    )
+    yield from assumed_section(basis)
+
+
+def motion_rows(motions: "MotionStudy") -> list[dict[str, Any]]:
+    """Return a row for each motion [SI]: time, vibration, chance of keeping the limit, largest acceleration."""
+    return [
+        {
+            "motion": each.name,
+            "kind": each.kind,
+            "time": each.time,
+            "median": float(np.median(each.peaks)),
+            "q95": float(np.quantile(each.peaks, 0.95)),
+            "worst": each.worst,
+            "keeps": each.keeps(motions.limit).share,
+            "acceleration": each.acceleration,
+            "met": motions.met(each),
+        }
+        for each in motions.candidates
+    ]
+
+
+def write_path(motions: "MotionStudy", rate: float, head: Mapping[str, Any], path: Path) -> None:
+    """Write the joint path with the speeds along it as CSV, which `read_log` reads."""
+    motion, arm = motions.schedule.motion, motions.basis.arm
+    time = np.append(np.arange(0.0, motion.arrival, 1 / rate), motion.arrival)
+    columns = np.column_stack([time, *np.degrees(np.asarray(motion(time)[0]))])
+    top = f"# {head['format']} {head['created']} ident {head['software']['ident']}: {one_line(motions.basis.name)}\n"
+    names = ",".join(["time [s]", *(f"{joint.name} [deg]" for joint in arm.driven)])
+
+    def write(file: Any) -> None:
+        file.write(f"{top}{names}\n".encode())
+        np.savetxt(file, columns, fmt="%.10g", delimiter=",")
+
+    replace_file(path, write, make_folders=True)

@@ -1,0 +1,168 @@
+"""What the studies share that move an arm: options of the motion, and the basis that a simulation rests on."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ident.errors import InputError, Problem
+from ident.studies import reading
+from ident.studies.options import STROKE_PROFILES, option
+from ident.studies.shared import ArmOptions, with_numbers
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.assess.scenario import Basis, Unknowns
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure import Log
+    from ident.vibrate.motion import Motion
+
+STROKE = "add a [stroke] section to the arm file (example: `ident new scara`), or give a joint path (`path`)"
+
+SLOWEST = 1e-3
+"""Lowest speed [%]."""
+PHASES = ("unknown", "file")
+"""What is taken for the phases of the rotating unbalance."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionOptions(ArmOptions):
+    """What the arm carries out, under which load, with which numbers changed."""
+
+    speed: float | None = option(
+        None, "percent of full speed, default 10; with --path of its own speed, default 100", above=0.0, high=1000.0
+    )
+    profile: str | None = option(
+        None, "of the stroke's speed: s-curve, trapezoid or cycloid; the arm file's by default", choices=STROKE_PROFILES
+    )
+    retract: bool = option(False, "from unfolded to folded")
+    smoothing: float = option(0.0, "noise of that path, rms [deg]", low=0.0, high=90.0)
+
+    @property
+    def hold(self) -> float:
+        """Time that the arm is held at the end [s]."""
+        return 0.0
+
+    def problems(self) -> list[Problem]:
+        """Refuse a motion that takes for ever."""
+        slow = self.speed is not None and self.speed < SLOWEST
+        problem = Problem("speed", f"{self.speed}", f"at least {SLOWEST:g}", "100 is full speed, 10 a tenth")
+        return [*super().problems(), *([problem] if slow else [])]
+
+    def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
+        """Return the arm, and what is unknown of its excitation, as far as it matters."""
+        from ident.assess.scenario import Unknowns
+
+        return arm, Unknowns()
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldMotionOptions(MotionOptions):
+    """The same, and how long the arm is held at the end."""
+
+    dwell: float = option(2.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
+    phases: str = option(
+        "unknown",
+        "phases of the rotating unbalance: unknown (but for those set, measured, or of a datasheet or paper) or file",
+        choices=PHASES,
+    )
+    errors: tuple[float, float] | None = option(
+        None,
+        "kinematic error of each drive at twice a turn, LOW:HIGH [arc seconds, peak to peak], as 30:60; "
+        "default: the arm file's",
+        read=reading.peak_to_peak,
+    )
+
+    @property
+    def hold(self) -> float:
+        """Time that the arm is held at the end [s]."""
+        return self.dwell
+
+    def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
+        """Return the arm with the largest kinematic errors, and what is unknown of its excitation."""
+        from ident.assess.scenario import unknowns
+
+        return unknowns(arm, origins, self.set, errors=self.errors, phases=self.phases == "unknown")
+
+
+def basis_of(
+    arm: "ArmFile",
+    options: MotionOptions,
+    *,
+    path: "Log | None" = None,
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
+) -> "Basis":
+    """Return what a simulation rests on: the arm with the values that it takes over, and its motion.
+
+    Args:
+        arm: the arm.
+        options: the motion, the load and what is set.
+        path: a joint path to follow instead of the stroke.
+        fit: fitted values that the arm takes over.
+        posterior: draws; the arm takes over their medians, unless it has fitted values.
+    """
+    from ident.assess.scenario import Basis
+    from ident.measure import Load
+
+    described = with_numbers(arm.arm, fit or posterior, options.set)
+    _check(options, path is not None)
+    motion, percent = _motion(described, options, path)
+    name = f"{Path(arm.path).stem or arm.arm.name}.{_name(described, options, path, percent)}"
+    load = Load.parse(options.load)
+    described, unknown = options.unknown(described, arm.origins)
+    basis = Basis(arm, described, motion, percent, load, path, fit, posterior, options.set, name, unknown)
+    if posterior and not basis.draws:
+        raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
+    return basis
+
+
+def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Motion, float]":
+    """Return the stroke, or the path of a log, within the joint limits, and its speed in percent."""
+    from ident.vibrate.motion import beyond_limits
+
+    percent = options.speed if options.speed is not None else 10.0 if log is None else 100.0
+    motion = _stroke(arm, options, percent) if log is None else _replayed(options, log)
+    beyond_limits(arm, motion)
+    return motion, percent
+
+
+def _stroke(arm: "Arm", options: MotionOptions, percent: float) -> "Motion":
+    from ident.vibrate.motion import stroke
+
+    if arm.stroke is None:
+        raise InputError(Problem(arm.name, "no motion defined", "a stroke or a joint path", STROKE))
+    return stroke(arm.stroke, percent=percent, profile=options.profile, retract=options.retract, dwell=options.hold)
+
+
+def _replayed(options: MotionOptions, log: "Log") -> "Motion":
+    from math import radians
+
+    import numpy as np
+
+    from ident.vibrate.replay import replay
+
+    angles = np.stack(list(log.angles.values()))
+    motion = replay(log.time, angles, smoothing=radians(options.smoothing), name=Path(log.path).name)
+    if options.speed is not None:
+        motion = motion.at_speed(options.speed)
+    return motion.dwell(options.hold)
+
+
+def _check(options: MotionOptions, replayed: bool) -> None:
+    """Refuse options that do not go together."""
+    if replayed and (options.profile or options.retract):
+        name = "profile" if options.profile else "retract"
+        raise InputError(Problem(name, "it beside `path`", "one of them", "it shapes the stroke: drop one"))
+    if not replayed and options.smoothing:
+        raise InputError(Problem("smoothing", "it without `path`", "a path to smooth", "drop it, or give `path`"))
+
+
+def _name(arm: "Arm", options: MotionOptions, log: "Log | None", percent: float) -> str:
+    """Return what a motion's files are called: motion, percent."""
+    if log is not None:
+        return f"{Path(log.path).stem}{'' if options.speed is None else f'-{options.speed:g}'}"
+    own = arm.stroke.profile if arm.stroke else None
+    form = "" if options.profile in (None, own) else f"-{options.profile}"
+    return f"{'retract' if options.retract else 'extend'}-{percent:g}{form}"

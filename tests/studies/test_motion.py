@@ -1,0 +1,89 @@
+"""`ident.motion` from Python: what it recommends, what it writes, and that another engine confirms it."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+from arms import DATA
+from reports import assert_one_screen, too_wide
+from results import assert_comes_back, assert_plain
+
+import ident
+from ident.errors import InputError
+from ident.measure import read_log
+from ident.vibrate.motion import stroke
+
+pytestmark = pytest.mark.slow
+
+FILE = DATA / "lcd_arm" / "arm.toml"
+
+
+@pytest.fixture(scope="module")
+def result():
+    return ident.motion(FILE, limit=0.4, time=25.0, segments=10)
+
+
+def test_the_speed_along_the_path_vibrates_less_in_less_time(result):
+    as_it_is, *others, found = result.motions.candidates
+    assert (as_it_is.kind, found.kind) == ("as it is", "along the path")
+    assert result.motions.recommended is found
+    assert found.time == pytest.approx(25.0, rel=1e-6)
+    assert result.vibration < 0.4e-3 < as_it_is.worst
+    assert result.vibration == pytest.approx(found.worst, rel=0.02)  # exact equations, worst phases
+    slower = next(each for each in others if each.kind == "speed")
+    assert slower.worst <= 0.4e-3
+    assert slower.time > as_it_is.time
+    assert [each.name for each in others if each.kind == "profile"] == ["s-curve", "trapezoid"]
+    assert not result.short
+
+
+def test_it_comes_back_and_fits_a_screen(result, tmp_path):
+    assert_plain(assert_comes_back(result, tmp_path).table())
+    assert_one_screen(result.report(), files=3)
+    assert not too_wide(result.report(details=True))
+    assert [path.name for path in result.save_figures(tmp_path)] == ["arm.extend-10.motion.png"]
+
+
+def test_the_joint_path_that_is_written_is_the_motion(result, tmp_path):
+    csv = next(path for path in result.save(tmp_path) if path.suffix == ".csv")
+    log, motion = read_log(csv, ["joint1", "joint2", "joint3"]), result.motions.schedule.motion
+    np.testing.assert_allclose(np.stack(list(log.angles.values())), np.asarray(motion(log.time)[0]), atol=1e-9)
+    phases = result.motions.after.worst_phases()
+    again = ident.simulate(FILE, path=csv, method="fast", set=phases, rate=250.0)
+    assert float(again.peak.max()) == pytest.approx(result.motions.candidates[-1].worst, rel=0.01)
+
+
+def test_it_is_no_faster_than_the_limits_allow(result):
+    path, motion = result.motions.scheduling.stroke, result.motions.schedule.motion
+    time = np.arange(0.0, motion.arrival, 4e-4)
+    _, qd, qdd = (np.asarray(part)[0] for part in motion(time))
+    assert np.abs(qd).max() <= 0.1 * float(path.speed) * (1 + 1e-9)
+    assert np.abs(qdd).max() <= float(path.acceleration)
+    assert np.abs(np.diff(qdd)).max() / 4e-4 <= float(path.jerk) * (1 + 1e-6)
+    assert motion.arrival > stroke(path, percent=10.0, profile="trapezoid").arrival
+
+
+def test_at_full_speed_shapers_leave_less_after_the_arrival():
+    result = ident.motion(FILE, speed=100.0, profile="trapezoid", limit=0.6, time=4.0, segments=4)
+    kinds = {each.name: each for each in result.motions.candidates}
+    assert result.motions.share_of_motion > 0.5
+    assert {"ZV shaper", "EI shaper", "ZV x ZV shaper"} <= kinds.keys()
+    assert min(each.worst for each in kinds.values() if each.kind == "shaper") < 0.5 * kinds["as it is"].worst
+    assert max(each.time for each in kinds.values() if each.kind == "shaper") < kinds["as it is"].time + 0.6
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"time": 10.0}, "time: got 10 s, expected at least"),
+        ({"limit": 0.001}, "limit: got 0.001 mm, expected at least"),
+    ],
+)
+def test_what_is_out_of_reach_is_refused(options, says):
+    with pytest.raises(InputError, match=says):
+        ident.motion(FILE, segments=4, **options)
+
+
+def test_an_arm_without_drives_has_nothing_to_choose():
+    arm = ident.read_arm(FILE).arm
+    with pytest.raises(InputError, match="no drive"):
+        ident.motion(eqx.tree_at(lambda arm: (arm.drives, arm.belts), arm, ((), ())))
