@@ -42,6 +42,7 @@ class Candidate:
         motion: of all driven joints, without dwell.
         peaks: (K,) [m] largest of the three directions, by draws of what is unknown: the phases, and the posterior.
         worst: [m] largest over the phases, of the nominal arm.
+        left: [m] the same after the arrival.
         acceleration: [rad/s^2] largest of any joint.
     """
 
@@ -50,6 +51,7 @@ class Candidate:
     motion: Motion
     peaks: Float[np.ndarray, "K"]
     worst: float
+    left: float
     acceleration: float
 
     @property
@@ -108,8 +110,7 @@ class MotionStudy:
     @property
     def share_of_motion(self) -> float:
         """Share of the worst vibration that the motion itself makes, and no drive [-]."""
-        division = self.before.division
-        return float((division[0] / np.maximum(division.sum(0), 1e-15))[int(self.before.worst.argmax())])
+        return share_of_motion(self.before)
 
     def met(self, candidate: Candidate) -> bool:
         """Tell whether a candidate keeps the limit with confidence; that along the path by its verification too."""
@@ -123,6 +124,12 @@ class MotionStudy:
         """The candidate that keeps the limit in the least time; None where none does."""
         good = [each for each in self.candidates if self.met(each)]
         return min(good, key=lambda each: (each.time, each.kind != "as it is")) if good else None
+
+
+def share_of_motion(whole: Superposition) -> float:
+    """Return the share of the worst vibration that no drive makes, but the motion itself [-]."""
+    known, *driven = whole.division[:, int(whole.worst.argmax())]
+    return float(known / max(known + sum(driven), 1e-15))
 
 
 def motions(
@@ -164,8 +171,7 @@ def motions(
     before = scheduling.vibration(basis.motion)
     as_it_is = judge("as it is", "as it is", basis.motion, before)
     others = [judge(*each) for each in _profiles(basis, retract)]
-    study = MotionStudy(basis, scheduling, limit, before, before, (as_it_is,), None, None)  # type: ignore[arg-type]
-    if study.share_of_motion > TOUCHED:
+    if share_of_motion(before) > TOUCHED:
         others += [judge(*each) for each in _shaped(scheduling, basis.motion)]
     if slower := _slower(scheduling, basis.motion, limit):
         others.append(judge(f"{slower * basis.percent / 100:.3g} % speed", "speed", basis.motion.at_speed(slower)))
@@ -178,9 +184,7 @@ def motions(
         after = scheduling.vibration(schedule.motion)
         found = judge("speed along the path", "along the path", schedule.motion, after)
         checks = _verified(scheduling, schedule.motion, after, fresh, limit)
-        study = replace(
-            study, after=after, candidates=(as_it_is, *others, found), schedule=schedule, verification=checks
-        )
+        study = MotionStudy(basis, scheduling, limit, before, after, (as_it_is, *others, found), schedule, checks)
         if time is not None or study.met(found):
             break
         high = float(np.quantile(found.peaks, CONFIDENT))
@@ -208,7 +212,8 @@ def _candidate(
         peaks = np.array([whole.worst.max()])
     times = np.linspace(float(motion.breaks[0]), motion.arrival, 20 * len(motion.breaks) + 1)
     acceleration = float(np.abs(np.asarray(motion(times)[2])).max())
-    return Candidate(name, kind, motion, peaks, float(whole.worst.max()), acceleration)
+    left = float(whole.envelope[:, whole.time >= motion.arrival].max())
+    return Candidate(name, kind, motion, peaks, float(whole.worst.max()), left, acceleration)
 
 
 def _profiles(basis: Basis, retract: bool) -> Iterator[tuple[str, str, Motion]]:

@@ -58,16 +58,16 @@ def _candidates(motions: "MotionStudy") -> Table:
         if each.kind == "along the path" and motions.verification.keeps is not None:
             keeps = motions.verification.keeps
         median, high = np.quantile(each.peaks, (0.5, 0.95))
-        sizes = (MM * median, MM * high, MM * each.worst)
+        sizes = (MM * median, MM * high, MM * each.worst, MM * each.left)
         rows.append(
             (each.name, each.time, each.time - now.time, *sizes, 100 * keeps.share, np.degrees(each.acceleration))
         )
     head = (
         *("Motion", "time [s]", "added [s]", "vibration, median [mm]", "95 % [mm]", "worst phases [mm]"),
-        *("keeps limit [%]", "joint acceleration [deg/s^2]"),
+        *("after arrival [mm]", "keeps limit [%]", "joint acceleration [deg/s^2]"),
     )
     strong = tuple(k for k, each in enumerate(motions.candidates) if each is best)
-    return Table("", head, tuple(rows), ("", ".1f", "+.1f", ".2f", ".2f", ".2f", ".0f", ".0f"), strong=strong)
+    return Table("", head, tuple(rows), ("", ".1f", "+.1f", *(".2f",) * 4, ".0f", ".0f"), strong=strong)
 
 
 def _findings(motions: "MotionStudy") -> Iterator[Finding]:
@@ -140,6 +140,7 @@ def motion_rows(motions: "MotionStudy") -> list[dict[str, Any]]:
             "median": float(np.median(each.peaks)),
             "q95": float(np.quantile(each.peaks, 0.95)),
             "worst": each.worst,
+            "after_arrival": each.left,
             "keeps": each.keeps(motions.limit).share,
             "acceleration": each.acceleration,
             "met": motions.met(each),

@@ -67,7 +67,7 @@ def test_at_full_speed_shapers_leave_less_after_the_arrival():
     kinds = {each.name: each for each in result.motions.candidates}
     assert result.motions.share_of_motion > 0.5
     assert {"ZV shaper", "EI shaper", "ZV x ZV shaper"} <= kinds.keys()
-    assert min(each.worst for each in kinds.values() if each.kind == "shaper") < 0.5 * kinds["as it is"].worst
+    assert min(each.left for each in kinds.values() if each.kind == "shaper") < 0.2 * kinds["as it is"].left
     assert max(each.time for each in kinds.values() if each.kind == "shaper") < kinds["as it is"].time + 0.6
 
 
