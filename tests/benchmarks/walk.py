@@ -19,11 +19,11 @@ ARM, TABLE1, CAMPAIGN, HAMMER = (DATA / name for name in ("arm.toml", "table1.cs
 
 
 def small_diagnosis():
-    from ident.assess.effort import DiagnosisEffort
+    from ident.assess import effort
 
-    few = DiagnosisEffort(
-        steps=500, draws=30, band_draws=4, assessment_draws=10, speeds=(0.5, 1.25), values=5, screened=4, iterations=2
-    )
+    of_effort = getattr(effort, "DiagnosisEffort", None) or effort.Effort  # its name at 293eab6
+    numbers = {"steps": 500, "draws": 30, "band_draws": 4, "assessment_draws": 10, "values": 5, "screened": 4}
+    few = of_effort(**numbers, speeds=(0.5, 1.25), iterations=2)
     return ident.diagnose(ARM, CAMPAIGN, ident.DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=few))
 
 
