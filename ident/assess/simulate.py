@@ -16,7 +16,7 @@ from ident.vibrate.compare import Comparison
 from ident.vibrate.fast import LeavesTangentError, Passage, passages
 from ident.vibrate.response import Response, belt_tension, slack
 from ident.vibrate.simulate import superposition
-from ident.vibrate.study import Draws, SimulatedMotion, Sizes, measures
+from ident.vibrate.study import Draws, Sizes, measures
 
 T = TypeVar("T")
 
@@ -27,7 +27,8 @@ class Simulation:
 
     Attributes:
         basis: what was simulated, and what that rests on.
-        study: the simulated motion.
+        response: by the exact method where it came to the end, else by the fast one, if it was chosen.
+        other: by the other method, if both were chosen.
         tolerance: [m] of the settling time.
         at: [s] from when on the late peak counts; None for none.
         limit: [m] that the peak should not exceed; None for none.
@@ -38,7 +39,8 @@ class Simulation:
     """
 
     basis: Basis
-    study: SimulatedMotion
+    response: Response
+    other: Response | None
     tolerance: float
     at: float | None = None
     limit: float | None = None
@@ -48,9 +50,20 @@ class Simulation:
     phases: OverPhases | None = None
 
     @property
-    def response(self) -> Response:
-        """The response that is reported."""
-        return self.study.response
+    def interrupted(self) -> float | None:
+        """Until when [s] the exact method came before the user stopped it; None if it was not stopped."""
+        return (self.response if self.other is None else self.other).interrupted
+
+    @property
+    def difference(self) -> Float[np.ndarray, "3"]:
+        """Largest difference of the two methods in each direction, as a share of the peak; NaN with one method."""
+        if self.other is None:
+            return np.full(3, np.nan)
+        pair = [np.asarray(response.vibration) for response in (self.response, self.other)]
+        common = min(x.shape[1] for x in pair)
+        ours, theirs = (x[:, :common] for x in pair)
+        largest = np.maximum(np.abs(ours).max(1), np.finfo(float).tiny)
+        return np.abs(ours - theirs).max(1) / largest
 
     @property
     def arm(self) -> Arm:

@@ -60,9 +60,9 @@ def _verdict(simulation: "Simulation") -> Verdict | None:
 
     It may where some phases or draws exceed the limit. Without a limit nothing is judged.
     """
-    if simulation.study.interrupted is not None:
+    if simulation.interrupted is not None:
         draws = "; no draws were simulated" if simulation.basis.posterior else ""
-        reached = f"{simulation.study.interrupted:.4g} of {simulation.response.motion.breaks[-1]:.4g} s"
+        reached = f"{simulation.interrupted:.4g} of {simulation.response.motion.breaks[-1]:.4g} s"
         return Verdict("INCOMPLETE", f"The exact method was interrupted at {reached}{draws}.", "caution")
     if simulation.limit is None:
         return None
@@ -266,11 +266,11 @@ def _trace(simulation: "Simulation") -> Iterator[Section]:
 
 
 def _methods(simulation: "Simulation") -> Iterator[Section]:
-    if simulation.study.other is None:
+    if simulation.other is None:
         return
-    ways = zip(DIRECTIONS, simulation.study.difference, strict=True)
+    ways = zip(DIRECTIONS, simulation.difference, strict=True)
     shares = ", ".join(f"{direction} {100 * share:.2g} %" for direction, share in ways)
-    stopped = simulation.study.interrupted
+    stopped = simulation.interrupted
     span = "" if stopped is None else f" up to {stopped:.4g} s"
     yield Section("Fast method against exact", (f"Largest difference over the peak{span}: {shares}.",))
 

@@ -121,5 +121,8 @@ def study(function: Callable[..., R]) -> Callable[..., R]:
         none = " | None" * parameter.annotation.endswith(" | None")
         return parameter.replace(annotation=read[parameter.name].given + none)
 
-    call.__signature__ = own.replace(parameters=[shown(each) for each in own.parameters.values()])  # type: ignore[attr-defined]
+    signature = own.replace(parameters=[shown(each) for each in own.parameters.values()])
+    call.__signature__ = signature  # type: ignore[attr-defined]
+    given_types = {each.name: each.annotation for each in signature.parameters.values()}
+    call.__annotations__ = call.__annotations__ | given_types
     return call

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from ident.identify.values import Values
     from ident.measure import Log, Trace
     from ident.vibrate.compare import Comparison
-    from ident.vibrate.response import Outline
-    from ident.vibrate.study import Draws, SimulatedMotion
+    from ident.vibrate.response import Outline, Response
+    from ident.vibrate.study import Draws
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +135,7 @@ class SimulateResult(Result):
     @property
     def interrupted(self) -> float | None:
         """Time [s] that the exact method came to before the user interrupted it; None where nobody did."""
-        return self.simulation.study.interrupted
+        return self.simulation.interrupted
 
     def figures(self) -> "dict[str, Figure]":
         """Return two figures: vibration of the end point; joints, belts and pulleys (`drives`)."""
@@ -208,48 +208,40 @@ def simulate(
         ModelError: the arm collapses.
     """
     from ident.assess.simulate import Simulation, simulated_over_phases
+    from ident.vibrate.response import refuse_slack
+    from ident.vibrate.study import simulate_motion
 
     basis = basis_of(arm, options, path=path, fit=fit, posterior=posterior)
     _check_time(options.at, basis)
     check_place(f"{basis.name}.simulate", {**basis.sources, "trace": trace})
     with ThreadPoolExecutor(1) as beside:  # the exact method keeps one core busy
         phases = beside.submit(simulated_over_phases, basis, options.elastic_belts, options.rate, options.step)
-        study = _simulated(basis, options, "fast" if posterior else "both", progress)
-    _check_belts(basis, study)
+        response, other = simulate_motion(
+            basis.arm,
+            basis.motion,
+            loads=basis.loads,
+            method=options.method or ("fast" if posterior else "both"),
+            elastic_belts=options.elastic_belts,
+            rate=options.rate,
+            step=options.step,
+            progress=progress("exact method"),
+        )
+    is_whole = (other or response).interrupted is None
+    if is_whole and response.model.elastic and (basis.draws or response.method == "fast"):
+        refuse_slack(response, [belt.name for belt in basis.arm.belts])
     simulation = Simulation(
         basis,
-        study,
+        response,
+        other,
         options.tolerance / 1e3,
         options.at,
         None if options.limit is None else options.limit / 1e3,
-        _draws(basis, options, progress) if study.interrupted is None else None,
+        _draws(basis, options, progress) if is_whole else None,
         trace,
-        _compared(study, trace, options.band) if trace else None,
-        phases.result() if study.interrupted is None else None,
+        _compared(response, trace, options.band, is_whole) if trace else None,
+        phases.result() if is_whole else None,
     )
     return SimulateResult(simulation, options)
-
-
-def _simulated(basis: "Basis", options: SimulateOptions, method: str, progress: Progress) -> "SimulatedMotion":
-    """Simulate the motion by the method of the options, or else another."""
-    from ident.vibrate.simulate import simulate
-    from ident.vibrate.study import SimulatedMotion, simulate_motion
-
-    arm, motion, loads, method = basis.arm, basis.motion, basis.loads, options.method or method
-    belts, rate, shown = options.elastic_belts, options.rate, progress("exact method")
-    if options.step is not None:
-        return SimulatedMotion(simulate(arm, motion, loads=loads, elastic_belts=belts, rate=rate, step=options.step))
-    return simulate_motion(arm, motion, loads=loads, method=method, elastic_belts=belts, rate=rate, progress=shown)
-
-
-def _check_belts(basis: "Basis", study: "SimulatedMotion") -> None:
-    """Refuse slack in belts that stretch where the fast method alone is asked for, by the motion or by draws."""
-    from ident.vibrate.response import refuse_slack
-
-    response = study.response
-    by_fast_method = basis.draws or response.method == "fast"
-    if response.model.elastic and study.interrupted is None and by_fast_method:
-        refuse_slack(response, [belt.name for belt in basis.arm.belts])
 
 
 def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Draws | None":
@@ -271,14 +263,16 @@ def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Dra
     )
 
 
-def _compared(study: "SimulatedMotion", measured: "Trace", band: tuple[float, float]) -> "dict[str, Comparison] | None":
+def _compared(
+    response: "Response", measured: "Trace", band: tuple[float, float], is_whole: bool
+) -> "dict[str, Comparison] | None":
     """Compare with a trace; what an interruption has left may be too short for it."""
     from ident.vibrate.study import against
 
     try:
-        return against(study.response, measured.time, measured.values, measured.kind, band)
+        return against(response, measured.time, measured.values, measured.kind, band)
     except InputError:
-        if study.interrupted is None:
+        if is_whole:
             raise
         return None
 

@@ -44,35 +44,6 @@ class Sizes:
 
 
 @dataclass(frozen=True)
-class SimulatedMotion:
-    """A simulated motion.
-
-    Attributes:
-        response: by the exact method where it came to the end, else by the fast one, if it was chosen.
-        other: by the other method, if both were chosen.
-    """
-
-    response: Response
-    other: Response | None = None
-
-    @property
-    def interrupted(self) -> float | None:
-        """Until when [s] the exact method came before the user stopped it; None if it was not stopped."""
-        return self.response.interrupted if self.other is None else self.other.interrupted
-
-    @property
-    def difference(self) -> Float[np.ndarray, "3"]:
-        """Largest difference of the two methods in each direction, as a share of the peak; NaN with one method."""
-        if self.other is None:
-            return np.full(3, np.nan)
-        pair = [np.asarray(response.vibration) for response in (self.response, self.other)]
-        common = min(x.shape[1] for x in pair)
-        ours, theirs = (x[:, :common] for x in pair)
-        largest = np.maximum(np.abs(ours).max(1), np.finfo(float).tiny)
-        return np.abs(ours - theirs).max(1) / largest
-
-
-@dataclass(frozen=True)
 class Draws:
     """The vibration by draws of a posterior.
 
@@ -105,11 +76,13 @@ def simulate_motion(
     method: str = "both",
     elastic_belts: bool = False,
     rate: float = RATE,
+    step: float | None = None,
     progress: Progress = iter,
-) -> SimulatedMotion:
+) -> tuple[Response, Response | None]:
     """Simulate a motion by the fast method, the exact one, or both.
 
-    A user who interrupts the exact method gets what there is: with both methods the whole of the fast one.
+    Returned is the response by the exact method where it came to the end, else by the fast one if it was chosen; and
+    that by the other method, if both were chosen. A user who interrupts the exact method gets what there is.
 
     Raises:
         InputError: no such method; see also `simulate`.
@@ -119,17 +92,17 @@ def simulate_motion(
     if method not in METHODS:
         remedy = did_you_mean(method, METHODS, "choose one of them")
         raise InputError(Problem("", quoted(method), f"one of {', '.join(METHODS)}", remedy, "method"))
-    how: Any = {"loads": loads, "elastic_belts": elastic_belts, "rate": rate}
+    how: Any = {"loads": loads, "elastic_belts": elastic_belts, "rate": rate, "step": step}
     fast = None if method == "exact" else simulate(arm, motion, **how)
     if method == "fast":
         assert fast is not None
-        return SimulatedMotion(fast)
+        return fast, None
     exact = exactly(fast, progress) if fast else simulate(arm, motion, method="exact", progress=progress, **how)
     if exact.interrupted is None:
-        return SimulatedMotion(exact, fast)
+        return exact, fast
     if len(exact.time) < 2 and fast is None:
         raise KeyboardInterrupt
-    return SimulatedMotion(exact) if fast is None else SimulatedMotion(fast, exact)
+    return (exact, None) if fast is None else (fast, exact)
 
 
 def draw(

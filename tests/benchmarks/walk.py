@@ -4,6 +4,9 @@
 
 TREE is the checkout whose package is walked through; an older one may be of another layout. The data are those of this
 checkout. What is left out is the ground, which every file calls: errors, units, texts, files, compiled programs.
+
+Pairs in November 2026, and before the files were merged (293eab6): predict 31 (47), fit 110 (173), simulate 61 (122),
+diagnose 208 (385), modal 71 (119).
 """
 
 import contextlib
@@ -19,11 +22,11 @@ ARM, TABLE1, CAMPAIGN, HAMMER = (DATA / name for name in ("arm.toml", "table1.cs
 
 
 def small_diagnosis():
-    from ident.assess.effort import DiagnosisEffort
+    from ident.assess import effort
 
-    few = DiagnosisEffort(
-        steps=500, draws=30, band_draws=4, assessment_draws=10, speeds=(0.5, 1.25), values=5, screened=4, iterations=2
-    )
+    of_effort = getattr(effort, "DiagnosisEffort", None) or effort.Effort  # its name at 293eab6
+    numbers = {"steps": 500, "draws": 30, "band_draws": 4, "assessment_draws": 10, "values": 5, "screened": 4}
+    few = of_effort(**numbers, speeds=(0.5, 1.25), iterations=2)
     return ident.diagnose(ARM, CAMPAIGN, ident.DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=few))
 
 

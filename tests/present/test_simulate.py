@@ -21,7 +21,7 @@ from ident.present.simulate import simulate_rows, simulate_sections
 from ident.present.words import percent
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
-from ident.vibrate.study import Draws, SimulatedMotion, draw, measures, simulate_motion
+from ident.vibrate.study import Draws, draw, measures, simulate_motion
 
 pytestmark = pytest.mark.slow
 
@@ -31,7 +31,7 @@ MOTION = stroke(FILE.arm.stroke, percent=200, dwell=0.5)
 
 def simulated(arm=FILE.arm, changed=None):
     basis = Basis(FILE, arm, MOTION, 200.0, changed=changed or {})
-    return Simulation(basis, simulate_motion(arm, MOTION, method="fast", rate=100), 1e-4)
+    return Simulation(basis, *simulate_motion(arm, MOTION, method="fast", rate=100), 1e-4)
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +136,7 @@ def test_what_was_interrupted_before_arrival_has_no_residual(plain):
             *(x[:, :keep] for x in (early.y, early.yd, early.path, early.displacement, early.quasi_static)),
         ),
     )
-    stopped = replace(plain, study=SimulatedMotion(replace(cut, interrupted=0.19)), at=0.5)
+    stopped = replace(plain, response=replace(cut, interrupted=0.19), at=0.5)
     verdict = simulate_sections(stopped).verdict
     assert verdict.word == "INCOMPLETE"
     assert "interrupted at 0.19 of" in verdict.reason
@@ -146,10 +146,10 @@ def test_what_was_interrupted_before_arrival_has_no_residual(plain):
 
 
 def test_a_load_moves_the_vibration(plain):
-    done = simulate_motion(FILE.arm, MOTION, loads=loads_of(FILE.arm, Load.parse("glass")), method="fast", rate=100)
-    assert not np.allclose(done.response.vibration, plain.vibration, rtol=1e-2)
-    zero = simulate_motion(FILE.arm, MOTION, loads=loads_of(FILE.arm, Load()), method="fast", rate=100)
-    np.testing.assert_allclose(zero.response.vibration, plain.vibration, atol=1e-12)
+    done, _ = simulate_motion(FILE.arm, MOTION, loads=loads_of(FILE.arm, Load.parse("glass")), method="fast", rate=100)
+    assert not np.allclose(done.vibration, plain.vibration, rtol=1e-2)
+    zero, _ = simulate_motion(FILE.arm, MOTION, loads=loads_of(FILE.arm, Load()), method="fast", rate=100)
+    np.testing.assert_allclose(zero.vibration, plain.vibration, atol=1e-12)
 
 
 def test_figures_name_units_and_lines(plain):

@@ -95,7 +95,7 @@ def simulate_groups(simulation: "Simulation", head: Mapping[str, Any]) -> "dict[
 
 
 def _variables(simulation: "Simulation") -> Iterator[tuple[str, tuple[Any, ...]]]:
-    response, other = simulation.response, simulation.study.other
+    response, other = simulation.response, simulation.other
     moved = ("direction", "time")
     yield (
         "vibration",
