@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
+from ident.arm.parts import Stroke
 from ident.assess.remedies import CONFIDENT, keeping
 from ident.assess.scenario import Basis, over_phases
-from ident.errors import InputError, Problem
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, binomial_estimate
 from ident.vibrate.exact import Progress
 from ident.vibrate.motion import PROFILES, Motion, stroke
@@ -126,6 +126,15 @@ class MotionStudy:
         return min(good, key=lambda each: (each.time, each.kind != "as it is")) if good else None
 
 
+def scheduling_of(basis: Basis, stroke_of: Stroke, *, segments: int, dwell: float, retract: bool) -> Scheduling:
+    """Return the search for the speeds along a stroke, none higher than the motion's, over what is not known."""
+    arm = basis.arm.replace(basis.unknown.highest)
+    evaluator = Evaluator(arm, basis.motion, (), loads=basis.loads, rate=RATE, unknown=basis.unknown.phases)
+    speed = float(stroke_of.speed) * basis.percent / 100
+    limits = MotionLimits(speed, float(stroke_of.acceleration), float(stroke_of.jerk))
+    return Scheduling(evaluator, stroke_of, limits, segments, dwell, retract)
+
+
 def share_of_motion(whole: Superposition) -> float:
     """Return the share of the worst vibration that no drive makes, but the motion itself [-]."""
     known, *driven = whole.division[:, int(whole.worst.argmax())]
@@ -134,43 +143,30 @@ def share_of_motion(whole: Superposition) -> float:
 
 def motions(
     basis: Basis,
-    limits: MotionLimits,
+    scheduling: Scheduling,
     *,
     limit: float,
     time: float | None,
-    segments: int,
-    dwell: float,
     fresh: Draws,
-    retract: bool,
     progress: Progress = iter,
 ) -> MotionStudy:
     """Compare motions along the stroke of an arm, and search the speeds along it.
 
     Args:
-        basis: the arm with its highest kinematic errors, its motion without dwell, and the draws that judge.
-        limits: of alpha.
+        basis: the arm, its motion without dwell, and the draws that judge.
+        scheduling: the search, of `scheduling_of`.
         limit: [m] largest vibration that is accepted.
         time: [s] in which to vibrate least; None for the least time that keeps the limit.
-        segments: of the path, each with a speed of its own at its ends.
-        dwell: [s] held after arrival.
         fresh: draws that nothing was judged by; none without a posterior.
-        retract: whether the stroke is from unfolded to folded.
         progress: shows how far it is, over the steps of the search.
 
     Raises:
-        InputError: an arm that nothing excites, a limit or a time out of reach.
+        InputError: a limit or a time out of reach.
     """
-    arm, stroke_of = basis.arm, basis.arm.stroke
-    if stroke_of is None:
-        raise InputError(Problem(arm.name, "no stroke", "a path whose speed may change", "add a [stroke] to the arm"))
-    evaluator = Evaluator(
-        arm.replace(basis.unknown.highest), basis.motion, (), loads=basis.loads, rate=RATE, unknown=basis.unknown.phases
-    )
-    scheduling = Scheduling(evaluator, stroke_of, limits, segments, dwell, retract)
     judge = partial(_candidate, basis, scheduling)
     before = scheduling.vibration(basis.motion)
     as_it_is = judge("as it is", "as it is", basis.motion, before)
-    others = [judge(*each) for each in _profiles(basis, retract)]
+    others = [judge(*each) for each in _profiles(basis, scheduling.retract)]
     if share_of_motion(before) > TOUCHED:
         others += [judge(*each) for each in _shaped(scheduling, basis.motion)]
     if slower := _slower(scheduling, basis.motion, limit):

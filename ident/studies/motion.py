@@ -43,7 +43,7 @@ class MotionOptions(HeldMotionOptions):
 
     @property
     def hold(self) -> float:
-        """The motion as it is arrives and is held by the study itself."""
+        """None [s]: the study holds the arm itself, after each motion."""
         return 0.0
 
 
@@ -133,8 +133,7 @@ def motion(
         InputError: an arm without stroke or drives, a limit or a time out of reach.
         ModelError: the arm collapses.
     """
-    from ident.assess.motion import motions
-    from ident.vibrate.schedule import MotionLimits
+    from ident.assess.motion import motions, scheduling_of
 
     judging, fresh = drawn_groups(posterior, arm, options.draws, options.fresh, options.seed, options)
     basis = basis_of(arm, options, fit=fit, posterior=judging)
@@ -144,16 +143,12 @@ def motion(
         raise InputError(
             Problem(basis.arm.name, "no drive", "drives whose imbalance excites the arm", "add its [[drive]]")
         )
-    speed = float(stroke.speed) * basis.percent / 100
     found = motions(
         basis,
-        MotionLimits(speed, float(stroke.acceleration), float(stroke.jerk)),
+        scheduling_of(basis, stroke, segments=options.segments, dwell=options.dwell, retract=options.retract),
         limit=options.limit / 1e3,
         time=options.time,
-        segments=options.segments,
-        dwell=options.dwell,
         fresh=basis.drawn(fresh, seed=1),
-        retract=options.retract,
         progress=progress("speeds along the path"),
     )
     return MotionResult(found, options)
