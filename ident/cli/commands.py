@@ -13,7 +13,6 @@ import typer
 
 from ident.cli import running
 from ident.cli.command import (
-    SHORT,
     ArmOption,
     CampaignArgument,
     ForceOption,
@@ -31,7 +30,7 @@ from ident.cli.command import (
     tell,
     write,
 )
-from ident.cli.output import FOLDED
+from ident.cli.output import FOLDED, SHORT
 from ident.errors import InputError, Problem
 from ident.studies.arm import KINDS
 from ident.studies.check import check
@@ -226,8 +225,8 @@ offer(
     design,
     """Say what to change on the arm so that it vibrates least, within bounds, and what the amplitude depends on most.
 
-    Writes ARM.MOTION.design.json, .toml (the arm with the changed numbers) and figures into the folder given by --out,
-    when all is done; with --sensitivities ARM.MOTION.sensitivities.json and .png. See also ident sweep.
+    Writes ARM.MOTION.design.json, .toml (the changed arm) and figures into the folder given by --out; with
+    --sensitivities ARM.MOTION.sensitivities.json and .png. See also ident sweep.
     """,
     posterior=flag("posterior of ident sample (.nc): the design shall keep --limit by its draws"),
 )

@@ -224,6 +224,12 @@ def correlated_errors(campaign: Campaign) -> str:
     return f"The errors of {sum(sizes)} measurements are correlated, in {counted(len(sizes), 'group')}."
 
 
+def row_in_file(m: Measurement, name: str) -> str:
+    """Name the row of a measurement with its line in the file: `row 7 (line 7 of table1.csv)`."""
+    file = re.split(r"[/\\]", m.where.rpartition(":")[0])[-1]
+    return f"row {name} (line {name} of {cut(file, 30)})" if file.endswith(".csv") else f"row {name}"
+
+
 def counted(count: int, noun: str) -> str:
     """Write a number with its noun: `1 start`, `16 starts`."""
     return f"{count} {noun}{'s' * (count != 1)}"
