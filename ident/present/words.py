@@ -286,7 +286,8 @@ def _prior(item: "Parameter") -> str:
     if not math.isfinite(sd):
         return "none"
     if not item.positive:
-        return f"normal about the arm file's value, sd {sd * float(item.scale):.3g} {unit_of(item.name)}"
+        size = f"{sd * float(item.scale):.3g} {unit_of(item.name)}"
+        return f"normal about the arm file's value, standard deviation {size}"
     if flat:
         low, high = centre * math.exp(-flat), centre * math.exp(flat)
         (low, unit), (high, _) = (in_shown_unit(item.name, end) for end in (low, high))
