@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from uuid import uuid4
 
 from ident.errors import InputError, Problem
-from ident.text import one_line
+from ident.text import LOG, one_line
 
 if TYPE_CHECKING:
     import h5py
@@ -45,6 +45,7 @@ class _Set:
                 os.replace(source, target)
             except OSError as error:
                 raise _not_written(target, error) from None
+            LOG.info("wrote %s", target)
             self.done.append((source, target, old))
 
     def _kept(self, path: Path) -> Path:

@@ -33,6 +33,7 @@ from typing import Any, TypeVar, cast
 
 import equinox as eqx
 import jax
+import jax.monitoring
 import jax.numpy as jnp
 import numpy as np
 from jax import export
@@ -40,6 +41,7 @@ from jax import export
 from ident.codec import CodecError, decode, encode
 from ident.errors import IdentError
 from ident.files import replace_file
+from ident.text import LOG
 
 # -------- Program keys
 # What a program depends on of its arguments, as data: the part of its key that differs from call to call.
@@ -99,6 +101,13 @@ def _is_found(thing: Any, module: str, name: str) -> bool:
 
 # -------- Programs
 
+
+def _log(event: str, duration_secs: float, **of: Any) -> None:
+    if event == "/jax/core/compile/backend_compile_duration":  # from jax's cache, too
+        LOG.info("compiled %s in %.2f s", of.get("fun_name", "a program"), duration_secs)
+
+
+jax.monitoring.register_event_duration_secs_listener(_log)
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "diffrax", "numpy")
 """What programs are made with."""
 UNIMPORTANT = ("cache", "log", "dump", "traceback", "profil")

@@ -1,12 +1,16 @@
 """What people write: files as text, words quoted safely in a message, the name that was meant."""
 
 import difflib
+import logging
 import stat
 from collections.abc import Iterable, Sequence
 from os import PathLike
 from pathlib import Path
 
 from ident.errors import InputError, Problem, one_line
+
+LOG = logging.getLogger("ident")
+"""Says what is read, compiled and written, where logging is switched on."""
 
 NAME = "[A-Za-z][A-Za-z0-9_-]*"
 """A part's name: nothing that a path `link1.com.x` or a load `5 kg @ tip` could confuse."""
@@ -77,6 +81,7 @@ def read_bytes(path: str | PathLike[str], expected: str, largest: int = LARGEST_
         if stat.S_ISREG(status.st_mode) and status.st_size > largest:
             got, most = f"a file of {status.st_size / 1e6:.0f} MB", f"at most {largest / 1e6:.0f} MB"
             raise InputError(Problem(where, got, f"{expected} of {most}", "name another file, or split this one"))
+        LOG.info("read %s, %d bytes", where, status.st_size)
         return Path(path).read_bytes()
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower()

@@ -107,7 +107,7 @@ for _ in range(30):
 hertz = torsion(middle, 2.0)
 print(f"joint 2 twice as stiff in torsion, joint 1 at {middle:.3f} of its stiffness: {hertz:.3f} Hz, as before")
 change = 1.1 ** table_1.trade_offs["joint2.k_tors"]["joint1.k_tors"] - 1
-print(f"for small changes, from the report: joint 2 by +10 %, joint 1 by {change:+.1%}")
+print(f"for small changes, from the report: joint 2 by +10 %, joint 1 by {100 * change:+.1f} %")
 
 # %% [markdown]
 # ### The three numbers contradict each other

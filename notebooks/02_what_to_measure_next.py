@@ -220,7 +220,7 @@ for name, value in after.parameters.items():
     was, promised, got = (in_words(sd, "factor") for sd in (before.sd[name], plan.sd[name][-1], after.sd[name]))
     error = value / float(true_arm.get(name)) - 1
     spread = f"{100 * min(draws):.1f} to {100 * max(draws):.1f} %"
-    print(f"{name:16s} {was:>11s} {promised:>10s} {spread:>16s} {got:>12s} {error:+8.1%}")
+    print(f"{name:16s} {was:>11s} {promised:>10s} {spread:>16s} {got:>12s} {100 * error:+6.1f} %")
 
 # %% [markdown]
 # The promise held: each result lies within a factor of two of it. It cannot be exact, because the plan used the

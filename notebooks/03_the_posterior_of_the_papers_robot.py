@@ -147,7 +147,7 @@ interval("frequency^2 * deflection", frequency**2 * deflection)
 interval("factor of deflection where frequency is right within 2 %", deflection[within(frequency, 0.02)])
 interval("factor of frequency where deflection is right within 2 %", frequency[within(deflection, 0.02)])
 both = np.mean(within(frequency, 0.05) & within(deflection, 0.05))
-print(f"draws with both factors within 5 % of 1: {both:.1%}")
+print(f"draws with both factors within 5 % of 1: {100 * both:.1f} %")
 
 # %%
 BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#555555"

@@ -91,10 +91,10 @@ resonance.figures()[""]
 
 # %%
 for e in sorted(met, key=lambda e: e.start):
-    what = "crosses it" if e.crossings else f"nearest {e.relative_distance:.1%}"
+    what = "crosses it" if e.crossings else f"nearest {100 * e.relative_distance:.1f} %"
     print(
         f"{e.source!s:9s} within 10 % of {e.label!s:18s} {e.start:5.2f} to {e.end:5.2f} s, "
-        f"{what:13s} at {e.time:.2f} s, {e.natural:.2f} Hz, {abs(e.rate):.2f} Hz/s, {e.built_up:4.0%} built up"
+        f"{what:13s} at {e.time:.2f} s, {e.natural:.2f} Hz, {abs(e.rate):.2f} Hz/s, {100 * e.built_up:4.0f} % built up"
     )
 of_2 = [e for e in met if e.source.pulley == 2]
 assert {str(e.label) for e in of_2} == {"vertical bending 1", "lateral torsion 1"}
@@ -287,7 +287,7 @@ print(f"first guess{old.arrival:9.2f} {row}")
 assert peaks[80] < 1.1 < peaks[125] < peaks[150]
 bending = natural.damping_ratio[[str(n) for n in natural.labels].index("vertical bending 1"), -1]
 decay = 1 / (2 * np.pi * 4.8 * bending)
-print(f"bending mode, unfolded: damping ratio {bending:.2%}, its vibration falls to a third in {1.1 * decay:.0f} s")
+print(f"bending mode, unfolded: damping ratio {100 * bending:.2f} %, vibration falls to a third in {1.1 * decay:.0f} s")
 assert decay > 8
 
 # %% [markdown]
@@ -303,7 +303,7 @@ assert decay > 8
 exact = ident.simulate(arm, ident.SimulateOptions(speed=100, method="exact", rate=1000.0, dwell=0.5))
 apart = np.abs(exact.vibration - full.vibration[:, : len(exact.time)]).max(1)
 row = ", ".join(f"{a} {1e6 * d:.2f} um" for a, d in zip(AXES, apart, strict=True))
-print(f"100 %: largest difference {row}: at most {(apart / exact.peak).max():.2%} of the peak")
+print(f"100 %: largest difference {row}: at most {100 * (apart / exact.peak).max():.2f} % of the peak")
 assert (apart / exact.peak).max() < 0.0015
 
 # %% [markdown]
@@ -347,9 +347,9 @@ figure
 # %%
 spread = (high_end - low_end) / 2 / middle
 sd = fit.fit.information.sd
-words = ", ".join(f"{a} {s:.1%}" for a, s in zip(AXES, spread, strict=True))
+words = ", ".join(f"{a} {100 * s:.1f} %" for a, s in zip(AXES, spread, strict=True))
 print(f"half of the 90 % band, relative to the median: {words}")
-print(f"standard deviation of the stiffnesses: {sd.min():.1%} to {sd.max():.1%}")
+print(f"standard deviation of the stiffnesses: {100 * sd.min():.1f} % to {100 * sd.max():.1f} %")
 assert spread.max() < 0.1
 late = np.percentile(1e3 * np.abs(every[2][time > low.arrival]).max(0), (5, 95))
 print(f"vertical vibration left after arrival: {late[0]:.3f} to {late[1]:.3f} mm")

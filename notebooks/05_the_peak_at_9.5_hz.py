@@ -179,7 +179,8 @@ assert all(high["z"] < 1e-3 * low["z"] for low, high in alone.values())
 for name, knocked in (("upwards", 2), ("sideways", 1)):
     rings = np.abs(shapes[knocked][None] * shapes[1:3] / frequencies)
     cells = ", ".join(
-        f"{f:.2f} Hz {z:.0%} (Y {y:.0%})" for f, y, z in zip(frequencies, *rings / rings[1].max(), strict=True)
+        f"{f:.2f} Hz {100 * z:.0f} % (Y {100 * y:.0f} %)"
+        for f, y, z in zip(frequencies, *rings / rings[1].max(), strict=True)
     )
     print(f"knocked {name:8s}: Z, relative to the largest in Z: {cells}")
 upwards = shapes[2] ** 2 / frequencies
@@ -305,7 +306,7 @@ row("rigid", arm)
 tuned = {}
 for share in (1.0, 0.5, 0.25):
     k = brentq(lambda k, share=share: modes_at(with_fingers(share, k))[1][1] - PEAK, 5e3, 8e4, xtol=10.0)
-    row(f"{share:.0%} of the fingers, {k:6.0f} N m/rad", with_fingers(share, k))
+    row(f"{100 * share:.0f} % of the fingers, {k:6.0f} N m/rad", with_fingers(share, k))
 
     def miss(x, share=share):
         vertical = modes_at(with_fingers(share, *np.exp(x)))[1]
@@ -360,7 +361,7 @@ with_both = {percent: tell(f"error and finger, {percent} %", both[percent]) for 
 tell("error of drive 2, finger, 10 %", only)
 assert without[1]["z"] < 0.01 * without[0]["z"]
 low, high = with_both[10]
-print(f"Z at 10 %, 9 to 10.5 Hz relative to 3.5 to 8.5 Hz: {high['z'] / low['z']:.0%}")
+print(f"Z at 10 %, 9 to 10.5 Hz relative to 3.5 to 8.5 Hz: {100 * high['z'] / low['z']:.0f} %")
 
 # %%
 drawn = {"rigid": base[10], "flexible finger": soft, "rigid, error of drive 2": drawn["error of drive 2"]}

@@ -307,7 +307,7 @@ first.grid(axis="y", color="#EEEEEE", linewidth=0.8)
 first.spines["left"].set_visible(False)
 first.set_xlabel("95 % interval about the fitted stiffness [%]")
 first.set_title("1  Fit: how stiff is each joint?", fontsize=10, fontweight="bold", loc="left")
-titles = (f"2  At work: {before:.2f} mm, too much", f"3  Joint 1 stiffer by {REMEDY - 1:.0%}: {after:.2f} mm")
+titles = (f"2  At work: {before:.2f} mm, too much", f"3  Joint 1 stiffer by {100 * (REMEDY - 1):.0f} %: {after:.2f} mm")
 for panel, trace, title in zip((second, third), both, titles, strict=True):
     for start, end in near:
         panel.axvspan(start, end, color="#EEEEEE", zorder=0)

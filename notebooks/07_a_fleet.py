@@ -60,7 +60,7 @@ print(result.report().replace(f"{folder.name}/", ""))
 
 # %%
 for name, changes in result.standing_out.items():
-    words = ", ".join(f"{stiffness} {change:+.0%}" for stiffness, change in changes.items())
+    words = ", ".join(f"{stiffness} {100 * change:+.0f} %" for stiffness, change in changes.items())
     print(f"{name}: {words}; {'faulty in ' + faulty[name] if name in faulty else 'false alarm'}")
 print("missed:", [name for name in faulty if name not in result.standing_out] or "none")
 

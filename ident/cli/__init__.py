@@ -1,7 +1,7 @@
 """The command line: reads, calls, writes.
 
 Exit status: 0 done, whatever the data say; 1 the model has no answer; 2 bad input; 3 a computation missed its own
-criterion, or with `--strict` a verdict speaks against the data; 130 stopped by Ctrl-C.
+criterion, or with `--strict` the data contradict each other or the model; 130 stopped by Ctrl-C.
 """
 
 import sys
@@ -10,26 +10,19 @@ import textwrap
 import typer
 
 from ident.cli import commands  # noqa: F401  (they hang on the app)
-from ident.cli.command import SHORT, app
-from ident.errors import ConvergenceError, IdentError, InputError
+from ident.cli.command import app
+from ident.cli.output import status_of
+from ident.errors import IdentError
 
 
 def main() -> None:
     """Run the command line."""
     try:
         app()
-    except InputError as error:
-        _stop(error, 2)
-    except ConvergenceError as error:
-        _stop(error, SHORT)
     except IdentError as error:
-        _stop(error, 1)
-
-
-def _stop(error: IdentError, code: int) -> None:
-    for line in str(error).splitlines():
-        typer.echo(_folded(f"ident: {line}") if sys.stderr.isatty() else f"ident: {line}", err=True)
-    sys.exit(code)
+        for line in str(error).splitlines():
+            typer.echo(_folded(f"ident: {line}") if sys.stderr.isatty() else f"ident: {line}", err=True)
+        sys.exit(status_of(error))
 
 
 def _folded(line: str) -> str:

@@ -16,11 +16,22 @@ import typer
 from typer.models import OptionInfo
 
 from ident.cli import running
-from ident.cli.output import FOLDED, DetailsOption, JsonOption, QuietOption, app, output, speaking, tell
+from ident.cli.output import (
+    FOLDED,
+    SHORT,
+    DetailsOption,
+    JsonOption,
+    QuietOption,
+    VerboseOption,
+    app,
+    output,
+    speaking,
+    tell,
+)
 from ident.errors import InputError, Problem
 from ident.files import together
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
-from ident.studies.result import Result, written_to
+from ident.studies.result import Result, kept_in, written_to
 from ident.text import decode, did_you_mean, one_line, quoted, read_bytes
 
 # -------- Defaults
@@ -45,7 +56,7 @@ TYPES: dict[type, tuple[Any, str]] = {
 """What a flag of each type takes from the file, and how that is said."""
 LONGEST_SHOWN = 90
 """Characters of a value that are repeated."""
-NO_DEFAULTS = ("help_all", "help", "json", "quiet", "restart", "force")
+NO_DEFAULTS = ("help_all", "help", "json", "quiet", "verbose", "restart", "force")
 """Flags that a file can't set: they are said once."""
 
 
@@ -179,9 +190,7 @@ PathOption = Annotated[
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
 ForceOption = Annotated[bool, typer.Option("--force", help="replace a result of other inputs that has the same name")]
 NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figure")]
-StrictOption = Annotated[
-    bool, typer.Option("--strict", help="exit with status 3 where a verdict speaks against the data")
-]
+StrictOption = Annotated[bool, typer.Option("--strict", help="exit with status 3 where the data are contradictory")]
 MAIN: Mapping[str, str] = {
     "predict": "posture load set fit modes draws",
     "check": "fix free soft_base strict",
@@ -205,8 +214,6 @@ MAIN: Mapping[str, str] = {
 ALWAYS = ("arm", "out", "force", "details", "json")
 RARE: dict[str, set[str]] = {}
 """Flags that the help of a command leaves to `--help-all`."""
-SHORT = 3
-"""Exit status where a computation missed its own criterion, or, if asked for, a verdict speaks against the data."""
 
 
 def flag(help: str, *names: str) -> Any:
@@ -278,7 +285,8 @@ def register(name: str, function: Callable[..., None], parameters: list[inspect.
 
     def call(context: typer.Context, **values: Any) -> None:
         values.pop("help_all", None)
-        with speaking(as_json=values.pop("json"), quiet=values.pop("quiet"), details=values.pop("details")):
+        how = {name: values.pop(name) for name in ("quiet", "details", "verbose")}
+        with speaking(as_json=values.pop("json"), **how):
             function(**with_defaults(context, values, kinds))
 
     kind = inspect.Parameter.KEYWORD_ONLY
@@ -287,6 +295,7 @@ def register(name: str, function: Callable[..., None], parameters: list[inspect.
         inspect.Parameter("details", kind, default=False, annotation=DetailsOption),
         inspect.Parameter("json", kind, default=False, annotation=JsonOption),
         inspect.Parameter("quiet", kind, default=False, annotation=QuietOption),
+        inspect.Parameter("verbose", kind, default=False, annotation=VerboseOption),
     ]
     kinds = {each.name: get_args(each.annotation)[0] for each in parameters}
     every = [*(each.replace(kind=kind) for each in parameters), *common]
@@ -384,8 +393,9 @@ def offer(
 
 def finish(result: Result, out: Path, no_figure: bool) -> None:
     """Print a result's report, and write its files and figures into a folder."""
-    tell(result)
-    output().document = result.document
+    with kept_in(out):
+        tell(result)
+    output().document = kept_in(out)(result.document)
     write(result, out, [] if no_figure else [result.save_figures])
 
 

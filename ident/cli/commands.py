@@ -13,7 +13,6 @@ import typer
 
 from ident.cli import running
 from ident.cli.command import (
-    SHORT,
     ArmOption,
     CampaignArgument,
     ForceOption,
@@ -31,7 +30,7 @@ from ident.cli.command import (
     tell,
     write,
 )
-from ident.cli.output import FOLDED
+from ident.cli.output import FOLDED, SHORT
 from ident.errors import InputError, Problem
 from ident.studies.arm import KINDS
 from ident.studies.check import check
@@ -187,7 +186,8 @@ offer(
     .png into the folder given by --out.
     """,
     first=Annotated[
-        Path, typer.Argument(metavar="before", help="earlier result of fit or sample, or a folder of them")
+        Path,
+        typer.Argument(metavar="before", help="earlier result of fit or sample, campaign (CSV), or folder of results"),
     ],
     second=Annotated[Path, typer.Argument(metavar="after", help="later one, or a folder")],
 )
@@ -236,8 +236,8 @@ offer(
     design,
     """Say what to change on the arm so that it vibrates least, within bounds, and what the amplitude depends on most.
 
-    Writes ARM.MOTION.design.json, .toml (the arm with the changed numbers) and figures into the folder given by --out,
-    when all is done; with --sensitivities ARM.MOTION.sensitivities.json and .png. See also ident sweep.
+    Writes ARM.MOTION.design.json, .toml (the changed arm) and figures into the folder given by --out; with
+    --sensitivities ARM.MOTION.sensitivities.json and .png. See also ident sweep.
     """,
     posterior=flag("posterior of ident sample (.nc): the design shall keep --limit by its draws"),
 )
@@ -284,11 +284,13 @@ def rerun(
 # -------- Describing
 # Commands about files: what an arm is and what its names are, what a result says.
 
-NEXT = """Example numbers: every one is marked as assumed, or simulated. Next:
-  ident show {arm}          the arm drawn, its numbers checked
-  ident show {arm} --names  the names that commands and campaigns take
-  ident check {campaign}     what the measurements can tell
-  ident fit {campaign} --out {folder}/out  the stiffnesses"""
+NEXT = {
+    "show {arm}": "the arm drawn, its numbers checked",
+    "show {arm} --names": "the names that commands and campaigns take",
+    "check {campaign}": "what the measurements can tell",
+    "fit {campaign} --out {folder}/out": "the stiffnesses",
+}
+"""What to do with a new arm, and what it shows."""
 RESULTS = (".json", ".nc")
 """How result files end."""
 STARTS = (b"{", b"\x89HDF")
@@ -418,7 +420,11 @@ def new(
     output().document = lambda: {"notes": list(made.notes)} if made.notes else {}
     for path in made.paths:
         output().wrote(path)
-    output().say(NEXT.format(arm=made.paths[0], campaign=made.paths[1], folder=folder))
+    output().say("Example numbers: every one is marked as assumed, or simulated. Next:")
+    names = {"arm": made.paths[0], "campaign": made.paths[1], "folder": folder}
+    lines = {f"ident {words.format(**names)}": shown for words, shown in NEXT.items()}
+    for words, shown in lines.items():
+        output().say(f"  {words:{max(map(len, lines))}}  {shown}")
 
 
 # -------- Diagnosing

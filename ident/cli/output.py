@@ -1,6 +1,7 @@
 """The program's app, and what a command says: for people, or as one JSON document."""
 
 import json
+import logging
 import os
 import shutil
 import sys
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ident import __version__
+from ident.errors import ConvergenceError, IdentError, InputError
 
 if TYPE_CHECKING:
     from ident.studies.result import Reported
@@ -50,12 +52,22 @@ def _root(
 # What a command says: words for people, or one JSON document for programs.
 #
 # Words go to standard output; with `--json` they go to standard error, and with `--quiet` nowhere. Errors always go
-# to standard error.
+# to standard error; with `--json` they are a document as well.
 
 FOLDED: dict[str, Any] = {"subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
 JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON; words go to standard error")]
 DetailsOption = Annotated[bool, typer.Option("--details", help="print all that there is to say, not one screen")]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="print no words but errors")]
+VerboseOption = Annotated[
+    bool, typer.Option("--verbose", "-v", help="log what is read, compiled and written, with times, to standard error")
+]
+SHORT = 3
+"""Exit status where a computation missed its own criterion, or, if asked for, the data contradict each other."""
+
+
+def status_of(error: IdentError) -> int:
+    """Return the exit status of an error."""
+    return 2 if isinstance(error, InputError) else SHORT if isinstance(error, ConvergenceError) else 1
 
 
 @dataclass
@@ -97,8 +109,13 @@ def output() -> Output:
 
 
 @contextmanager
-def speaking(*, as_json: bool, quiet: bool, details: bool = False) -> Iterator[None]:
+def speaking(*, as_json: bool, quiet: bool, details: bool = False, verbose: bool = False) -> Iterator[None]:
     """Speak so within; at the end, whatever the exit status, print the document if that was asked for."""
+    log, lines = logging.getLogger("ident"), logging.StreamHandler()
+    lines.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
+    if verbose:
+        log.addHandler(lines)
+        log.setLevel(logging.INFO)
     spoken = Output(as_json, quiet, details)
     token = SPOKEN.set(spoken)
     end: typer.Exit | None = None
@@ -106,8 +123,13 @@ def speaking(*, as_json: bool, quiet: bool, details: bool = False) -> Iterator[N
         yield
     except typer.Exit as stop:
         end = stop
+    except IdentError as error:
+        if as_json:
+            typer.echo(json.dumps({"error": str(error).splitlines(), "status": status_of(error)}))
+        raise
     finally:
         SPOKEN.reset(token)
+        log.removeHandler(lines)
     if as_json:
         document = {**spoken.document(), "written": spoken.written, "status": end.exit_code if end else 0}
         typer.echo(json.dumps(document, allow_nan=False))

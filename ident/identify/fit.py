@@ -478,7 +478,7 @@ class CampaignFit(Fit):
         mode = "this mode has another label: row" if len(self.renamed) == 1 else "these modes have other labels: rows"
         renamed = (f"on the fitted arm {mode} {rows}",) if rows else ()
         single = (self.blamed_in_words,) if self.blamed_in_words else ()
-        return (*super().remarks, *renamed, *single, *self._unchecked(names), *self._exchanges(names))
+        return (*super().remarks, *renamed, *single, *self._unchecked(names), *self.exchanges_in_words)
 
     @property
     def without_rounding(self) -> tuple[float, int]:
@@ -514,8 +514,10 @@ class CampaignFit(Fit):
             several = f"row{'s' * (len(own) > 1)} {_several([names[i] for i in own])}"
             yield f"no other measurement can check {several}: an error would go unnoticed"
 
-    def _exchanges(self, names: Sequence[str]) -> Iterator[str]:
-        """Say of each pair of rows that the data would fit with its two values exchanged."""
+    @property
+    def exchanges_in_words(self) -> tuple[str, ...]:
+        """Of each pair of rows, that the data would fit with its two values exchanged."""
+        names, words = row_names(self.campaign), []
         for each in self.exchanges:
             one, other = (names[i] for i in each.rows)
             rows = [self.campaign.measurements[i] for i in each.rows]
@@ -523,7 +525,8 @@ class CampaignFit(Fit):
             what, check = ("labels", "check the mode shapes") if labels else ("values", "measure both again")
             better = self.chi_squared - each.chi_squared > LEAST_CHANGE
             change = f" (chi-squared {self.chi_squared:.3g} -> {each.chi_squared:.3g})" if better else ""
-            yield f"the {what} of rows {one} and {other} are probably swapped{change}: swap them, or {check}"
+            words.append(f"the {what} of rows {one} and {other} are probably swapped{change}: swap them, or {check}")
+        return tuple(words)
 
     @property
     def loops(self) -> tuple[Loop, ...]:

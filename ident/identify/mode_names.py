@@ -286,8 +286,8 @@ def _doubt(
     """Return in words why a mode has no name."""
     none = 1 - row.sum()
     if none > row[best[0]]:
-        return f"it moves like none of the arm's modes (probability {none:.0%})"
-    said = " or ".join(f"{labels[i]} ({row[i]:.0%})" for i in best)
+        return f"it moves like none of the arm's modes (probability {100 * none:.0f} %)"
+    said = " or ".join(f"{labels[i]} ({100 * row[i]:.0f} %)" for i in best)
     pair = [computed.index(labels[i]) for i in best if labels[i] in computed]
     if len(pair) == 2:
         alike = float(mac(shapes[:, pair[:1]].astype(complex), shapes[:, pair[1:]].astype(complex))[0, 0])

@@ -105,6 +105,14 @@ def contradicting(predictions: Sequence[CrossPrediction]) -> tuple[CrossPredicti
     return tuple(each for each, contradicts in zip(predictions, found, strict=True) if contradicts)
 
 
+def contradiction_in_words(predictions: Sequence[CrossPrediction]) -> str:
+    """Say which kinds contradict each other, and how improbable that is."""
+    wrong, pair = contradicting(predictions), len(predictions) == 2
+    kinds = " and ".join(cross.kind.replace("_", " ") for cross in (predictions if pair else wrong))
+    largest = max((cross.sd for cross in wrong), default=0.0)
+    return f"{kinds} data contradict {'each other' if pair else 'the others'} ({largest:.1f} sigma)"
+
+
 def cross_predictions(
     problem: InverseProblem, known: Sequence[Float[np.ndarray, "P"]], *, seed: int = 0
 ) -> tuple[tuple[CrossPrediction, ...], Float[np.ndarray, "P"]]:
@@ -405,15 +413,6 @@ class Fit:
         """Whether one kind of measurement contradicts the others."""
         return bool(contradicting(self.cross_predictions))
 
-    @property
-    def _contradiction(self) -> str:
-        """Say which kinds contradict each other, and how improbable that is."""
-        wrong = contradicting(self.cross_predictions)
-        pair = len(self.cross_predictions) == 2
-        kinds = " and ".join(cross.kind.replace("_", " ") for cross in (self.cross_predictions if pair else wrong))
-        least = max((cross.sd for cross in wrong), default=0.0)
-        return f"{kinds} data contradict {'each other' if pair else 'the others'} ({least:.1f} sigma)"
-
     @cached_property
     def row_tests(self) -> RowTests:
         """Of each measurement, whether it is off by more than its error."""
@@ -442,7 +441,7 @@ class Fit:
         reasons = {
             "the search did not converge: this is not an optimum": not self.best.converged,
             "a better optimum exists: fit again with more --starts": (self.beaten is not None),
-            self._contradiction: self.contradictory,
+            contradiction_in_words(self.cross_predictions): self.contradictory,
             f"{count} of {fitted} measurements lie too far from the fit (standardised residual above {limit:.1f})": (
                 count > 0
             ),

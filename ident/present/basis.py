@@ -103,8 +103,10 @@ def assumption_findings(basis: "Basis") -> Iterator[Finding]:
     """Yield how many numbers of drives, belts and stroke are assumed."""
     names, _ = assumed(basis)
     if names:
-        scaling = any(path.endswith((".eccentric_mass", ".eccentricity")) for path in names)
-        remedy = "measure the imbalance first" if scaling else "measure them"
+        erring = not without_transmission_error(basis) and any(path.endswith(".error") for path in names)
+        scaling = ["the transmission error"] * erring
+        scaling += ["the imbalance"] * any(path.endswith((".eccentric_mass", ".eccentricity")) for path in names)
+        remedy = f"measure {' and '.join(scaling)} first" if scaling else "measure them"
         yield Finding(f"amplitudes rest on {len(names)} assumed numbers ({', '.join(_fields(basis, names))})", remedy)
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.identify.problem import LabelDoubt, row_names
+from ident.inference.fit import contradiction_in_words
 from ident.inference.information import WEAK_ABOVE, Information
 from ident.inference.optima import is_tie
 from ident.present.basis import springs_in_words
@@ -29,9 +30,11 @@ from ident.present.words import (
     describe,
     in_read_unit,
     in_words,
-    kinds_in_words,
     parameter_in_words,
+    percent,
+    row_in_file,
     scatter,
+    sentence,
     unit_of,
     with_tied,
 )
@@ -60,7 +63,7 @@ WORDS = {"identifiable": "identifiable", "weak": "weak", "open": "not determined
 def check_sections(check: "CampaignCheck") -> Report:
     """Return all that is said of a check."""
     causes = leading_explanations(check.explanations, check.campaign)
-    conflict = contradiction(check.cross_predictions, check.campaign.measurements)
+    conflict = contradiction(check.cross_predictions, check.campaign)
     name = cut(check.campaign.name or "a campaign", 30)
     rows = tuple(
         (with_tied(item), WORDS.get(verdict, verdict), _reason(check, i))
@@ -85,13 +88,11 @@ def _verdict(check: "CampaignCheck") -> Verdict:
     if check.missing.any():
         text = f"The model has no answer for {int(check.missing.sum())} rows at the arm file's values."
         return Verdict("NOT READY", f"{text} The arm has no stable equilibrium there.", "bad")
-    known = f"The data alone determine {fine} of {count} unknowns"
+    known = f"The data alone determine {f'{fine} of' if fine else 'none of the'} {count} unknowns"
     if check.repeats:
         return Verdict("NOT READY", f"The measurements contradict each other. {known}.", "bad")
     if check.contradictory:
-        worst = min(cross.p_value for cross in check.cross_predictions)
-        kinds = kinds_in_words([cross.kind for cross in check.cross_predictions]).capitalize()
-        return Verdict("NOT READY", f"{kinds} (p = {worst:.2g}) contradict each other. {known}.", "bad")
+        return Verdict("NOT READY", f"{sentence(contradiction_in_words(check.cross_predictions))} {known}.", "bad")
     if check.others and check.others.exact:
         others = counted(len(check.others.exact), "other set")
         return Verdict("NOT READY", f"Not unique: {others} of values would give the same data. {known}.", "bad")
@@ -157,8 +158,10 @@ def _findings(check: "CampaignCheck", *, explained: bool) -> Iterator[Finding]:
         rows = ", ".join(names[i] for i in np.flatnonzero(part.dominant)[:MOST].tolist())
         text = f"nothing cross-checks rows {rows}: an error there would go unnoticed"
         yield Finding(text, "repeat them, or add others")
-    for doubt in check.labels[:MOST]:
-        yield Finding(f"row {names[doubt.row]}: {'; '.join(_doubt(check, doubt))}")
+    for number, doubt in enumerate(check.labels[:MOST]):
+        name = names[doubt.row]
+        row = f"row {name}" if number else row_in_file(measured[doubt.row], name)
+        yield Finding(f"{row}: {'; '.join(_doubt(check, doubt))}")
 
 
 # -------- Details
@@ -293,7 +296,7 @@ def _labels(check: "CampaignCheck") -> Iterator[Section]:
     none = "" if check.labels else ": none is in doubt at the arm file's values"
     yield Section(f"Mode labels{none}", (*doubts, *more))
     if changing := sorted(check.changing.items(), key=lambda each: -each[1]):
-        rows = tuple((names[i], str(measured[i].mode), f"{often:.0%} of the arms") for i, often in changing[:MOST])
+        rows = tuple((names[i], str(measured[i].mode), f"{percent(often)} of the arms") for i, often in changing[:MOST])
         note = f"{len(changing) - MOST} more. " if len(changing) > MOST else ""
         note += (
             "The fit matches these modes by frequency as well. If you are not sure of a word, leave it out of the "
@@ -305,7 +308,7 @@ def _labels(check: "CampaignCheck") -> Iterator[Section]:
 
 def _doubt(check: "CampaignCheck", doubt: LabelDoubt) -> Iterator[str]:
     if doubt.near_draw:
-        yield f"its mode, {doubt.mode}, is named by a narrow margin: a small change may rename it"
+        yield f"{doubt.mode} is a borderline name: a small change of the arm may rename the mode"
     if doubt.crossing:
         others = " and ".join(map(str, doubt.crossing))
         yield f"no label, and taken for {doubt.mode}, which nearly has the frequency of {others}: label it"

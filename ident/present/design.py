@@ -1,7 +1,6 @@
 """A design, or sensitivities alone: what is said of it, its rows for programs, and the changed arm file."""
 
 import math
-import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -119,11 +118,12 @@ def _verdict(study: DesignStudy, design: "Design") -> Verdict | None:
         largest = float(after.amplitude.max())
         if after.exceedance is not None:
             low, high = after.exceedance.interval
-            chance = f"; probability of exceeding it {low:.1%} to {high:.1%}"
+            chance = f"; probability of exceeding it {100 * low:.1f} to {100 * high:.1f} %"
     limit, before = f"{MM * design.limit:g} mm", f"before: {mm(design.present.largest)} mm"
     if largest > design.limit:
         miss, quietest = largest - design.limit, design.optima[0]
-        reason = f"{mm(largest)} mm exceeds the limit of {limit} by {mm(miss)} mm ({miss / design.limit:.1%}; {before})"
+        share = f"{100 * miss / design.limit:.1f} %"
+        reason = f"{mm(largest)} mm exceeds the limit of {limit} by {mm(miss)} mm ({share}; {before})"
         reach = "within reach" if keeps(quietest, design.limit) else "the least within these bounds"
         return Verdict("NOT MET", f"{reason}; {mm(quietest.largest)} mm is {reach}{chance}.", "bad")
     if unchanged(design.best):
@@ -143,8 +143,7 @@ def _next(study: DesignStudy, design: "Design", verdict: Verdict | None) -> str:
         return f"{again} --sensitivities"
     if unchanged(design.best) or not study.basis.arm_file.path:
         return ""
-    changed = shlex.quote(f"out/{one_line(study.basis.name)}.design.toml")
-    return f"ident simulate {changed}".replace("{", "{{").replace("}", "}}")
+    return "ident simulate {result}.toml"
 
 
 def _findings(study: DesignStudy, design: "Design") -> Iterator[Finding]:
@@ -201,7 +200,7 @@ def _effect(study: DesignStudy, design: "Design") -> Table:
     rows.append(("static deflection [mm]", mm(before.deflection), mm(after.deflection), ""))
     if study.draws and design.limit:
         name = f"exceeds {MM * design.limit:g} mm, by {study.draws} draws"
-        rows.append((name, f"{before.exceedance:.0%}", f"{after.exceedance:.0%}", ""))
+        rows.append((name, f"{100 * before.exceedance:.0f} %", f"{100 * after.exceedance:.0f} %", ""))
     rows.append(("size of change", f"{before.change_norm:.3f}", f"{after.change_norm:.3f}", ""))
     return Table("", ("Effect", "before", "after", "change"), tuple(rows))
 
@@ -276,7 +275,7 @@ def _verification(study: DesignStudy, design: "Design") -> Iterator[Section]:
     ]
     head = ("arm", *(part for d in DIRECTIONS for part in (f"{d} [mm]", f"fast method in {d}")))
     note = "fast method: its difference from the exact equations, as a share of the largest direction's amplitude."
-    parts: list[str | Table] = [Table("", head, tuple(rows), ("", *("", "+.2%") * len(DIRECTIONS)), note)]
+    parts: list[str | Table] = [Table("", head, tuple(rows), ("", *("", "+z.2%") * len(DIRECTIONS)), note)]
     estimates = {name: check.exceedance for name, check in checks.items()}
     if design.limit is not None and study.basis.posterior:
         limit = f"{MM * design.limit:g} mm"

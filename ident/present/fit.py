@@ -53,6 +53,7 @@ from ident.present.words import (
     percent,
     priors_in_words,
     read_unit,
+    row_in_file,
     scatter,
     sentence,
     shared_unit,
@@ -76,6 +77,8 @@ FARTHEST = 24
 """Those that are listed of more."""
 LISTED = 12
 """Optima that are listed at most."""
+ORIGINS = ("data", "own prior", "data with other priors")
+"""Where the information on an unknown comes from."""
 FAR_OFF, OWN = 2.5, 0.1
 """Standard deviations off from which what was said of a number is doubted; the prior's share below which it is idle."""
 
@@ -83,7 +86,7 @@ FAR_OFF, OWN = 2.5, 0.1
 def fit_sections(fit: "CampaignFit") -> Report:
     """Return all that is said of a fit."""
     causes = leading_explanations(fit.explanations, fit.campaign)
-    conflict = contradiction(fit.cross_predictions, fit.campaign.measurements)
+    conflict = contradiction(fit.cross_predictions, fit.campaign)
     incomplete = _determined(fit) < len(_own(fit)) or fit.doubts
     following = "ident plan {campaign}" if incomplete else "ident validate {campaign}"
     return Report(
@@ -177,14 +180,15 @@ def _residuals(fit: "CampaignFit") -> str:
     if not fit.farthest_off:
         return ""
     far, z = fit.farthest_off[0], np.abs(fit.standardised)
-    row = row_names(fit.campaign)[far]
+    name = row_names(fit.campaign)[far]
+    row = f"row {name}" if fit.contradictory else row_in_file(fit.campaign.measurements[far], name)
     count = len(fit.farthest_off)
-    within = f"All {count} residuals within {z[far]:.1f} sigma (largest: row {row})."
+    within = f"All {count} residuals within {z[far]:.1f} sigma; the largest is {row}."
     several = int(fit.suspicious.sum())
     if several and fit.weights is not None:
-        within = f"{several} of {count} values count for less than half (farthest off: row {row}, {z[far]:.1f} sigma)."
+        within = f"{several} of {count} values count for less than half; largest: {row}, {z[far]:.1f} sigma."
     elif several:
-        within = f"{several} of {count} residuals too large, most of all row {row} ({z[far]:.1f} sigma)."
+        within = f"{several} of {count} residuals too large, most of all {row}: {z[far]:.1f} sigma."
     if fit.contradictory or not fit.cross_predictions:
         return within
     return f"{within} {kinds_agree(fit.cross_predictions)}"
@@ -202,11 +206,13 @@ def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
         yield Finding("the kinds of measurement contradict each other", "check values, labels, units and load cases")
     yield from drive_states(fit.arm, fit.campaign)
     yield from _competing(fit)
-    blamed = fit.blamed_in_words
-    yield from (Finding(remark) for remark in fit.remarks if not (explained and remark == blamed))
+    said = {fit.blamed_in_words, *fit.exchanges_in_words} if explained else ()  # among the causes
+    yield from (Finding(remark) for remark in fit.remarks if remark not in said)
     if not fit.doubts and (trades := fit.information.trade_offs()):
         known = fit.information
-        filler = "the prior fills them" if np.isfinite(known.sd).all() else "they stay where the search stopped"
+        filler = (
+            "the prior fills the rest" if np.isfinite(known.sd).all() else "the rest stays where the search stopped"
+        )
         text = f"the data do not determine {len(trades)} of {len(known.directions)} combinations; {filler}"
         yield Finding(text, "measure what `ident plan` proposes")
 
@@ -277,7 +283,7 @@ def why_no_interval(fit: "Fit", i: int) -> str:
 
 
 def _details(fit: "CampaignFit") -> Iterator[Section]:
-    yield _intervals_section(fit)
+    yield _values_section(fit)
     if fit.contradictory:
         hint = what_may_be_wrong(fit.cross_predictions)
         words = (dependence_on_priors(fit.cross_predictions), hint, _compromise(fit))
@@ -295,7 +301,6 @@ def _details(fit: "CampaignFit") -> Iterator[Section]:
         flat = not (parameters.proper | parameters.nuisance).all()
         note = "Where there is no prior on a stiffness, the default one was taken for this comparison." if flat else ""
         yield agreement(fit.cross_predictions, fit.campaign.measurements, note)
-    yield _origins(fit)
     yield _optima(fit)
     if correlated := correlated_errors(fit.campaign):
         yield Section("Correlated errors", (correlated,))
@@ -311,23 +316,24 @@ def _compromise(fit: "Fit") -> str:
     return f"The fit is a compromise that takes {name} to {ratios[name]:.2g} times the arm file's value."
 
 
-def _intervals_section(fit: "CampaignFit") -> Section:
-    """Return each value with the ends of its interval relative to it."""
-    rows = []
+def _values_section(fit: "CampaignFit") -> Section:
+    """Return each value with the ends of its interval relative to it, and where the information comes from."""
+    known, items, rows, without = fit.information, fit.problem.parameters.items, [], False
     for i in _own(fit):
-        item, value = fit.problem.parameters.items[i], float(fit.best.values[i])
-        why = why_no_interval(fit, i)
-        ends = ("", "") if why else (_end(item, value, end) for end in fit.interval()[i])
-        rows.append((item.name, *in_shown_unit(item.name, value), *ends, why or "95 %"))
-    head = ("unknown", "value", "unit", "low end", "high end", "interval")
+        item, value = items[i], float(fit.best.values[i])
+        without |= bool(why_no_interval(fit, i))
+        ends = ("", "") if why_no_interval(fit, i) else (_end(item, value, end) for end in fit.interval()[i])
+        ratio = value / float(item.start) if item.start else None
+        rows.append((item.name, *in_shown_unit(item.name, value), *ends, ratio, *shares(known, i)))
+    head = ("unknown", "value", "unit", "low end", "high end", "value / arm file", *ORIGINS)
     meaning = (
         "not determined: the data alone do not determine it; the value leans on the prior. weakly determined: known by "
         f"the data alone to no better than a factor of {math.exp(WEAK_ABOVE):.2g} (std. error). not reported: data and "
         "model would give an interval, but the fit is in doubt."
     )
-    named = any(row[-1] != "95 %" for row in rows)
-    table = Table("", head, tuple(rows), ("", ".4g", "", "", "", ""), meaning if named else "")
-    return Section("Fitted values", (table, sentence(_chi_squared(fit))))
+    forms = ("", ".5g", "", "", "", ".3g", ".0%", ".0%", ".0%")
+    table = without_empty_columns(Table("", head, tuple(rows), forms, meaning * without))
+    return Section("Fitted values, and where the information comes from", (table, *_about_values(fit)))
 
 
 def _end(item: "Parameter", value: float, end: float) -> str:
@@ -429,27 +435,20 @@ def _advice(item: "Parameter", known: Information, i: int, off: float) -> str:
     return ""
 
 
-def _origins(fit: "CampaignFit") -> Section:
-    """Return for each unknown the arm file's value, the fitted one, and where the information comes from."""
+def _about_values(fit: "CampaignFit") -> Iterator[str]:
+    """Yield chi-squared, the priors, where damping comes from, and the largest correlation."""
     known, items = fit.information, fit.problem.parameters.items
-    rows = []
-    for i in _own(fit):
-        name, (now, unit) = items[i].name, in_shown_unit(items[i].name, float(fit.best.values[i]))
-        start, _ = in_shown_unit(name, float(items[i].start))
-        rows.append((name, now, start, unit, now / start if start else None, *shares(known, i)))
-    head = ("unknown", "fitted", "arm file", "unit", "ratio", "data", "own prior", "data with other priors")
-    notes = [f"Prior: {prior}." for prior in priors_in_words([items[i] for i in _own(fit)])]
+    yield sentence(_chi_squared(fit))
+    yield from (f"Prior: {prior}." for prior in priors_in_words([items[i] for i in _own(fit)]))
     if not any(item.name.endswith((".tau_bend", ".tau_tors")) for item in items):
         times = [float(tau) for j in fit.arm.joints for tau in (j.tau_bend, j.tau_tors)]
         span = f"{min(times):.2g} to {max(times):.2g} s"
-        notes.append(f"Damping was not fitted; the arm file's is {span} times the stiffness.")
+        yield f"Damping was not fitted; the arm file's is {span} times the stiffness."
     correlation = np.triu(np.nan_to_num(known.correlation), 1)
     one, other = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
     if correlation[one, other]:
         names = f"{known.names[one]} and {known.names[other]}"
-        notes.append(f"Largest correlation: {correlation[one, other]:+.2f} between {names}.")
-    table = Table("", head, tuple(rows), ("", ".5g", ".4g", "", ".3g", ".0%", ".0%", ".0%"))
-    return Section("Where the information comes from", (table, *notes))
+        yield f"Largest correlation: {correlation[one, other]:+.2f} between {names}."
 
 
 def _optima(fit: "Fit") -> Section:

@@ -1,7 +1,6 @@
 """A modal test: what is said of hits, records, checks, modes and their names, and its rows for programs."""
 
 import math
-import shlex
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
@@ -44,14 +43,13 @@ def modal_sections(
     rows = tuple(_mode_rows(every, modes, reproducibility))
     head = ("posture [deg]", "mode", "frequency [Hz]", "std. error", "damping [%]", "std. error", "MAC")
     forms = ("", "", ".4f", ".4f", ".3f", ".3f", ".2f")
-    file = shlex.quote(f"out/{campaign.name}.csv").replace("{", "{{").replace("}", "}}") if campaign else ""
     return Report(
         _subject(tests, finished, modes),
         _verdict(tests, identified),
         (Table("", head, rows, forms),) if rows else (),
         tuple(_findings(tests, identified, every, modes, reproducibility)),
         "",
-        f"ident check {file} --arm {{arm}}" if campaign else "",
+        "ident check {result}.csv --arm {arm}" if campaign else "",
         tuple(_details(every, modes, campaign, reproducibility)),
     )
 

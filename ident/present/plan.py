@@ -40,15 +40,15 @@ COLUMNS = 4
 def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Report:
     """Return all that is said of a plan."""
     batch = _batch_table(plan, LISTED) if plan.steps else "No experiment is needed."
-    into = "append it to the campaign" if plan.fit else "fit it"
+    then = "add it to the campaign and fit again" if plan.fit else "then: ident fit {result}.csv --arm {arm}"
+    following = "fill in {result}.csv, " + then if plan.steps else "ident validate {campaign}"
     return Report(
         _subject(plan),
         _verdict(plan),
         (batch, _sd_table(plan, "Expected std. error", [0, len(plan.sd) - 1])),
         tuple(_findings(plan, hammer)),
-        f"Fill in the plan's CSV file and {into}." if plan.steps and not (plan.fit and plan.fit.doubts) else "",
-        "add the rows to the campaign, then: ident fit {campaign}" if plan.fit else "ident fit CAMPAIGN --arm {arm}",
-        tuple(_details(plan, hammer)),
+        next=following,
+        details=tuple(_details(plan, hammer)),
     )
 
 
@@ -146,7 +146,7 @@ def _loose_findings(plan: "CampaignPlan") -> Iterator[Finding]:
         yield Finding(text, f"add {where}: {sd_in_words(item, after)}")
     if hopeless:
         text = f"no experiment offered improves {', '.join(hopeless)} much"
-        yield Finding(text, "other loads (--load) or more modes (--modes)")
+        yield Finding(text, "offer other loads (--load) or more modes (--modes)")
 
 
 # -------- Tables

@@ -50,6 +50,7 @@ class Table:
         note: what to know when reading it; may be empty.
         strong: numbers of the rows to emphasise, from 0.
         links: address that the name of each row leads to, relative to the page; none for no links.
+        brief: whether it is left out where the details follow, which have it in full.
 
     Raises:
         ValueError: a row, or `forms`, has another number of cells than the head, an emphasised row is not there, or
@@ -63,6 +64,7 @@ class Table:
     note: str = ""
     strong: tuple[int, ...] = ()
     links: tuple[str, ...] = ()
+    brief: bool = False
 
     def __post_init__(self) -> None:
         for i, row in enumerate((*self.rows, *([self.forms] if self.forms else []))):
@@ -184,7 +186,8 @@ def _screen(report: Report, details: bool, width: int, colour: bool) -> Iterator
         paint = f"\x1b[1;{COLOURS[report.verdict.kind]}m{word}\x1b[0m"
         yield from (shown.replace(word, paint, 1) if colour else shown).splitlines()
     for part in report.answer:
-        yield from _part(part, width, wrap=width < WIDTH)
+        if not (details and isinstance(part, Table) and part.brief):
+            yield from _part(part, width, wrap=width < WIDTH)
     if report.remark:
         yield from folded(report.remark, width, "  ").splitlines()
     shown_findings = report.findings if details else report.findings[:MOST]
@@ -310,7 +313,9 @@ def written(cell: Cell, form: str = "") -> str:
         return cell
     if cell is None or not math.isfinite(cell):
         return "-" if cell is None or math.isnan(cell) else "infinite"
-    return short_power(re.sub(r"\.(?=$|e)", "", format(cell, form)))
+    text = format(cell, form)
+    text = f"{text[:-1]} %" if form.endswith("%") else text
+    return short_power(re.sub(r"\.(?=$|e)", "", text))
 
 
 def short_power(text: str) -> str:

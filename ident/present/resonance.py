@@ -138,23 +138,24 @@ def _verdict(branches: Branches, groups: Sequence[Group], margin: float) -> Verd
         modes = counted(len(branches.labels), "natural frequency").replace("ys", "ies")
         return Verdict("CLEAR", f"No pulley comes within {100 * margin:.3g} % of the {modes} followed.", "good")
     met = sum(bool(group[0].crossings) for group in groups)
-    counts = f"{met} met, {len(groups) - met} near"
-    reason = f"{meeting(branches, groups[0])}. {counted(len(groups), 'crossing')} in all: {counts}."
+    near = f"{len(groups) - met} within {100 * margin:.3g} %" if len(groups) > met else ""
+    counts = " and ".join(filter(None, [f"{counted(met, 'crossing')}" if met else "", near]))
+    reason = f"{_meeting(branches, groups[0])}. In all {counts}."
     return Verdict("RESONANCE", reason, "bad") if met else Verdict("NEAR", reason, "caution")
 
 
-def meeting(branches: Branches, group: Group) -> str:
-    """Say in one sentence what happens: `Pulley 2 (drive2) meets lateral torsion 1 at 13.61 s, 7.63 Hz: ...`."""
+def _meeting(branches: Branches, group: Group) -> str:
+    """Say in one sentence what happens: `Pulley 2 (drive2) crosses lateral torsion 1 at 13.61 s, 7.63 Hz: ...`."""
     e = group[0]
     who = sources_words([crossing.source for crossing in group])
     many = "" if len(group) > 1 else "s"
     near = f"come{many} within {100 * e.relative_distance:.1f} % ({e.distance:.2g} Hz) of"
-    does = f"meet{many}" if e.crossings else near
+    does = f"cross{'es' * bool(many)}" if e.crossings else near
     chance = f"; near in {percent(e.probability)} of {branches.batch_size} draws" if branches.batch_size else ""
     drives = ", ".join(dict.fromkeys(crossing.source.drive for crossing in group))
     return (
         f"{who[:1].upper()}{who[1:]} ({drives}) {does} {e.label} at {e.time:.2f} s, {e.natural:.2f} Hz: "
-        f"up to {caused_words(group)}; {passage(e)}, {percent(e.built_up)} of steady resonance{chance}"
+        f"the vibration reaches {caused_words(group)}, {percent(e.built_up)} of that at steady resonance{chance}"
     )
 
 
@@ -163,7 +164,7 @@ def passage(crossing: ResonanceCrossing) -> str:
     if not crossing.crossings:
         return "does not cross"
     if crossing.built_up >= STEADY:
-        return "dwells, builds up"
+        return "builds up fully"
     return "builds up in part" if crossing.built_up >= FAST else "passes too fast"
 
 

@@ -43,7 +43,7 @@ LEAST_BELOW = 0.005
 def sample_sections(result: "CampaignSample") -> Report:
     """Return all that is said of a posterior."""
     fit = result.fitted
-    conflict = contradiction(fit.cross_predictions, fit.campaign.measurements)
+    conflict = contradiction(fit.cross_predictions, fit.campaign)
     steps, ensembles, walkers, _ = result.sample.theta.shape
     return Report(
         f"Posterior of {cut(fit.arm.name, 40)} given {cut(fit.campaign.name, 30) or 'a campaign'}: "

@@ -24,7 +24,7 @@ def show_sections(view: "ArmView") -> Report:
     odd, failed, sag = view.oddities, [Finding(view.failure)] if view.failure else [], ""
     if view.analysis:
         name, moved = list(view.analysis.deflection.items())[-1]
-        sag = f"{name} sags by {1e3 * float(np.linalg.norm(moved)):.3g} mm."
+        sag = f"Sag of {name}: {1e3 * float(np.linalg.norm(moved)):.3g} mm."
     rows = tuple(number_rows(view.arm, view.arm_file.origins))
     note = "Vectors in the axes of their joint; inertia about the mass centre: xx, yy, zz."
     numbers = Section("Numbers", (Table("", ("number", "value", "unit", "origin"), rows, note=note),))

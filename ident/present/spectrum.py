@@ -34,9 +34,9 @@ def spectrum_sections(spectra: Spectra) -> Report:
 def _next(spectra: Spectra) -> str:
     """Return what names the modes near the peaks, or else what excites them."""
     if spectra.modes is None:
-        return "ident spectrum TRACE --arm ARM"
+        return "ident spectrum {trace} --arm ARM"
     tracked = any(pulley.angle is not None for pulley in spectra.pulleys.values()) and not spectra.tracks
-    return "ident spectrum TRACE --arm {arm} --orders 1,2" if tracked else "ident resonance {arm}"
+    return "ident spectrum {trace} --arm {arm} --orders 1,2" if tracked else "ident resonance {arm}"
 
 
 def _answer(spectra: Spectra) -> Iterator[Part]:

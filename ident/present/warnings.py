@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +24,9 @@ from ident.present.words import (
     percent,
     place_read,
     read_unit,
+    rounded,
+    row_in_file,
+    sentence,
     size_in_words,
     some,
     three_digits,
@@ -61,15 +65,16 @@ def agreement(predictions: Sequence[CrossPrediction], measured: Sequence["Measur
     )
     parts: list[Part] = [Table("", head, tuple(kinds), ("", "d", "#.3g", ".1f", ".2g", ".1f"), meaning)]
     if rows:
-        of_values = ("value", "unit", "measured", "predicted from the other kinds", "difference [sd]")
+        of_values = ("value", "unit", "measured", "predicted from the other kinds", "difference [sigma]")
         parts.append(Table("", of_values, rows, ("", "", ".3g", ".3g", "+.1f")))
     return Section("Agreement between kinds of measurement", (*parts, *([note] if note else [])))
 
 
 def kinds_agree(predictions: Sequence[CrossPrediction]) -> str:
-    """Say in a sentence that the kinds of measurement agree, with the smallest p."""
-    least = min(cross.p_value for cross in predictions)
-    return f"{kinds_in_words([cross.kind for cross in predictions]).capitalize()} agree (p = {least:.2g})."
+    """Say in a sentence how well the kinds of measurement agree."""
+    largest = max(cross.sd for cross in predictions)
+    kinds = kinds_in_words([cross.kind for cross in predictions]).capitalize()
+    return f"{kinds} agree within {max(math.ceil(10 * largest), 1) / 10:.1f} sigma."
 
 
 def against(cross: CrossPrediction, i: int, m: "Measurement") -> tuple[float, float, str]:
@@ -78,7 +83,7 @@ def against(cross: CrossPrediction, i: int, m: "Measurement") -> tuple[float, fl
     return in_read_unit(m.kind, cross.predicted[i])[0], value, unit
 
 
-def contradiction(predictions: Sequence[CrossPrediction], measured: Sequence["Measurement"]) -> tuple[str, ...]:
+def contradiction(predictions: Sequence[CrossPrediction], campaign: "Campaign") -> tuple[str, ...]:
     """Say in a sentence which value of a small kind is farthest from what the other kinds predict; nothing for none."""
     small = [
         (np.abs(cross.z), cross)
@@ -90,10 +95,10 @@ def contradiction(predictions: Sequence[CrossPrediction], measured: Sequence["Me
     single = [pair for pair in small if len(pair[0]) == 1]
     z, cross = max(single or small, key=lambda pair: float(np.max(pair[0])))
     i = int(np.argmax(z))
-    m = measured[cross.rows[i]]
+    m, name = campaign.measurements[cross.rows[i]], row_names(campaign)[cross.rows[i]]
     predicted, value, unit = against(cross, i, m)
-    by_others = f"By the other data, the {describe(m)} is {three_digits(predicted)} {unit}"
-    return (f"{by_others}; measured: {three_digits(value)} {unit}.",)
+    read = f"{describe(m)}: {three_digits(value)} {unit}"
+    return (sentence(f"{row_in_file(m, name)}, {read}; by the other data {three_digits(predicted)} {unit}"),)
 
 
 def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:
@@ -173,7 +178,7 @@ def assumption_section(fit: CampaignFit) -> Section:
         return Section(TITLE, ("Not tested, as the search has not ended in an optimum.",))
     kinds = [kind for kind in KINDS if of_kind(found.items, kind)]
     rows = tuple(_assumption_row(fit, found, of_kind(found.items, kind)) for kind in kinds)
-    head = ("assumption dropped", "assumed error", "shift", "of", "evidence by the data")
+    head = ("assumption dropped", "assumed error", "shift", "of", "evidence in the data")
     return Section(TITLE, (Table("", head, rows), *_meaning(fit, found, kinds)))
 
 
@@ -192,7 +197,7 @@ def weighty_assumptions(fit: CampaignFit) -> tuple[Table, ...]:
     rows = tuple(row for _, row in heavy[:MOST_ROWS])
     more = len(heavy) - len(rows)
     note = f"{more} more: --details" if more else ""
-    head = ("What would weigh more than noise", "size", "shift", "of", "evidence")
+    head = ("What would outweigh the noise", "size", "shift", "of", "evidence in the data")
     return (Table("", head, rows, note=note),) if rows else ()
 
 
@@ -240,36 +245,28 @@ def _most_moved(fit: CampaignFit, items: Sequence[Assumption]) -> tuple[Assumpti
 
 
 def _assumption_row(fit: CampaignFit, found: Assumptions, items: tuple[Assumption, ...]) -> tuple[Cell, ...]:
-    """Return a kind: the joint and the value that it moves most, then the evidence of all joints."""
-    item, which, moved = _most_moved(fit, items)
+    """Return a kind by one joint: that which the data ask for, or else that which moves a value most."""
+    asked = [item for item in found.asked_for if item in items]
+    item, which, moved = _most_moved(fit, asked[:1] or items)
     shift, name = (_move(fit, item, which), cut(fit.information.names[which], 22)) if moved else ("none", "")
-    return in_words(item), f"{100 * item.test.amount:.0f} %", shift, name, _evidence(found, items)
+    return in_words(item), f"{100 * item.test.amount:.0f} %", shift, name, _evidence(item, asked=bool(asked))
 
 
 def _move(fit: CampaignFit, item: Assumption, which: int) -> str:
     """Write how far a value would move: in standard errors where it has an interval; else in percent or its unit."""
     shift, parameter = item.test.shift[which], fit.problem.parameters.items[which]
     if fit.supported[which]:
-        return f"{shift / fit.information.sd[which]:+.1f} sd"
+        return f"{shift / fit.information.sd[which]:+.1f} std. errors"
     if parameter.positive:
         return in_percent(float(np.expm1(shift)))
     return size_in_words(parameter, shift, "+")
 
 
-def _evidence(found: Assumptions, items: tuple[Assumption, ...]) -> str:
-    """Say what the data say against an assumption, of the joint of the largest score."""
-    asked = [item for item in found.asked_for if item in items]
-    testable = [item for item in items if item.test.separable]
-    if not testable:
-        return UNTESTABLE if any(item.test.seen for item in items) else "does not affect these data"
-    first = asked[0] if asked else max(testable, key=_score)
-    of = f", {cut(first.joint, 12)}" if first.joint else ""
-    return f"{'YES' if asked else 'none'} (z = {first.test.z:.1f}{of})"
-
-
-def _score(item: Assumption) -> float:
-    """Return how strongly the data ask for an amount: for one that can't be negative, upwards only."""
-    return item.test.z if item.test.positive else abs(item.test.z)
+def _evidence(item: Assumption, *, asked: bool) -> str:
+    """Say what the data say against an assumption."""
+    if not item.test.separable:
+        return UNTESTABLE if item.test.seen else "does not affect these data"
+    return f"{'YES' if asked else 'none'} (z = {item.test.z:.1f})"
 
 
 def _meaning(fit: CampaignFit, found: Assumptions, kinds: Sequence[str]) -> Iterator[str]:
@@ -281,8 +278,9 @@ def _meaning(fit: CampaignFit, found: Assumptions, kinds: Sequence[str]) -> Iter
     origins = "; ".join(dict.fromkeys(part for kind in kinds for part in KINDS[kind].origin.split("; ")))
     height = f" The base is taken to rock about a point {found.height:.2g} m below bushing 1."
     yield (
-        "Worst joint per row. Shift: of the value that moves most, in its std. errors (sd), or in percent where it has "
-        "no interval. z: test statistic; a compliance cannot be negative, so only z > 0 counts."
+        "The joint of each row: the one with evidence, else the one that moves a value most. Shift: of that value, in "
+        "std. errors, or in percent where it has no interval. z: test statistic; a compliance cannot be "
+        "negative, so only z > 0 counts."
     )
     yield f"Assumed error as a share of: {shares}. Origin: {origins}.{height * bool(fit.arm.joints[0].driven)}"
 
@@ -322,10 +320,11 @@ def leading_explanations(found: Explanations | None, campaign: "Campaign") -> tu
         return ()
     leading = found.fitting[:LEADING]
     rows = tuple(
-        (str(number), _causes(item, campaign), CHECKS[item.changes[0].kind]) for number, item in enumerate(leading, 1)
+        (str(number), _causes(item, campaign), _check(item, campaign)) for number, item in enumerate(leading, 1)
     )
     several = "Each of these would explain the data" if len(leading) > 1 else "This would explain the data"
-    return (Table("", ("", several, "what to do"), rows), *discriminating(found.telling, len(leading)))
+    tables = Table("", ("", several, "what to do"), rows), *discriminating(found.telling, len(leading))
+    return tuple(replace(table, brief=True) for table in tables)
 
 
 def explanation_section(found: Explanations | None, campaign: "Campaign") -> tuple[Section, ...]:
@@ -342,15 +341,16 @@ def explanation_section(found: Explanations | None, campaign: "Campaign") -> tup
     rows = []
     for number, item in enumerate(listed, 1):
         slip = all(change.off == SLIP for change in item.changes)
-        off = "entry error" if slip else f"{item.off:.1f} sd" if item.off < 100 else "absurd"
+        off = "entry error" if slip else f"{item.off:.1f} sigma" if item.off < 100 else "absurd"
         left = f"{'~' if item.linear else ''}{three_digits(item.cost)}"
-        cause = _causes(item, campaign), CHECKS[item.changes[0].kind]
+        cause = _causes(item, campaign), _check(item, campaign)
         rows.append((str(number) if fitting else "-", left, off, *cause))
     head = ("no.", "chi2 left", "implausibility", "possible cause", "what to do")
     note = (
         "chi2 left: sum of squares of data and priors with the smallest change that suffices. Implausibility: size of "
         f"the change in standard deviations of what is plausible ({_widths(found)}all assumed); an entry error counts "
-        f"as {SLIP:g}. Ranked by chi2 left + implausibility^2, which must fall by {MARGIN:g} or more."
+        f"as {SLIP:g}. Ranked by chi2 left + implausibility^2, which must fall by {MARGIN:g} or more. A value that may "
+        "be wrong is held weakly near the one measured, so it lies between that and the prediction from the other data."
     )
     note += " ~: estimated by linearisation." if any(item.linear for item in found.items) else ""
     none = "Nothing that was tried explains the data, alone or in pairs; these come nearest:"
@@ -358,6 +358,18 @@ def explanation_section(found: Explanations | None, campaign: "Campaign") -> tup
     above, below = [none] * (not fitting), [more] * (len(fitting) > LISTED)
     table = Table("", head, tuple(rows), note=note)
     return (Section(title, (*above, table, *below, *discriminating(found.telling, LISTED))),)
+
+
+def _check(item: Explanation, campaign: "Campaign") -> str:
+    """Say what to do about a cause: labels are swapped back, or the shapes looked at; values are measured again."""
+    first = item.changes[0]
+    if first.kind == "exchange" and not _labelled(first, campaign):
+        return "swap them, or measure both again"
+    return CHECKS[first.kind]
+
+
+def _labelled(change: Change, campaign: "Campaign") -> bool:
+    return all(campaign.measurements[i].mode for i in change.rows)
 
 
 def _causes(item: Explanation, campaign: "Campaign") -> str:
@@ -372,9 +384,9 @@ def _words(change: Change, campaign: "Campaign") -> str:
             m = campaign.measurements[change.rows[0]]
             value, sd, was = (in_read_unit(m.kind, number)[0] for number in (change.amount, change.sd, m.value))
             unit = in_read_unit(m.kind, 1.0)[1]
-            return f"{rows}: {_quantity(m)} is {value:.3g} +- {sd:.1g} {unit}, not {was:.4g} {unit}"
+            return f"{rows}: {_quantity(m)} is {_to_its_sd(value, sd)} {unit}, not {was:.4g} {unit}"
         case "exchange":
-            return f"the labels or values of {rows} are swapped"
+            return f"the {'labels' if _labelled(change, campaign) else 'values'} of {rows} are swapped"
         case "on" | "off":
             return f"{of} was {change.kind} in {rows}"
         case "soft base":
@@ -396,6 +408,12 @@ def _words(change: Change, campaign: "Campaign") -> str:
         case _:
             joint, (thing, does) = of, change.kind.split(" ")
             return f"{thing} of {joint} {does}: {_amount(change)} of {KINDS[change.kind].of}"
+
+
+def _to_its_sd(value: float, sd: float) -> str:
+    """Write a value with as many digits as its standard deviation bears: `31 +- 3`."""
+    decimals = max(-math.floor(math.log10(sd)), 0) if 0 < sd < math.inf else 3
+    return f"{value:.{decimals}f} +- {rounded(sd, 1)}"
 
 
 def _quantity(m: "Measurement") -> str:
@@ -468,7 +486,7 @@ def hysteresis(fit: CampaignFit) -> tuple[Section, ...]:
         rows.append((place_read(loop.of), width, share, len(loop.rows)))
     note = "Friction and play: the width determines no stiffness; the mean of loading and unloading does."
     table = Table("", ("loop", "unloading - loading", "of largest", "rows"), tuple(rows), note=note)
-    return (_ramps(table, fit.campaign, fit.loops),)
+    return (_ramps("Hysteresis of loading ramps: fitted widths", table, fit.campaign, fit.loops),)
 
 
 def expected_hysteresis(campaign: "Campaign", ramps: Sequence[Ramp]) -> tuple[Section, ...]:
@@ -480,11 +498,12 @@ def expected_hysteresis(campaign: "Campaign", ramps: Sequence[Ramp]) -> tuple[Se
         size, unit = read_unit(ramp.name)
         within = f"{ramp.sd / size:.2g} {unit}" if np.isfinite(ramp.sd) else "not determined"
         rows.append((place_read(ramp.of), within, len(ramp.rows)))
-    note = "One sd by the data alone, at the arm file's values. `ident fit` finds the widths."
-    return (_ramps(Table("", ("loop", "width known within", "rows"), tuple(rows), note=note), campaign, ramps),)
+    note = "By the data alone, at the arm file's values. `ident fit` finds the widths."
+    table = Table("", ("loop", "std. error of its width", "rows"), tuple(rows), note=note)
+    return (_ramps("Hysteresis of loading ramps: how well a fit will know the widths", table, campaign, ramps),)
 
 
-def _ramps(table: Table, campaign: "Campaign", ramps: Sequence[Ramp]) -> Section:
+def _ramps(title: str, table: Table, campaign: "Campaign", ramps: Sequence[Ramp]) -> Section:
     """Return the table of the loops, and which of them were measured in one direction only."""
     ways = [(ramp, {campaign.measurements[i].ramp for i in ramp.rows}) for ramp in ramps]
     one_way = (
@@ -492,4 +511,4 @@ def _ramps(table: Table, campaign: "Campaign", ramps: Sequence[Ramp]) -> Section
         for ramp, own in ways
         if len(own) == 1
     )
-    return Section("Hysteresis of loading ramps", (table, *one_way))
+    return Section(title, (table, *one_way))

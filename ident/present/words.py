@@ -224,6 +224,12 @@ def correlated_errors(campaign: Campaign) -> str:
     return f"The errors of {sum(sizes)} measurements are correlated, in {counted(len(sizes), 'group')}."
 
 
+def row_in_file(m: Measurement, name: str) -> str:
+    """Name the row of a measurement with its line in the file: `row 7 (line 7 of table1.csv)`."""
+    file = re.split(r"[/\\]", m.where.rpartition(":")[0])[-1]
+    return f"row {name} (line {name} of {cut(file, 30)})" if file.endswith(".csv") else f"row {name}"
+
+
 def counted(count: int, noun: str) -> str:
     """Write a number with its noun: `1 start`, `16 starts`."""
     return f"{count} {noun}{'s' * (count != 1)}"
@@ -280,7 +286,8 @@ def _prior(item: "Parameter") -> str:
     if not math.isfinite(sd):
         return "none"
     if not item.positive:
-        return f"normal about the arm file's value, sd {sd * float(item.scale):.3g} {unit_of(item.name)}"
+        size = f"{sd * float(item.scale):.3g} {unit_of(item.name)}"
+        return f"normal about the arm file's value, standard deviation {size}"
     if flat:
         low, high = centre * math.exp(-flat), centre * math.exp(flat)
         (low, unit), (high, _) = (in_shown_unit(item.name, end) for end in (low, high))

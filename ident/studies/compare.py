@@ -11,7 +11,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.result import Result, check_place
-from ident.studies.shared import UnitOptions
+from ident.studies.shared import ProblemOptions, UnitOptions, as_campaign, as_file
 from ident.text import one_line, quoted, study_of
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class CompareOptions(UnitOptions):
 
 
 Compared: TypeAlias = "Result | Saved | str | Path"
-"""What can be compared: a result, its file, or a folder of such files."""
+"""What can be compared: a result, its file, a campaign's file, or a folder of such results."""
 ENDS = (".fit.json", ".sample.nc", ".diagnose.json")
 """Ends of the files in a folder that are compared, the first of them that both folders have of a campaign."""
 
@@ -139,8 +139,8 @@ def compare(
     taken as independent. Of two folders each result is compared with the one of the same name in the other.
 
     Args:
-        first: the earlier result of `fit`, `sample` or `diagnose`, its file, a posterior as netCDF, or a folder; or
-            several of them.
+        first: the earlier result of `fit`, `sample` or `diagnose`, its file, a posterior as netCDF, a campaign (CSV,
+            with arm.toml beside it), which is fitted, or a folder; or several of them.
         second: the later one, or as many.
         options: what is known not to have changed.
 
@@ -213,15 +213,23 @@ def _known(result: "Compared", name: str) -> "tuple[CampaignFit | Posterior, Com
     file = ComparedFile()
     if isinstance(result, str | Path):
         path = Path(result)
-        draws = _foreign(path)
-        result = load(path) if draws is None else result
+        known = _fitted(path) if path.suffix == ".csv" else _foreign(path)
+        result = load(path) if known is None else result
         file = ComparedFile(str(path), hashlib.sha256(path.read_bytes()).hexdigest())
-        if draws is not None:
-            return draws, file
+        if known is not None:
+            return known, file
     if isinstance(result, Result | Saved) and (fitted := result.fitted) is not None:
         return fitted, replace(file, notes=result.notes if isinstance(result, Saved) else ())
     got = quoted(study_of(result.form)) if isinstance(result, Result) else type(result).__name__
     raise InputError(Problem(file.path or name, f"a result of {got}", "one of fit, sample or diagnose", "give that"))
+
+
+def _fitted(campaign: Path) -> "CampaignFit":
+    """Return the fit to a campaign of the arm that lies beside it, as `ident fit` makes it."""
+    from ident.identify.fit import fit_campaign
+
+    arm = as_file(campaign.parent / "arm.toml")
+    return fit_campaign(arm.arm, as_campaign(campaign), ProblemOptions().unknowns_of(arm))
 
 
 def _foreign(path: Path) -> "Posterior | None":

@@ -43,9 +43,9 @@ class DesignOptions(AmplitudeOptions):
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
     change: dict[str, ranges.Limits] = option(
         {},
-        "number that may be changed, with bounds in SI, or in multiples of the present value with an x, "
-        "and a weight, how dear it is to change: joint1.k_tors, link1.mass=0.5x:2x, fingers.com.x=1.3:1.8:2; "
-        "several by one common factor: a.k_tors=b.k_tors; may be repeated; default: torsional stiffness of every joint",
+        "number that may be changed, with bounds in SI or, with an x, in multiples of the present value, and the "
+        "weight of its change: joint1.k_tors, link1.mass=0.5x:2x, fingers.com.x=1.3:1.8:2; several by one factor: "
+        "a.k_tors=b.k_tors; may be repeated; default: all torsional stiffnesses",
         argument="variables",
         repeated=True,
         read=ranges.ranges,

@@ -83,6 +83,20 @@ def silent(description: str, total: int | None = None) -> Wrap:
     return iter
 
 
+FOLDER = ContextVar("FOLDER", default=Path("out"))
+"""The folder whose files the next command of a report names."""
+
+
+@contextmanager
+def kept_in(folder: Path) -> Iterator[None]:
+    """Let reports made within name files in this folder."""
+    token = FOLDER.set(folder)
+    try:
+        yield
+    finally:
+        FOLDER.reset(token)
+
+
 _PLACE: ContextVar[Path | None] = ContextVar("_PLACE", default=None)
 """The folder that the study which begins next will be written to."""
 
@@ -345,14 +359,16 @@ class Result(Reported):
         return replace(report, next=self._command(report.next))
 
     def _command(self, words: str) -> str:
-        """Return the next command with the names of files for `{arm}` and `{campaign}`."""
+        """Return the next command with files for `{arm}`, `{campaign}`, `{trace}` and, without its end, `{result}`."""
         if not words:
             return ""
         inputs = self.inputs
-        arm, campaign = (getattr(inputs.get(name), "path", "") for name in ("arm", "campaign"))
+        arm, campaign, trace = (getattr(inputs.get(name), "path", "") for name in ("arm", "campaign", "trace"))
         beside = not (arm and campaign) or Path(arm) == Path(campaign).parent / "arm.toml"
-        arm, campaign = (shlex.quote(one_line(path)) for path in (arm or "ARM", campaign or "CAMPAIGN"))
-        filled = words.format(arm=arm, campaign=campaign if beside else f"{campaign} --arm {arm}")
+        files = (arm or "ARM", campaign or "CAMPAIGN", trace or "TRACE", str(FOLDER.get() / self.name))
+        arm, campaign, trace, result = (shlex.quote(one_line(path)) for path in files)
+        campaign = campaign if beside else f"{campaign} --arm {arm}"
+        filled = words.format(arm=arm, campaign=campaign, trace=trace, result=result)
         posed = any(getattr(vars(self)["options"], name, None) for name in SAME_PROBLEM)
         return f"{filled}  (with the same options)" if posed and "{campaign}" in words else filled
 
@@ -387,12 +403,12 @@ class Result(Reported):
 
         path = Path(path)
         if path.suffix == self.suffix:
-            with together():
+            with together(), kept_in(path.parent):
                 return self._write(path, self.head)
         if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not os.path.isdir(path):
             remedy = "name the file so, or a folder"
             raise InputError(Problem(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy))
-        with together():
+        with together(), kept_in(path):
             return self._write(path / f"{self.name}{self.suffix}", self.head)
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:

@@ -45,8 +45,8 @@ class BaseOptions(UnitOptions):
 
     soft_base: float | None = option(
         None,
-        "let the base give about a point this far [m] below bushing 1: an undriven joint base, ten times as stiff as "
-        "joint 1 unless fitted or set",
+        "let the base rock and turn about a point this far [m] below bushing 1: an undriven joint, by default ten "
+        "times as stiff as joint 1",
         above=0.0,
     )
 
@@ -93,8 +93,8 @@ class ProblemOptions(BaseOptions):
     )
     discrepancy: dict[str, float] = option(
         {},
-        "kind of measurement that the model may get wrong by a common factor, with the width of ln(factor), "
-        "as deflection:0.1 (10 %); may be repeated",
+        "kind of measurement with a common model error, with the width of ln(factor), as deflection:0.1 (10 %); may be "
+        "repeated",
         repeated=True,
         read=reading.widths,
     )

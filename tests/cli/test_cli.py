@@ -11,6 +11,7 @@ from commands import files
 
 from ident import __version__
 from ident.cli import main
+from ident.cli.output import app
 
 pytestmark = pytest.mark.slow
 
@@ -24,6 +25,15 @@ def test_version_and_help(run):
     code, out, _ = run("fit", "--help")
     assert code == 0
     assert "--no-prior" in out
+
+
+@pytest.mark.parametrize("name", [command.name for command in app.registered_commands])
+def test_the_help_of_a_command_is_one_screen(run, monkeypatch, name):
+    monkeypatch.setenv("COLUMNS", "102")  # click leaves two of them free
+    code, out, _ = run(name, "--help")
+    assert code == 0
+    assert len(out.splitlines()) <= 30
+    assert max(map(len, out.splitlines())) <= 100
 
 
 def test_python_m_ident_is_the_same_program(tmp_path):

@@ -27,15 +27,16 @@ def folder(tmp_path):
 
 
 def test_modal_writes_what_it_says(run, folder, tmp_path):
-    code, out, err = run("modal", folder)
+    code, out, err = run("modal", folder, "--out=new")
     assert (code, err) == (0, "")
     assert "Hammer test at 1 posture: 10 hits accepted, 1 rejected; 7 of 7 modes named" in out
     assert_one_screen(out)
-    written = [name for name in files(tmp_path) if name.startswith("out")]
+    assert "Next: ident check new/tests.modal.csv --arm " in out
+    written = [name for name in files(tmp_path) if name.startswith("new")]
     ends = (".covariance.csv", ".csv", ".json", ".modes.png", ".nc", ".png", ".shapes.png")
-    assert written == [f"out/tests.modal{end}" for end in ends]
+    assert written == [f"new/tests.modal{end}" for end in ends]
     assert "vertical bending 2" in out
-    _, out, _ = run("show", "out/tests.modal.json", "--details")
+    _, out, _ = run("show", "new/tests.modal.json", "--details")
     assert "Rejected: alpha60_y.unv, hit 2: overload of the force: 250 of a full scale of 250 N" in out
     assert "in the covariance file next to the campaign; ident fit reads it" in " ".join(out.split())
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -26,12 +27,12 @@ def test_json_is_all_of_the_output_and_the_words_go_to_standard_error(run, argum
     code, words, err = run(*arguments)
     assert (code, err) == (0, "")
     if arguments[0] == "new":
-        arguments = ("new", "scara", "robot2")
+        arguments = ("new", "scara", "other")
     code, out, err = run(*arguments, "--json")
     document = json.loads(out)
     assert out.count("\n") == 1
     assert document["status"] == code == 0
-    assert err.replace("robot2", "robot") == words
+    assert err.replace("other", "robot") == words
     assert document["written"] == [
         line.removeprefix("wrote ") for line in err.splitlines() if line.startswith("wrote ")
     ]
@@ -48,12 +49,20 @@ def test_the_document_is_that_of_the_file_without_the_result(run, tmp_path):
     assert json.loads(shown)["table"] == file["table"]
 
 
-def test_a_status_is_told_and_a_refusal_has_no_document(run):
+def test_a_status_is_told_and_a_refusal_is_a_document_too(run):
     code, out, _ = run("check", CAMPAIGN, "--strict", "--no-explain", "--json")
     assert json.loads(out)["status"] == code == 3
     code, out, err = run("fit", "none.csv", "--json", "--quiet")
-    assert (code, out) == (2, "")
+    document = json.loads(out)
+    assert document["status"] == code == 2
+    assert [f"ident: {line}" for line in document["error"]] == err.splitlines()
     assert "none.csv" in err
+
+
+def test_verbose_logs_what_is_read_with_times_and_nothing_does_without(run):
+    _, words, err = run("predict", ARM, "-v")
+    assert re.search(rf"^\d{{4}}-\d\d-\d\d \S+ ident: read {re.escape(str(ARM))}, \d+ bytes$", err, re.MULTILINE)
+    assert run("predict", ARM) == (0, words, "")
 
 
 def test_quiet_says_nothing(run):

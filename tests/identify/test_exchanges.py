@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 
+from ident.identify.explanations import Change, Explanation, Explanations
 from ident.identify.fit import CampaignFit, exchangeable, fit_campaign, moves_of
 from ident.measure import Campaign, read_campaign
 from ident.present.fit import fit_sections
+from ident.present.report import text_of
 
 pytestmark = pytest.mark.slow
 
@@ -52,6 +54,15 @@ def test_two_values_that_were_taken_for_each_other_are_named_with_what_the_fit_w
     what = "values" if SHIPPED.measurements[rows[0]].mode is None else "labels"
     assert f"the {what} of rows {names} are probably swapped" in finding
     assert "Masses and lengths alone" not in " ".join(each.text for each in fit_sections(found).findings)
+
+
+def test_a_swap_among_the_causes_is_said_once(right):
+    found = fitted(exchanged(5, 6))
+    swap = Explanation((Change("exchange", "", (5, 6)),), right.chi_squared, True)
+    report = fit_sections(replace(found, explanations=Explanations(found.chi_squared, (swap,), ())))
+    words = " ".join(text_of(report).split())
+    assert "the labels of rows 12, 13 are swapped swap them, or check the mode shapes" in words
+    assert words.count("swapped") == text_of(report, details=True).count("swapped") == 1
 
 
 def test_what_is_right_or_wrong_otherwise_names_none(right):

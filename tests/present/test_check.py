@@ -88,9 +88,9 @@ def test_a_direction_in_physical_words(weights, text):
 def test_the_paper(paper):
     report = check_sections(paper)
     assert report.verdict.word == "NOT READY"
-    assert "Deflections and frequencies (p = 3.5e-05) contradict each other" in report.verdict.reason
-    assert "determine 0 of 6 unknowns" in report.verdict.reason
-    assert report.answer[0].endswith("is 31.6 mm; measured: 22.0 mm.")
+    assert "Deflection and frequency data contradict each other (4.1 sigma)" in report.verdict.reason
+    assert "determine none of the 6 unknowns" in report.verdict.reason
+    assert report.answer[0].endswith("22.0 mm; by the other data 31.6 mm.")
     assert [row[1:] for row in report.answer[-1].rows] == [("not determined", "only in combination with others")] * 6
     combinations = section(report, "Determined by the data: 3 of 6").parts[0].rows
     like = "not determined, such as joint2.k_tors by +10 % together with joint1.k_tors by -3.4 %"
@@ -152,9 +152,9 @@ def test_doubtful_labels_are_findings_with_their_rows(shipped):
     mode, other = Label("lateral", "torsion", 1), Label("vertical", "bending", 1)
     doubts = (LabelDoubt(0, mode, True, (), None), LabelDoubt(1, mode, False, (other,), 0))
     report = check_sections(dataclasses.replace(shipped, labels=doubts))
-    assert "row 7: its mode, lateral torsion 1, is named by a narrow margin" in findings(report)
+    assert "row 7 (line 7 of campaign.csv): lateral torsion 1 is a borderline name" in findings(report)
     labels = " ".join(section(report, "Mode labels").parts)
-    assert "Row 7, frequency lateral torsion 1 at (0, 0, 0) deg: its mode" in labels
+    assert "Row 7, frequency lateral torsion 1 at (0, 0, 0) deg: lateral torsion 1 is a borderline name" in labels
     assert "nearly has the frequency of vertical bending 1: label it" in labels
     assert "although row 7, for another mode, is equal" in labels
 

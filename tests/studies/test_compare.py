@@ -1,5 +1,7 @@
 """`ident.compare` from Python: results and their files, report, table and figure."""
 
+import shutil
+
 import numpy as np
 import pytest
 from arms import DATA
@@ -44,6 +46,16 @@ def files(before, tmp_path_factory):
 @pytest.fixture(scope="module")
 def result(files):
     return compare(*files)
+
+
+def test_campaigns_are_fitted_and_compared(result, files):
+    later = files[1].with_name("later.csv")
+    shutil.copy(ARM, later.parent)
+    fitted = compare(ARM.with_name("campaign.csv"), later)
+    assert fitted.changed == result.changed
+    for row, same in zip(fitted.table(), result.table(), strict=True):
+        assert row["ratio"] == pytest.approx(same["ratio"], rel=1e-6)
+    assert [source.path for source in fitted.inputs.values()] == [str(ARM.with_name("campaign.csv")), str(later)]
 
 
 def test_what_it_says(result, files):

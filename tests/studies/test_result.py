@@ -2,6 +2,8 @@
 
 import json
 import shutil
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from commands import ARM, files, log, posterior
 
 import ident
 from ident.errors import InputError
-from ident.studies.result import check_place, written_to
+from ident.studies.result import Result, check_place, kept_in, written_to
 
 CAMPAIGN, TABLE = ARM.with_name("campaign.csv"), ARM.with_name("table1.csv")
 OTHER = {"path": "elsewhere/file", "sha256": "0" * 64}
@@ -186,3 +188,10 @@ def test_python_replaces(tmp_path):
     assert first.save(tmp_path / "out") == second.save(tmp_path / "out")
     assert files(tmp_path / "out") == ["arm.predict.json"]
     assert ident.load(tmp_path / "out" / "arm.predict.json").inputs["arm"].path == str(tmp_path / "arm.toml")
+
+
+def test_the_next_command_names_files_in_the_folder_that_is_written():
+    result, words = SimpleNamespace(inputs={}, name="an arm.design", options=None), "ident simulate {result}.toml"
+    assert Result._command(result, words) == "ident simulate 'out/an arm.design'.toml"
+    with kept_in(Path("new")):
+        assert Result._command(result, words) == "ident simulate 'new/an arm.design'.toml"

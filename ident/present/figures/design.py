@@ -107,7 +107,7 @@ def _curve(axes: Axes, study: DesignStudy, design: "Design") -> None:
     for name, place in _named(design):
         words = f"{name}, {MM * place.largest:.3g} mm"
         if name == "best" and study.draws and design.limit:
-            words += f" ({place.exceedance:.0%} of the draws exceed)"
+            words += f" ({100 * place.exceedance:.0f} % of the draws exceed)"
         axes.plot(place.change_norm, MM * place.largest, zorder=4, linestyle="", clip_on=False, **MARKS[name])
         handles.append(Line2D([], [], label=words, linestyle="", **MARKS[name]))
     if design.limit and max(sizes) > NEAR * MM * design.limit:
@@ -147,7 +147,7 @@ def _bars(axes: Axes, design: "Design") -> None:
         axes.set_ylabel("factor", fontsize=9)
     else:
         ticks = [share for share in (-1.0, -0.5, 0.0, 0.5, 1.0) if low <= share <= high]
-        axes.set_yticks(ticks, [f"{share:+.0%}" if share else "0%" for share in ticks])
+        axes.set_yticks(ticks, [f"{100 * share:+.0f} %" if share else "0 %" for share in ticks])
         axes.set_ylabel("change, of the widest allowed", fontsize=9)
     key = axes.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=4, frameon=False, fontsize=8)
     as_written(key.get_texts())

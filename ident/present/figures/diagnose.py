@@ -106,8 +106,9 @@ def _remedies_figure(diagnosis: "Diagnosis") -> Figure:
 def _rows(names: Sequence[str]) -> tuple[Figure, Axes]:
     """Return axes with a named row for each, the first on top."""
     labels = [textwrap.fill(cut(name, 150), 50) for name in names]
-    lines = sum(max(label.count("\n"), 1) for label in labels)
-    figure = Figure(figsize=(WIDTH, 1.1 + 0.34 * len(names) + 0.13 * (lines - len(names))), layout="constrained")
+    lines = max(label.count("\n") for label in labels) + 1
+    row = max(0.34, 0.14 * lines + 0.12)  # all are as high as the longest label needs
+    figure = Figure(figsize=(WIDTH, 1.1 + row * len(names)), layout="constrained")
     axes = figure.subplots()
     rows(axes, labels)
     return figure, axes

@@ -189,7 +189,7 @@ def _directions(axes: Axes, fit: "CampaignFit") -> None:
             ticks[10.0**power] = f"{10.0 ** (power + 2):g} %"
     axes.set_xticks(list(ticks), list(ticks.values()))
     axes.set_xticks([], minor=True)
-    axes.set_xlabel("standard deviation of ln(value) [-]", fontsize=9)
+    axes.set_xlabel("std. error of ln(value) [-]", fontsize=9)
     fixed = [i < len(fit.combinations) for i in range(len(directions))]
     keys = _key(fixed, "determined by the data", "by the prior alone")
     heading(axes, f"Combinations determined: {known.fixed} of {len(directions)}", keys)

@@ -108,7 +108,7 @@ def _against_prior(axes: Axes, result: "CampaignSample") -> None:
         style = {**(HOLLOW if unknown else FILLED), "markersize": 5}
         axes.plot([levels[2]], [y], linestyle="", zorder=3, **style)
     shares = zip(share, proper, strict=True)
-    texts = [f"{share:.0%} of prior" if proper else "no prior" for share, proper in shares]
+    texts = [f"{100 * share:.0f} % of prior" if proper else "no prior" for share, proper in shares]
     rows(axes.twinx(), texts, side="right")
     axes.set_xlabel("value / centre of its prior [-]", fontsize=9)
     beyond = ", goes on beyond the frame" if hidden else ""

@@ -26,7 +26,7 @@ from ident.present.figures.style import (
     set_ticks,
     titled,
 )
-from ident.present.report import cut
+from ident.present.report import cut, short_power
 from ident.present.sweep import axis_in_words
 from ident.present.words import MM, in_shown_unit
 from ident.vibrate.study import DIRECTIONS
@@ -137,7 +137,7 @@ def _scale(axes: Axes, axis: Axis, which: str) -> None:
     if _is_log(axis):
         getattr(axes, f"set_{which}scale")("log")
     locator = FixedLocator(_ticks(low, high)) if _is_log(axis) else MaxNLocator(8, steps=[1, 2, 2.5, 5, 10])
-    set_ticks(own, locator, lambda x: f"{x / size:.4g}")
+    set_ticks(own, locator, lambda x: short_power(f"{x / size:.4g}"))
     named = "" if named == "-" else f" [{named}]"
     own.set_label_text(f"{cut(axis_in_words(axis, brief=True), 60)}{named}", fontsize=9, parse_math=False)
 

@@ -87,7 +87,7 @@ def test_report_names_drive_mode_time_and_posture(plain):
     first = grouped(plain[2])[0][0]
     assert first.source.drive == "drive2"
     assert report.verdict.word == "RESONANCE"
-    assert "Pulley 2 (drive2) meets vertical bending 1 at 2.06 s, 6.22 Hz" in report.verdict.reason
+    assert "Pulley 2 (drive2) crosses vertical bending 1 at 2.06 s, 6.22 Hz" in report.verdict.reason
     (table,) = report.answer
     assert table.rows[0][:3] == ("1", "pulley 2", "vertical bending 1")
     assert ("pulleys 1 and 3", "5.6 %") in [(row[1], row[5]) for row in table.rows]
@@ -121,7 +121,7 @@ def test_the_words_follow_the_share_that_builds_up(plain):
     crossing = next(e for e in plain[2] if e.crossings)
     steady = 1 / (2 * crossing.damping_ratio)
     words = [passage(replace(crossing, magnification=share * steady)) for share in (0.95, 0.6, 0.2)]
-    assert words == ["dwells, builds up", "builds up in part", "passes too fast"]
+    assert words == ["builds up fully", "builds up in part", "passes too fast"]
     assert passage(replace(crossing, crossings=())) == "does not cross"
 
 
