@@ -444,7 +444,7 @@ class Hypotheses:
         predicted, slopes = calibrated(self.numbers, theta, self.problem.kinds, predicted, slopes, every)
         return replace(self, start=End(theta, np.nan, np.full(len(theta), np.nan), predicted, slopes, each[0][2]))
 
-    def filled(self, way: Float[np.ndarray, "Q p"]) -> Float[np.ndarray, "Q p"]:
+    def filled(self, way: Float[np.ndarray, "Q p"]) -> Float[np.ndarray, "Q most"]:
         """Return a way of as many directions as any has, so that one program serves all."""
         return np.pad(way, ((0, 0), (0, self.unknowns + TOGETHER - way.shape[1])))
 
