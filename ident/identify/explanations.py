@@ -8,7 +8,9 @@ pairs are tried.
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -30,7 +32,7 @@ from ident.identify.hypotheses import (
     hypotheses_of,
 )
 from ident.identify.instruments import RESOLUTION, posture_grid, relative_sigma
-from ident.identify.problem import Posed, pose
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.information import SUSPICIOUS
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
@@ -248,18 +250,17 @@ def explain(
     """
     arm, campaign, unknowns = fit.arm, fit.campaign, (unknowns or Unknowns()).with_prior
     hypotheses = hypotheses_of(fit.posed.with_unknowns(unknowns), fit.parameters, fit.choice.held)
-    before = hypotheses.search() if hypotheses is not None else None
+    before = hypotheses.search()[0] if hypotheses is not None else None
     if hypotheses is None or before is None:
         return None
     numbers, rows = _single(hypotheses), [Perturbation(row=i) for i in fit.farthest_off[:ROWS]]
-    corrections = list(_corrections(fit))
-    searches: list[Callable[[], _Tried | None]] = [
-        *(lambda each=each: _perturbed(hypotheses, [each], campaign, before.cost) for each in [*numbers, *rows]),
-        *(lambda each=each: _corrected(fit, each, unknowns) for each in corrections),
-    ]
+    corrections, single = list(_corrections(fit)), [[each] for each in [*numbers, *rows]]
+    bar = iter(progress(range(len(single) + len(corrections))))
     swapped = [Explanation((Change("exchange", "", each.rows),), each.score, True) for each in fit.exchanges]
     tried: list[_Tried] = [(item, None) for item in swapped]
-    tried += [each for i in progress(range(len(searches))) if (each := searches[i]()) is not None]
+    tried += _perturbed(hypotheses, single, campaign, before.cost, RIDGES, partial(next, bar))
+    refitted = (_corrected(hypotheses, fit, each, unknowns) for each, _ in zip(corrections, bar, strict=True))
+    tried += filter(None, refitted)
     tried += [(item, None) for item in _assumed(fit, hypotheses, before)]
     limit = before.cost + before.label_cost - MARGIN  # what scores no less explains nothing
     tried = [each for each in tried if not each[0].wrong_sign and each[0].score < limit]
@@ -268,7 +269,7 @@ def explain(
         first = sorted(numbers, key=lambda perturbation: -hypotheses.gain([perturbation]))[:PAIRED]
         pairs = [pair for pair in combinations(first, 2) if not set(pair[0].numbers) & set(pair[1].numbers)]
         best = sorted(pairs, key=lambda pair: -hypotheses.gain(pair))[:PAIRS]
-        found = filter(None, (_perturbed(hypotheses, pair, campaign, before.cost) for pair in best))
+        found = _perturbed(hypotheses, best, campaign, before.cost, RIDGES[:1])
         tried += [e for e in found if e[0].fits and not e[0].wrong_sign and e[0].score < limit]
     tried.sort(key=lambda each: (not each[0].fits, each[0].score if each[0].fits else each[0].cost))
     fitting = enumerate((perturbed for item, perturbed in tried if item.fits), 1)
@@ -294,18 +295,23 @@ def _single(hypotheses: Hypotheses) -> list[Perturbation]:
 
 
 def _perturbed(
-    hypotheses: Hypotheses, perturbations: Sequence[Perturbation], campaign: Campaign, before: float
-) -> _Tried | None:
-    """Search with perturbations at work; nothing where they gain nothing."""
-    end = hypotheses.search(perturbations, RIDGES if len(perturbations) == 1 else RIDGES[:1])
-    if end is None or end.cost > before - 1.0:
-        return None
-    changes = tuple(_change(*each, campaign) for each in zip(perturbations, end.amounts, end.sd, strict=True))
-    wrong = any(
-        each.numbers and not NUMBER_KINDS[each.numbers[0].kind].signed and amount < 0
-        for each, amount in zip(perturbations, end.amounts, strict=True)
-    )
-    return Explanation(changes, end.cost, end.fits, wrong, said=end.label_cost), end
+    hypotheses: Hypotheses,
+    sets: Sequence[Sequence[Perturbation]],
+    campaign: Campaign,
+    before: float,
+    ridges: Sequence[float],
+    ended: Callable[[], Any] = bool,
+) -> Iterator[_Tried]:
+    """Search with sets of perturbations at work; nothing of those that gain nothing."""
+    for perturbations, end in zip(sets, hypotheses.search(sets, ridges, ended), strict=True):
+        if end is None or end.cost > before - 1.0:
+            continue
+        changes = tuple(_change(*each, campaign) for each in zip(perturbations, end.amounts, end.sd, strict=True))
+        wrong = any(
+            each.numbers and not NUMBER_KINDS[each.numbers[0].kind].signed and amount < 0
+            for each, amount in zip(perturbations, end.amounts, strict=True)
+        )
+        yield Explanation(changes, end.cost, end.fits, wrong, said=end.label_cost), end
 
 
 def _change(perturbation: Perturbation, amount: float, sd: float, campaign: Campaign) -> Change:
@@ -348,16 +354,20 @@ def _corrections(fit: CampaignFit) -> Iterator[tuple[Change, Arm, Campaign]]:
         yield Change("soft base"), on_soft_base(fit.arm, granted.height), fit.campaign
 
 
-def _corrected(fit: CampaignFit, correction: tuple[Change, Arm, Campaign], unknowns: Unknowns) -> _Tried | None:
+def _corrected(
+    hypotheses: Hypotheses, fit: CampaignFit, correction: tuple[Change, Arm, Campaign], unknowns: Unknowns
+) -> _Tried | None:
     """Fit a corrected campaign, or an arm on a base that gives; nothing where these can't be."""
     change, arm, campaign = correction
     try:
         posed = pose(arm, campaign, unknowns)
     except InputError:  # as that of a mode that an arm with this payload has not
         return None
-    end = _rematched(posed, fit.parameters)
-    if end is None or not end.fits:
-        end = min(filter(None, (end, _rematched(posed, {}))), key=_by_cost, default=None)
+    end: Perturbed | None = None
+    for start in (fit.parameters, {}):
+        corrected = hypotheses_of(posed, start, altered=False)
+        if corrected is not None and (end is None or not end.fits):
+            end = min(filter(None, (end, _rematched(corrected))), key=_by_cost, default=None)
     if end is None:
         return None
     if change.kind == "soft base":
@@ -365,20 +375,22 @@ def _corrected(fit: CampaignFit, correction: tuple[Change, Arm, Campaign], unkno
         stiffness = {path: float(values.get(path, arm.get(path))) for path in stiffness_paths(arm)}
         share = max(stiffness[f"{first}.{k}"] / stiffness[f"base.{k}"] for k in STIFFNESS)
         change = replace(change, off=share / ASSUMED["base rocks"].plausible)
+    else:  # the arm is the same, and so is the program that predicts what else it would show
+        end = end.among(hypotheses)
     return Explanation((change,), end.cost, end.fits, said=end.label_cost), end
 
 
-def _rematched(posed: Posed, start: Mapping[str, float]) -> Perturbed | None:
+def _rematched(hypotheses: Hypotheses) -> Perturbed | None:
     """Search from a start, and again from where that ends, each time with labels that are matched there."""
     end: Perturbed | None = None
     for _ in range(TURNS):
-        hypotheses = hypotheses_of(posed, end.values if end else start)
-        found = hypotheses.search() if hypotheses is not None else None
+        (found,) = hypotheses.search()
         if found is None:
             break
         before, end = end, found
         if found.fits or (before is not None and before.cost - found.cost < 1.0):
             return min(filter(None, (before, end)), key=_by_cost)
+        hypotheses = hypotheses.at(found.theta)
     return end
 
 

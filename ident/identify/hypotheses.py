@@ -1,9 +1,9 @@
 """Hypotheses about what is otherwise than the arm file and the campaign say, as numbers that a search can move."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,13 +17,14 @@ from ident.arm.mechanics import equilibrium
 from ident.arm.parts import DIRECTIONS, STIFFNESS_OF, Body, CubicSpring, Joint
 from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
+from ident.identify.padding import padded
 from ident.identify.predict import ArmModel, chains
 from ident.identify.problem import Posed
 from ident.identify.unknowns import LOAD, scaled_loads
 from ident.inference.information import RANK_TOLERANCE, row_tests
-from ident.inference.parameters import AnyArray, Parameter, Parameters
-from ident.inference.problem import Choice, InverseProblem
-from ident.inference.search import End, looker, minimum
+from ident.inference.parameters import AnyArray, Parameter, Parameters, Prior
+from ident.inference.problem import Choice, InParts, InverseProblem
+from ident.inference.search import TO_THE_END, End, Way, descent, look, looks, searched, together
 from ident.measure import Campaign
 from ident.programs import RUNS_ONCE, jit
 
@@ -223,31 +224,33 @@ def calibrated(
     theta: Float[np.ndarray, "Q"],
     kinds: Sequence[str],
     predicted: Float[np.ndarray, "D"],
-    jacobian: Float[np.ndarray, "D Q"],
-) -> tuple[Float[np.ndarray, "D"], Float[np.ndarray, "D Q"]]:
-    """Return predictions and their Jacobian as gauges read them whose calibration is off.
+    slopes: Float[np.ndarray, "D p"],
+    directions: Float[np.ndarray, "Q p"],
+) -> tuple[Float[np.ndarray, "D"], Float[np.ndarray, "D p"]]:
+    """Return predictions and their slopes as gauges read them whose calibration is off.
 
     Args:
         numbers: the last ones of theta.
         theta: the unknowns, then all numbers.
         kinds: of each value.
         predicted: as the model has them.
-        jacobian: by theta.
+        slopes: along some directions.
+        directions: of theta.
     """
     for place, number in enumerate(numbers, len(theta) - len(numbers)):
         if number.kind in SCALES:
             own = np.array(kinds) == number.of
             factor = np.where(own, np.exp(theta[place]), 1.0)
-            predicted, jacobian = predicted * factor, jacobian * factor[:, None]
-            jacobian[:, place] = np.where(own, predicted, 0.0)
-    return predicted, jacobian
+            predicted = predicted * factor
+            slopes = slopes * factor[:, None] + np.outer(np.where(own, predicted, 0.0), directions[place])
+    return predicted, slopes
 
 
 # -------- Perturbations
 # Searches of a campaign's optimum with some numbers of arm and campaign otherwise than they were said to be.
 #
-# One program predicts the campaign and its Jacobian by all unknowns and all such numbers; each search moves a few of
-# these, and is made of looks at that program (`gauss_newton`).
+# One program predicts the campaign with all unknowns and all such numbers, and its slopes along a few directions; each
+# search moves the unknowns and one or two of the numbers, and all searches look together (`search.together`).
 
 RIDGES = 3.0, 20.0
 """How many times its plausible width a number may move before that counts, at first and at last."""
@@ -255,6 +258,8 @@ STEP_OFF = 20.0
 """Sigmas by which a value that is wrong may be off before that counts, likewise."""
 STEPS = 60
 """Looks of a search, at most: what has not ended by then has found no explanation."""
+TOGETHER = 2
+"""Perturbations that are at work together at most."""
 LIKELY = 0.01
 """Chance of a larger cost from which nothing is left to explain."""
 
@@ -284,7 +289,8 @@ class Perturbed:
         label_cost: of the labels there, minus twice the logarithm of their probability.
         fits: whether neither cost, nor a value, nor a label speaks against it.
         theta: where: the unknowns, then all numbers that may be otherwise.
-        covariance: of all these, by data and priors.
+        way: how unknowns and amounts make up all these.
+        covariance: of unknowns and amounts, by data and priors.
     """
 
     hypotheses: "Hypotheses"
@@ -294,7 +300,8 @@ class Perturbed:
     label_cost: float
     fits: bool
     theta: Float[np.ndarray, "Q"]
-    covariance: Float[np.ndarray, "Q Q"]
+    way: Float[np.ndarray, "Q p"]
+    covariance: Float[np.ndarray, "p p"]
 
     @property
     def values(self) -> dict[str, float]:
@@ -303,22 +310,26 @@ class Perturbed:
         values = parameters.by_path(np.asarray(parameters.values(self.theta)))
         return {path: float(x) for path, x in values.items()}
 
+    def among(self, hypotheses: "Hypotheses") -> "Perturbed":
+        """Return the same as one of further hypotheses about the same arm, none of whose numbers is otherwise."""
+        more = (0, len(hypotheses.start.theta) - len(self.theta))
+        way = np.pad(self.way, (more, (0, 0)))
+        return replace(self, hypotheses=hypotheses, theta=np.pad(self.theta, more), way=way)
+
     def predict(
         self, campaign: Campaign, conditions: Conditions
     ) -> tuple[Float[np.ndarray, "D"], Float[np.ndarray, "D"]]:
         """Return what it predicts of other measurements of the arm in the base frame, and the standard deviation."""
-        model, count = self.hypotheses.problem.model, len(campaign)
-        assert isinstance(model, AlteredModel)
-        problem = InverseProblem(
-            replace(model, conditions=conditions, frames=None),
-            np.ones(count),
-            np.full(count, np.inf),
-            self.hypotheses.problem.parameters,
-            tuple(m.kind for m in campaign),
-        )
-        predicted, jacobian, _ = looker(problem)(self.theta, None)
-        predicted, jacobian = calibrated(self.hypotheses.numbers, self.theta, problem.kinds, predicted, jacobian)
-        variance = np.einsum("ip,pq,iq->i", jacobian, self.covariance, jacobian)
+        own, count = self.hypotheses, len(campaign)
+        assert isinstance(own.problem.model, ArmModel)
+        model = replace(own.problem.model, conditions=conditions, frames=None)
+        kinds = tuple(m.kind for m in campaign)
+        problem = InverseProblem(model, np.ones(count), np.full(count, np.inf), own.problem.parameters, kinds)
+        whole = problem.in_parts()
+        ((predicted, slopes, _),) = looks(whole, [Way(self.theta, own.filled(self.way), whole.first_matching)], 1)
+        predicted, slopes = calibrated(own.numbers, self.theta, kinds, predicted, slopes, own.filled(self.way))
+        slopes = slopes[:, : len(self.covariance)]
+        variance = np.einsum("ip,pq,iq->i", slopes, self.covariance, slopes)
         return predicted, np.sqrt(np.maximum(variance, 0.0))
 
 
@@ -341,61 +352,75 @@ class Hypotheses:
     @cached_property
     def freedom(self) -> int:
         """Values and priors less the directions that they see together."""
-        way = self._way(())
-        s = np.linalg.svd(self._weigh(self._look(way, (), self._origin(()), self.start.choice.held), np.zeros(0))[1])[1]
+        s = np.linalg.svd(self._weigh(self._along(()), np.zeros(0))[1])[1]
         seen = int((s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)).sum())
         proper = int(self.problem.parameters.proper[: self.unknowns].sum())
         return int(np.isfinite(np.asarray(self.problem.sigma)).sum()) + proper - seen
 
-    def search(self, perturbations: Sequence[Perturbation] = (), ridges: Sequence[float] = RIDGES) -> Perturbed | None:
-        """Return the optimum with these perturbations at work; None where the model has no answer.
+    def search(
+        self,
+        sets: Sequence[Sequence[Perturbation]] = ((),),
+        ridges: Sequence[float] = RIDGES,
+        ended: Callable[[], Any] = bool,
+    ) -> list[Perturbed | None]:
+        """Return the optimum with each set of perturbations at work; None where the model has no answer.
 
-        They are held near zero by their plausible widths, ever less so until nothing is left to explain. The search
+        They are held near zero by their plausible widths, ever less so until nothing is left to explain. A search
         begins at the fit and, where that leads nowhere, at the priors' centre.
 
         Args:
-            perturbations: what may be otherwise.
+            sets: what may be otherwise together.
             ridges: how many of its widths each may move before that counts as one.
+            ended: called whenever a search has ended.
         """
-        found, centre = [], np.asarray(self._known.theta(self._known.column("centre")))
-        for start in (self._origin(perturbations), np.append(centre, np.zeros(len(perturbations)))):
+        return together([self._search(each, ridges) for each in sets], self._looks, ended)
+
+    def _search(
+        self, perturbations: Sequence[Perturbation], ridges: Sequence[float]
+    ) -> Generator[Any, End, Perturbed | None]:
+        found, none = list[Perturbed](), np.zeros(len(perturbations))
+        centre = np.asarray(self._known.theta(self._known.column("centre")))
+        starts = [self.start.theta[: self.unknowns], centre]
+        for start in starts[: 1 if np.array_equal(*starts) else 2]:
             for ridge in ridges if perturbations else ridges[:1]:
-                end = self._search(perturbations, start, ridge)
+                end = yield from self._descent(perturbations, np.append(start, none), ridge)
                 if end is not None and end.fits:
                     return end
                 found += [] if end is None else [end]
         return min(found, key=lambda end: end.cost, default=None)
 
-    def _search(self, perturbations: Sequence[Perturbation], start: np.ndarray, ridge: float) -> Perturbed | None:
-        way = self._way(perturbations)
+    def _descent(
+        self, perturbations: Sequence[Perturbation], start: np.ndarray, ridge: float
+    ) -> Generator[Any, End, Perturbed | None]:
+        way, held = self._way(perturbations), self.start.choice.held
         widths = ridge * self._widths(way)
-
-        look, weigh = partial(self._look, way, perturbations), partial(self._weigh, widths=widths)
-        end, _ = minimum(look, weigh, start, self.start.choice.held, True, STEPS)
+        if isinstance(self.problem.model, AlteredModel):
+            weigh, ask = partial(self._weigh, widths=widths), partial(_Ask, perturbations, way)
+            end, _ = yield from descent(weigh, start, held, True, STEPS, ask)
+        else:
+            end, _ = searched(self.problem, start, held, TO_THE_END)
         if not np.isfinite(end.cost):
             return None
-        _, slope = weigh(end)
+        _, slope = self._weigh(end, widths)
         covariance = np.linalg.pinv(slope.T @ slope, rcond=RANK_TOLERANCE**2, hermitian=True)
         amounts, sd = end.theta[self.unknowns :], np.sqrt(np.diag(covariance)[self.unknowns :])
         residuals, slope = self._weigh(end, np.inf * widths)
         cost = float((residuals**2).sum())
         likely = self.chance(cost, len(perturbations)) >= LIKELY
         fits = bool(likely and end.choice.settled and not row_tests(self.problem, residuals, slope).outliers.any())
-        label_cost, whole = float(np.sum(end.choice.cost)), (way @ end.theta, way @ covariance @ way.T)
-        return Perturbed(self, tuple(amounts.tolist()), tuple(sd.tolist()), cost, label_cost, fits, *whole)
+        label_cost, theta = float(np.sum(end.choice.cost)), way @ end.theta
+        both = tuple(amounts.tolist()), tuple(sd.tolist())
+        return Perturbed(self, *both, cost, label_cost, fits, theta, way, covariance)
 
     @property
     def effective(self) -> tuple[Number, ...]:
         """The numbers on which any value depends: a payload that was never on is none of them."""
-        theta, kinds = self.start.theta, self.problem.kinds
-        _, jacobian = calibrated(self.numbers, theta, kinds, self.start.predicted, self.start.jacobian)
-        return tuple(n for n, column in zip(self.numbers, jacobian.T[self.unknowns :], strict=True) if column.any())
+        columns = self.start.jacobian.T[self.unknowns :]
+        return tuple(n for n, column in zip(self.numbers, columns, strict=True) if column.any())
 
     def gain(self, perturbations: Sequence[Perturbation]) -> float:
         """Return by how much the cost would fall in the first of the searches, were the model linear."""
-        way = self._way(perturbations)
-        here = self._look(way, perturbations, self._origin(perturbations), self.start.choice.held)
-        residuals, slope = self._weigh(here, RIDGES[0] * self._widths(way))
+        residuals, slope = self._weigh(self._along(perturbations), RIDGES[0] * self._widths(self._way(perturbations)))
         step, *_ = np.linalg.lstsq(slope, -residuals, rcond=RANK_TOLERANCE)
         return float(residuals @ residuals - ((residuals + slope @ step) ** 2).sum())
 
@@ -406,8 +431,27 @@ class Hypotheses:
         left = self.freedom - spent
         return float(chdtrc(left, cost)) if left > 0 else float(cost < 1.0)
 
-    def _origin(self, perturbations: Sequence[Perturbation]) -> Float[np.ndarray, "p"]:
-        return np.append(self.start.theta[: self.unknowns], np.zeros(len(perturbations)))
+    def at(self, theta: Float[np.ndarray, "U"], held: Any = None) -> "Hypotheses":
+        """Return the same with another start, where the labels are matched as is held, or else again."""
+        theta = np.append(theta, np.zeros(len(self.numbers)))
+        if not isinstance(self.problem.model, AlteredModel):
+            return replace(self, start=look(self.problem, theta, held))
+        held, every = self._parts.first_matching if held is None else held, np.eye(len(theta))
+        size = self.unknowns + TOGETHER
+        parts = [every[:, i : i + size] for i in range(0, len(theta), size)]
+        each = looks(self._parts, [Way(theta, self.filled(part), held) for part in parts])
+        predicted, slopes = each[0][0], np.hstack([along for _, along, _ in each])[:, : len(theta)]
+        predicted, slopes = calibrated(self.numbers, theta, self.problem.kinds, predicted, slopes, every)
+        return replace(self, start=End(theta, np.nan, np.full(len(theta), np.nan), predicted, slopes, each[0][2]))
+
+    def filled(self, way: Float[np.ndarray, "Q p"]) -> Float[np.ndarray, "Q most"]:
+        """Return a way of as many directions as any has, so that one program serves all."""
+        return np.pad(way, ((0, 0), (0, self.unknowns + TOGETHER - way.shape[1])))
+
+    def _along(self, perturbations: Sequence[Perturbation]) -> End:
+        """Return the start with its slope by the unknowns and by the amounts of some perturbations."""
+        way = self._way(perturbations)
+        return self.start._replace(theta=self.start.theta @ way, jacobian=self.start.jacobian @ way)
 
     def _way(self, perturbations: Sequence[Perturbation]) -> Float[np.ndarray, "Q p"]:
         """Return how unknowns and perturbations make up all coordinates."""
@@ -419,23 +463,23 @@ class Hypotheses:
                 way[places[number], self.unknowns + i] = 1.0
         return way
 
-    def _look(self, way: np.ndarray, perturbations: Sequence[Perturbation], x: np.ndarray, held: Any) -> End:
-        """Return predictions with these perturbations, gauges and wrong rows included, and their slope by x."""
-        theta = way @ x
-        here = self.start
-        if not np.array_equal(theta, here.theta):
-            here = End(theta, np.nan, np.full(len(theta), np.nan), *self._looker(theta, held))
-        predicted, jacobian = calibrated(self.numbers, theta, self.problem.kinds, here.predicted, here.jacobian)
-        along, sigma = jacobian @ way, np.asarray(self.problem.sigma)
-        for i, perturbation in enumerate(perturbations, self.unknowns):
-            if perturbation.row >= 0:
-                along[perturbation.row, i] = sigma[perturbation.row]
-                predicted = predicted + along[:, i] * x[i]
-        return here._replace(theta=x, predicted=predicted, jacobian=along)
+    def _looks(self, asked: "Sequence[_Ask]") -> list[End]:
+        """Return predictions with perturbations, gauges and wrong rows included, and their slopes by x."""
+        ways = [Way(each.way @ each.x, self.filled(each.way), each.held) for each in asked]
+        found, sigma = list[End](), np.asarray(self.problem.sigma)
+        for ask, way, (predicted, slopes, choice) in zip(asked, ways, looks(self._parts, ways), strict=True):
+            both = predicted, slopes[:, : len(ask.x)]
+            predicted, slopes = calibrated(self.numbers, way.theta, self.problem.kinds, *both, ask.way)
+            for i, perturbation in enumerate(ask.perturbations, self.unknowns):
+                if perturbation.row >= 0:
+                    slopes[perturbation.row, i] = sigma[perturbation.row]
+                    predicted = predicted + slopes[:, i] * ask.x[i]
+            found.append(End(ask.x, np.nan, np.full(len(ask.x), np.nan), predicted, slopes, choice))
+        return found
 
     @cached_property
-    def _looker(self) -> Callable[[np.ndarray, Any], tuple[np.ndarray, np.ndarray, Choice]]:
-        return looker(self.problem)
+    def _parts(self) -> InParts:
+        return self.problem.in_parts()
 
     @cached_property
     def _scaled(self) -> Callable[[np.ndarray], Any]:
@@ -446,14 +490,15 @@ class Hypotheses:
         """The unknowns, without what may be otherwise."""
         return Parameters(self.problem.parameters.items[: self.unknowns])
 
+    @cached_property
+    def _prior(self) -> Prior:
+        return self._known.prior(1)
+
     def _weigh(self, here: End, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return residuals of data, of priors and of the perturbations, by these widths; and their slope."""
-        prior, slope = (np.asarray(part) for part in self._known.prior_residuals(here.theta[: self.unknowns]))
+        prior, slope = (np.asarray(part) for part in self._prior.residuals(here.theta[: self.unknowns]))
         data = np.asarray(self._scaled(here.predicted - np.asarray(self.problem.measured)))
-        count = len(here.theta) - self.unknowns
-        perturbations = np.hstack([np.zeros((count, self.unknowns)), np.diag(1 / widths)])
-        priors = np.hstack([np.diag(slope), np.zeros((self.unknowns, count))])
-        rows = np.vstack([np.asarray(self._scaled(here.jacobian)), priors, perturbations])
+        rows = np.vstack([np.asarray(self._scaled(here.jacobian)), np.diag(np.concatenate([slope, 1 / widths]))])
         return np.concatenate([data, prior, here.theta[self.unknowns :] / widths]), rows
 
     def _widths(self, way: np.ndarray) -> Float[np.ndarray, "perturbations"]:
@@ -463,27 +508,42 @@ class Hypotheses:
         return np.array([own[int(np.argmax(each))] if each.any() else STEP_OFF for each in moved])
 
 
-def hypotheses_of(posed: Posed, fitted: Mapping[str, float], held: Any = None) -> Hypotheses | None:
+class _Ask(NamedTuple):
+    """Where a search wants to look: with which perturbations, how these make up theta, where, by what is held."""
+
+    perturbations: Sequence[Perturbation]
+    way: Float[np.ndarray, "Q p"]
+    x: Float[np.ndarray, "p"]
+    held: Any
+
+
+def hypotheses_of(
+    posed: Posed, fitted: Mapping[str, float], held: Any = None, *, altered: bool = True
+) -> Hypotheses | None:
     """Return what may be otherwise than a fit takes it to be; None where the model has no answer.
 
     Args:
         posed: what is to be fitted; every stiffness has a prior.
         fitted: where to begin, by path [SI]; at the priors' centre where it says nothing.
         held: the modes that the fit has matched labels to; they are matched again without.
+        altered: whether any number may be otherwise; else the fit's own program serves the searches.
     """
     problem, model = posed.problem, posed.problem.model
     if not isinstance(model, ArmModel):  # scaled by discrepancies, which are explanations already
         return None
-    own = problem.parameters
+    own, numbers = problem.parameters, tuple[Number, ...]()
     values = {path: fitted.get(path, float(x)) for path, x in own.by_path(own.column("centre")).items()}
-    moments = np.asarray(largest_moments(model, {name: np.asarray(x) for name, x in values.items()}))
-    numbers = tuple(altered_numbers(model, tuple(dict.fromkeys(problem.kinds)), values, moments))
-    parameters = Parameters((*own.items, *(number.parameter for number in numbers)))
-    altered = AlteredModel(
-        model.arm, model.conditions, model.scaled, model.frames, numbers=numbers, moments=jax.device_put(moments)
-    )
-    problem = replace(problem, model=altered, parameters=parameters)
     theta = np.asarray(own.theta(np.array([float(values[item.name]) for item in own.items])))
-    start = np.append(theta, np.zeros(len(numbers)))
-    here = End(start, np.nan, np.full(len(start), np.nan), *looker(problem)(start, held))
-    return Hypotheses(problem, len(own.items), numbers, here) if np.isfinite(here.predicted).all() else None
+    if altered:
+        few = replace(model, conditions=padded(model.conditions)[0])  # of one of few sizes, so that one program serves
+        moments = np.asarray(largest_moments(few, {name: np.asarray(x) for name, x in values.items()}))
+        numbers = tuple(altered_numbers(model, tuple(dict.fromkeys(problem.kinds)), values, moments))
+        parts = model.arm, model.conditions, model.scaled, model.frames
+        problem = replace(
+            problem,
+            model=AlteredModel(*parts, numbers=numbers, moments=jax.device_put(moments)),
+            parameters=Parameters((*own.items, *(number.parameter for number in numbers))),
+        )
+    blank = End(theta, np.nan, theta, theta, theta, Choice(None, False, theta))
+    hypotheses = Hypotheses(problem, len(own.items), numbers, blank).at(theta, held)
+    return hypotheses if np.isfinite(hypotheses.start.predicted).all() else None

@@ -2,7 +2,7 @@
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import equinox as eqx
@@ -399,6 +399,10 @@ class ArmModel(eqx.Module, Choosing, Growing):
 
     def in_parts(self) -> Parts:
         """Return a model of many states in parts of one size, any other in one part of one of few sizes."""
+        return self._parts
+
+    @cached_property
+    def _parts(self) -> Parts:
         parts = in_parts(self.conditions)
         if parts is None:
             conditions, own, places = padded(self.conditions)

@@ -1,7 +1,7 @@
 """The unknowns: names, values, transforms, ties and priors."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -37,6 +37,7 @@ class Parameter(eqx.Module):
     scale: Float[AnyArray, ""]
     flat: Float[AnyArray, ""]
     nuisance: bool = eqx.field(static=True, default=False)
+    __getattribute__ = object.__getattribute__
 
     def __init__(
         self,
@@ -66,6 +67,7 @@ class Parameters(eqx.Module):
     """The unknowns of a problem, in the order of theta."""
 
     items: tuple[Parameter, ...]
+    __getattribute__ = object.__getattribute__  # equinox's makes a module of each method: half the time of a fit
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -102,21 +104,17 @@ class Parameters(eqx.Module):
         Half the sum of squares is the negative logarithm of the prior density, up to a constant. A slope is the
         inverse of a standard deviation; zero where the prior is flat.
         """
-        centre, sd, flat = self._prior(theta.ndim)
-        off = theta - centre
-        xp = library(off)
-        beyond = xp.sign(off) * xp.maximum(xp.abs(off) - flat, 0.0)
-        return beyond / sd, xp.where(xp.abs(off) >= flat, 1 / sd, 0.0)
+        return self.prior(theta.ndim).residuals(theta)
 
     def log_prior(self, theta: Float[AnyArray, "P *batch"]) -> Float[AnyArray, "*batch"]:
         """Return the logarithm of the prior density of theta; parameters without a prior count nothing."""
-        _, sd, flat = self._prior(1)
+        _, sd, flat = self.prior(1)
         mass = jnp.where(jnp.isfinite(sd), 2 * flat + sd * math.sqrt(2 * math.pi), 1.0)
         return -(self.prior_residuals(theta)[0] ** 2).sum(0) / 2 - jnp.log(mass).sum()
 
     def from_uniform(self, u: Float[Array, "P *batch"]) -> Float[AnyArray, "P *batch"]:
         """Return the theta at which the priors' distribution functions are u; NaN without a prior."""
-        centre, sd, flat = self._prior(u.ndim)
+        centre, sd, flat = self.prior(u.ndim)
         flank = sd * math.sqrt(math.pi / 2)
         whole = 2 * (flat + flank)
         below = sd * ndtri(jnp.minimum(u * whole / (2 * flank), 0.5))
@@ -146,11 +144,26 @@ class Parameters(eqx.Module):
         shape = (-1,) + (1,) * (x.ndim - 1)
         return self.positive.reshape(shape), self.column("scale").reshape(shape)
 
-    def _prior(self, rank: int) -> tuple[AnyArray, AnyArray, AnyArray]:
-        """Return centre, standard deviation and flat half-length in theta, aligned with an array of this rank."""
+    def prior(self, rank: int) -> "Prior":
+        """Return the priors in theta, aligned with an array of this rank."""
         columns = self.theta(self.column("centre")), self.column("prior_sd"), self.column("flat")
         centre, sd, flat = (x.reshape((-1,) + (1,) * (rank - 1)) for x in columns)
-        return centre, sd, flat
+        return Prior(centre, sd, flat)
+
+
+class Prior(NamedTuple):
+    """Priors in theta: centres, standard deviations, half the lengths of their flat parts."""
+
+    centre: AnyArray
+    sd: AnyArray
+    flat: AnyArray
+
+    def residuals(self, theta: AnyArray) -> tuple[AnyArray, AnyArray]:
+        """Return their residuals and the slopes of these by theta, see `Parameters.prior_residuals`."""
+        off = theta - self.centre
+        xp = library(off)
+        beyond = xp.sign(off) * xp.maximum(xp.abs(off) - self.flat, 0.0)
+        return beyond / self.sd, xp.where(xp.abs(off) >= self.flat, 1 / self.sd, 0.0)
 
 
 def library(*arrays: Any) -> Any:

@@ -292,6 +292,7 @@ class InverseProblem(eqx.Module):
     kinds: tuple[str, ...] = eqx.field(static=True)
     correlation: Correlation | None = None
     vectors: Int[np.ndarray, "D"] | None = None
+    __getattribute__ = object.__getattribute__  # as of `Parameters`
 
     def __check_init__(self) -> None:
         """Refuse values and sigmas that can't be, which a search would only meet as a model without an answer.
@@ -394,7 +395,7 @@ class InverseProblem(eqx.Module):
     def with_sigma(self, sigma: Float[np.ndarray, "D"]) -> "InverseProblem":
         """Return the problem with other standard deviations; one that is infinite takes its value out of its group."""
         counts = np.isfinite(sigma)
-        problem = eqx.tree_at(lambda p: p.sigma, self, jax.device_put(np.asarray(sigma)))
+        problem = replace(self, sigma=jax.device_put(np.asarray(sigma)))
         if self.correlation is None:
             return problem
         return eqx.tree_at(lambda p: p.correlation, problem, jax.device_put(self.correlation.among(counts)))

@@ -1,8 +1,9 @@
 """Searches for the minimum of a least-squares problem: two solvers, convergence, many starts."""
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -11,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ident.inference.information import RANK_TOLERANCE
-from ident.inference.parameters import AnyArray
+from ident.inference.parameters import AnyArray, Parameters
 from ident.inference.problem import Choice, InParts, InverseProblem
 from ident.programs import jit
 
@@ -20,6 +21,7 @@ from ident.programs import jit
 #
 # Gauss-Newton with Marquardt's damping where a step leads upwards (Marquardt, J. SIAM 11, 1963), in NumPy.
 
+T = TypeVar("T")
 MAX_STEPS = 200
 SHORT, LEAST_STEP = 1e-3, 1e-6
 """Lengths of the next step [sd] below which it is taken whole, and below which the search has ended."""
@@ -35,26 +37,65 @@ Look = Callable[[Float[np.ndarray, "P"], Any], "End"]
 Weigh = Callable[["End"], tuple[Float[np.ndarray, "R"], Float[np.ndarray, "R P"]]]
 
 
-def minimum(
-    look: Look, weigh: Weigh, start: Float[np.ndarray, "P"], held: Any, to_the_end: bool, steps: int = MAX_STEPS
-) -> "tuple[End, bool]":
-    """Minimise a sum of squares from a start; return where, and whether it has ended before it ran out of steps.
+def minimum(look: Look, weigh: Weigh, start: Float[np.ndarray, "P"], held: Any, to_the_end: bool) -> "tuple[End, bool]":
+    """Minimise a sum of squares by looks of its own, see `descent`; `look` predicts at theta, by what is held there."""
+    (found,) = together([descent(weigh, start, held, to_the_end)], lambda asked: [look(*each) for each in asked])
+    return found
+
+
+def together(
+    searches: "Sequence[Generator[Any, End, T]]",
+    looks: "Callable[[list[Any]], list[End]]",
+    ended: Callable[[], Any] = bool,
+) -> list[T]:
+    """Go on with several searches at once, and look where all of them want to at a time; return what they found.
 
     Args:
-        look: predicts at theta, by what the model holds.
+        searches: each yields where it wants to look.
+        looks: what is there.
+        ended: called whenever one has ended.
+    """
+    found: dict[int, T] = {}
+    sent: dict[int, Any] = dict.fromkeys(range(len(searches)))
+    while sent:
+        asked = {}
+        for i, end in sent.items():
+            try:
+                asked[i] = searches[i].send(end)
+            except StopIteration as stop:
+                found[i] = stop.value
+                ended()
+        sent = dict(zip(asked, looks(list(asked.values())) if asked else (), strict=True))
+    return [found[i] for i in range(len(searches))]
+
+
+def descent(
+    weigh: Weigh,
+    start: Float[np.ndarray, "P"],
+    held: Any,
+    to_the_end: bool,
+    steps: int = MAX_STEPS,
+    ask: Callable[[Float[np.ndarray, "P"], Any], Any] = lambda *where: where,
+) -> "Generator[Any, End, tuple[End, bool]]":
+    """Minimise a sum of squares from a start; return where, and whether it has ended before it ran out of steps.
+
+    It yields where to look, and is sent what is predicted there, so that several searches may look together.
+
+    Args:
         weigh: gives residuals and their slope there.
         start: theta.
         held: what the model holds at the first point.
         to_the_end: whether it goes on where the model would choose anew.
         steps: at most.
+        ask: what is yielded of theta and what the model holds at the last point.
     """
 
-    def at(theta: Float[np.ndarray, "P"], held: Any) -> tuple[End, np.ndarray, np.ndarray]:
-        here = look(theta, held)
+    def at(here: End) -> tuple[End, np.ndarray, np.ndarray]:
         residuals, slope = weigh(here)
         return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals), residuals, slope
 
-    (here, residuals, slope), damping, before = at(start, held), 0.0, math.inf
+    here, residuals, slope = at((yield ask(start, held)))
+    damping, before = 0.0, math.inf
     for _ in range(steps):
         if not (np.isfinite(here.cost) and np.isfinite(slope).all() and (to_the_end or here.choice.settled)):
             return here, True
@@ -65,7 +106,7 @@ def minimum(
         if length < LEAST_STEP or (near and length >= before):
             return here, True
         step = _step(residuals, slope, 0.0 if near else damping)
-        there, *weighed = at(here.theta + step, here.choice.held)
+        there, *weighed = at((yield ask(here.theta + step, here.choice.held)))
         limit = here.cost + LEVEL * (1 + here.cost)
         if near:  # gains are rounding soon, and no measure of a step any more
             if there.cost > limit:
@@ -139,22 +180,49 @@ def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None)
     No measured value is used: what values belong to is chosen by what was said of them alone. It is a search in which
     nothing counts, so that what was compiled for the fit serves here as well.
     """
-    blank = eqx.tree_at(lambda p: p.sigma, without_priors(problem), np.full_like(problem.sigma, np.inf))
+    blank = replace(without_priors(problem), sigma=np.full_like(problem.sigma, np.inf))
     start = problem.parameters.theta(problem.parameters.column("start")) if theta is None else theta
-    return _searched(blank, start, None, TO_THE_END, NOTHING)[0]
+    return searched(blank, start, None, TO_THE_END, NOTHING)[0]
 
 
 def look(problem: InverseProblem, theta: Float[AnyArray, "P"], held: Any) -> End:
     """Return what a search would find at theta, with what the model holds, without a step."""
-    here = _searched(problem, theta, held, TO_THE_END, NOTHING)[0]
+    here = searched(problem, theta, held, TO_THE_END, NOTHING)[0]
     residuals, slope = (np.asarray(part) for part in problem.weigh(here.predicted, here.jacobian, np.asarray(theta)))
     return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
 
 
-def looker(problem: InverseProblem) -> Callable[[Float[np.ndarray, "P"], Any], tuple[np.ndarray, np.ndarray, Choice]]:
-    """Return what looks at a problem at theta, with what the model holds: predictions, their Jacobian, the choice."""
-    whole = problem.in_parts()
-    return lambda theta, held: _predicted(whole, theta, whole.first_matching if held is None else held)
+LANES = 16
+"""Points at which several searches look together: that takes little more time than one."""
+
+
+class Way(NamedTuple):
+    """A point, the directions (P, p) in which slopes are asked for, and what the model holds there."""
+
+    theta: Float[np.ndarray, "P"]
+    directions: Float[np.ndarray, "P p"]
+    held: Any
+
+
+def looks(whole: InParts, ways: Sequence[Way], lanes: int = LANES) -> list[tuple[np.ndarray, np.ndarray, Choice]]:
+    """Return predictions, their slopes (D, p) and the choice at several points, each with as many directions."""
+    if len(whole.problems) > 1:
+        each = (_predicted(whole, way.theta, way.held) for way in ways)
+        return [(x, jacobian @ way.directions, choice) for (x, jacobian, choice), way in zip(each, ways, strict=True)]
+    places, found = whole.parts.places, list[tuple[np.ndarray, np.ndarray, Choice]]()
+    for first in range(0, len(ways), lanes):
+        some = ways[first : first + lanes]
+        stacked = jax.tree.map(lambda *x: np.stack(x), *some, *[some[0]] * (lanes - len(some)))
+        x, slopes, choice = jax.device_get(_looked(whole.problems[0], stacked))
+        for k in range(len(some)):
+            own = jax.tree.map(lambda leaf, k=k: leaf[k], choice)
+            found.append((x[k, places], slopes[k, places], own._replace(cost=own.cost[places])))
+    return found
+
+
+@jit
+def _looked(problem: InverseProblem, ways: Way) -> tuple[Array, Array, Choice]:
+    return jax.vmap(lambda way: _with_slopes(problem, *way))(ways)
 
 
 def without_priors(problem: InverseProblem, *, but_nuisances: bool = False) -> InverseProblem:
@@ -165,7 +233,7 @@ def without_priors(problem: InverseProblem, *, but_nuisances: bool = False) -> I
         else eqx.tree_at(lambda q: q.prior_sd, item, np.full_like(item.prior_sd, np.inf))
         for item in problem.parameters.items
     )
-    return eqx.tree_at(lambda p: p.parameters.items, problem, free)
+    return replace(problem, parameters=Parameters(free))
 
 
 def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None, choice: Any = None) -> End:
@@ -222,7 +290,7 @@ def choosing(problem: InverseProblem, start: Float[AnyArray, "P"], example: End 
     """
     held = None
     for _ in range(TURNS):
-        end, finished = _searched(problem, start, held, UNTIL_REMATCHED)
+        end, finished = searched(problem, start, held, UNTIL_REMATCHED)
         if end.choice.settled or not np.isfinite(end.cost):
             return end if finished else _held(problem, end.theta, end.choice.held)
         start, held = end.theta, end.choice.held.rematched()
@@ -233,14 +301,14 @@ def _held(problem: InverseProblem, start: Float[AnyArray, "P"], held: Any) -> En
     """Search with what is held; afresh after running out of steps, as long as that gains something."""
     before = np.inf
     for _ in range(TURNS):
-        end, finished = _searched(problem, start, held, TO_THE_END)
+        end, finished = searched(problem, start, held, TO_THE_END)
         if finished or not before - end.cost > WORTH:
             break
         start, held, before = end.theta, end.choice.held, end.cost
     return end
 
 
-def _searched(
+def searched(
     problem: InverseProblem, start: Float[AnyArray, "P"], held: Any, to_the_end: np.ndarray, weight: np.ndarray = WHOLE
 ) -> tuple[End, bool]:
     """Search from and to host arrays, with values that do not count: one program is loaded for starts and data alike.
@@ -311,11 +379,14 @@ def search(
 @jit
 def _with_jacobian(problem: InverseProblem, theta: AnyArray, held: Any) -> tuple[Array, Array, Choice]:
     """Return predictions and their Jacobian; jitted, so that the solver's several looks at it trace it once."""
+    return _with_slopes(problem, theta, jnp.eye(theta.shape[0]), held)
 
+
+def _with_slopes(problem: InverseProblem, theta: AnyArray, directions: Array, held: Any) -> tuple[Array, Array, Choice]:
     def along(direction: Array) -> tuple[Array, Array, Choice]:
         return jax.jvp(lambda theta: problem.predict_matched(theta, held), (theta,), (direction,), has_aux=True)
 
-    return jax.vmap(along, out_axes=(None, -1, None))(jnp.eye(theta.shape[0]))
+    return jax.vmap(along, 1, out_axes=(None, -1, None))(directions)
 
 
 # -------- Convergence
