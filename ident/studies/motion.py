@@ -93,7 +93,7 @@ class MotionResult(Result):
 
     def figures(self) -> "dict[str, Figure]":
         """Return speed and vibration along the path, as it is and with the speeds that were found."""
-        from ident.present.figures.motion import motion_figure
+        from ident.present.figures.design import motion_figure
 
         return {"": motion_figure(self.motions)}
 

@@ -63,7 +63,7 @@ def test_it_is_no_faster_than_the_limits_allow(result):
 
 
 def test_at_full_speed_shapers_leave_less_after_the_arrival():
-    result = ident.motion(FILE, speed=100.0, profile="trapezoid", limit=0.6, time=4.0, segments=4)
+    result = ident.motion(FILE, speed=100.0, profile="trapezoid", limit=0.6, time=6.0, segments=4)
     kinds = {each.name: each for each in result.motions.candidates}
     assert result.motions.share_of_motion > 0.5
     assert {"ZV shaper", "EI shaper", "ZV x ZV shaper"} <= kinds.keys()

@@ -1,4 +1,4 @@
-"""Figures of a design: amplitude against change norm, and the vibration before and after."""
+"""Figures of cures: of a design, and of the speed along a path."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -34,6 +34,7 @@ from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import NEARBY
 
 if TYPE_CHECKING:
+    from ident.assess.motion import MotionStudy
     from ident.vibrate.design import Design, Place, Verification
 
 WIDTH = 8.0
@@ -241,3 +242,50 @@ def _key(figure: Figure, study: DesignStudy, shown: int) -> None:
     notes = [f"{study.evaluator.measure} of the vibration, at the arm as it is; scales differ"]
     notes += [f"{left} weaker ones are not shown"] if left else []
     key_below(figure, handles, "; ".join(notes), columns=3)
+
+
+# -------- Motion
+# Speed along a path, where it meets resonances, and what vibration it makes.
+
+MODES: tuple[Style, ...] = ({"color": ORANGE, "linewidth": 1.0}, {"color": ORANGE, "linewidth": 1.0, "linestyle": "--"})
+
+
+def motion_figure(motions: "MotionStudy") -> Figure:
+    """Draw the speed over the path with the speeds at which pulleys meet modes; below, the vibration over time."""
+    scheduling = motions.scheduling
+    figure = titled((8.0, 7.0), motion_title("Speed along the path", motions.basis), (0.08, 0.1))
+    top, below = figure.subplots(2, 1)
+    direction = np.asarray(scheduling.stroke.direction, float)
+    highest = 0.0
+    for candidate, style in ((motions.candidates[0], BEFORE), (motions.candidates[-1], AFTER)):
+        time = np.linspace(0.0, candidate.motion.arrival, 1001)
+        q, qd, _ = (np.asarray(part) for part in candidate.motion(time))
+        alpha, rate = (np.degrees(direction @ part) / (direction @ direction) for part in (q, qd))
+        top.plot(alpha, np.abs(rate), **style)
+        highest = max(highest, float(np.abs(rate).max()))
+    along = np.linspace(scheduling.places[0], scheduling.places[-1], 101)
+    for order in scheduling.orders():
+        for frequencies, style in zip(scheduling.frequencies(along), MODES, strict=True):
+            speeds = np.degrees(frequencies / order)
+            top.plot(np.degrees(along), np.where(speeds < 1.3 * highest, speeds, np.nan), **style)
+    for whole, style in ((motions.before, BEFORE), (motions.after, AFTER)):
+        below.plot(whole.time, MM * whole.envelope.max(0), **style)
+    below.axhline(MM * motions.limit, **LIMIT)
+    for axes in (top, below):
+        plain(axes, grid=True)
+        axes.set_ylim(bottom=0)
+    top.set_xlim(np.degrees(along[[0, -1]]))
+    top.set_xlabel("alpha along the stroke [deg]", fontsize=9)
+    top.set_ylabel("speed of alpha [deg/s]", fontsize=9)
+    below.set_xlim(left=0)
+    below.set_xlabel("time [s]", fontsize=9)
+    below.set_ylabel("largest vibration over the phases [mm]", fontsize=9)
+    handles = [
+        Line2D([], [], label="as it is", **BEFORE),
+        Line2D([], [], label="speed along the path", **AFTER),
+        Line2D([], [], label="a pulley meets mode 1", **MODES[0]),
+        Line2D([], [], label="mode 2", **MODES[1]),
+        Line2D([], [], label=f"limit, {MM * motions.limit:g} mm", **LIMIT),
+    ]
+    key_below(figure, handles, "fast method; largest of X, Y, Z", columns=5)
+    return figure
