@@ -93,7 +93,7 @@ def _next(motions: "MotionStudy") -> str:
     best = motions.recommended
     if best is None or best.kind != "along the path":
         return f"ident design {{arm}}{same_motion(motions.basis)}" if best is None else ""
-    return "ident simulate {arm} --path PATH.csv  (the joint path that is written)"
+    return "ident simulate {arm} --path {result}.csv"
 
 
 def _details(motions: "MotionStudy") -> Iterator[Section]:
