@@ -203,7 +203,7 @@ MAIN: Mapping[str, str] = {
     "simulate": "speed limit path fit posterior trace errors",
     "spectrum": "direction upto posture orders spectrogram against",
     "sweep": "vary grid limit speed fit posterior",
-    "motion": "limit time speed fit posterior errors segments",
+    "motion": "limit time speed fit posterior errors",
     "design": "limit change speed fit posterior",
     "diagnose": "limit speed path fix restart pdf",
     "explore": "speed load fit posterior payload",

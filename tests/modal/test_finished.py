@@ -11,6 +11,7 @@ from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import read_campaign
+from ident.studies.result import kept_in
 
 POSTURE = tuple(np.radians([30.0, -60.0, 30.0]))
 TABLE = """file,channel,role,point,direction,q1 [deg],q2 [deg],q3 [deg],unit,load
@@ -89,7 +90,8 @@ def test_modes_of_a_csv_file_are_named_and_become_a_campaign(folder, known, tmp_
     assert "finished modes" in result.report().lower()
     assert result.sections().verdict.word == "NOT CHECKED"
     assert_one_screen(result.report())
-    assert ident.load(next((tmp_path / "out").glob("*.modal.json"))).report() == result.report()
+    with kept_in(tmp_path / "out"):
+        assert ident.load(next((tmp_path / "out").glob("*.modal.json"))).report() == result.report()
 
 
 def test_repeated_files_of_a_posture_show_the_reproducibility(folder, known, tmp_path):

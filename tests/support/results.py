@@ -9,23 +9,25 @@ from reports import without_number
 
 import ident
 from ident.present.files.document import plain
+from ident.studies.result import kept_in
 
 TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00")
 """When a file was made."""
 
 
 def assert_comes_back(result, folder):
-    """Save a result and read it again: it shows, and says for programs, what it did."""
+    """Save a result and read it again: it shows, and says for programs, what it did; next commands name that folder."""
     paths = result.save(folder)
     path = folder / f"{result.name}{result.suffix}"
     saved = ident.load(path)
     assert path in paths
     assert (saved.name, saved.form) == (result.name, result.form)
-    assert saved.report() == str(saved) == result.report()
-    assert saved.report(details=True, width=72) == result.report(details=True, width=72)
     assert saved.options == result.options
-    assert saved._repr_html_() == result._repr_html_()
-    document = json.loads(json.dumps(result.document(), allow_nan=False))
+    with kept_in(folder):
+        assert saved.report() == str(saved) == result.report()
+        assert saved.report(details=True, width=72) == result.report(details=True, width=72)
+        assert saved._repr_html_() == result._repr_html_()
+        document = json.loads(json.dumps(result.document(), allow_nan=False))
     assert saved.document() | {"created": ""} == document | {"created": ""}
     assert json.dumps(plain(saved.table())) == json.dumps(plain(result.table()))
     assert not without_number(result.report())
