@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ident.arm.parts import Stroke
 from ident.assess.remedies import CONFIDENT, keeping
-from ident.assess.scenario import Basis, over_phases
+from ident.assess.scenario import KINDS, Basis, over_phases
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, binomial_estimate
 from ident.vibrate.exact import Progress
 from ident.vibrate.motion import PROFILES, Motion, stroke
@@ -24,9 +24,13 @@ RATE = 125.0
 SLOWER = 0.95
 """Factor from one lower speed to the next that is tried, down to `SLOWEST` of the present one."""
 SLOWEST = 0.2
+TRIES = 5
+"""Speeds that keep the limit nominally which are judged by draws, at most."""
+ALLOWED = 1.001
+"""Factor by which samples may exceed a limit of alpha: differences of them stand for the jerk."""
 TOUCHED = 0.05
 """Share of the vibration that the motion itself must make for shapers to be tried."""
-TIGHTENED = 4
+TIGHTENED = 3
 """Times that the limit is tightened for the search, until the schedule keeps it by exact equations and draws."""
 MARGIN = 0.98
 """Factor by which a limit is tightened besides."""
@@ -44,6 +48,7 @@ class Candidate:
         worst: [m] largest over the phases, of the nominal arm.
         left: [m] the same after the arrival.
         acceleration: [rad/s^2] largest of any joint.
+        allowed: whether alpha keeps its limits of speed, acceleration and jerk.
     """
 
     name: str
@@ -53,6 +58,7 @@ class Candidate:
     worst: float
     left: float
     acceleration: float
+    allowed: bool
 
     @property
     def time(self) -> float:
@@ -90,7 +96,8 @@ class MotionStudy:
         basis: the arm, its motion as it is, and where their numbers come from.
         scheduling: the search for speeds along the path.
         limit: [m]
-        before: vibration of the motion as it is, over the unknown phases.
+        all_of_it: vibration of the motion as it is, over the phases of all drives, known or not.
+        before: the same over the unknown phases alone.
         after: of the speeds along the path.
         candidates: as it is, the others, and the speeds along the path last.
         schedule: the speeds along the path.
@@ -101,6 +108,7 @@ class MotionStudy:
     basis: Basis
     scheduling: Scheduling
     limit: float
+    all_of_it: Superposition
     before: Superposition
     after: Superposition
     candidates: tuple[Candidate, ...]
@@ -110,14 +118,18 @@ class MotionStudy:
     @property
     def share_of_motion(self) -> float:
         """Share of the worst vibration that the motion itself makes, and no drive [-]."""
-        return share_of_motion(self.before)
+        return share_of_motion(self.all_of_it)
 
     def met(self, candidate: Candidate) -> bool:
-        """Tell whether a candidate keeps the limit with confidence; that along the path by its verification too."""
-        if candidate.kind != "along the path":
-            return candidate.keeps(self.limit).share >= CONFIDENT
-        checked, fresh = self.verification, self.verification.keeps
-        return checked.largest <= self.limit and (fresh is None or fresh.share >= CONFIDENT)
+        """Tell whether a candidate keeps the limit, with the worst phases and 95 % of the draws, and its own limits.
+
+        That along the path by the exact equations and by fresh draws, too, all others by the fast method.
+        """
+        good = candidate.worst <= self.limit and candidate.keeps(self.limit).share >= CONFIDENT
+        if candidate.kind == "along the path":
+            fresh = self.verification.keeps
+            good = self.verification.largest <= self.limit and (good if fresh is None else fresh.share >= CONFIDENT)
+        return good and (candidate.allowed or candidate.kind == "as it is")
 
     @property
     def recommended(self) -> Candidate | None:
@@ -166,11 +178,13 @@ def motions(
     judge = partial(_candidate, basis, scheduling)
     before = scheduling.vibration(basis.motion)
     as_it_is = judge("as it is", "as it is", basis.motion, before)
+    phases = tuple(f"{d.name}.{phase}" for size, phase in KINDS for d in basis.arm.drives if float(getattr(d, size)))
+    evaluator = replace(scheduling.evaluator, unknown=phases)
+    all_of_it = replace(scheduling, evaluator=evaluator).vibration(basis.motion)
     others = [judge(*each) for each in _profiles(basis, scheduling.retract)]
-    if share_of_motion(before) > TOUCHED:
+    if share_of_motion(all_of_it) > TOUCHED:
         others += [judge(*each) for each in _shaped(scheduling, basis.motion)]
-    if slower := _slower(scheduling, basis.motion, limit):
-        others.append(judge(f"{slower * basis.percent / 100:.3g} % speed", "speed", basis.motion.at_speed(slower)))
+    others += _slower(scheduling, basis, limit, judge)
     schedule, aim = None, limit
     for _ in range(TIGHTENED):
         if time is not None:
@@ -180,7 +194,9 @@ def motions(
         after = scheduling.vibration(schedule.motion)
         found = judge("speed along the path", "along the path", schedule.motion, after)
         checks = _verified(scheduling, schedule.motion, after, fresh, limit)
-        study = MotionStudy(basis, scheduling, limit, before, after, (as_it_is, *others, found), schedule, checks)
+        study = MotionStudy(
+            basis, scheduling, limit, all_of_it, before, after, (as_it_is, *others, found), schedule, checks
+        )
         if time is not None or study.met(found):
             break
         high = float(np.quantile(found.peaks, CONFIDENT))
@@ -206,10 +222,19 @@ def _candidate(
         peaks = over_phases(whole, basis.unknown).peaks.max(0)
     else:
         peaks = np.array([whole.worst.max()])
-    times = np.linspace(float(motion.breaks[0]), motion.arrival, 20 * len(motion.breaks) + 1)
-    acceleration = float(np.abs(np.asarray(motion(times)[2])).max())
-    left = float(whole.envelope[:, whole.time >= motion.arrival].max())
-    return Candidate(name, kind, motion, peaks, float(whole.worst.max()), left, acceleration)
+    left = float(whole.envelope[:, whole.time >= motion.arrival].max(initial=0.0))
+    acceleration, allowed = _kinematics(scheduling, motion)
+    return Candidate(name, kind, motion, peaks, float(whole.worst.max()), left, acceleration, allowed)
+
+
+def _kinematics(scheduling: Scheduling, motion: Motion) -> tuple[float, bool]:
+    """Return the largest acceleration of a joint [rad/s^2], and whether alpha keeps its limits, by dense samples."""
+    step, direction = 0.1 / RATE, np.asarray(scheduling.stroke.direction, float)
+    _, qd, qdd = (np.asarray(part) for part in motion(np.arange(0.0, motion.arrival, step)))
+    speed, acceleration = (np.abs(direction @ part).max() / (direction @ direction) for part in (qd, qdd))
+    jerk = np.abs(np.diff(direction @ qdd, prepend=0.0, append=0.0)).max() / (direction @ direction) / step
+    sizes = zip((speed, acceleration, jerk), scheduling.limits, strict=True)
+    return float(np.abs(qdd).max()), all(size <= ALLOWED * limit for size, limit in sizes)
 
 
 def _profiles(basis: Basis, retract: bool) -> Iterator[tuple[str, str, Motion]]:
@@ -220,14 +245,20 @@ def _profiles(basis: Basis, retract: bool) -> Iterator[tuple[str, str, Motion]]:
             yield profile, "profile", stroke(path, percent=basis.percent, profile=profile, retract=retract)
 
 
-def _slower(scheduling: Scheduling, motion: Motion, limit: float) -> float | None:
-    """Return the highest lower speed [% of the motion's] that keeps the limit; None where it keeps it, or none does."""
-    factor = 1.0
-    while scheduling.vibration(motion.at_speed(100 * factor)).worst.max() > limit:
+def _slower(scheduling: Scheduling, basis: Basis, limit: float, judge: Callable[..., Candidate]) -> Iterator[Candidate]:
+    """Yield the motion at the highest lower speed that keeps the limit; none where it keeps it, or no speed does."""
+    factor, tries = 1.0, TRIES
+    while factor > SLOWEST and tries:
+        motion = basis.motion.at_speed(100 * factor)
+        whole = scheduling.vibration(motion)
+        if whole.worst.max() <= limit:
+            found = judge(f"{factor * basis.percent:.3g} % speed", "speed", motion, whole)
+            if found.keeps(limit).share >= CONFIDENT:
+                if factor < 1:
+                    yield found
+                return
+            tries -= 1
         factor *= SLOWER
-        if factor < SLOWEST:
-            return None
-    return 100 * factor if factor < 1 else None
 
 
 def _shaped(scheduling: Scheduling, motion: Motion) -> Iterator[tuple[str, str, Motion]]:

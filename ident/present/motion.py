@@ -1,11 +1,13 @@
 """Motions along one path: what is said of them, their rows for programs, and the joint path as a file."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.assess.motion import TOUCHED
 from ident.files import replace_file
 from ident.present.basis import all_findings, assumed_section, motion_section, same_motion, subject
 from ident.present.report import Finding, Report, Section, Table, Verdict
@@ -34,7 +36,7 @@ def _verdict(motions: "MotionStudy") -> Verdict:
     if best is None:
         quiet = min(motions.candidates, key=lambda each: each.worst)
         least = f"the quietest is {quiet.name}: {MM * quiet.worst:.2f} mm in {quiet.time:.1f} s"
-        return Verdict("NOT MET", f"No motion keeps the limit of {limit}; {least}.", "bad")
+        return Verdict("NOT MET", f"No motion keeps the limit of {limit} with confidence; {least}.", "bad")
     keeps = f"keeps the limit of {limit} in {best.time:.1f} s"
     if best is now:
         return Verdict("MET", f"The motion as it is {keeps}: no change is needed.", "good")
@@ -47,7 +49,9 @@ def _verdict(motions: "MotionStudy") -> Verdict:
 
 def _touched(motions: "MotionStudy") -> str:
     share = motions.share_of_motion
-    what = "shape the motion for it" if share > 0.5 else "drives make the rest: choose the speed, no shaper helps there"
+    what = "shape the motion for it" if share > 0.5 else "shapers take away some of it"
+    if share <= TOUCHED:
+        what = "drives make the rest: choose the speed, no shaper helps there"
     return f"Made by the motion itself: {100 * share:.0f} % of the vibration as it is; {what}."
 
 
@@ -60,14 +64,19 @@ def _candidates(motions: "MotionStudy") -> Table:
         median, high = np.quantile(each.peaks, (0.5, 0.95))
         sizes = (MM * median, MM * high, MM * each.worst, MM * each.left)
         rows.append(
-            (each.name, each.time, each.time - now.time, *sizes, 100 * keeps.share, np.degrees(each.acceleration))
+            (
+                each.name + " *" * (not each.allowed),
+                *(each.time, each.time - now.time, *sizes, 100 * keeps.share, np.degrees(each.acceleration)),
+            )
         )
     head = (
         *("Motion", "time [s]", "added [s]", "vibration, median [mm]", "95 % [mm]", "worst phases [mm]"),
         *("after arrival [mm]", "keeps limit [%]", "joint acceleration [deg/s^2]"),
     )
     strong = tuple(k for k, each in enumerate(motions.candidates) if each is best)
-    return Table("", head, tuple(rows), ("", ".1f", "+.1f", *(".2f",) * 4, ".0f", ".0f"), strong=strong)
+    beyond = "* beyond the arm file's limits of speed, acceleration or jerk: not recommended."
+    note = "" if all(each.allowed for each in motions.candidates) else beyond
+    return Table("", head, tuple(rows), ("", ".1f", "+.1f", *(".2f",) * 4, ".0f", ".0f"), note, strong)
 
 
 def _findings(motions: "MotionStudy") -> Iterator[Finding]:
@@ -75,14 +84,14 @@ def _findings(motions: "MotionStudy") -> Iterator[Finding]:
     if checked.largest > motions.limit >= found.worst:
         yield Finding(
             f"the exact equations give {MM * checked.largest:.3f} mm along the path: more than the limit",
-            f"ask for a lower --limit, as {MM * motions.limit * 0.95:.2g}",
+            "give it more time (--time)",
         )
     if checked.keeps is not None and checked.keeps.share < 0.95:
         low, high = checked.keeps.interval
         yield Finding(
             f"speed along the path keeps the limit with {100 * low:.0f} to {100 * high:.0f} % of {checked.keeps.draws} "
             "fresh draws",
-            "measure the stiffnesses better (ident plan), or ask for a lower --limit",
+            "measure the stiffnesses better (ident plan), or give it more time (--time)",
         )
     if not motions.basis.posterior:
         yield Finding("the stiffnesses count as exact", "give --posterior of ident sample")
@@ -93,7 +102,8 @@ def _next(motions: "MotionStudy") -> str:
     best = motions.recommended
     if best is None or best.kind != "along the path":
         return f"ident design {{arm}}{same_motion(motions.basis)}" if best is None else ""
-    return "ident simulate {arm} --path {result}.csv"
+    others = same_motion(replace(motions.basis, percent=10.0)).replace(" --retract", "")
+    return f"ident simulate {{arm}} --path {{result}}.csv{others}"
 
 
 def _details(motions: "MotionStudy") -> Iterator[Section]:
@@ -152,7 +162,7 @@ def motion_rows(motions: "MotionStudy") -> list[dict[str, Any]]:
 def write_path(motions: "MotionStudy", rate: float, head: Mapping[str, Any], path: Path) -> None:
     """Write the joint path with the speeds along it as CSV, which `read_log` reads."""
     motion, arm = motions.schedule.motion, motions.basis.arm
-    time = np.append(np.arange(0.0, motion.arrival, 1 / rate), motion.arrival)
+    time = np.append(np.arange(0.0, motion.arrival - 0.5 / rate, 1 / rate), motion.arrival)
     columns = np.column_stack([time, *np.degrees(np.asarray(motion(time)[0]))])
     top = f"# {head['format']} {head['created']} ident {head['software']['ident']}: {one_line(motions.basis.name)}\n"
     names = ",".join(["time [s]", *(f"{joint.name} [deg]" for joint in arm.driven)])

@@ -291,10 +291,11 @@ def _jumps(motion: Motion) -> np.ndarray:
     """Return the breaks at which a derivative up to the third jumps: there a smooth method loses its order."""
     breaks, c = np.asarray(motion.breaks), np.asarray(motion.coefficients)
     jumps = np.zeros(len(breaks) - 2, bool)
-    rounding = ROUNDED * np.finfo(float).eps * np.abs(c[-1]).max()
+    rounding, lengths = ROUNDED * np.finfo(float).eps * np.abs(c[-1]).max(), np.diff(breaks)
+    beside = np.minimum(lengths[:-1], lengths[1:])[:, None]
     for order in range(1, 4):
         largest = max(np.abs(_derivative(motion, order)[-1]).max(), 1e-12)
-        least = max(JUMP * largest, rounding / np.diff(breaks).min() ** order)  # dense samples: their rounding jumps
+        least = np.maximum(JUMP * largest, rounding / beside**order)  # between dense samples their rounding jumps
         jumps |= (jumps_of(motion, order) > least).any(1)
     return breaks[1:-1][jumps]
 

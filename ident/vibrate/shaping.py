@@ -124,8 +124,8 @@ def shaped(
 def averaged(motion: Motion, window: float) -> Motion:
     """Return a motion of which each angle is its mean over the last `window` seconds: (P(t) - P(t - w)) / w.
 
-    Speed, acceleration and jerk exceed the motion's nowhere; a mode of frequency 1 / window is left at rest. It starts
-    when the motion does and ends a window later.
+    Speed, acceleration and jerk exceed the motion's nowhere; an undamped mode of frequency 1 / window is left at rest.
+    It starts when the motion does and ends a window later.
 
     Args:
         motion: the motion; before its start and after its end it rests.

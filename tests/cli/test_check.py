@@ -14,7 +14,7 @@ DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 def test_check_prints_a_verdict_for_each_parameter_and_writes_nothing(run, tmp_path):
     code, out, err = run("check", DATA / "table1.csv", "--no-explain")
     assert (code, err) == (0, "")
-    assert "RESULT: NOT READY. Deflections and frequencies (p = 3.5e-05) contradict each other." in out
+    assert "RESULT: NOT READY. Deflection and frequency data contradict each other (4.1 sigma)." in out
     assert out.count("not determined  only in combination with others") == 6
     assert (
         "torsion of joint2 against torsion of joint1"

@@ -31,7 +31,7 @@ def test_modal_writes_what_it_says(run, folder, tmp_path):
     assert (code, err) == (0, "")
     assert "Hammer test at 1 posture: 10 hits accepted, 1 rejected; 7 of 7 modes named" in out
     assert_one_screen(out)
-    assert "Next: ident check new/tests.modal.csv --arm " in out
+    assert "Next: ident check new/tests.modal.csv --arm " in " ".join(out.split())
     written = [name for name in files(tmp_path) if name.startswith("new")]
     ends = (".covariance.csv", ".csv", ".json", ".modes.png", ".nc", ".png", ".shapes.png")
     assert written == [f"new/tests.modal{end}" for end in ends]

@@ -27,7 +27,7 @@ def test_report_and_result_agree_with_the_library(run, tmp_path, made):
     assert written["options"]["margin"] == 10.0
     assert written["table"] == loaded.table()
     assert len(written["table"]) == 4
-    assert "Pulley 2 (drive2) meets lateral torsion 1 at 13.61 s" in out
+    assert "Pulley 2 (drive2) crosses lateral torsion 1 at 13.61 s" in out
 
 
 def test_draws_give_bands_and_probabilities(run, tmp_path, made):

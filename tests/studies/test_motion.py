@@ -1,9 +1,10 @@
-"""`ident.motion` from Python: what it recommends, what it writes, and that another engine confirms it."""
+"""`ident.motion` from Python: what it recommends, what it writes, and what it says of draws."""
 
 import equinox as eqx
 import numpy as np
 import pytest
 from arms import DATA
+from commands import posterior
 from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
 
@@ -71,16 +72,35 @@ def test_at_full_speed_shapers_leave_less_after_the_arrival():
     assert max(each.time for each in kinds.values() if each.kind == "shaper") < kinds["as it is"].time + 0.6
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ({"time": 10.0}, "time: got 10 s, expected at least"),
-        ({"limit": 0.001}, "limit: got 0.001 mm, expected at least"),
-    ],
-)
-def test_what_is_out_of_reach_is_refused(options, says):
-    with pytest.raises(InputError, match=says):
-        ident.motion(FILE, segments=4, **options)
+def test_the_least_time_keeps_the_limit():
+    limit = 0.5
+    result = ident.motion(FILE, limit=limit, segments=8)
+    assert result.motions.recommended is result.motions.candidates[-1]
+    assert 0.9 * limit < 1e3 * result.vibration <= limit
+    assert result.time < 26.0 < result.motions.candidates[0].time
+
+
+def test_draws_judge_and_fresh_ones_verify(tmp_path):
+    posterior(tmp_path / "draws.nc")
+    result = ident.motion(FILE, posterior=tmp_path / "draws.nc", time=27.0, segments=4, draws=8, fresh=20)
+    kept = result.motions.verification.keeps
+    assert (kept.draws, result.keeps) == (16, kept.share)
+    assert all(len(each.peaks) == 8 for each in result.motions.candidates)
+    alone = ident.motion(FILE, posterior=tmp_path / "draws.nc", time=27.0, segments=4, draws=8, fresh=0)
+    assert alone.keeps is None
+    assert not alone.motions.met(alone.motions.candidates[-1])
+
+
+def test_known_phases_are_no_matter_of_the_motion():
+    result = ident.motion(FILE, phases="file", time=30.0, segments=4, dwell=0.0, limit=0.01)
+    assert result.motions.share_of_motion < 0.05
+    assert result.short
+    assert result.sections().verdict.word == "NOT MET"
+
+
+def test_a_time_out_of_reach_is_refused():
+    with pytest.raises(InputError, match="time: got 10 s, expected at least"):
+        ident.motion(FILE, segments=4, time=10.0)
 
 
 def test_an_arm_without_drives_has_nothing_to_choose():
