@@ -92,7 +92,7 @@ def test_draws_judge_and_fresh_ones_verify(tmp_path):
 
 
 def test_known_phases_are_no_matter_of_the_motion():
-    result = ident.motion(FILE, phases="file", time=30.0, segments=4, dwell=0.0, limit=0.01)
+    result = ident.motion(FILE, phases="file", time=30.0, segments=4, dwell=0.0, limit=1e-4)
     assert result.motions.share_of_motion < 0.05
     assert result.short
     assert result.sections().verdict.word == "NOT MET"
