@@ -8,32 +8,32 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.parts import Stroke
-from ident.assess.remedies import CONFIDENT, keeping
+from ident.assess.remedies import CONFIDENT, exact_response, keeping
 from ident.assess.scenario import KINDS, Basis, over_phases
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, binomial_estimate
 from ident.vibrate.exact import Progress
 from ident.vibrate.motion import PROFILES, Motion, stroke
 from ident.vibrate.replay import replay
-from ident.vibrate.response import Response
+from ident.vibrate.response import peak
 from ident.vibrate.schedule import MotionLimits, Schedule, Scheduling
 from ident.vibrate.shaping import shaped, shapers
-from ident.vibrate.simulate import Superposition, simulate
+from ident.vibrate.simulate import Superposition
 
 RATE = 125.0
 """Samples a second at which motions are compared: 15 in a period of 8 Hz, whose peak is then met within 2 %."""
 SLOWER = 0.95
-"""Factor from one lower speed to the next that is tried, down to `SLOWEST` of the present one."""
+"""Factor from one lower speed to the next that is tried, down to `SLOWEST` of the present one; assumed."""
 SLOWEST = 0.2
 TRIES = 5
-"""Speeds that keep the limit nominally which are judged by draws, at most."""
+"""Speeds that keep the limit nominally which are judged by draws, at most; assumed."""
 ALLOWED = 1.001
 """Factor by which samples may exceed a limit of alpha: differences of them stand for the jerk."""
 TOUCHED = 0.05
-"""Share of the vibration that the motion itself must make for shapers to be tried."""
+"""Share of the vibration that the motion itself must make for shapers to be tried; assumed."""
 TIGHTENED = 3
-"""Times that the limit is tightened for the search, until the schedule keeps it by exact equations and draws."""
+"""Searches at most, each for a tighter limit until exact equations and draws keep the one asked for; assumed."""
 MARGIN = 0.98
-"""Factor by which a limit is tightened besides."""
+"""Factor by which a limit is tightened besides; assumed."""
 
 
 @dataclass(frozen=True)
@@ -75,17 +75,12 @@ class MotionVerification:
     """The proposed motion by the exact equations, and by draws that it was not chosen by.
 
     Attributes:
-        response: with the worst phases, as the fast method finds them.
+        largest: [m] vibration of the three directions with the worst phases, as the fast method finds them.
         keeps: probability of keeping the limit by fresh draws; None without a posterior.
     """
 
-    response: Response
+    largest: float
     keeps: BinomialEstimate | None
-
-    @property
-    def largest(self) -> float:
-        """Largest vibration of the three directions [m]."""
-        return float(np.abs(np.asarray(self.response.vibration)).max())
 
 
 @dataclass(frozen=True)
@@ -96,29 +91,23 @@ class MotionStudy:
         basis: the arm, its motion as it is, and where their numbers come from.
         scheduling: the search for speeds along the path.
         limit: [m]
-        all_of_it: vibration of the motion as it is, over the phases of all drives, known or not.
-        before: the same over the unknown phases alone.
+        share_of_motion: share of the worst vibration that no drive makes, but the motion itself [-]
+        before: vibration of the motion as it is, over the unknown phases.
         after: of the speeds along the path.
         candidates: as it is, the others, and the speeds along the path last.
         schedule: the speeds along the path.
         verification: of these.
-        frequencies: (2, 101) [Hz] lowest natural frequencies along the path.
     """
 
     basis: Basis
     scheduling: Scheduling
     limit: float
-    all_of_it: Superposition
+    share_of_motion: float
     before: Superposition
     after: Superposition
     candidates: tuple[Candidate, ...]
     schedule: Schedule
     verification: MotionVerification
-
-    @property
-    def share_of_motion(self) -> float:
-        """Share of the worst vibration that the motion itself makes, and no drive [-]."""
-        return share_of_motion(self.all_of_it)
 
     def met(self, candidate: Candidate) -> bool:
         """Tell whether a candidate keeps the limit, with the worst phases and 95 % of the draws, and its own limits.
@@ -147,8 +136,14 @@ def scheduling_of(basis: Basis, stroke_of: Stroke, *, segments: int, dwell: floa
     return Scheduling(evaluator, stroke_of, limits, segments, dwell, retract)
 
 
-def share_of_motion(whole: Superposition) -> float:
-    """Return the share of the worst vibration that no drive makes, but the motion itself [-]."""
+def share_of_motion(scheduling: Scheduling, motion: Motion) -> float:
+    """Return the share of the worst vibration that no drive makes, but the motion itself [-].
+
+    The worst is over the phases of all drives: what a known phase makes would count as the motion's.
+    """
+    drives = scheduling.evaluator.arm.drives
+    phases = tuple(f"{drive.name}.{phase}" for size, phase in KINDS for drive in drives if float(getattr(drive, size)))
+    whole = replace(scheduling, evaluator=replace(scheduling.evaluator, unknown=phases)).vibration(motion)
     known, *driven = whole.division[:, int(whole.worst.argmax())]
     return float(known / max(known + sum(driven), 1e-15))
 
@@ -173,16 +168,14 @@ def motions(
         progress: shows how far it is, over the steps of the search.
 
     Raises:
-        InputError: a limit or a time out of reach.
+        InputError: a time out of reach.
     """
     judge = partial(_candidate, basis, scheduling)
     before = scheduling.vibration(basis.motion)
     as_it_is = judge("as it is", "as it is", basis.motion, before)
-    phases = tuple(f"{d.name}.{phase}" for size, phase in KINDS for d in basis.arm.drives if float(getattr(d, size)))
-    evaluator = replace(scheduling.evaluator, unknown=phases)
-    all_of_it = replace(scheduling, evaluator=evaluator).vibration(basis.motion)
+    share = share_of_motion(scheduling, basis.motion)
     others = [judge(*each) for each in _profiles(basis, scheduling.retract)]
-    if share_of_motion(all_of_it) > TOUCHED:
+    if share > TOUCHED:
         others += [judge(*each) for each in _shaped(scheduling, basis.motion)]
     others += _slower(scheduling, basis, limit, judge)
     schedule, aim = None, limit
@@ -194,9 +187,8 @@ def motions(
         after = scheduling.vibration(schedule.motion)
         found = judge("speed along the path", "along the path", schedule.motion, after)
         checks = _verified(scheduling, schedule.motion, after, fresh, limit)
-        study = MotionStudy(
-            basis, scheduling, limit, all_of_it, before, after, (as_it_is, *others, found), schedule, checks
-        )
+        every = (as_it_is, *others, found)
+        study = MotionStudy(basis, scheduling, limit, share, before, after, every, schedule, checks)
         if time is not None or study.met(found):
             break
         high = float(np.quantile(found.peaks, CONFIDENT))
@@ -229,12 +221,12 @@ def _candidate(
 
 def _kinematics(scheduling: Scheduling, motion: Motion) -> tuple[float, bool]:
     """Return the largest acceleration of a joint [rad/s^2], and whether alpha keeps its limits, by dense samples."""
-    step, direction = 0.1 / RATE, np.asarray(scheduling.stroke.direction, float)
-    _, qd, qdd = (np.asarray(part) for part in motion(np.arange(0.0, motion.arrival, step)))
-    speed, acceleration = (np.abs(direction @ part).max() / (direction @ direction) for part in (qd, qdd))
-    jerk = np.abs(np.diff(direction @ qdd, prepend=0.0, append=0.0)).max() / (direction @ direction) / step
-    sizes = zip((speed, acceleration, jerk), scheduling.limits, strict=True)
-    return float(np.abs(qdd).max()), all(size <= ALLOWED * limit for size, limit in sizes)
+    step = 0.1 / RATE
+    _, qd, qdd = motion(np.arange(0.0, motion.arrival, step))
+    speed, acceleration = scheduling.alpha(qd), scheduling.alpha(qdd)
+    rates = speed, acceleration, np.diff(acceleration, prepend=0.0, append=0.0) / step
+    sizes = zip((float(np.abs(rate).max()) for rate in rates), scheduling.limits, strict=True)
+    return float(np.abs(np.asarray(qdd)).max()), all(size <= ALLOWED * limit for size, limit in sizes)
 
 
 def _profiles(basis: Basis, retract: bool) -> Iterator[tuple[str, str, Motion]]:
@@ -268,7 +260,7 @@ def _shaped(scheduling: Scheduling, motion: Motion) -> Iterator[tuple[str, str, 
     modes = scheduling.frequencies(along)
 
     def alpha(time: np.ndarray) -> np.ndarray:
-        return direction @ np.asarray(motion(time)[0]) / (direction @ direction)
+        return scheduling.alpha(motion(time)[0])
 
     def frequency(mode: int) -> Callable[[np.ndarray], np.ndarray]:
         return lambda at: np.interp(at, along, modes[mode])
@@ -291,11 +283,9 @@ def _verified(
     """Simulate a motion by the exact equations with its worst phases, and by fresh draws."""
     each, held = scheduling.evaluator, motion.dwell(scheduling.dwell)
     excited = each.arm.replace(whole.worst_phases()) if whole.unknown else each.arm
-    response = simulate(excited, held, loads=each.loads, method="exact", rate=2 * RATE)
-    if response.interrupted is not None:
-        raise KeyboardInterrupt
+    response = exact_response(replace(each, arm=excited, motion=held, rate=2 * RATE))
     keeps = None
     if fresh:
         drawn = replace(each, motion=held, draws=fresh, unknown=())
         _, keeps = keeping(drawn, np.zeros(0), limit)
-    return MotionVerification(response, keeps)
+    return MotionVerification(float(np.max(peak(response.vibration))), keeps)

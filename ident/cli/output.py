@@ -130,6 +130,7 @@ def speaking(*, as_json: bool, quiet: bool, details: bool = False, verbose: bool
     finally:
         SPOKEN.reset(token)
         log.removeHandler(lines)
+        log.setLevel(logging.NOTSET)
     if as_json:
         document = {**spoken.document(), "written": spoken.written, "status": end.exit_code if end else 0}
         typer.echo(json.dumps(document, allow_nan=False))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.assess.motion import TOUCHED
+from ident.assess.remedies import CONFIDENT
 from ident.files import replace_file
 from ident.present.basis import all_findings, assumed_section, motion_section, same_motion, subject
 from ident.present.report import Finding, Report, Section, Table, Verdict
@@ -49,10 +50,8 @@ def _verdict(motions: "MotionStudy") -> Verdict:
 
 def _touched(motions: "MotionStudy") -> str:
     share = motions.share_of_motion
-    what = "shape the motion for it" if share > 0.5 else "shapers take away some of it"
-    if share <= TOUCHED:
-        what = "drives make the rest: choose the speed, no shaper helps there"
-    return f"Made by the motion itself: {100 * share:.0f} % of the vibration as it is; {what}."
+    what = "shape the motion" if share > 0.5 else "shapers may help" if share > TOUCHED else "no shaper helps"
+    return f"The motion itself makes {100 * share:.0f} % of the vibration as it is, the drives the rest: {what}."
 
 
 def _candidates(motions: "MotionStudy") -> Table:
@@ -86,7 +85,7 @@ def _findings(motions: "MotionStudy") -> Iterator[Finding]:
             f"the exact equations give {MM * checked.largest:.3f} mm along the path: more than the limit",
             "give it more time (--time)",
         )
-    if checked.keeps is not None and checked.keeps.share < 0.95:
+    if checked.keeps is not None and checked.keeps.share < CONFIDENT:
         low, high = checked.keeps.interval
         yield Finding(
             f"speed along the path keeps the limit with {100 * low:.0f} to {100 * high:.0f} % of {checked.keeps.draws} "

@@ -63,11 +63,7 @@ INPUTS = {
     "arm": Input("ArmFile", "Arm | ArmFile | str | Path", lambda arm, known: as_file(arm, known["options"].soft_base)),
     "campaign": CAMPAIGN,
     "measured": CAMPAIGN,
-    "fit": Input(
-        "Values",
-        "Values | FitResult | str | Path",
-        lambda fit, known: fitted_values(fit, known["arm"], known["options"]),
-    ),
+    "fit": Input("Values", "Values | FitResult | str | Path", _fitted),
     "posterior": Input("Values", "Values | SampleResult | str | Path", _draws),
     "path": Input("Log", "Log | str | Path", _log),
     "trace": Input("Trace", "Trace | str | Path", _trace),

@@ -130,7 +130,7 @@ def motion(
         progress: shows how far it is, over the steps of the search.
 
     Raises:
-        InputError: an arm without stroke or drives, a limit or a time out of reach.
+        InputError: an arm without stroke or drives, a time out of reach.
         ModelError: the arm collapses.
     """
     from ident.assess.motion import motions, scheduling_of

@@ -27,7 +27,7 @@ PHASES = ("unknown", "file")
 
 
 @dataclass(frozen=True, kw_only=True)
-class MotionOptions(ArmOptions):
+class MovingOptions(ArmOptions):
     """What the arm carries out, under which load, with which numbers changed."""
 
     speed: float | None = option(
@@ -58,7 +58,7 @@ class MotionOptions(ArmOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class HeldMotionOptions(MotionOptions):
+class HeldMotionOptions(MovingOptions):
     """The same, and how long the arm is held at the end."""
 
     dwell: float = option(2.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
@@ -88,7 +88,7 @@ class HeldMotionOptions(MotionOptions):
 
 def basis_of(
     arm: "ArmFile",
-    options: MotionOptions,
+    options: MovingOptions,
     *,
     path: "Log | None" = None,
     fit: "Values | None" = None,
@@ -118,7 +118,7 @@ def basis_of(
     return basis
 
 
-def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Motion, float]":
+def _motion(arm: "Arm", options: MovingOptions, log: "Log | None") -> "tuple[Motion, float]":
     """Return the stroke, or the path of a log, within the joint limits, and its speed in percent."""
     from ident.vibrate.motion import beyond_limits
 
@@ -128,7 +128,7 @@ def _motion(arm: "Arm", options: MotionOptions, log: "Log | None") -> "tuple[Mot
     return motion, percent
 
 
-def _stroke(arm: "Arm", options: MotionOptions, percent: float) -> "Motion":
+def _stroke(arm: "Arm", options: MovingOptions, percent: float) -> "Motion":
     from ident.vibrate.motion import stroke
 
     if arm.stroke is None:
@@ -136,7 +136,7 @@ def _stroke(arm: "Arm", options: MotionOptions, percent: float) -> "Motion":
     return stroke(arm.stroke, percent=percent, profile=options.profile, retract=options.retract, dwell=options.hold)
 
 
-def _replayed(options: MotionOptions, log: "Log") -> "Motion":
+def _replayed(options: MovingOptions, log: "Log") -> "Motion":
     from math import radians
 
     import numpy as np
@@ -150,7 +150,7 @@ def _replayed(options: MotionOptions, log: "Log") -> "Motion":
     return motion.dwell(options.hold)
 
 
-def _check(options: MotionOptions, replayed: bool) -> None:
+def _check(options: MovingOptions, replayed: bool) -> None:
     """Refuse options that do not go together."""
     if replayed and (options.profile or options.retract):
         name = "profile" if options.profile else "retract"
@@ -159,7 +159,7 @@ def _check(options: MotionOptions, replayed: bool) -> None:
         raise InputError(Problem("smoothing", "it without `path`", "a path to smooth", "drop it, or give `path`"))
 
 
-def _name(arm: "Arm", options: MotionOptions, log: "Log | None", percent: float) -> str:
+def _name(arm: "Arm", options: MovingOptions, log: "Log | None", percent: float) -> str:
     """Return what a motion's files are called: motion, percent."""
     if log is not None:
         return f"{Path(log.path).stem}{'' if options.speed is None else f'-{options.speed:g}'}"

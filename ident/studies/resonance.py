@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
-from ident.studies.motion_options import MotionOptions, basis_of
+from ident.studies.motion_options import MovingOptions, basis_of
 from ident.studies.options import option
 from ident.studies.result import Result, check_place
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ResonanceOptions(MotionOptions):
+class ResonanceOptions(MovingOptions):
     """Options of `ident.resonance`: the motion, which modes are followed, and what counts as near."""
 
     draws: int = option(200, "draws of the posterior", low=1, high=100_000)

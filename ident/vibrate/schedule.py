@@ -25,6 +25,7 @@ from ident.arm.chain import at_posture
 from ident.arm.modes import natural_frequencies
 from ident.arm.parts import Stroke
 from ident.errors import InputError, ModelError, Problem
+from ident.programs import AnyArray
 from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.exact import Progress
 from ident.vibrate.motion import Motion
@@ -34,7 +35,7 @@ from ident.vibrate.simulate import Superposition, superposition
 BINS, LATER = 40, 8
 """Bins of the path, and of the time after arrival, in each of which the largest vibration counts on its own."""
 SMALL = 1e-7
-"""Vibration [m] that does not matter to the search, nor to anybody."""
+"""Vibration [m] below which a bin does not matter to the search."""
 DIFFERENCE = 0.02
 """Change of ln(speed) over which slopes are taken: a resonance is passed within several times as much."""
 REGION, LEAST_REGION, LARGEST_REGION = 0.2, 0.01, 0.5
@@ -44,17 +45,17 @@ GAIN = 0.02
 TRIES = 3
 """Linear programs of a step: one, and its corrections by what the vibration turned out to be."""
 ITERATIONS = 20
-"""Steps of the search at most; on the paper's arm it takes six to fifteen."""
+"""Steps of the search at most; assumed."""
 BELOW = (0.75, 0.8, 0.85, 0.9, 0.95)
-"""Shares of the speed at which a pulley meets the first mode, at which the search may start."""
+"""Shares of the speed at which a pulley meets the first mode, at which the search may start; assumed."""
 ROUNDS = 6
-"""Times that are tried for a limit, at most."""
+"""Times that are tried for a limit, at most; assumed."""
 CLOSE = 0.03
 """Share of a limit by which the vibration may stay below it."""
 STEEP = -10.0
-"""Slope of ln(least vibration) over ln(time) before it is known: on the paper's arm it is -6 to -14."""
+"""Slope of ln(least vibration) over ln(time) before it is known: on the paper's arm it is -6 to -12."""
 FARTHEST = 0.15
-"""Largest change of ln(time) from one round to the next."""
+"""Largest change of ln(time) from one round to the next; assumed."""
 EXACT, SCALINGS = 1e-9, 100
 """Share of a time by which a schedule may miss it, and how often its speeds are scaled for that at most."""
 
@@ -150,12 +151,15 @@ class Scheduling:
         posture = alpha * np.asarray(self.stroke.direction, float)[:, None]
         return np.asarray(natural_frequencies(at_posture(self.evaluator.arm, posture, self.evaluator.loads), 2))
 
+    def alpha(self, angles: AnyArray) -> Float[np.ndarray, "T"]:
+        """Return alpha [rad] of joint angles (driven, T) along the stroke; likewise its rates of theirs."""
+        direction = np.asarray(self.stroke.direction, float)
+        return np.asarray(direction @ np.asarray(angles) / (direction @ direction))
+
     def orders(self) -> Float[np.ndarray, "orders"]:
         """Return the frequencies that excite the arm, over the speed of alpha: cycles a radian."""
-        direction = zip(
-            (joint.name for joint in self.evaluator.arm.driven), np.asarray(self.stroke.direction), strict=True
-        )
-        share, drives = dict(direction), self.evaluator.arm.drives
+        names, drives = [joint.name for joint in self.evaluator.arm.driven], self.evaluator.arm.drives
+        share = dict(zip(names, np.asarray(self.stroke.direction), strict=True))
         turns = [(abs(float(d.ratio) * share[d.joint]) / (2 * np.pi), 1 + bool(float(d.error))) for d in drives]
         return np.unique([turn * order for turn, highest in turns for order in range(1, highest + 1) if turn])
 
@@ -178,16 +182,12 @@ class Scheduling:
         motion, rate = schedule.motion, self.evaluator.rate
         envelope = self.vibration(motion).envelope
         time = np.arange(envelope.shape[1]) / rate
-        direction = np.asarray(self.stroke.direction, float)
-        alpha = direction @ np.asarray(motion(time)[0]) / (direction @ direction)
-        share = (alpha - self.places[0]) / (self.places[-1] - self.places[0])
+        share = (self.alpha(motion(time)[0]) - self.places[0]) / (self.places[-1] - self.places[0])
         later = LATER * (time - motion.arrival) / max(self.dwell, 1 / rate)
-        places = np.where(later >= 0, BINS + np.clip(later, 0, LATER - 1), np.clip(BINS * share, 0, BINS - 1)).astype(
-            int
-        )
+        bins = np.where(later >= 0, BINS + np.clip(later, 0, LATER - 1), np.clip(BINS * share, 0, BINS - 1))
         largest = np.full((3, BINS + LATER), SMALL)
         for way in range(3):
-            np.maximum.at(largest[way], places, envelope[way])
+            np.maximum.at(largest[way], bins.astype(int), envelope[way])
         return np.log(largest.ravel())
 
     def least_time(self, limit: float, progress: Progress = iter, near: Schedule | None = None) -> Schedule:

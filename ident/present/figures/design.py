@@ -255,12 +255,11 @@ def motion_figure(motions: "MotionStudy") -> Figure:
     scheduling = motions.scheduling
     figure = titled((8.0, 7.0), motion_title("Speed along the path", motions.basis), (0.08, 0.1))
     top, below = figure.subplots(2, 1)
-    direction = np.asarray(scheduling.stroke.direction, float)
     highest = 0.0
     for candidate, style in ((motions.candidates[0], BEFORE), (motions.candidates[-1], AFTER)):
         time = np.linspace(0.0, candidate.motion.arrival, 1001)
         q, qd, _ = (np.asarray(part) for part in candidate.motion(time))
-        alpha, rate = (np.degrees(direction @ part) / (direction @ direction) for part in (q, qd))
+        alpha, rate = (np.degrees(scheduling.alpha(part)) for part in (q, qd))
         top.plot(alpha, np.abs(rate), **style)
         highest = max(highest, float(np.abs(rate).max()))
     along = np.linspace(scheduling.places[0], scheduling.places[-1], 101)
