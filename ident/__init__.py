@@ -23,6 +23,7 @@ In the order of use; every study is one function that returns one frozen result.
     resonance       pulley frequencies against natural frequencies along a motion
     simulate        how far the end point vibrates while the arm carries out a motion
     spectrum        at which frequencies a trace vibrates
+    source          what excites the moving arm: imbalance and transmission error of each drive
     sweep           how the vibration depends on numbers of the arm, or on its speed
     motion          how fast to go along the path so that the arm keeps a limit, no part changed
     design          what to change so that the arm vibrates least
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
     from ident.studies.sample import SampleOptions, SampleResult, sample
     from ident.studies.saved import Saved, load
     from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
+    from ident.studies.source import SourceOptions, SourceResult, source
     from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
     from ident.studies.sweep import SweepOptions, SweepResult, sweep
     from ident.studies.validate import ValidateOptions, ValidateResult, validate

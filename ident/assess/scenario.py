@@ -23,6 +23,8 @@ from ident.vibrate.simulate import Superposition
 
 GUESSED = ("assumed", "calibrated", "derived", "designed", "")
 """Origins of a phase with which it is not known: it was not seen on this arm."""
+IDENTIFIED = "identified"
+"""Origin of a number that was taken over from a fit or a posterior, or set."""
 KINDS = (("eccentricity", "phase"), ("error", "error_phase"))
 """What excites: amplitude and phase of the imbalance and of the kinematic error."""
 
@@ -158,6 +160,12 @@ class Basis:
         values = posterior.without(self.changed) if posterior else {}
         count = len(next(iter(values.values()))) if values else 0
         return values | self.unknown.draws(count, seed) if values else {}
+
+    @property
+    def origins(self) -> dict[str, str]:
+        """Where each of the arm's numbers comes from, by path: of those that were taken over or set, `identified`."""
+        taken = [path for values in (self.fit, self.posterior) if values for path in values.values]
+        return {**self.arm_file.origins, **dict.fromkeys((*taken, *self.changed), IDENTIFIED)}
 
     @property
     def sources(self) -> dict[str, Any]:

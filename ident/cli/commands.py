@@ -13,6 +13,7 @@ import typer
 
 from ident.cli import running
 from ident.cli.command import (
+    INPUTS,
     ArmOption,
     CampaignArgument,
     ForceOption,
@@ -57,6 +58,7 @@ from ident.studies.resonance import resonance
 from ident.studies.result import written_to
 from ident.studies.sample import SampleOptions, sample
 from ident.studies.simulate import SimulateResult, simulate
+from ident.studies.source import SourceOptions, source
 from ident.studies.spectrum import spectrum
 from ident.studies.sweep import sweep
 from ident.studies.validate import validate
@@ -214,6 +216,40 @@ offer(
     arm=flag("arm description: marks its natural frequencies", "--arm"),
     path=flag("joint angles during the trace: CSV with time [s], joint1 [deg], ...; default: the trace's file"),
 )
+
+
+@command(SourceOptions)
+def source_command(
+    runs: Annotated[Path, typer.Argument(help="table of runs, a CSV file; with --init the folder of the recordings")],
+    options: SourceOptions,
+    arm: Annotated[
+        Path | None, typer.Option("--arm", help="arm description; default: arm.toml beside the table")
+    ] = None,
+    fit: INPUTS["fit"] = None,  # type: ignore[valid-type]
+    posterior: flag("posterior of ident sample (.nc), of the stiffnesses") = None,  # type: ignore[valid-type]
+    init: Annotated[bool, typer.Option("--init", help="write runs.csv to fill in into that folder, and stop")] = False,
+    out: OutOption = Path("out"),
+    no_figure: NoFigureOption = False,
+    strict: StrictOption = False,
+) -> None:
+    """Identify imbalance and transmission error of each drive from traces of the moving arm.
+
+    The table has a row for each trace, and how the arm moved. Writes RUNS.source.json, which --posterior of other
+    commands takes, and RUNS.source.png into the folder given by --out. Exit status 3 where the search did not settle.
+    """
+    if init:
+        from ident.measure.runs import write_runs
+
+        path = runs / "runs.csv"
+        rows = write_runs(runs, path)
+        output().wrote(path)
+        output().say(f"{rows} channels to fill in; then: ident source {path}")
+        return
+    result = source(runs, arm, options, fit=fit, posterior=posterior, progress=running.progress)
+    finish(result, out, no_figure)
+    leave(result, strict=strict)
+
+
 offer(
     sweep,
     """Vary numbers of the arm, or its speed: how the vibration over a motion depends on them (Figures 9 and 10).

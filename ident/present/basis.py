@@ -166,12 +166,13 @@ def _outside(fit: "Values | None", posterior: "Values | None") -> tuple[str, ...
 def assumed(basis: "Basis") -> tuple[list[str], int]:
     """Return the assumed or calibrated numbers of drives, belts and stroke, and how many such numbers there are.
 
-    Left out are numbers that the user has set, and the stroke where a log is replayed.
+    Left out are numbers that were identified or set, and the stroke where a log is replayed.
     """
     kinds = {part.name: type(part).__name__ for part in basis.arm.parts()}
     counting = [name for name, kind in kinds.items() if kind in PARTS and not (basis.log and name == "stroke")]
-    origins = {path: origin for path, origin in basis.arm_file.origins.items() if path.split(".")[0] in counting}
-    names = [path for path, origin in origins.items() if origin in GUESSED and path not in basis.changed]
+    own = basis.origins
+    origins = {path: own[path] for path in basis.arm_file.origins if path.split(".")[0] in counting}
+    names = [path for path, origin in origins.items() if origin in GUESSED]
     return names, len(origins)
 
 

@@ -103,7 +103,7 @@ def basis_of(
         fit: fitted values that the arm takes over.
         posterior: draws; the arm takes over their medians, unless it has fitted values.
     """
-    from ident.assess.scenario import Basis
+    from ident.assess.scenario import IDENTIFIED, Basis
     from ident.measure import Load
 
     described = with_numbers(arm.arm, fit or posterior, options.set)
@@ -111,7 +111,8 @@ def basis_of(
     motion, percent = _motion(described, options, path)
     name = f"{Path(arm.path).stem or arm.arm.name}.{_name(described, options, path, percent)}"
     load = Load.parse(options.load)
-    described, unknown = options.unknown(described, arm.origins)
+    taken = [path for values in (fit, posterior) if values for path in values.values]
+    described, unknown = options.unknown(described, {**arm.origins, **dict.fromkeys(taken, IDENTIFIED)})
     basis = Basis(arm, described, motion, percent, load, path, fit, posterior, options.set, name, unknown)
     if posterior and not basis.draws:
         raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))

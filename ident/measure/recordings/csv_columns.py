@@ -49,12 +49,13 @@ def read(path: Path, data: bytes) -> Contents:
     frequency = _frequency(header, table)
     if frequency is not None:
         return tuple(_over_frequency(file, header, table, frequency)), (), {}
-    step = None
+    step, start = None, 0.0
     for (name, unit), column in zip(named, table.T, strict=True):
         if name.lower() == TIME and unit:
-            step = even_step(column * si_factor(unit, "time"), file)
+            time = column * si_factor(unit, "time")
+            step, start = even_step(time, file), float(time[0])
     kept = [each for each in zip(named, table.T, strict=True) if not (step and each[0][0].lower() == TIME)]
-    channels = tuple(Channel(name, column[None].copy(), unit, step) for (name, unit), column in kept)
+    channels = tuple(Channel(name, column[None].copy(), unit, step, start) for (name, unit), column in kept)
     return channels, (), {}
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
 
 FIT = "a result file of ident fit (.fit.json)"
-POSTERIOR = "a posterior of ident sample (.sample.nc)"
+POSTERIOR = "a posterior of ident sample (.sample.nc) or source (.source.json)"
 
 
 def read_fit(
@@ -57,8 +57,10 @@ def _number(value: Any) -> float:
 
 
 def read_posterior(path: str | Path) -> Draws:
-    """Return the draws of a posterior file, of `ident sample` or of any tool that writes InferenceData."""
+    """Return the draws of a file of `ident sample`, of `ident source`, or of any tool that writes InferenceData."""
     where = one_line(str(path))
+    if Path(path).suffix == ".json":
+        return _of_source(path, where)
     data = read_bytes(path, POSTERIOR, LARGEST_BINARY)
     with whole(path, "other contents", POSTERIOR, "give the file that ident sample wrote"):
         root = read_group(path)
@@ -77,6 +79,22 @@ def read_posterior(path: str | Path) -> Draws:
         check_version(own, "sample", where, POSTERIOR)
     draws = Draws(by_paths, where, hashlib.sha256(data).hexdigest(), remark, scaled, robot)
     return draws.doubted(tuple(map(str, doubts)))
+
+
+def _of_source(path: str | Path, where: str) -> Draws:
+    """Return the draws of a result of `ident source`."""
+    document = read_document(path, POSTERIOR)
+    check_version(document["format"], "source", where, POSTERIOR)
+    try:
+        drawn: Mapping[str, Any] = document["summary"]["draws"]
+        draws: dict[tuple[str, ...], np.ndarray] = {(name,): np.asarray(x, float) for name, x in drawn.items()}
+        robot = Robot.read(document.get("robot"), str(document["inputs"]["arm"]["sha256"] or ""))
+        sound = document["verdict"] != "NOT USABLE"
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(Problem(where, "other contents", POSTERIOR, "give the file that ident source wrote")) from None
+    remark = "" if sound else "the runs contradict the model or each other: see ident show of that file"
+    sha256 = hashlib.sha256(read_bytes(path, POSTERIOR, LARGEST_BINARY)).hexdigest()
+    return Draws(draws, where, sha256, remark, (), robot)
 
 
 def _variables(posterior: "xarray.Dataset", chains: slice | np.ndarray) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:

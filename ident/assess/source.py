@@ -1,0 +1,243 @@
+"""From a table of runs to what excites the arm, how sure that is, and how well other runs are predicted."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.errors import InputError, Problem
+from ident.identify.binding import loads_of
+from ident.measure import read_log
+from ident.measure.runs import Runs, Trace
+from ident.vibrate.motion import Motion, beyond_limits, stroke
+from ident.vibrate.replay import replay
+from ident.vibrate.source_identification import (
+    CLOCK_SD,
+    LAGS,
+    LEVEL,
+    Channel,
+    Identification,
+    Prior,
+    SourceProblem,
+    clock_offsets,
+    identified,
+    slow_columns,
+)
+from ident.vibrate.sources import Run, Sensor, Source, sources_of
+
+RARE = 1e-3
+"""Probability of a test below which runs contradict each other; assumed."""
+TURNS = 20.0
+"""Turns of the fastest pulley that a trace and its motion have in common, at least."""
+LONGEST_DWELL = 5.0
+"""Time [s] after arrival up to which a trace counts: then it has rung down."""
+UNEXPLAINED = 0.5
+"""Share of a channel's mean square, in the band of the sources, that noise may leave unexplained; assumed."""
+FARTHEST = 4.0
+"""Standard deviations a priori by which a stiffness may move; assumed."""
+TESTED = 100
+"""Draws by which a run is predicted."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A run that was not used, as it was predicted.
+
+    Attributes:
+        channel: what was measured.
+        shown: (T,) [SI] measured, the slow part left out.
+        computed: (T,) [SI] predicted, likewise.
+        peaks: (D,) [SI] largest magnitude with each of some draws.
+    """
+
+    channel: Channel
+    shown: Float[np.ndarray, "T"]
+    computed: Float[np.ndarray, "T"]
+    peaks: Float[np.ndarray, "D"]
+
+    @property
+    def explained(self) -> float:
+        """Share of the mean square that the prediction explains."""
+        left = self.shown - self.computed
+        return 1 - float(left @ left) / float(self.shown @ self.shown)
+
+    @property
+    def ratio(self) -> float:
+        """Predicted by measured root mean square."""
+        return float(np.linalg.norm(self.computed) / np.linalg.norm(self.shown))
+
+
+@dataclass(frozen=True)
+class SourceStudy:
+    """What excites the arm, and how well runs that were not used are predicted.
+
+    Attributes:
+        found: what was identified.
+        held: predictions of the runs that were left out.
+        known: whether stiffnesses come from a posterior.
+    """
+
+    found: Identification
+    held: tuple[Prediction, ...]
+    known: bool
+
+    @property
+    def told(self) -> int:
+        """How many sources the runs tell."""
+        return sum(each.told for each in self.found.estimates)
+
+    @property
+    def moved(self) -> dict[str, float]:
+        """Numbers of the arm that the runs move by more than `FARTHEST` standard deviations."""
+        return {name: shift for name, shift in self.found.moved.items() if abs(shift) > FARTHEST}
+
+    @property
+    def contradicting(self) -> list[Source]:
+        """Sources of which the runs, each alone, say what they cannot all mean."""
+        pairs = zip(self.found.problem.sources, self.found.between.tolist(), strict=True)
+        return [source for source, chance in pairs if chance < RARE / len(self.found.problem.sources)]
+
+    @property
+    def poor(self) -> list[str]:
+        """Names of the channels of which half is left unexplained."""
+        pairs = zip(self.found.problem.channels, self.found.explained.tolist(), strict=True)
+        return [channel.name for channel, share in pairs if share < UNEXPLAINED]
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the runs contradict each other, or the model."""
+        return bool(self.moved or self.contradicting or self.poor)
+
+
+def studied(
+    arm: Arm,
+    table: Runs,
+    draws: Mapping[str, Float[np.ndarray, "D"]],
+    *,
+    offset: float,
+    hold_out: Sequence[str] = (),
+    progress: Any = iter,
+) -> SourceStudy:
+    """Identify what excites an arm from a table of runs, and predict those that are held out.
+
+    Args:
+        arm: the arm.
+        table: the runs.
+        draws: of its stiffnesses, by path; none where no posterior is given.
+        offset: [s] by which clocks may be off.
+        hold_out: files of the runs to predict.
+        progress: shows how far the search is.
+
+    Raises:
+        InputError: a run that is not there, does not fit the arm, or has too few turns; clocks beyond the offset.
+    """
+    for name in hold_out:
+        if name not in table.names:
+            raise InputError(Problem(table.path, name, f"one of {', '.join(table.names)}", "correct it", "hold_out"))
+    used = [name for name in table.names if name not in hold_out]
+    if not used:
+        raise InputError(
+            Problem(table.path, "all runs held out", "at least one to identify with", "keep one", "hold_out")
+        )
+    prior = Prior.of(arm, draws)
+    problem = _posed(arm, table, used, prior, offset)
+    found = identified(problem, progress)
+    for run, (clock, _) in zip(problem.runs, found.place.clock.tolist(), strict=True):
+        if abs(clock) > offset * (1 - 1e-9) and offset:
+            got = f"a clock {1e3 * clock:.0f} ms off the motion's"
+            remedy = "check delay and speed, or allow more (`offset`)"
+            raise InputError(Problem(run.name, got, f"at most {1e3 * offset:.0f} ms", remedy))
+    held = [prediction for name in hold_out for prediction in _predicted(found, table, name, used)]
+    return SourceStudy(found, tuple(held), bool(draws))
+
+
+def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: float) -> SourceProblem:
+    """Return runs as a problem."""
+    runs, channels = [], []
+    for number, name in enumerate(names):
+        traces = table.of(name)
+        motion = _motion(arm, table, traces)
+        first = traces[0]
+        runs.append(Run(name, motion, loads_of(arm, first.row.load), tuple(_sensor(arm, each) for each in traces)))
+        for sensor, trace in enumerate(traces):
+            channels.append(_channel(arm, trace, motion, number, sensor, offset))
+    words = [table.of(name)[0].row.group or name for name in names]
+    order = list(dict.fromkeys(words))
+    groups = tuple(order.index(word) for word in words)
+    return SourceProblem(arm, tuple(runs), groups, tuple(channels), sources_of(arm), prior, offset)
+
+
+def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:
+    """Return how the arm moved, held as long as the trace goes on."""
+    row = traces[0].row
+    if row.path:
+        log = read_log(table.files[row.path].path, [joint.name for joint in arm.driven])
+        motion = replay(log.time, np.stack(list(log.angles.values())), name=row.path)
+        motion = motion if row.speed is None else motion.at_speed(row.speed)
+    elif arm.stroke is None:
+        remedy = "give a log of the joints in the column path"
+        raise InputError(Problem(row.where, "no motion", "a stroke of the arm, or a path", remedy, "path"))
+    else:
+        motion = stroke(arm.stroke, percent=row.speed or 10.0, retract=row.retract)
+    beyond_limits(arm, motion)
+    end = max(float(trace.time[-1]) for trace in traces)
+    return motion.dwell(min(max(0.0, end - motion.arrival), LONGEST_DWELL))
+
+
+def _sensor(arm: Arm, trace: Trace) -> Sensor:
+    row, names = trace.row, [point.name for point in arm.points]
+    if row.point and row.point not in names:
+        remedy = "add it to the arm file, or name another"
+        raise InputError(Problem(row.where, row.point, f"one of {', '.join(names)}", remedy, "point"))
+    return Sensor(row.point or names[-1], row.direction, row.frame == "body", trace.derivative)
+
+
+def _channel(arm: Arm, trace: Trace, motion: Motion, run: int, sensor: int, offset: float) -> Channel:
+    """Return a trace within its motion, whatever the clock."""
+    margin = offset + 2 / trace_rate(trace) + CLOCK_SD * LEVEL * float(motion.breaks[-1])
+    inside = (trace.time > float(motion.breaks[0]) + margin) & (trace.time < float(motion.breaks[-1]) - margin)
+    time = trace.time[inside]
+    ratios = {drive.joint: abs(float(drive.ratio)) for drive in arm.drives}
+    turns = 0.0
+    if len(time) > LAGS:
+        angles = np.asarray(motion(time)[0])
+        way = np.abs(np.diff(angles, axis=1)).sum(1) / (2 * np.pi)
+        turns = max(ratios.get(joint.name, 0.0) * w for joint, w in zip(arm.driven, way.tolist(), strict=True))
+    if turns < TURNS:
+        got = f"{turns:.3g} turns of the fastest pulley in common with the motion"
+        remedy = "check delay, speed and path; or measure a longer motion"
+        raise InputError(Problem(trace.row.where, got, f"at least {TURNS:g}", remedy))
+    return Channel(f"{trace.row.file} {trace.row.channel}", run, sensor, time, trace.values[inside])
+
+
+def trace_rate(trace: Trace) -> float:
+    """Return the samples a second of a trace."""
+    return (len(trace.time) - 1) / float(trace.time[-1] - trace.time[0])
+
+
+def _predicted(found: Identification, table: Runs, name: str, used: Sequence[str]) -> "list[Prediction]":
+    """Return what sensors of a run that was left out should see, its clock alone fitted, and what they saw."""
+    known = found.problem
+    row = table.of(name)[0].row
+    same = [other for other in used if row.group and table.of(other)[0].row.group == row.group]
+    if not same:
+        got = f"a run of group {row.group}" if row.group else "a run of no group"
+        remedy = "give it the group of a run that is used: its pulleys' phases are not known else"
+        raise InputError(Problem(row.where, got, "that of a run which is used", remedy, "group"))
+    own = _posed(known.arm, table, [name], known.prior, known.offset)
+    parts = found.place.parts[known.groups[list(used).index(same[0])]][None]
+    place = own.start._replace(changes=found.place.changes, parts=parts)
+    responses = own.responses(place)
+    place = place._replace(clock=clock_offsets(own, responses, place, parts.ravel()))
+    drawn = np.stack([each.parts[known.groups[list(used).index(same[0])]].ravel() for each in found.places(TESTED)], 1)
+    result = []
+    for k, channel in enumerate(own.channels):
+        slow = slow_columns(channel)
+        sure, columns, _ = own.seen(k, responses[0], place)
+        every = np.column_stack([channel.values, sure + columns @ parts.ravel(), sure[:, None] + columns @ drawn])
+        rest = every - slow @ (slow.T @ every)
+        result.append(Prediction(channel, rest[:, 0], rest[:, 1], np.abs(rest[:, 2:]).max(0)))
+    return result

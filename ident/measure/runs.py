@@ -1,0 +1,359 @@
+"""The table of runs: what each channel of each file measured while the arm moved, and how it moved."""
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.errors import InputError, Problem, refuse
+from ident.files import replace_file
+from ident.measure.channels import FRAMES, check_folder, recordings_of
+from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
+from ident.measure.recordings import Channel, read_recording
+from ident.measure.table import (
+    Findings,
+    decimal_mark,
+    fitting,
+    name_and_unit,
+    parse_number,
+    read_table,
+    records_of,
+)
+from ident.text import did_you_mean, one_line, quoted
+from ident.units import sensor_factor, si_factor
+
+QUANTITIES = {"displacement": "length", "velocity": "velocity", "acceleration": "acceleration"}
+"""What a channel may measure, by derivatives of a displacement."""
+REQUIRED = ("file", "channel", "direction")
+HEAD = (
+    *("file", "channel", "point", "direction", "frame", "unit", "sensitivity", "speed [%]", "path", "retract"),
+    *("load", "delay [s]", "group", "note"),
+)
+COMMENTS = (
+    "A row for each channel that counts: point (default: the end point), direction (x, -z, 0 0.6 -0.8), frame (base or",
+    "body), unit (mm, m/s, m/s^2, g_0; or that of the file), sensitivity (numbers of the file for one unit); how the",
+    "arm moved: speed [%] of the stroke, or path (a log with time [s], joint1 [deg], ...), retract (yes or no), load",
+    "(glass + 0.2 kg @ tip); delay [s] of the first sample after the start of the motion, below 0 if before it; group:",
+    "runs of one group have not lost the pulleys' angles between them. Rows without direction are left out.",
+)
+RATE = 250.0
+"""Samples a second to which faster recordings are brought: what drives excite lies below 25 Hz."""
+SLOWEST = 50.0
+"""Least samples a second: six of a vibration of 8 Hz."""
+CLIPPED = 4
+"""Samples in a row at the largest value that count as clipped; a sine sampled 25 times a period has two."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRow:
+    """What one channel measured during a run.
+
+    Attributes:
+        where: `file:row` of the table.
+        file: name of the recording, beside the table.
+        channel: name of the channel, as the recording has it.
+        direction: (3,) [-] along which it counts.
+        point: name of a point of the arm; empty for the end point.
+        frame: base, or body: that which carries the point.
+        quantity: displacement, velocity or acceleration; empty to take what the unit measures.
+        unit: empty to take what the file says.
+        sensitivity: number of the file for one unit; None where it is in the unit already.
+        speed: [%] of full speed, or of a path's own; None for 10 %, or a path's own.
+        path: file of a log of the joints, beside the table; empty for the arm's stroke.
+        retract: whether the stroke goes from unfolded to folded.
+        load: what hung on the arm, sensors included.
+        delay: [s] from the start of the motion to the first sample.
+        group: runs of one group share the pulleys' angles; empty for one of its own.
+    """
+
+    where: str
+    file: str
+    channel: str
+    direction: Vector
+    point: str = ""
+    frame: str = FRAMES[0]
+    quantity: str = ""
+    unit: str = ""
+    sensitivity: float | None = None
+    speed: float | None = None
+    path: str = ""
+    retract: bool = False
+    load: Load = OWN_WEIGHT
+    delay: float = 0.0
+    group: str = ""
+
+    @property
+    def motion(self) -> tuple[Any, ...]:
+        """How the arm moved: what all rows of a file must have in common."""
+        return self.speed, self.path, self.retract, self.load, self.delay, self.group
+
+
+COLUMNS = (*(f.name for f in fields(RunRow) if f.name != "where"), "note")
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What a channel measured, in SI.
+
+    Attributes:
+        row: of the table.
+        derivative: 0 for displacement, 1 for velocity, 2 for acceleration.
+        time: (T,) [s] from the start of the motion, by the recorder's clock.
+        values: (T,) [SI]
+    """
+
+    row: RunRow
+    derivative: int
+    time: Float[np.ndarray, "T"]
+    values: Float[np.ndarray, "T"]
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file that was read: where it was, and the hash of its bytes."""
+
+    path: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Traces of the moving arm.
+
+    Attributes:
+        path: the table's file.
+        sha256: hash of its bytes.
+        traces: in the order of the table.
+        files: the recordings and logs, by name.
+    """
+
+    path: str
+    sha256: str
+    traces: tuple[Trace, ...]
+    files: Mapping[str, SourceFile]
+
+    def of(self, file: str) -> tuple[Trace, ...]:
+        """Return the traces of one file."""
+        return tuple(trace for trace in self.traces if trace.row.file == file)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the recordings."""
+        return tuple(dict.fromkeys(trace.row.file for trace in self.traces))
+
+
+def read_runs(path: str | Path) -> Runs:
+    """Read a table of runs and the recordings that it names.
+
+    Raises:
+        InputError: a file can't be read, or something is wrong in one; every problem is listed.
+    """
+    data, findings = read_table(path), Findings()
+    rows = _rows(data, path, findings)
+    refuse(findings)
+    folder, files, traces = Path(path).parent, dict[str, SourceFile](), list[Trace]()
+    for name in dict.fromkeys(row.file for row in rows):
+        own = [row for row in rows if row.file == name]
+        try:
+            recording = read_recording(folder / name)
+        except InputError as error:
+            findings += error.problems
+            continue
+        files[name] = SourceFile(recording.path, recording.sha256)
+        by_name = {channel.name: channel for channel in recording.channels}
+        for row in own:
+            trace = findings.attempt(row.where, "", _trace, row, by_name)
+            traces += [trace] if trace else []
+    for name in dict.fromkeys(row.path for row in rows if row.path):
+        log = folder / name
+        log_data = findings.attempt(name, "", read_table, log)
+        if log_data is not None:
+            files[name] = SourceFile(str(log), hashlib.sha256(log_data).hexdigest())
+    refuse(findings)
+    return Runs(str(path), hashlib.sha256(data).hexdigest(), tuple(traces), files)
+
+
+def _rows(data: bytes, path: str | Path, findings: Findings) -> list[RunRow]:
+    file, delimiter, records = records_of(data, path, lambda cell: name_and_unit(cell)[0].lower() in COLUMNS, findings)
+    if len(records) < 2:
+        remedy = "see `ident source --init`, which writes one to fill in"
+        findings.append(Problem(file, "no row", "a header and a row for each channel", remedy))
+        return []
+    where, header = records[0]
+    named = [(name.lower(), unit) for name, unit in map(name_and_unit, header)]
+    names = [name for name, _ in named]
+    for name in names:
+        if name not in COLUMNS:
+            remedy = did_you_mean(name, COLUMNS, "remove or rename the column")
+            findings.append(Problem(where, f"the unknown column {quoted(name)}", f"one of {', '.join(HEAD)}", remedy))
+    for name in REQUIRED:
+        if names.count(name) != 1:
+            findings.append(Problem(where, "no such column", f"a column {name}", "add the column", name))
+    if findings:
+        return []
+    units = dict(named)
+    delay = findings.attempt(where, "delay", si_factor, units["delay"] or "s", "time") if "delay" in units else 1.0
+    rows = list[RunRow]()
+    for place, cells in fitting(records[1:], len(names), delimiter, findings):
+        cell, mine = dict(zip(names, cells, strict=True)), Findings()
+        if not cell["direction"]:
+            continue
+        row = _row(place, cell, decimal_mark(delimiter, cells), delay or 1.0, mine)
+        rows += [] if mine else [row]
+        findings += mine
+    findings += _unequal(rows)
+    if not rows and not findings:
+        findings.append(Problem(file, "no row with a direction", "at least one", "fill in the column direction"))
+    return rows
+
+
+def _row(where: str, cell: Mapping[str, str], decimal: str, second: float, mine: Findings) -> RunRow:
+    def number(name: str, above: float = -inf) -> float | None:
+        value = mine.attempt(where, name, parse_number, cell[name], decimal) if cell.get(name) else None
+        if value is not None and not value > above:
+            mine.append(Problem(where, f"{value:g}", f"a number above {above:g}", "correct it", name))
+        return value
+
+    def word(name: str, words: tuple[str, ...]) -> str:
+        given = cell.get(name, "").lower() or words[0]
+        if given not in words:
+            remedy = did_you_mean(given, words, "correct it")
+            mine.append(Problem(where, quoted(given), f"one of {', '.join(words)}", remedy, name))
+        return given
+
+    for name in ("file", "channel"):
+        if not cell[name]:
+            mine.append(Problem(where, "nothing", f"the {name}'s name", "fill the cell", name))
+    quantity = word("quantity", tuple(QUANTITIES)) if cell.get("quantity") else ""
+    return RunRow(
+        where=where,
+        **{name: cell.get(name, "") for name in ("file", "channel", "point", "unit", "path", "group")},
+        direction=mine.attempt(where, "direction", parse_direction, cell["direction"], decimal) or (0.0, 0.0, 1.0),
+        frame=word("frame", FRAMES),
+        quantity=quantity,
+        sensitivity=number("sensitivity", 0.0),
+        speed=number("speed", 0.0),
+        retract=word("retract", ("no", "yes")) == "yes",
+        load=mine.attempt(where, "load", Load.parse, cell.get("load", ""), decimal=decimal) or OWN_WEIGHT,
+        delay=(number("delay") or 0.0) * second,
+    )
+
+
+def _unequal(rows: list[RunRow]) -> Iterator[Problem]:
+    """Yield rows that say of one file another motion than the first, or speak of a channel twice."""
+    first: dict[str, RunRow] = {}
+    seen: set[tuple[str, str]] = set()
+    for row in rows:
+        if row.motion != first.setdefault(row.file, row).motion:
+            got, expected = f"another motion of {quoted(row.file)}", f"that of {first[row.file].where}"
+            remedy = "give all rows of a file the same speed, path, retract, load, delay and group"
+            yield Problem(row.where, got, expected, remedy)
+        if (row.file, row.channel) in seen:
+            got = f"{quoted(row.channel)} of {quoted(row.file)} twice"
+            yield Problem(row.where, got, "each channel once", "keep one row", "channel")
+        seen.add((row.file, row.channel))
+        if row.path and row.retract:
+            yield Problem(row.where, "retract beside a path", "one of them", "drop one", "retract")
+
+
+def _trace(row: RunRow, channels: Mapping[str, Channel]) -> Trace:
+    """Return what a row's channel measured, in SI, at `RATE` at most.
+
+    Raises:
+        InputError: it is not there, has no unit or clock, gaps, clipped samples, or too few a second.
+    """
+    channel = channels.get(row.channel)
+    if channel is None:
+        names = tuple(channels)
+        remedy = did_you_mean(row.channel, names, "name one of them")
+        raise InputError(
+            Problem("", quoted(row.channel), f"one of {', '.join(map(one_line, names[:8]))}", remedy, "channel")
+        )
+    if channel.flaw or channel.reference or np.iscomplexobj(channel.values) or len(channel.values) != 1:
+        got = channel.flaw or "no single record over time"
+        raise InputError(Problem("", got, "samples over time", channel.remedy or "export the time record", "channel"))
+    if not channel.step:
+        raise InputError(Problem("", "no sampling rate in the file", "a column 'time [s]'", "export it with its times"))
+    values = np.asarray(channel.values[0], float)
+    derivative, factor = _measured(row, channel.unit)
+    if not np.isfinite(values).all():
+        got = f"{np.count_nonzero(~np.isfinite(values))} samples missing"
+        raise InputError(Problem("", got, "a record without gaps", "cut the record, or export it again", "channel"))
+    if longest := _clipped(values):
+        got = f"{longest} samples in a row at the largest value: clipped"
+        raise InputError(
+            Problem("", got, "a record within the sensor's range", "measure again, less amplified", "channel")
+        )
+    rate = 1 / channel.step
+    if rate < SLOWEST:
+        got = f"{rate:.4g} samples a second"
+        raise InputError(Problem("", got, f"at least {SLOWEST:g}", "measure again, sampled faster", "channel"))
+    start = channel.start[0] if isinstance(channel.start, tuple) else channel.start
+    values, step = _slower(values, channel.step)
+    return Trace(row, derivative, row.delay + start + step * np.arange(len(values)), values * factor)
+
+
+def _measured(row: RunRow, said: str) -> tuple[int, float]:
+    """Return how often the displacement is derived, and SI units per number of the file."""
+    unit = row.unit or said
+    example = "a unit such as mm, m/s, m/s^2 or g_0"
+    if not unit:
+        raise InputError(Problem("", "no unit, in the file neither", example, "fill the cell", "unit"))
+    for derivative, (quantity, known) in enumerate(QUANTITIES.items()):
+        factor = sensor_factor(unit, known)
+        if factor is not None and row.quantity in ("", quantity):
+            if row.unit and said and row.sensitivity is None and sensor_factor(said, known) not in (None, factor):
+                got, remedy = quoted(row.unit), "correct it, or leave the cell empty"
+                raise InputError(Problem("", got, f"{quoted(said)}, as in the file", remedy, "unit"))
+            return derivative, factor / (row.sensitivity or 1.0)
+    expected = f"a unit of {row.quantity}" if row.quantity else example
+    raise InputError(Problem("", quoted(unit), expected, "correct it, or give the unit of the sensor", "unit"))
+
+
+def _clipped(values: Float[np.ndarray, "T"]) -> int:
+    """Return how many samples in a row are at the largest or least value, where that is many; else 0."""
+    longest = 0
+    for end in (values.max(), values.min()):
+        at = np.flatnonzero(np.diff((values == end).astype(int), prepend=0, append=0))
+        longest = max(longest, int((at[1::2] - at[::2]).max()))
+    return longest if longest >= CLIPPED and longest < len(values) else 0
+
+
+def _slower(values: Float[np.ndarray, "T"], step: float) -> tuple[Float[np.ndarray, "S"], float]:
+    """Return samples of at most `RATE` a second, behind a filter against aliasing, and their step [s]."""
+    from scipy.signal import resample_poly
+
+    down = int(np.ceil(1 / (step * RATE) - 1e-9))
+    return (values, step) if down <= 1 else (resample_poly(values, 1, down, padtype="line"), step * down)
+
+
+def write_runs(folder: str | Path, path: str | Path) -> int:
+    """Write a table to fill in of the recordings of a folder, and return how many channels it has.
+
+    Raises:
+        InputError: no recordings, or a file of that name, which is not overwritten.
+    """
+    import csv
+    import io
+
+    check_folder(Path(folder))
+    if Path(path).exists():
+        remedy = "move it away, or name another"
+        raise InputError(Problem(one_line(str(path)), "a file that is there", "none", remedy))
+    recordings = recordings_of(Path(folder))
+    text = io.StringIO()
+    text.writelines(f"# {line}\n" for line in COMMENTS)
+    writer = csv.DictWriter(text, HEAD, lineterminator="\n", restval="")
+    writer.writeheader()
+    count = 0
+    for name, recording in recordings.items():
+        for channel in recording.channels:
+            writer.writerow({"file": name, "channel": channel.name, "unit": channel.unit})
+            count += 1
+    replace_file(Path(path), lambda file: file.write(text.getvalue().encode()), make_folders=True)
+    return count

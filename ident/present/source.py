@@ -1,0 +1,171 @@
+"""What excites the moving arm: what is said of it, and its rows for programs."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.present.report import Finding, Report, Section, Table, Verdict, cut
+from ident.present.words import counted
+from ident.vibrate.sources import IMBALANCE, Source
+
+if TYPE_CHECKING:
+    from ident.assess.source import SourceStudy
+    from ident.vibrate.source_identification import Estimate
+
+
+def source_sections(study: "SourceStudy") -> Report:
+    """Return all that is said of what excites an arm."""
+    problem = study.found.problem
+    what = f"{counted(len(problem.runs), 'run')}, {counted(len(problem.channels), 'trace')}"
+    return Report(
+        f"Excitation of {cut(problem.arm.name, 40)} from {what}",
+        _verdict(study),
+        (_estimates(study),),
+        tuple(_findings(study)),
+        remark=_remark(study),
+        next="ident simulate {arm} --posterior {result}.json",
+        details=tuple(_details(study)),
+    )
+
+
+def _verdict(study: "SourceStudy") -> Verdict:
+    told, count = study.told, len(study.found.estimates)
+    low, high = 100 * study.found.explained.min(), 100 * study.found.explained.max()
+    explained = f"{low:.0f} %" if round(low) == round(high) else f"{low:.0f} to {high:.0f} %"
+    explained = f"they explain {explained} of the measured vibration"
+    if not study.found.settled:
+        return Verdict("NOT USABLE", f"The search did not settle in {study.found.rounds} rounds.", "bad")
+    if study.doubtful:
+        return Verdict("NOT USABLE", f"The runs contradict the model or each other; {explained}.", "bad")
+    if told == count:
+        return Verdict("IDENTIFIED", f"All {count} sources of the drives are determined; {explained}.", "good")
+    return Verdict(f"PARTLY {told} OF {count}", f"{told} of {count} sources are determined; {explained}.", "caution")
+
+
+def named(source: Source) -> str:
+    """Name a source: `drive2 imbalance`, `drive2 transmission error, order 2`."""
+    order = "" if source.kind == IMBALANCE else f", order {source.order:g}"
+    return f"{source.drive} {source.kind}{order}"
+
+
+def _size(study: "SourceStudy", source: Source) -> tuple[float, str]:
+    """Return what one unit of a source is in the report's unit, and that: eccentric masses count with their mass."""
+    if source.kind != IMBALANCE:
+        return 2.0, "arcsec p-p"
+    return study.found.numbers()[f"{source.drive}.eccentric_mass"], "kg mm"
+
+
+def _row(study: "SourceStudy", each: "Estimate") -> tuple[Any, ...]:
+    size, unit = _size(study, each.source)
+    low, high = (size * end for end in each.interval)
+    phase = np.degrees(each.phase[0])
+    if not each.told:
+        return named(each.source), "cannot be told", None, f"up to {high:.3g}", unit, None
+    interval = f"{low:.4g} .. {high:.4g}"
+    return named(each.source), f"{size * each.amplitude:.4g}", 100 * each.sd / each.amplitude, interval, unit, phase
+
+
+def _estimates(study: "SourceStudy") -> Table:
+    head = ("Source", "estimate", "std. error [%]", "95 % interval", "unit", "phase [deg]")
+    rows = tuple(_row(study, each) for each in study.found.estimates)
+    return Table("", head, rows, ("", "", ".1f", "", "", ".0f"))
+
+
+def _findings(study: "SourceStudy") -> Iterator[Finding]:
+    for name in study.poor:
+        share = study.found.explained[[channel.name for channel in study.found.problem.channels].index(name)]
+        yield Finding(
+            f"{name}: {100 * share:.0f} % of the vibration is explained",
+            "check its speed, load, direction and delay in the table of runs",
+        )
+    for source in study.contradicting:
+        yield Finding(f"{named(source)}: the runs contradict each other", "fit each run alone (--hold-out the others)")
+    for name, shift in study.moved.items():
+        remedy = "check the load of the runs, and the campaign that the posterior is from"
+        yield Finding(f"{name} would have to move by {abs(shift):.1f} sigma", remedy)
+    for each in study.held:
+        yield Finding(
+            f"held out, {each.channel.name}: predicted rms is {each.ratio:.2f} of the measured one, "
+            f"{100 * each.explained:.0f} % of the vibration explained"
+        )
+    hidden = [named(each.source) for each in study.found.estimates if not each.told]
+    if hidden:
+        yield Finding(f"cannot be told: {', '.join(hidden)}", "add a run at another speed, or a sensor elsewhere")
+    if not study.known:
+        yield Finding("the stiffnesses count as known to 10 % (assumed)", "give --posterior of ident sample")
+
+
+def _remark(study: "SourceStudy") -> str:
+    worst = int(np.argmin(study.found.explained))
+    left = 100 * (1 - study.found.explained[worst])
+    return (
+        f"Most is left of {study.found.problem.channels[worst].name}: {left:.1f} % of its mean square, noise included."
+    )
+
+
+def _details(study: "SourceStudy") -> Iterator[Section]:
+    found = study.found
+    problem, place = found.problem, found.place
+    phases = [
+        (named(each.source), problem_group, np.degrees(phase), np.degrees(sd))
+        for each in found.estimates
+        for problem_group, (phase, sd) in enumerate(zip(each.phase, each.phase_sd, strict=True), 1)
+    ]
+    head = ("Source", "group", "phase [deg]", "std. error [deg]")
+    yield Section(
+        "Phases",
+        (
+            "Of imbalance: direction of the eccentric mass at joint angle 0, counted about the axis. Of transmission "
+            "error: of its sine at joint angle 0. Runs of one group share them.",
+            Table("", head, tuple(phases), ("", "d", ".1f", ".1f")),
+        ),
+    )
+    tests = [
+        (named(source), float(wide), None if np.isnan(chance) else float(chance))
+        for source, wide, chance in zip(problem.sources, found.consistency, found.between, strict=True)
+    ]
+    yield Section(
+        "Does each source explain the vibration wherever it should?",
+        (
+            "Variance of what single seconds say, by that which noise lets expect: above 1 it widens the interval. "
+            "And the probability that the runs differ so much by chance.",
+            Table("", ("Source", "variance ratio", "p between runs"), tuple(tests), ("", ".2f", ".2g")),
+        ),
+    )
+    sd = np.sqrt(np.diag(found.covariance))[: len(place.changes)]
+    before = np.sqrt(np.diag(problem.prior.covariance))
+    numbers = [
+        (name, 100 * np.expm1(change), 100 * own, 100 * prior)
+        for name, change, own, prior in zip(problem.prior.groups, place.changes, sd, before, strict=True)
+    ]
+    columns = ("Number", "change [%]", "std. error [%]", "before [%]")
+    yield Section("Stiffness and damping", (Table("", columns, tuple(numbers), ("", "+.2f", ".2f", ".2f")),))
+    clocks = [
+        (run.name, 1e3 * offset, 1e6 * rate) for run, (offset, rate) in zip(problem.runs, place.clock, strict=True)
+    ]
+    table = Table("", ("Run", "clock offset [ms]", "clock rate [1e-6]"), tuple(clocks), ("", ".2f", ".0f"))
+    yield Section("Clocks", (table,))
+    traces = [
+        (channel.name, channel.rate, 100 * share, *np.degrees(tilt))
+        for channel, share, tilt in zip(problem.channels, found.explained, place.tilt, strict=True)
+    ]
+    of_traces = ("Trace", "samples a second", "explained [%]", "tilt [deg]", "tilt, other way [deg]")
+    yield Section("Traces", (Table("", of_traces, tuple(traces), ("", ".4g", ".1f", ".2f", ".2f")),))
+
+
+def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:
+    """Return a row for each source [SI]."""
+    return [
+        {
+            "drive": each.source.drive,
+            "kind": each.source.kind,
+            "order": each.source.order,
+            "amplitude": each.amplitude * each.source.unit,
+            "sd": each.sd * each.source.unit,
+            "phase": each.phase[0],
+            "phase_sd": each.phase_sd[0],
+            "told": each.told,
+        }
+        for each in study.found.estimates
+    ]

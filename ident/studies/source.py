@@ -1,0 +1,145 @@
+"""Identify what excites the moving arm from traces of its vibration: imbalance and transmission error of each drive."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError, Problem
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.shared import ArmOptions, as_file, with_numbers
+from ident.studies.values import drawn_values, fitted_values
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.assess.source import SourceStudy
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure.runs import Runs
+    from ident.studies.fit import FitResult
+    from ident.studies.sample import SampleResult
+
+ARM = "arm.toml"
+"""The arm's file beside the table of runs, where none is named."""
+MOST_DRAWS = 4000
+"""Draws of a posterior, from which mean and covariance are taken."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions(ArmOptions):
+    """Options of `ident.source`: how well the clocks agree, and which runs are kept to test with."""
+
+    offset: float = option(0.05, "time [s] by which a recorder's clock may be off the motion's", low=0.0, high=1.0)
+    hold_out: tuple[str, ...] = option(
+        (), "file of a run to leave out and to predict; may be repeated", repeated=True, read=lambda texts, _: texts
+    )
+    draws: int = option(400, "draws of what was identified, for --posterior of other commands", low=1, high=10_000)
+    seed: int = option(0, "seed of these draws", low=0, high=1e18)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class SourceResult(Result):
+    """What excites the arm, as traces of its vibration tell it.
+
+    Its table has a row for each source: amplitude and its standard deviation [SI], phase [rad], whether it is told.
+
+    Attributes:
+        study: what was measured, what was identified, the runs that were predicted.
+        arm_file: the arm.
+        runs: the table of runs.
+        options: what was asked for.
+        posterior: draws of stiffnesses that were known before.
+        fit: fitted values that the arm took over.
+    """
+
+    study: "SourceStudy"
+    arm_file: "ArmFile"
+    runs: "Runs"
+    options: SourceOptions = field(default_factory=SourceOptions)
+    posterior: "Values | None" = None
+    fit: "Values | None" = None
+
+    form = "ident-source/10"
+    shown = ("study",)
+    summary = ("parameters", "draws")
+
+    @property
+    def name(self) -> str:
+        """The table of runs, and the study."""
+        return f"{Path(self.runs.path).stem}.source"
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """Numbers of the arm as identified, by path [SI]."""
+        return self.study.found.numbers()
+
+    @cached_property
+    def draws(self) -> Mapping[str, Any]:
+        """Draws of the same."""
+        return self.study.found.draws(self.options.draws, self.options.seed)
+
+    @property
+    def short(self) -> bool:
+        """Whether the search has not settled."""
+        return not self.study.found.settled
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether runs contradict each other or the model."""
+        return self.study.doubtful
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the traces, what the sources make of them, and what is left."""
+        from ident.present.figures.source import source_figure
+
+        return {"": source_figure(self.study)}
+
+    def _inputs(self) -> Mapping[str, Any]:
+        own = {"arm": self.arm_file, "runs": self.runs, "posterior": self.posterior, "fit": self.fit}
+        return own | dict(self.runs.files)
+
+
+@study
+def source(
+    runs: "Runs | str | Path",
+    arm: "ArmFile | None" = None,
+    options: SourceOptions = DEFAULT,
+    *,
+    fit: "Values | FitResult | str | Path | None" = None,
+    posterior: "Values | SampleResult | str | Path | None" = None,
+    progress: Progress = silent,
+) -> SourceResult:
+    """Identify imbalance and transmission error of each drive from traces of the moving arm.
+
+    Args:
+        runs: the table of runs, see `ident source --init`, or its file.
+        arm: the arm; by default arm.toml beside the table.
+        options: how well clocks agree, which runs are kept to test with.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws of its stiffnesses: a sample, or its file; without it they are known within 10 % (assumed).
+        progress: shows how far the search is.
+
+    Raises:
+        InputError: a file is wrong, or does not fit the arm; runs without common time or with too few turns.
+        ModelError: the arm collapses.
+    """
+    from ident.assess.source import studied
+    from ident.measure.runs import Runs, read_runs
+
+    table = runs if isinstance(runs, Runs) else read_runs(runs)
+    arm = arm or as_file(Path(table.path).parent / ARM, options.soft_base)
+    fitted = None if fit is None else fitted_values(fit, arm, options)
+    drawn = drawn_values(posterior, arm, MOST_DRAWS, None, options)
+    described = with_numbers(arm.arm, fitted or drawn, options.set)
+    if not described.drives:
+        raise InputError(Problem(described.name, "no drive", "drives that excite the arm", "add its [[drive]]"))
+    check_place(f"{Path(table.path).stem}.source", {"arm": arm, "runs": table, "posterior": drawn, **table.files})
+    draws = drawn.without(options.set) if drawn else {}
+    found = studied(
+        described, table, draws, offset=options.offset, hold_out=options.hold_out, progress=progress("search")
+    )
+    return SourceResult(found, arm, table, options, drawn, fitted)

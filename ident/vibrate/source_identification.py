@@ -1,0 +1,656 @@
+"""What excites a moving arm, identified from traces of its vibration: imbalance and transmission error of each drive.
+
+A sensor's trace is linear in the two components of each source; in stiffnesses, damping, the clock and the direction of
+the sensor it is not, and these are known a priori within limits. All are found together by Gauss-Newton steps, the
+linear ones anew at each (variable projection, Golub and Pereyra 1973). What sensors see below `SLOW`, drift and the
+slow motion, is left out. The errors count as stationary and coloured: an autoregressive model of each channel's
+residual whitens residual and slopes (generalised least squares). So where the model errs, it errs in its own band, and
+weights there are less.
+
+In time and not by orders: sources that share an order, or whose orders cross, need no separation of their own, runs
+through resonances are not averaged over blocks, and white noise is used to the full. What time does not give, whether a
+source explains the vibration wherever it should, is tested along the motion and widens its interval, see `consistency`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import cho_factor, cho_solve, solve_toeplitz
+from scipy.signal import lfilter
+from scipy.stats import chi2
+
+from ident.arm.arm import Arm
+from ident.arm.fields import field_of
+from ident.vibrate.sources import (
+    Response,
+    Run,
+    Source,
+    changed_responses,
+    excited_by,
+    unit_response,
+    with_units,
+)
+
+SLOW = 0.5
+"""Frequency [Hz] below which a trace is left out: drift, tilt against gravity, the motion itself; assumed."""
+LAGS = 20
+"""Order of the autoregressive model: 0.1 s at 200 samples a second, half a period of the lowest modes."""
+OFFSETS, THINNED = 21, 4
+"""Clock offsets that are tried before the search, on one of so many samples."""
+STEP = 1e-4
+"""Relative step of differences by stiffness and damping: of a resonance with a quality of 200 they err by 2 %."""
+MOST_ROUNDS = 12
+"""Gauss-Newton rounds at most; three or four do."""
+SETTLED = 0.02
+"""Change of each unknown, in its standard deviations, at which the search ends."""
+DAMPING_SD = 0.7
+"""Standard deviation of ln(damping), of bending and torsion each: a factor of two; assumed."""
+CLOCK_SD = 1e-4
+"""Standard deviation of a clock's relative rate; assumed, ten times that of a quartz."""
+TILT_SD = np.deg2rad(2.0)
+"""Standard deviation of a sensor's direction [rad] each way; assumed."""
+TIED = 1e-6
+"""Share of a variance that numbers do not have in common, even where draws tie them; else no precision exists."""
+STIFFNESS_SD = 0.1
+"""Standard deviation of ln(stiffness) where no posterior is given; assumed."""
+RIDGE = 1e-13
+"""Added to the unit diagonal of normal equations: their rounding."""
+BLOCK = 1.0
+"""Length [s] of the blocks in which a source is tested: some periods of what excites."""
+CHANCE = 0.05
+"""Probability above which a spread of blocks counts as chance."""
+FAINT = 0.02
+"""Share of a source's information below which a block tells nothing of it."""
+WIDE = 0.5
+"""Half a 95 % interval, as a share of the amplitude, beyond which a source is not told."""
+LEVEL = 1.96
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A trace of one sensor.
+
+    Attributes:
+        name: file and channel, for messages.
+        run: number of its run.
+        sensor: number of the sensor in that run.
+        time: (T,) [s] on the recorder's clock, on which the motion starts near 0.
+        values: (T,) [SI] displacement, velocity or acceleration.
+    """
+
+    name: str
+    run: int
+    sensor: int
+    time: Float[np.ndarray, "T"]
+    values: Float[np.ndarray, "T"]
+
+    @property
+    def rate(self) -> float:
+        """Samples a second."""
+        return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of the arm's numbers before the runs, as changes from its values: ln(factor).
+
+    Attributes:
+        groups: paths that change together, by the name of the unknown.
+        mean: (P,) changes.
+        covariance: (P, P) of them.
+    """
+
+    groups: Mapping[str, tuple[str, ...]]
+    mean: Float[np.ndarray, "P"]
+    covariance: Float[np.ndarray, "P P"]
+
+    @classmethod
+    def of(cls, arm: Arm, draws: Mapping[str, Float[np.ndarray, "D"]]) -> "Prior":
+        """Return the normal distribution of some draws' changes, and what is assumed of all else.
+
+        Args:
+            arm: from whose numbers changes count.
+            draws: of numbers of the arm, by path; without any, all stiffnesses are known within `STIFFNESS_SD`.
+        """
+        stiffnesses = [f"{joint.name}.{kind}" for joint in arm.joints for kind in ("k_bend", "k_tors")]
+        known = {path: np.asarray(values) for path, values in draws.items() if _has_factor(arm, path)}
+        paths = list(known) or stiffnesses
+        if known:
+            changes = np.stack([np.log(values / float(arm.get(path))) for path, values in known.items()])
+            mean, covariance = changes.mean(1), np.atleast_2d(np.cov(changes))
+            covariance += TIED * np.diag(np.diag(covariance))
+        else:
+            mean, covariance = np.zeros(len(paths)), STIFFNESS_SD**2 * np.eye(len(paths))
+        groups: dict[str, tuple[str, ...]] = {path: (path,) for path in paths}
+        for kind in ("tau_bend", "tau_tors"):
+            damped = tuple(f"{joint.name}.{kind}" for joint in arm.joints if float(getattr(joint, kind)) > 0)
+            if damped and not set(damped) & set(paths):
+                groups[kind] = damped
+        more = len(groups) - len(paths)
+        whole = np.zeros((len(groups), len(groups)))
+        whole[: len(paths), : len(paths)] = covariance
+        whole[len(paths) :, len(paths) :] = DAMPING_SD**2 * np.eye(more)
+        return cls(groups, np.append(mean, np.zeros(more)), whole)
+
+    def numbers(self, arm: Arm, changes: Float[np.ndarray, "P"]) -> dict[str, float]:
+        """Return the arm's numbers after changes, by path."""
+        return {
+            path: float(arm.get(path)) * float(np.exp(change))
+            for paths, change in zip(self.groups.values(), changes.tolist(), strict=True)
+            for path in paths
+        }
+
+
+def _has_factor(arm: Arm, path: str) -> bool:
+    own = field_of(path)
+    return own is not None and own.has_factor(float(arm.get(path)))
+
+
+class Place(NamedTuple):
+    """A point of the search.
+
+    Attributes:
+        changes: (P,) of the arm's numbers, see `Prior`.
+        clock: (R, 2) offset [s] and relative rate of each run's clock.
+        tilt: (C, 2) [rad] of each channel's direction, about two axes across it.
+        parts: (G, S, 2) of the sources in each phase group, in units.
+    """
+
+    changes: np.ndarray
+    clock: np.ndarray
+    tilt: np.ndarray
+    parts: np.ndarray
+
+    def moved(self, step: np.ndarray) -> "Place":
+        """Return the point after a step of all unknowns, in their order."""
+        sizes = np.cumsum([part.size for part in self])[:-1]
+        return Place(*(own + part.reshape(own.shape) for own, part in zip(self, np.split(step, sizes), strict=True)))
+
+
+class Whitening(NamedTuple):
+    """What takes the slow part out of a channel, and makes its noise white and of unit variance.
+
+    Attributes:
+        slow: (T, K) orthonormal slow columns.
+        filter: (L + 1,) coefficients; the first L results are left out.
+    """
+
+    slow: np.ndarray
+    filter: np.ndarray
+
+    def __call__(self, columns: np.ndarray) -> np.ndarray:
+        """Return columns (T, ...) after both."""
+        rest = columns - self.slow @ (self.slow.T @ columns)
+        return np.asarray(lfilter(self.filter, [1.0], rest, axis=0)[len(self.filter) - 1 :])
+
+
+def slow_columns(channel: Channel) -> np.ndarray:
+    """Return cosines over the trace slower than `SLOW`, a constant and a line, orthonormal."""
+    share = (channel.time - channel.time[0]) / (channel.time[-1] - channel.time[0])
+    count = int(2 * SLOW * (channel.time[-1] - channel.time[0]))
+    columns = [np.ones_like(share), share, *(np.cos(np.pi * k * share) for k in range(1, count + 1))]
+    return np.linalg.qr(np.stack(columns, 1))[0]
+
+
+def _colour(residual: np.ndarray, lags: int) -> np.ndarray:
+    """Return the filter that whitens a residual, by the Yule-Walker equations."""
+    size = len(residual)
+    covariance = np.array([residual[: size - k] @ residual[k:] for k in range(lags + 1)]) / size
+    covariance[0] *= 1 + 1e-9  # a pure tone has a singular matrix
+    if not lags:
+        return np.array([1.0]) / np.sqrt(covariance[0])
+    ahead = solve_toeplitz(covariance[:-1], covariance[1:])
+    return np.append(1.0, -ahead) / np.sqrt(covariance[0] - ahead @ covariance[1:])
+
+
+@dataclass(frozen=True)
+class SourceProblem:
+    """Traces of some runs, what may excite the arm, and what is known of it.
+
+    Attributes:
+        arm: the arm.
+        runs: the motions, with their sensors.
+        groups: of each run, the number of its phase group: within one the pulleys have kept their phases.
+        channels: the traces.
+        sources: what may excite the arm.
+        prior: of the arm's numbers.
+        offset: [s] by which a clock may be wrong.
+    """
+
+    arm: Arm
+    runs: tuple[Run, ...]
+    groups: tuple[int, ...]
+    channels: tuple[Channel, ...]
+    sources: tuple[Source, ...]
+    prior: Prior
+    offset: float
+
+    @property
+    def start(self) -> Place:
+        """Where the search begins."""
+        shape = (max(self.groups) + 1, len(self.sources), 2)
+        clock, tilt = np.zeros((len(self.runs), 2)), np.zeros((len(self.channels), 2))
+        return Place(np.zeros(len(self.prior.mean)), clock, tilt, np.zeros(shape))
+
+    @cached_property
+    def priors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Precision (n, n) and mean (n,) of all unknowns a priori; nothing is known of the sources."""
+        here = self.start
+        sizes = [part.size for part in here]
+        precision, mean = np.zeros((sum(sizes), sum(sizes))), np.zeros(sum(sizes))
+        known = sizes[0]
+        precision[:known, :known], mean[:known] = np.linalg.inv(self.prior.covariance), self.prior.mean
+        clock = np.tile([self.offset / LEVEL, CLOCK_SD], len(self.runs))
+        rest = np.append(clock, np.full(sizes[2], TILT_SD))
+        places = np.arange(known, known + len(rest))
+        precision[places, places] = 1 / rest**2
+        return precision, mean
+
+    def arm_at(self, place: Place) -> Arm:
+        """Return the arm with its numbers changed."""
+        return self.arm.replace(self.prior.numbers(self.arm, place.changes))
+
+    def responses(self, place: Place) -> list[Response]:
+        """Return what the sensors see of unit sources, run by run."""
+        arm = self.arm_at(place)
+        return [unit_response(arm, run, self.sources) for run in self.runs]
+
+    def slopes(self, place: Place) -> list[Response]:
+        """Return what the sensors see of the sources as they are, run by run, and with each number changed a little."""
+        steps = STEP * np.vstack([np.zeros(len(place.changes)), np.eye(len(place.changes))])
+        numbers = [self.prior.numbers(self.arm, place.changes + step) for step in steps]
+        arm = self.arm_at(place)
+        pairs = zip(self.runs, self.groups, strict=True)
+        return [changed_responses(arm, run, self.sources, place.parts[group], numbers) for run, group in pairs]
+
+    def clock_of(self, channel: Channel, place: Place) -> np.ndarray:
+        """Return a channel's times on the clock of the motion."""
+        offset, rate = place.clock[channel.run]
+        return np.asarray(channel.time * (1 + rate) + offset)
+
+    def across(self, direction: np.ndarray) -> np.ndarray:
+        """Return two directions (T, 2, 3) across a sensor's, into which it may be tilted."""
+        least = np.eye(3)[np.argmin(np.abs(direction).max(0))]
+        first = np.cross(direction, least)
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        return np.stack([first, np.cross(direction, first)], 1)
+
+    def seen(self, number: int, response: Response, place: Place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what a channel sees of the motion (T,), of unit sources (T, 2 S), and by tilts (T, 2, 1 + 2 S)."""
+        channel = self.channels[number]
+        values, direction = response.at(channel.sensor, self.clock_of(channel, place))
+        across = self.across(direction)
+        tilted = direction + np.einsum("k,ski->si", place.tilt[number], across)
+        columns = np.einsum("sik,si->sk", values, tilted)
+        return columns[:, 0], columns[:, 1:], np.einsum("sik,sji->sjk", values, across)
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """Residual and slopes of all channels at a point of the search, whitened.
+
+    Attributes:
+        residual: (C,) of each channel, (T,) measured less computed.
+        columns: (C,) of each, (T, n) by the unknowns.
+    """
+
+    residual: tuple[np.ndarray, ...]
+    columns: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What excites an arm, as runs tell it.
+
+    Attributes:
+        problem: what was posed.
+        place: where the search has ended.
+        covariance: (n, n) of all unknowns, before `consistency`.
+        residual: of each channel (T,) [SI] measured less computed, the slow part left out.
+        shown: of each channel (T,) [SI] measured, the slow part left out.
+        consistency: (S,) variance of what blocks of the motion say of a source, in units of what noise lets expect; at
+            least 1.
+        settled: whether the search has come to its end.
+        rounds: how many it took.
+        between: probability that the runs' sources differ so much by chance, by source; NaN with one run.
+    """
+
+    problem: SourceProblem
+    place: Place
+    covariance: np.ndarray
+    residual: tuple[np.ndarray, ...]
+    shown: tuple[np.ndarray, ...]
+    consistency: np.ndarray
+    settled: bool
+    rounds: int
+    between: np.ndarray
+
+    @cached_property
+    def of_sources(self) -> Float[np.ndarray, "G S 2 2"]:
+        """Covariance of each source's two parts [units], in each phase group, widened by `consistency`."""
+        groups, count = self.place.parts.shape[:2]
+        first = sum(part.size for part in self.place[:-1])
+        blocks = np.empty((groups, count, 2, 2))
+        for k in range(groups * count):
+            at = slice(first + 2 * k, first + 2 * k + 2)
+            blocks[k // count, k % count] = self.consistency[k % count] * self.covariance[at, at]
+        return blocks
+
+    @cached_property
+    def estimates(self) -> "tuple[Estimate, ...]":
+        """What is known of each source."""
+        found = []
+        for k, source in enumerate(self.problem.sources):
+            parts, covariances = self.place.parts[:, k], self.of_sources[:, k]
+            sizes = np.hypot(*parts.T)
+            ways = parts / np.maximum(sizes, 1e-300)[:, None]
+            along = np.einsum("gi,gij,gj->g", ways, covariances, ways)
+            turned = np.stack([-ways[:, 1], ways[:, 0]], 1)
+            across = np.einsum("gi,gij,gj->g", turned, covariances, turned)
+            weights = 1 / along / (1 / along).sum()
+            size, sd = float(weights @ sizes), float((1 / along).sum() ** -0.5)
+            phases = np.arctan2(parts[:, 1], parts[:, 0])
+            found.append(Estimate(source, size, sd, tuple(phases.tolist()), tuple((across**0.5 / sizes).tolist())))
+        return tuple(found)
+
+    @property
+    def explained(self) -> Float[np.ndarray, "C"]:
+        """Share of each channel's vibration, by its mean square, that the sources explain."""
+        return np.array([1 - (r @ r) / (y @ y) for r, y in zip(self.residual, self.shown, strict=True)])
+
+    @property
+    def moved(self) -> dict[str, float]:
+        """By how many standard deviations a priori each number of the arm has moved."""
+        sd = np.sqrt(np.diag(self.problem.prior.covariance))
+        shifts = (self.place.changes - self.problem.prior.mean) / sd
+        return dict(zip(self.problem.prior.groups, shifts.tolist(), strict=True))
+
+    def numbers(self, group: int = 0) -> dict[str, float]:
+        """Return the arm's numbers as identified, by path [SI]: sources in a phase group, stiffness, damping."""
+        return self._numbers(self.place, group)
+
+    def _numbers(self, place: Place, group: int) -> dict[str, float]:
+        found = self.problem.prior.numbers(self.problem.arm, place.changes)
+        excited = with_units(self.problem.arm, self.problem.sources)  # their masses count with the eccentricities
+        masses = {f"{drive.name}.eccentric_mass": float(drive.eccentric_mass) for drive in excited.drives}
+        return found | masses | excited_by(self.problem.sources, place.parts[group])
+
+    def draws(self, count: int, seed: int = 0, group: int = 0) -> dict[str, Float[np.ndarray, "D"]]:
+        """Return draws of the same numbers, by path [SI], from the normal distribution about the point."""
+        drawn = [self._numbers(place, group) for place in self.places(count, seed)]
+        found = {path: np.array([each[path] for each in drawn]) for path in drawn[0]}
+        middle = self.numbers(group)
+        for source in self.problem.sources:  # so that half of the phases lie on either side, whatever their turn
+            turned = found[source.phase] - middle[source.phase]
+            found[source.phase] = middle[source.phase] + np.angle(np.exp(1j * turned))
+        return found
+
+    def places(self, count: int, seed: int = 0) -> "list[Place]":
+        """Return draws of all unknowns; what sources have beyond the rest is widened by `consistency`."""
+        rng, groups = np.random.default_rng(seed), self.place.parts.shape[0]
+        wide = np.ones(len(self.covariance))
+        wide[-self.place.parts.size :] = np.tile(np.repeat(np.sqrt(self.consistency), 2), groups)
+        factor = wide[:, None] * np.linalg.cholesky(self.covariance)
+        return [self.place.moved(factor @ rng.standard_normal(len(factor))) for _ in range(count)]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What is known of a source.
+
+    Attributes:
+        source: which.
+        amplitude: in its units, mm or arc seconds.
+        sd: standard deviation of that.
+        phase: (G,) [rad] in each phase group.
+        phase_sd: (G,) [rad] of that.
+    """
+
+    source: Source
+    amplitude: float
+    sd: float
+    phase: tuple[float, ...]
+    phase_sd: tuple[float, ...]
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the amplitude."""
+        return max(0.0, self.amplitude - LEVEL * self.sd), self.amplitude + LEVEL * self.sd
+
+    @property
+    def told(self) -> bool:
+        """Whether the runs tell it: its interval keeps off 0, and is no wider than half of it either way."""
+        return LEVEL * self.sd < WIDE * self.amplitude
+
+
+def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
+    """Identify what excites an arm.
+
+    Args:
+        problem: what was measured, what may excite, what is known.
+        progress: shows how far the search is, round by round.
+
+    Raises:
+        InputError: see `simulate`.
+        ModelError: the arm collapses.
+    """
+    place = problem.start._replace(changes=problem.prior.mean.copy())
+    responses = problem.responses(place)
+    whitenings = [Whitening(slow_columns(channel), np.ones(1)) for channel in problem.channels]
+    place = place._replace(clock=clock_offsets(problem, responses, place))
+    place, _ = _fitted(problem, responses, place, whitenings)
+    whitenings = _coloured(problem, responses, place, whitenings, 0)
+    settled, rounds, coloured = False, 0, False
+    for rounds in progress(range(1, MOST_ROUNDS + 1)):
+        parts = _whitened(problem, responses, problem.slopes(place), place, whitenings)
+        precision, step = _step(problem, parts, place)
+        sd = np.sqrt(np.diag(np.linalg.inv(precision)))
+        settled = bool((np.abs(step) < SETTLED * sd).all())
+        if settled and coloured:
+            break
+        place, before = _fitted(problem, responses, place, whitenings)
+        place, responses = _descended(problem, place, step, whitenings, before)
+        if settled or rounds >= 2:  # the first residuals are those of wrong stiffnesses and clocks
+            whitenings, coloured = _coloured(problem, responses, place, whitenings, LAGS), True
+    covariance = np.linalg.inv(precision)
+    residual, shown = zip(*_plain(problem, responses, place, whitenings), strict=True)
+    consistency = _consistency(problem, parts, place)
+    return Identification(
+        problem, place, covariance, residual, shown, consistency, settled, rounds, _between(problem, parts, place)
+    )
+
+
+def clock_offsets(
+    problem: SourceProblem, responses: Sequence[Response], place: Place, known: np.ndarray | None = None
+) -> np.ndarray:
+    """Return clocks whose offsets leave least, tried run by run: with sources of its own, or with known ones (2 S,)."""
+    thin = [replace(each, time=each.time[::THINNED], values=each.values[::THINNED]) for each in problem.channels]
+    problem, clock = replace(problem, channels=tuple(thin)), place.clock.copy()
+    whitenings = [Whitening(slow_columns(channel), np.ones(1)) for channel in thin]
+    for number in range(len(problem.runs)):
+        own = [k for k, channel in enumerate(thin) if channel.run == number]
+
+        def left(offset: float, number: int = number, own: Sequence[int] = tuple(own)) -> float:
+            tried = place._replace(clock=place.clock.copy())
+            tried.clock[number, 0] = offset
+            sums = [_sums(*_rows(problem, k, responses[number], tried, whitenings[k])) for k in own]
+            normal = np.sum([each[0] / each[2] for each in sums], 0)
+            right = np.sum([each[1] / each[2] for each in sums], 0)
+            parts = _solved(normal, right) if known is None else known
+            return float(len(own) - 2 * right @ parts + parts @ normal @ parts)
+
+        clock[number, 0] = min(np.linspace(-1, 1, OFFSETS if problem.offset else 1) * problem.offset, key=left)
+    return clock
+
+
+def _rows(
+    problem: SourceProblem, number: int, response: Response, place: Place, whitening: Whitening
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return of a channel what is measured beyond the motion itself (T,), and its columns (T, 2 S), whitened."""
+    sure, columns, _ = problem.seen(number, response, place)
+    both = whitening(np.column_stack([problem.channels[number].values - sure, columns]))
+    return both[:, 0], both[:, 1:]
+
+
+def _sums(y: np.ndarray, A: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return A'A, A'y and y'y."""
+    return A.T @ A, A.T @ y, float(y @ y)
+
+
+def _fitted(
+    problem: SourceProblem, responses: Sequence[Response], place: Place, whitenings: Sequence[Whitening]
+) -> tuple[Place, float]:
+    """Return the point with the sources that fit best, all else as it is, and what is left, priors included.
+
+    Before anything is known of the noise, each channel counts by its own size.
+    """
+    groups, count = place.parts.shape[0], 2 * len(problem.sources)
+    normal, right, total = np.zeros((groups * count, groups * count)), np.zeros(groups * count), 0.0
+    for k, channel in enumerate(problem.channels):
+        own_normal, own_right, own_total = _sums(*_rows(problem, k, responses[channel.run], place, whitenings[k]))
+        at = slice(problem.groups[channel.run] * count, (problem.groups[channel.run] + 1) * count)
+        weight = 1 / own_total if np.array_equal(whitenings[k].filter, [1.0]) else 1.0
+        normal[at, at] += weight * own_normal
+        right[at] += weight * own_right
+        total += weight * own_total
+    found = _solved(normal, right)
+    precision, mean = problem.priors
+    off = _flat(place) - mean
+    return place._replace(parts=found.reshape(place.parts.shape)), float(total - right @ found + off @ precision @ off)
+
+
+def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve normal equations, scaled to a unit diagonal."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    factor = cho_factor(normal / np.outer(scale, scale) + RIDGE * np.eye(len(scale)))
+    return np.asarray(cho_solve(factor, right / scale) / scale)
+
+
+def _plain(
+    problem: SourceProblem, responses: Sequence[Response], place: Place, whitenings: Sequence[Whitening]
+) -> "list[tuple[np.ndarray, np.ndarray]]":
+    """Return of each channel the residual and what was measured, the slow part left out."""
+    found = []
+    for k, channel in enumerate(problem.channels):
+        sure, columns, _ = problem.seen(k, responses[channel.run], place)
+        computed = sure + columns @ place.parts[problem.groups[channel.run]].ravel()
+        slow = whitenings[k].slow
+        residual, shown = (x - slow @ (slow.T @ x) for x in (channel.values - computed, channel.values))
+        found.append((residual, shown))
+    return found
+
+
+def _coloured(
+    problem: SourceProblem, responses: Sequence[Response], place: Place, whitenings: Sequence[Whitening], lags: int
+) -> list[Whitening]:
+    """Return what whitens the residuals of a point."""
+    plain = _plain(problem, responses, place, whitenings)
+    return [old._replace(filter=_colour(r, lags)) for old, (r, _) in zip(whitenings, plain, strict=True)]
+
+
+def _whitened(
+    problem: SourceProblem,
+    responses: Sequence[Response],
+    slopes: Sequence[Response],
+    place: Place,
+    whitenings: Sequence[Whitening],
+) -> Whitened:
+    """Return residuals and slopes by all unknowns."""
+    sizes = [part.size for part in place]
+    clock_at, tilt_at, parts_at = np.cumsum(sizes)[:3]
+    count, residuals, columns = 2 * len(problem.sources), [], []
+    for k, channel in enumerate(problem.channels):
+        group, response = problem.groups[channel.run], responses[channel.run]
+        parts = place.parts[group].ravel()
+        time = problem.clock_of(channel, place)
+        sure, units, tilted = problem.seen(k, response, place)
+        slope = np.zeros((len(time), sum(sizes)))
+        members = slopes[channel.run].along(channel.sensor, time)
+        slope[:, : sizes[0]] = (members[:, 1:] - members[:, :1]) / STEP
+        rate = response.along(channel.sensor, time, 1) @ np.append(1.0, parts)
+        slope[:, clock_at + 2 * channel.run] = rate
+        slope[:, clock_at + 2 * channel.run + 1] = rate * channel.time
+        slope[:, tilt_at + 2 * k : tilt_at + 2 * k + 2] = tilted @ np.append(1.0, parts)
+        slope[:, parts_at + group * count : parts_at + (group + 1) * count] = units
+        whole = whitenings[k](np.column_stack([channel.values - sure - units @ parts, slope]))
+        residuals.append(whole[:, 0])
+        columns.append(whole[:, 1:])
+    return Whitened(tuple(residuals), tuple(columns))
+
+
+def _flat(place: Place) -> np.ndarray:
+    return np.concatenate([part.ravel() for part in place])
+
+
+def _step(problem: SourceProblem, parts: Whitened, place: Place) -> tuple[np.ndarray, np.ndarray]:
+    """Return precision and Gauss-Newton step of all unknowns."""
+    precision, mean = (part.copy() for part in problem.priors)
+    right = precision @ (mean - _flat(place))
+    for residual, columns in zip(parts.residual, parts.columns, strict=True):
+        precision += columns.T @ columns
+        right += columns.T @ residual
+    return precision, _solved(precision, right)
+
+
+def _descended(
+    problem: SourceProblem, place: Place, step: np.ndarray, whitenings: Sequence[Whitening], before: float
+) -> tuple[Place, list[Response]]:
+    """Return the point after a step, shortened until less is left, with the sources that fit best there."""
+    for share in (1.0, 0.5, 0.25, 0.1):
+        tried = place.moved(share * step)
+        responses = problem.responses(tried)
+        tried, left = _fitted(problem, responses, tried, whitenings)
+        if left <= before * (1 + 1e-9):
+            break
+    return tried, responses
+
+
+def _blocks(
+    problem: SourceProblem, parts: Whitened, place: Place, k: int
+) -> "list[tuple[int, np.ndarray, np.ndarray]]":
+    """Return of each block of each channel its run, and information (2, 2) and score (2,) of a source's parts."""
+    first, count, found = sum(part.size for part in place[:-1]), 2 * len(problem.sources), []
+    for channel, residual, columns in zip(problem.channels, parts.residual, parts.columns, strict=True):
+        at = first + problem.groups[channel.run] * count + 2 * k
+        own, size = columns[:, at : at + 2], max(4, round(BLOCK * channel.rate))
+        for start in range(0, len(residual) - size + 1, size):
+            here = slice(start, start + size)
+            found.append((channel.run, own[here].T @ own[here], own[here].T @ residual[here]))
+    return found
+
+
+def _consistency(problem: SourceProblem, parts: Whitened, place: Place) -> Float[np.ndarray, "S"]:
+    """Return how much more than noise blocks of the motion differ in what they say of each source.
+
+    Of each block that tells something of a source, score' information^-1 score is chi-squared of two degrees of freedom
+    where the model is right: their mean over 2, and 1 where chance alone makes it as large in one of twenty cases.
+    """
+    found = np.ones(len(problem.sources))
+    for k in range(len(problem.sources)):
+        blocks = _blocks(problem, parts, place, k)
+        whole = sum(np.trace(information) for _, information, _ in blocks)
+        telling = [
+            float(score @ np.linalg.solve(information, score))
+            for _, information, score in blocks
+            if np.trace(information) > FAINT * whole and np.linalg.cond(information) < 1e6
+        ]
+        if chi2.sf(sum(telling), 2 * len(telling)) < CHANCE:
+            found[k] = float(np.mean(telling)) / 2
+    return found
+
+
+def _between(problem: SourceProblem, parts: Whitened, place: Place) -> Float[np.ndarray, "S"]:
+    """Return the probability that what each run alone says of a source differs so much by chance; NaN with one run."""
+    found = np.full(len(problem.sources), np.nan)
+    for k in range(len(problem.sources) if len(problem.runs) > 1 else 0):
+        information, score = np.zeros((len(problem.runs), 2, 2)), np.zeros((len(problem.runs), 2))
+        for run, own, its in _blocks(problem, parts, place, k):
+            information[run] += own
+            score[run] += its
+        statistic = sum(float(s @ np.linalg.solve(i, s)) for i, s in zip(information, score, strict=True))
+        found[k] = chi2.sf(statistic, 2 * (len(problem.runs) - max(problem.groups) - 1) or 1)
+    return found

@@ -1,0 +1,270 @@
+"""What sensors on a moving arm see, as a sum over what excites it: imbalance and transmission error of each drive.
+
+The vibration is linear in both components of each imbalance and of each transmission error (see `simulate`,
+"Superposition"); a sensor sees it, or its derivatives, along a direction of the base or of a body.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import BSpline, make_interp_spline
+
+from ident.arm.arm import Arm
+from ident.arm.chain import Loads, at_posture
+from ident.arm.parts import Point
+from ident.errors import InputError, Problem
+from ident.programs import AnyArray
+from ident.vibrate.fast import Solution, each_of, numbers_of, vibration_of
+from ident.vibrate.motion import Motion
+from ident.vibrate.simulate import fast_method, parts_of, refuse_collapse, sets_of
+
+RATE = 250.0
+"""Samples a second at which responses are computed; between them a quintic spline errs by 1e-4 of a second derivative
+at 10 Hz, by 1e-3 at 18 Hz."""
+IMBALANCE, ERROR = "imbalance", "transmission error"
+UNITS = {IMBALANCE: 1e-3, ERROR: float(np.deg2rad(1 / 3600))}
+"""Amplitude of a unit source: 1 mm of eccentricity, 1 arc second at the pin."""
+LIGHTEST = 1e-3
+"""Eccentric mass [kg] that a drive without any is given: only the product with its eccentricity counts."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Something of a drive that excites the arm.
+
+    Attributes:
+        drive: name of the drive.
+        kind: IMBALANCE or ERROR.
+        order: multiples of the pulley's turning frequency.
+        amplitude: path of its amplitude.
+        phase: path of its phase.
+    """
+
+    drive: str
+    kind: str
+    order: float
+    amplitude: str
+    phase: str
+
+    @property
+    def unit(self) -> float:
+        """Amplitude [m or rad] of a unit source."""
+        return UNITS[self.kind]
+
+
+def sources_of(arm: Arm) -> tuple[Source, ...]:
+    """Return all that may excite an arm: of each drive its imbalance, and its transmission errors by order."""
+    found = []
+    for drive in arm.drives:
+        name = drive.name
+        found.append(Source(name, IMBALANCE, 1.0, f"{name}.eccentricity", f"{name}.phase"))
+        found.append(Source(name, ERROR, 2.0, f"{name}.error", f"{name}.error_phase"))
+        more = getattr(drive, "errors", ())
+        found += [Source(name, ERROR, each.order, f"{each.name}.amplitude", f"{each.name}.phase") for each in more]
+    return tuple(found)
+
+
+def with_units(arm: Arm, sources: Sequence[Source]) -> Arm:
+    """Return an arm excited by unit sources, in phase zero."""
+    numbers = {each.amplitude: each.unit for each in sources} | dict.fromkeys((each.phase for each in sources), 0.0)
+    light = [drive for drive in arm.drives if not float(drive.eccentric_mass) > 0]
+    return arm.replace(numbers | {f"{drive.name}.eccentric_mass": LIGHTEST for drive in light})
+
+
+def excited_by(sources: Sequence[Source], parts: Float[np.ndarray, "S 2"]) -> dict[str, float]:
+    """Return amplitudes and phases, by path, of sources with these parts in phase with cosine and sine, in units."""
+    sizes = {each.amplitude: float(np.hypot(*part)) * each.unit for each, part in zip(sources, parts, strict=True)}
+    return sizes | {each.phase: float(np.arctan2(b, a)) for each, (a, b) in zip(sources, parts, strict=True)}
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Where a channel measures, and what.
+
+    Attributes:
+        point: name of the point.
+        direction: (3,) [-] in the base frame, or at zero posture in that of the body that carries the point.
+        body: whether it turns with the body.
+        derivative: 0 for displacement, 1 for velocity, 2 for acceleration. A displacement or velocity is that of the
+            vibration, an acceleration the whole one, the rigid arm's with it.
+    """
+
+    point: str
+    direction: tuple[float, float, float]
+    body: bool = False
+    derivative: int = 0
+
+
+@dataclass(frozen=True)
+class Run:
+    """A motion of the arm while sensors measured.
+
+    Attributes:
+        name: of the run.
+        motion: the commanded motion, its dwell included.
+        loads: the load case.
+        sensors: what was measured.
+    """
+
+    name: str
+    motion: Motion
+    loads: Loads | None
+    sensors: tuple[Sensor, ...]
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of the points that have a sensor."""
+        return tuple(dict.fromkeys(sensor.point for sensor in self.sensors))
+
+
+def _seen(solution: Solution) -> AnyArray:
+    """Return vibration, and path with quasi-static deflection, of the end point, (6, T) [m]."""
+    return jnp.concatenate([vibration_of(solution), solution.path + solution.quasi_static])
+
+
+@dataclass(frozen=True)
+class Response:
+    """What all sensors of a run would see, as splines over time.
+
+    Attributes:
+        run: the run.
+        time: (T,) [s] from the start of the motion.
+        moved: by point: (6, T, K) [m] vibration, and path with quasi-static deflection, of K members.
+        directions: of each sensor, (3, T) in the base frame.
+    """
+
+    run: Run
+    time: Float[np.ndarray, "T"]
+    moved: Mapping[str, Float[np.ndarray, "6 T K"]]
+    directions: tuple[Float[np.ndarray, "3 T"], ...]
+
+    @cached_property
+    def curves(self) -> tuple[tuple[BSpline, BSpline], ...]:
+        """Splines of what each sensor sees of the vibration in base axes (T, 3 K), and of its direction (T, 3)."""
+        found = []
+        for sensor, direction in zip(self.run.sensors, self.directions, strict=True):
+            vibration, whole = np.split(self.moved[sensor.point], 2)
+            seen = vibration + whole if sensor.derivative == 2 else vibration
+            members = np.moveaxis(seen, 1, 0).reshape((len(self.time), -1))
+            found.append((make_interp_spline(self.time, members, k=5), make_interp_spline(self.time, direction.T, k=3)))
+        return tuple(found)
+
+    def at(
+        self, number: int, time: Float[np.ndarray, "S"], further: int = 0
+    ) -> tuple[Float[np.ndarray, "S 3 K"], Float[np.ndarray, "S 3"]]:
+        """Return what a sensor sees in base axes at some times, and its direction there.
+
+        Args:
+            number: of the sensor.
+            time: (S,) [s] within the motion.
+            further: derivatives by time beyond that which the sensor measures.
+        """
+        seen, direction = self.curves[number]
+        values = seen(time, nu=self.run.sensors[number].derivative + further)
+        return values.reshape((len(time), 3, -1)), direction(time)
+
+    def along(self, number: int, time: Float[np.ndarray, "S"], further: int = 0) -> Float[np.ndarray, "S K"]:
+        """Return what a sensor sees along its direction at some times."""
+        values, direction = self.at(number, time, further)
+        return np.asarray(np.einsum("sik,si->sk", values, direction))
+
+    def reduced(self) -> "Response":
+        """Return its parts by source instead of its members (see `superposition`): sure, cosines, sines."""
+        moved = {}
+        for point, members in self.moved.items():
+            sure, cosine, sine = parts_of(members)
+            pairs = np.stack([cosine, sine], 1).reshape((-1, *sure.shape))
+            moved[point] = np.moveaxis(np.concatenate([sure[None], pairs]), 0, -1)
+        return replace(self, moved=moved)
+
+
+def unit_response(arm: Arm, run: Run, sources: Sequence[Source]) -> Response:
+    """Return what the sensors see of a run: without any source, then of each unit source at 0 and at 90 degrees.
+
+    Args:
+        arm: the arm.
+        run: the run.
+        sources: what may excite it.
+
+    Raises:
+        InputError: see `simulate`.
+        ModelError: the arm collapses.
+    """
+    return _response(with_units(arm, sources), run, sets_of([each.phase for each in sources])).reduced()
+
+
+def changed_responses(
+    arm: Arm,
+    run: Run,
+    sources: Sequence[Source],
+    parts: Float[np.ndarray, "S 2"],
+    numbers: Sequence[Mapping[str, float]],
+) -> Response:
+    """Return what the sensors see of a run with sources of these parts, for each change of the arm's numbers.
+
+    Args:
+        arm: the arm.
+        run: the run.
+        sources: what excites it.
+        parts: in phase with cosine and sine, in units.
+        numbers: what is changed, by path [SI], of each member.
+    """
+    return _response(with_units(arm, sources), run, [excited_by(sources, parts)], numbers)
+
+
+def _response(
+    arm: Arm, run: Run, sets: Sequence[Mapping[str, float]], numbers: Sequence[Mapping[str, float]] = ({},)
+) -> Response:
+    moved, time = {}, np.zeros(0)
+    for point in run.points:
+        pointed = _ending_at(arm, point)
+        solve = fast_method(pointed, run.motion, run.loads, False, RATE, None)
+        time = np.asarray(solve.time)[: int(solve.samples)]
+        own = numbers_of(pointed)
+        batch = {path: np.stack([np.asarray(each.get(path, x), float) for each in numbers]) for path, x in own.items()}
+        members = np.asarray(each_of(pointed, batch, solve, _seen, sets))
+        members = members.reshape((6, len(time), -1)) if len(numbers) > 1 else members[..., 0]
+        refuse_collapse(run.motion, members)
+        moved[point] = members
+    return Response(run, time, moved, tuple(_directions(arm, run, time)))
+
+
+def _ending_at(arm: Arm, name: str) -> Arm:
+    """Return an arm whose end point is another of its points."""
+    chosen = [point for point in arm.points if point.name == name]
+    if not chosen:
+        expected = f"one of {', '.join(point.name for point in arm.points)}"
+        raise InputError(Problem(arm.name, f"no point {name}", expected, "add it to the arm file, or name another"))
+    return replace_points(arm, chosen[0])
+
+
+def replace_points(arm: Arm, end: Point) -> Arm:
+    """Return an arm with its points in another order, so that one of them is the end point."""
+    others = tuple(point for point in arm.points if point.name != end.name)
+    return eqx.tree_at(lambda a: a.points, arm, (*others, end))
+
+
+def _directions(arm: Arm, run: Run, time: Float[np.ndarray, "T"]) -> Iterator[Float[np.ndarray, "3 T"]]:
+    """Yield each sensor's direction in the base frame; a body's turns with the commanded angles."""
+    joints = {point.name: point.joint for point in arm.points}
+    posture = np.asarray(run.motion(time)[0])
+    for sensor in run.sensors:
+        if not sensor.body:
+            yield np.broadcast_to(np.asarray(sensor.direction)[:, None], (3, len(time)))
+            continue
+        end = Point("end", joints[sensor.point], sensor.direction)
+        there, here = (
+            np.asarray(at_posture(eqx.tree_at(lambda a: a.points, arm, (each,)), jnp.asarray(posture)).position)
+            for each in (end, replace_position(end))
+        )
+        yield (there - here)[:, 0]
+
+
+def replace_position(end: Point) -> Point:
+    """Return a point in the origin of its body."""
+    return Point("origin", end.joint, (0.0, 0.0, 0.0))
