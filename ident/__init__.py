@@ -23,8 +23,8 @@ In the order of use; every study is one function that returns one frozen result.
     resonance       pulley frequencies against natural frequencies along a motion
     simulate        how far the end point vibrates while the arm carries out a motion
     spectrum        at which frequencies a trace vibrates
-    source          what excites the moving arm: imbalance and transmission error of each drive
     sweep           how the vibration depends on numbers of the arm, or on its speed
+    source          what excites the moving arm: imbalance and transmission error of each drive
     motion          how fast to go along the path so that the arm keeps a limit, no part changed
     design          what to change so that the arm vibrates least
     explore         a page with sliders: what the arm does when a number is changed

@@ -1,7 +1,7 @@
 """From a table of runs to what excites the arm, how sure that is, and how well other runs are predicted."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -160,8 +160,11 @@ def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: fl
     for number, name in enumerate(names):
         traces = table.of(name)
         motion = _motion(arm, table, traces)
-        first = traces[0]
-        runs.append(Run(name, motion, loads_of(arm, first.row.load), tuple(_sensor(arm, each) for each in traces)))
+        try:
+            loads = loads_of(arm, traces[0].row.load)
+        except InputError as error:
+            raise InputError(replace(each, where=traces[0].row.where) for each in error.problems) from None
+        runs.append(Run(name, motion, loads, tuple(_sensor(arm, each) for each in traces)))
         for sensor, trace in enumerate(traces):
             channels.append(_channel(arm, trace, motion, number, sensor, offset))
     words = [table.of(name)[0].row.group or name for name in names]

@@ -202,7 +202,7 @@ MAIN: Mapping[str, str] = {
     "resonance": "speed path fit posterior orders load",
     "simulate": "speed limit path fit posterior trace errors",
     "spectrum": "direction upto posture orders spectrogram against",
-    "source": "posterior fit hold_out offset load strict",
+    "source": "init posterior hold_out offset strict",
     "sweep": "vary grid limit speed fit posterior",
     "motion": "limit time speed fit posterior errors",
     "design": "limit change speed fit posterior",

@@ -13,7 +13,6 @@ import typer
 
 from ident.cli import running
 from ident.cli.command import (
-    INPUTS,
     ArmOption,
     CampaignArgument,
     ForceOption,
@@ -225,7 +224,6 @@ def source_command(
     arm: Annotated[
         Path | None, typer.Option("--arm", help="arm description; default: arm.toml beside the table")
     ] = None,
-    fit: INPUTS["fit"] = None,  # type: ignore[valid-type]
     posterior: flag("posterior of ident sample (.nc), of the stiffnesses") = None,  # type: ignore[valid-type]
     init: Annotated[bool, typer.Option("--init", help="write runs.csv to fill in into that folder, and stop")] = False,
     out: OutOption = Path("out"),
@@ -245,7 +243,7 @@ def source_command(
         output().wrote(path)
         output().say(f"{rows} channels to fill in; then: ident source {path}")
         return
-    result = source(runs, arm, options, fit=fit, posterior=posterior, progress=running.progress)
+    result = source(runs, arm, options, posterior=posterior, progress=running.progress)
     finish(result, out, no_figure)
     leave(result, strict=strict)
 

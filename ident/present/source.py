@@ -24,7 +24,7 @@ def source_sections(study: "SourceStudy") -> Report:
         (_estimates(study),),
         tuple(_findings(study)),
         remark=_remark(study),
-        next="ident simulate {arm} --posterior {result}.json",
+        next="" if study.doubtful else "ident simulate {arm} --posterior {result}.json",
         details=tuple(_details(study)),
     )
 
@@ -34,10 +34,10 @@ def _verdict(study: "SourceStudy") -> Verdict:
     low, high = 100 * study.found.explained.min(), 100 * study.found.explained.max()
     explained = f"{low:.0f} %" if round(low) == round(high) else f"{low:.0f} to {high:.0f} %"
     explained = f"they explain {explained} of the measured vibration"
+    if study.doubtful:
+        return Verdict("NOT USABLE", "The runs contradict the model or each other. No interval is reported.", "bad")
     if not study.found.settled:
         return Verdict("NOT USABLE", f"The search did not settle in {study.found.rounds} rounds.", "bad")
-    if study.doubtful:
-        return Verdict("NOT USABLE", f"The runs contradict the model or each other; {explained}.", "bad")
     if told == count:
         return Verdict("IDENTIFIED", f"All {count} sources of the drives are determined; {explained}.", "good")
     return Verdict(f"PARTLY {told} OF {count}", f"{told} of {count} sources are determined; {explained}.", "caution")
@@ -60,6 +60,8 @@ def _row(study: "SourceStudy", each: "Estimate") -> tuple[Any, ...]:
     size, unit = _size(study, each.source)
     low, high = (size * end for end in each.interval)
     phase = np.degrees(each.phase[0])
+    if study.doubtful:
+        return named(each.source), f"{size * each.amplitude:.4g}", None, None, unit, phase
     if not each.told:
         return named(each.source), "cannot be told", None, f"up to {high:.3g}", unit, None
     interval = f"{low:.4g} .. {high:.4g}"
@@ -76,7 +78,7 @@ def _findings(study: "SourceStudy") -> Iterator[Finding]:
     for name in study.poor:
         share = study.found.explained[[channel.name for channel in study.found.problem.channels].index(name)]
         yield Finding(
-            f"{name}: {100 * share:.0f} % of the vibration is explained",
+            f"{name}: {100 * max(share, 0.0):.0f} % of the vibration is explained",
             "check its speed, load, direction and delay in the table of runs",
         )
     for source in study.contradicting:
@@ -86,11 +88,11 @@ def _findings(study: "SourceStudy") -> Iterator[Finding]:
         yield Finding(f"{name} would have to move by {abs(shift):.1f} sigma", remedy)
     for each in study.held:
         yield Finding(
-            f"held out, {each.channel.name}: predicted rms is {each.ratio:.2f} of the measured one, "
-            f"{100 * each.explained:.0f} % of the vibration explained"
+            f"{each.channel.name}, not used: {100 * max(0.0, each.explained):.0f} % of the vibration predicted, rms "
+            f"{100 * (each.ratio - 1):+.0f} %"
         )
     hidden = [named(each.source) for each in study.found.estimates if not each.told]
-    if hidden:
+    if hidden and not study.doubtful:
         yield Finding(f"cannot be told: {', '.join(hidden)}", "add a run at another speed, or a sensor elsewhere")
     if not study.known:
         yield Finding("the stiffnesses count as known to 10 % (assumed)", "give --posterior of ident sample")

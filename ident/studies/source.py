@@ -11,7 +11,7 @@ from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import ArmOptions, as_file, with_numbers
-from ident.studies.values import drawn_values, fitted_values
+from ident.studies.values import drawn_values
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure.runs import Runs
-    from ident.studies.fit import FitResult
     from ident.studies.sample import SampleResult
 
 ARM = "arm.toml"
@@ -53,7 +52,6 @@ class SourceResult(Result):
         runs: the table of runs.
         options: what was asked for.
         posterior: draws of stiffnesses that were known before.
-        fit: fitted values that the arm took over.
     """
 
     study: "SourceStudy"
@@ -61,7 +59,6 @@ class SourceResult(Result):
     runs: "Runs"
     options: SourceOptions = field(default_factory=SourceOptions)
     posterior: "Values | None" = None
-    fit: "Values | None" = None
 
     form = "ident-source/10"
     shown = ("study",)
@@ -99,7 +96,7 @@ class SourceResult(Result):
         return {"": source_figure(self.study)}
 
     def _inputs(self) -> Mapping[str, Any]:
-        own = {"arm": self.arm_file, "runs": self.runs, "posterior": self.posterior, "fit": self.fit}
+        own = {"arm": self.arm_file, "runs": self.runs, "posterior": self.posterior}
         return own | dict(self.runs.files)
 
 
@@ -109,7 +106,6 @@ def source(
     arm: "ArmFile | None" = None,
     options: SourceOptions = DEFAULT,
     *,
-    fit: "Values | FitResult | str | Path | None" = None,
     posterior: "Values | SampleResult | str | Path | None" = None,
     progress: Progress = silent,
 ) -> SourceResult:
@@ -119,7 +115,6 @@ def source(
         runs: the table of runs, see `ident source --init`, or its file.
         arm: the arm; by default arm.toml beside the table.
         options: how well clocks agree, which runs are kept to test with.
-        fit: fitted values that the arm takes over: a result, or its file.
         posterior: draws of its stiffnesses: a sample, or its file; without it they are known within 10 % (assumed).
         progress: shows how far the search is.
 
@@ -132,9 +127,8 @@ def source(
 
     table = runs if isinstance(runs, Runs) else read_runs(runs)
     arm = arm or as_file(Path(table.path).parent / ARM, options.soft_base)
-    fitted = None if fit is None else fitted_values(fit, arm, options)
     drawn = drawn_values(posterior, arm, MOST_DRAWS, None, options)
-    described = with_numbers(arm.arm, fitted or drawn, options.set)
+    described = with_numbers(arm.arm, drawn, options.set)
     if not described.drives:
         raise InputError(Problem(described.name, "no drive", "drives that excite the arm", "add its [[drive]]"))
     check_place(f"{Path(table.path).stem}.source", {"arm": arm, "runs": table, "posterior": drawn, **table.files})
@@ -142,4 +136,4 @@ def source(
     found = studied(
         described, table, draws, offset=options.offset, hold_out=options.hold_out, progress=progress("search")
     )
-    return SourceResult(found, arm, table, options, drawn, fitted)
+    return SourceResult(found, arm, table, options, drawn)

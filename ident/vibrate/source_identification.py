@@ -45,6 +45,8 @@ STEP = 1e-4
 """Relative step of differences by stiffness and damping: of a resonance with a quality of 200 they err by 2 %."""
 MOST_ROUNDS = 12
 """Gauss-Newton rounds at most; three or four do."""
+RECOLOURED = 5
+"""Rounds up to which residuals are coloured anew: later the noise model stays, so that the search ends."""
 SETTLED = 0.02
 """Change of each unknown, in its standard deviations, at which the search ends."""
 DAMPING_SD = 0.7
@@ -454,7 +456,7 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
             break
         place, before = _fitted(problem, responses, place, whitenings)
         place, responses = _descended(problem, place, step, whitenings, before)
-        if settled or rounds >= 2:  # the first residuals are those of wrong stiffnesses and clocks
+        if rounds < RECOLOURED and (settled or rounds > 1):  # the first residuals are those of wrong stiffnesses
             whitenings, coloured = _coloured(problem, responses, place, whitenings, LAGS), True
     covariance = np.linalg.inv(precision)
     residual, shown = zip(*_plain(problem, responses, place, whitenings), strict=True)

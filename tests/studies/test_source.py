@@ -1,0 +1,178 @@
+"""`ident.source`: from traces of the moving arm to imbalance and transmission error, and to other commands."""
+
+import shutil
+
+import numpy as np
+import pytest
+from arms import DATA
+from reports import assert_one_screen, too_wide
+from results import assert_comes_back, assert_plain
+from scipy.interpolate import make_interp_spline
+
+import ident
+from ident.arm.arm import stiffness_paths
+from ident.description.file import read_arm
+from ident.errors import InputError
+from ident.identify.binding import loads_of
+from ident.measure.load import Load
+from ident.measure.runs import write_runs
+from ident.vibrate.motion import stroke
+from ident.vibrate.simulate import simulate
+
+FILE = DATA / "lcd_arm" / "arm.toml"
+HEAD = "file,channel,direction,speed [%],group,load\n"
+SECOND = np.deg2rad(1 / 3600)
+TRUTH = {
+    **{f"drive{k}.eccentricity": e for k, e in ((1, 8e-3), (2, 8e-3), (3, 2e-3))},
+    **{f"drive{k}.error": 1.5 * SECOND for k in (1, 2, 3)},
+    **{f"drive{k}.phase": phase for k, phase in ((1, 0.5), (2, 3.1), (3, -2.0))},
+    **{f"drive{k}.error_phase": phase for k, phase in ((1, -1.0), (2, 2.5), (3, 0.2))},
+}
+
+
+def measure(folder, arm, speed, load="", offset=0.01, seed=0):
+    """Write a run of an arm as a recorder would: 100 samples a second, noise of 5 % of the peak, another clock."""
+    motion = stroke(arm.stroke, percent=speed, dwell=1.0)
+    response = simulate(arm, motion, loads=loads_of(arm, Load.parse(load)), rate=200.0)
+    curve = make_interp_spline(response.time, 1e3 * np.asarray(response.vibration).T, k=5)
+    time = np.arange(0.1, float(response.time[-1]) - 0.1, 0.01)
+    values = curve(time + offset)[:, 1:]
+    values += 0.05 * np.abs(values).max(0) * np.random.default_rng(seed).standard_normal(values.shape)
+    table = np.column_stack([time, values])
+    np.savetxt(folder / f"run{speed:g}.csv", table, "%.6g", ",", header="time [s],y [mm],z [mm]", comments="")
+
+
+def table(folder, speeds, name="runs.csv", load=""):
+    rows = [f"run{speed:g}.csv,{way},{way},{speed:g},a,{load}\n" for speed in speeds for way in "yz"]
+    (folder / name).write_text(HEAD + "".join(rows))
+    return folder / name
+
+
+@pytest.fixture(scope="module")
+def true_arm():
+    arm = read_arm(FILE).arm
+    rng = np.random.default_rng(5)
+    stiffer = {path: float(arm.get(path)) * np.exp(0.015 * rng.standard_normal()) for path in stiffness_paths(arm)}
+    return arm.replace(TRUTH | stiffer)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, true_arm):
+    place = tmp_path_factory.mktemp("runs")
+    shutil.copy(FILE, place)
+    for seed, speed in enumerate((12.0, 15.0)):
+        measure(place, true_arm, speed, offset=0.01 * (-1) ** seed, seed=seed)
+    return place
+
+
+@pytest.fixture(scope="module")
+def result(folder):
+    return ident.source(table(folder, (12.0,)))
+
+
+def test_it_finds_what_excites_the_arm(result):
+    assert not result.doubtful
+    assert result.sections().verdict.word in ("IDENTIFIED", "PARTLY 5 OF 6", "PARTLY 4 OF 6")
+    told = [row for row in result.table() if row["told"]]
+    assert {(row["drive"], row["kind"]) for row in told} >= {("drive2", "imbalance"), ("drive3", "imbalance")}
+    for row in result.table():
+        size, phase = ("eccentricity", "phase") if row["kind"] == "imbalance" else ("error", "error_phase")
+        expected = TRUTH[f"{row['drive']}.{size}"]
+        assert abs(row["amplitude"] - expected) < 4 * row["sd"]
+        turned = np.angle(np.exp(1j * (row["phase"] - TRUTH[f"{row['drive']}.{phase}"])))
+        assert not row["told"] or abs(turned) < 4 * row["phase_sd"]
+    assert result.study.found.explained.min() > 0.9
+    strongest = next(row for row in result.table() if row["drive"] == "drive2" and row["kind"] == "imbalance")
+    assert strongest["sd"] < 0.02 * strongest["amplitude"]
+
+
+def test_clock_and_stiffness_are_found_with_it(result, true_arm):
+    found = result.study.found
+    assert found.place.clock[0, 0] == pytest.approx(0.01, abs=0.004)
+    sd = dict(zip(found.problem.prior.groups, np.sqrt(np.diag(found.covariance)), strict=False))
+    for path in stiffness_paths(true_arm):
+        assert abs(np.log(result.parameters[path] / float(true_arm.get(path)))) < 4 * sd[path]
+    assert sd["joint3.k_bend"] < 0.01  # known to 10 % before
+
+
+def test_it_comes_back_and_fits_a_screen(result, tmp_path):
+    assert_plain(assert_comes_back(result, tmp_path).table())
+    assert_one_screen(result.report(), files=2)
+    assert not too_wide(result.report(details=True))
+    assert [path.name for path in result.save_figures(tmp_path)] == ["runs.source.png"]
+
+
+def test_other_commands_take_its_draws(result, tmp_path):
+    """The peak of a run is that of the true arm; phases and imbalance count as known."""
+    (file,) = result.save(tmp_path)
+    simulated = ident.simulate(FILE, posterior=file, speed=12.0, draws=16, rate=200.0)
+    assert not simulated.simulation.basis.unknown.phases
+    low, high = np.quantile(simulated.draws.sizes.peak[1], (0.0, 1.0))
+    measured = np.loadtxt(result.runs.files["run12.csv"].path, delimiter=",", skiprows=1)
+    assert low * 0.9 < np.abs(measured[:, 1]).max() / 1.1e3 < high * 1.1
+    assert "measure the imbalance" not in simulated.report(details=True)
+
+
+@pytest.mark.slow
+def test_two_runs_tell_more_and_predict_a_third(folder, true_arm):
+    measure(folder, true_arm, 10.0, seed=7)
+    result = ident.source(table(folder, (12.0, 15.0, 10.0), "three.csv"), hold_out=["run10.csv"])
+    assert not result.doubtful
+    assert [each.channel.name for each in result.study.held] == ["run10.csv y", "run10.csv z"]
+    for each in result.study.held:
+        assert each.explained > 0.85
+        assert each.ratio == pytest.approx(1.0, abs=0.08)
+
+
+@pytest.mark.slow
+def test_a_run_under_another_load_is_noticed(folder, true_arm):
+    result = ident.source(table(folder, (12.0, 15.0), "glass.csv", load="glass"))
+    assert result.doubtful
+    assert result.sections().verdict.word == "NOT USABLE"
+    assert "95 %" not in result.report().partition("Most")[2]
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (("y,y", "w,y"), "expected one of y, z"),
+        (("y,y", "y,up"), "expected x, -z"),
+        ((",12,", ",-12,"), "a number above 0"),
+        (("run12.csv,z,z,12,a", "run12.csv,z,z,11,a"), "that of"),
+        (("a,", "a,crane"), "wrong.csv:2, load: got 'crane'"),
+        (("direction", "way"), "the unknown column"),
+    ],
+)
+def test_what_is_wrong_in_the_table_is_said(folder, change, complaint):
+    text = table(folder, (12.0,), "wrong.csv").read_text()
+    (folder / "wrong.csv").write_text(text.replace(*change))
+    with pytest.raises(InputError) as refused:
+        ident.source(folder / "wrong.csv")
+    assert complaint in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "complaint"),
+    [
+        (lambda v: np.clip(v, -0.3 * np.abs(v).max(), None), "clipped"),
+        (lambda v: np.where(np.arange(len(v)) == 500, np.nan, v), "samples missing"),
+        (lambda v: v[:400], "turns of the fastest pulley"),
+    ],
+)
+def test_what_is_wrong_in_a_record_is_said(folder, spoil, complaint):
+    record = np.loadtxt(folder / "run12.csv", delimiter=",", skiprows=1)
+    spoilt = spoil(record[:, 1])
+    record = np.column_stack([record[: len(spoilt), 0], spoilt, record[: len(spoilt), 2]])
+    np.savetxt(folder / "run99.csv", record, "%.6g", ",", header="time [s],y [mm],z [mm]", comments="")
+    (folder / "wrong.csv").write_text(HEAD + "run99.csv,y,y,12,a,\n")
+    with pytest.raises(InputError, match=complaint):
+        ident.source(folder / "wrong.csv")
+
+
+def test_a_table_to_fill_in_names_all_channels(folder, tmp_path):
+    shutil.copy(folder / "run12.csv", tmp_path)
+    assert write_runs(tmp_path, tmp_path / "runs.csv") == 2
+    text = (tmp_path / "runs.csv").read_text()
+    assert "run12.csv,y,,,,mm" in text
+    with pytest.raises(InputError, match="a file that is there"):
+        write_runs(tmp_path, tmp_path / "runs.csv")

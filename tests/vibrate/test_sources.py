@@ -1,0 +1,82 @@
+"""What sensors see of a moving arm as a sum over sources, against the simulation of the arm with these sources."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+from arms import lcd_arm
+from scipy.interpolate import make_interp_spline
+
+from ident.arm.parts import Point
+from ident.errors import InputError
+from ident.vibrate.motion import stroke
+from ident.vibrate.simulate import simulate
+from ident.vibrate.sources import Run, Sensor, changed_responses, excited_by, sources_of, unit_response
+
+TIME = np.arange(0.5, 3.5, 0.01)
+SENSORS = (
+    Sensor("tip", (0.0, 1.0, 0.0)),
+    Sensor("tip", (0.0, 0.6, 0.8), derivative=1),
+    Sensor("elbow", (1.0, 0.0, 0.0), body=True, derivative=2),
+)
+PARTS = np.array([[8.0, 1.0], [0.4, -0.3], [6.0, -5.0], [0.0, 1.0], [-1.0, 2.0], [0.7, 0.7]])
+
+
+@pytest.fixture(scope="module")
+def arm():
+    arm = lcd_arm()
+    return eqx.tree_at(lambda a: a.points, arm, (Point("elbow", "joint2", (0.9, 0.1, 0.0)), *arm.points))
+
+
+@pytest.fixture(scope="module")
+def run(arm):
+    return Run("run", stroke(arm.stroke, percent=60.0), None, SENSORS)
+
+
+@pytest.fixture(scope="module")
+def response(arm, run):
+    return unit_response(arm, run, sources_of(arm))
+
+
+def test_their_sum_is_what_a_simulation_gives(arm, run, response):
+    sources = sources_of(arm)
+    whole = simulate(arm.replace(excited_by(sources, PARTS)), run.motion, rate=250.0)
+    moved = make_interp_spline(whole.time, np.asarray(whole.vibration).T, k=5)
+    weights = np.append(1.0, PARTS.ravel())
+    for number, expected in ((0, moved(TIME)[:, 1]), (1, moved(TIME, nu=1) @ [0.0, 0.6, 0.8])):
+        seen = response.along(number, TIME) @ weights
+        assert np.abs(seen - expected).max() < 1e-3 * np.abs(expected).max()
+
+
+def test_an_accelerometer_on_a_link_turns_with_it_and_feels_the_motion_itself(arm, run, response):
+    """The rigid arm's acceleration at a link's point: centripetal and tangential, in the link's own axes."""
+    q, qd, qdd = (np.asarray(part) for part in run.motion(TIME))
+    first, both = q[0], q[0] + q[1]
+    first_rate, both_rate = qd[0], qd[0] + qd[1]
+    first_turn, both_turn = qdd[0], qdd[0] + qdd[1]
+
+    def acceleration(angle, rate, turn, x, y):
+        along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+        r, turned = x * along + y * across, x * across - y * along
+        return turn * turned - rate**2 * r
+
+    total = acceleration(first, first_rate, first_turn, 1.0, 0.0)
+    total = total + acceleration(both, both_rate, both_turn, 0.9, 0.1)
+    expected = total[0] * np.cos(both) + total[1] * np.sin(both)
+    rigid = response.along(2, TIME)[:, 0]
+    assert np.abs(rigid - expected).max() < 0.05 * np.abs(expected).max()  # the arm's elasticity adds the rest
+
+
+def test_changed_numbers_are_those_of_the_changed_arm(arm, run):
+    """But for what is of second order in the eccentricity, the inertia of the eccentric mass."""
+    sources, name = sources_of(arm), "joint1.k_tors"
+    numbers = [{}, {name: 1.05 * float(arm.get(name))}]
+    members = changed_responses(arm, run, sources, PARTS, numbers).along(0, TIME)
+    for number, own in zip(numbers, members.T, strict=True):
+        alone = unit_response(arm.replace(number), run, sources).along(0, TIME) @ np.append(1.0, PARTS.ravel())
+        np.testing.assert_allclose(own, alone, atol=5e-4 * np.abs(alone).max(), rtol=0)
+
+
+def test_a_point_that_the_arm_does_not_have_is_refused(arm, run):
+    other = Run("run", run.motion, None, (Sensor("hand", (0.0, 0.0, 1.0)),))
+    with pytest.raises(InputError, match="hand"):
+        unit_response(arm, other, sources_of(arm))
