@@ -1,6 +1,6 @@
 """What excites the moving arm: what is said of it, and its rows for programs."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from ident.present.words import counted
 from ident.vibrate.sources import IMBALANCE, Source
 
 if TYPE_CHECKING:
-    from ident.assess.source import SourceStudy
+    from ident.assess.source import Prediction, SourceStudy
     from ident.vibrate.source_identification import Estimate
 
 
@@ -31,9 +31,7 @@ def source_sections(study: "SourceStudy") -> Report:
 
 def _verdict(study: "SourceStudy") -> Verdict:
     told, count = study.told, len(study.found.estimates)
-    low, high = 100 * study.found.explained.min(), 100 * study.found.explained.max()
-    explained = f"{low:.0f} %" if round(low) == round(high) else f"{low:.0f} to {high:.0f} %"
-    explained = f"they explain {explained} of the measured vibration"
+    explained = f"they explain {_range(100 * study.found.explained)} % of the measured vibration"
     if study.doubtful:
         return Verdict("NOT USABLE", "The runs contradict the model or each other. No interval is reported.", "bad")
     if not study.found.settled:
@@ -41,6 +39,12 @@ def _verdict(study: "SourceStudy") -> Verdict:
     if told == count:
         return Verdict("IDENTIFIED", f"All {count} sources of the drives are determined; {explained}.", "good")
     return Verdict(f"PARTLY {told} OF {count}", f"{told} of {count} sources are determined; {explained}.", "caution")
+
+
+def _range(values: Iterable[float]) -> str:
+    every = list(values)
+    low, high = (f"{end(every):.0f}" for end in (min, max))
+    return low if low == high else f"{low} to {high}"
 
 
 def named(source: Source) -> str:
@@ -86,11 +90,11 @@ def _findings(study: "SourceStudy") -> Iterator[Finding]:
     for name, shift in study.moved.items():
         remedy = "check the load of the runs, and the campaign that the posterior is from"
         yield Finding(f"{name} would have to move by {abs(shift):.1f} sigma", remedy)
-    for each in study.held:
-        yield Finding(
-            f"{each.channel.name}, not used: {100 * max(0.0, each.explained):.0f} % of the vibration predicted, rms "
-            f"{100 * (each.ratio - 1):+.0f} %"
-        )
+    if study.held:
+        names = ", ".join(dict.fromkeys(each.channel.name.rpartition(" ")[0] for each in study.held))
+        shares = _range(100 * max(0.0, each.explained) for each in study.held)
+        rms = max((100 * (each.ratio - 1) for each in study.held), key=abs)
+        yield Finding(f"not used, {cut(names, 40)}: {shares} % of the vibration predicted, rms within {abs(rms):.0f} %")
     hidden = [named(each.source) for each in study.found.estimates if not each.told]
     if hidden and not study.doubtful:
         yield Finding(f"cannot be told: {', '.join(hidden)}", "add a run at another speed, or a sensor elsewhere")
@@ -114,13 +118,13 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
         for each in found.estimates
         for problem_group, (phase, sd) in enumerate(zip(each.phase, each.phase_sd, strict=True), 1)
     ]
-    head = ("Source", "group", "phase [deg]", "std. error [deg]")
+    of_phases = ("Source", "group", "phase [deg]", "std. error [deg]")
     yield Section(
         "Phases",
         (
             "Of imbalance: direction of the eccentric mass at joint angle 0, counted about the axis. Of transmission "
             "error: of its sine at joint angle 0. Runs of one group share them.",
-            Table("", head, tuple(phases), ("", "d", ".1f", ".1f")),
+            Table("", of_phases, tuple(phases), ("", "d", ".1f", ".1f")),
         ),
     )
     tests = [
@@ -154,6 +158,19 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
     ]
     of_traces = ("Trace", "samples a second", "explained [%]", "tilt [deg]", "tilt, other way [deg]")
     yield Section("Traces", (Table("", of_traces, tuple(traces), ("", ".4g", ".1f", ".2f", ".2f")),))
+
+    if study.held:
+        predicted = [
+            (each.channel.name, 100 * each.explained, 100 * (each.ratio - 1), *_interval(each)) for each in study.held
+        ]
+        head = ("Trace", "predicted [%]", "rms [%]", "largest, measured", "2.5 %", "97.5 % of draws")
+        table = Table("", head, tuple(predicted), ("", ".1f", "+.1f", ".4g", ".4g", ".4g"))
+        yield Section("Runs that were not used (SI; the measured one has its noise)", (table,))
+
+
+def _interval(each: "Prediction") -> tuple[float, float, float]:
+    low, high = np.quantile(each.peaks, (0.025, 0.975))
+    return float(np.abs(each.shown).max()), float(low), float(high)
 
 
 def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:

@@ -28,6 +28,8 @@ from scipy.interpolate import make_interp_spline
 from timing import commit, machine
 
 from ident.arm.arm import Arm, stiffness_paths
+from ident.arm.fields import names_of
+from ident.arm.parts import Drive
 from ident.assess.source import SourceStudy
 from ident.description.file import read_arm
 from ident.identify.binding import loads_of
@@ -41,6 +43,7 @@ ARM = Path(__file__).parents[2] / "data" / "lcd_arm" / "arm.toml"
 SPEEDS = (7.0, 10.0, 13.0)
 KNOWN, ERROR = 0.015, np.deg2rad(1.5 / 3600)
 SENSORS = (Sensor("tip", (0.0, 1.0, 0.0)), Sensor("tip", (0.0, 0.0, 1.0)))
+SPREAD = np.random.default_rng(0).standard_normal((6, 4000))
 KINDS = ("", "load", "speed", "drives")
 
 
@@ -60,19 +63,14 @@ def truth(rng: np.random.Generator, wrong: str) -> Arm:
         )
     if wrong == "drives":
         first, second, third = known.drives
-        known = replace(
-            known, drives=(replace_joint(first, "joint2"), replace_joint(second, "joint1"), third), belts=()
-        )
+        drives = on_joint(first, "joint2"), on_joint(second, "joint1"), third
+        known = replace(known, drives=drives, belts=())
     return known.replace(numbers)
 
 
-def replace_joint(drive: Any, joint: str) -> Any:
+def on_joint(drive: Drive, joint: str) -> Drive:
     """Return a drive on another joint."""
-    import equinox as eqx
-
-    moved = eqx.tree_at(lambda d: d.ratio, drive, drive.ratio)
-    object.__setattr__(moved, "joint", joint)
-    return moved
+    return Drive(drive.name, joint, **{name: getattr(drive, name) for name in names_of("Drive")})
 
 
 def work(number: int, seed: int, wrong: str) -> dict[str, Any]:
@@ -93,13 +91,10 @@ def work(number: int, seed: int, wrong: str) -> dict[str, Any]:
         values += 0.05 * np.abs(values).max(0) * rng.standard_normal(values.shape)
         channels += [Channel(f"{speed:g} % {'yz'[s]}", r, s, time, values[:, s]) for s in range(2)]
     known = arm()
-    draws = {
-        path: float(known.get(path)) * np.exp(KNOWN * np.random.default_rng(k).standard_normal(4000))
-        for k, path in enumerate(stiffness_paths(known))
-    }
-    problem = SourceProblem(
-        known, tuple(runs), (0, 0, 0), tuple(channels), sources_of(known), Prior.of(known, draws), 0.05
-    )
+    paths = stiffness_paths(known)
+    draws = {path: float(known.get(path)) * np.exp(KNOWN * each) for path, each in zip(paths, SPREAD, strict=True)}
+    sources, prior = sources_of(known), Prior.of(known, draws)
+    problem = SourceProblem(known, tuple(runs), (0, 0, 0), tuple(channels), sources, prior, 0.05)
     found = identified(problem)
     study = SourceStudy(found, (), True)
     each = []
@@ -130,16 +125,16 @@ def main() -> None:
     print(f"{machine()}, seed {asked.seed}, commit {commit()}")
     wanted = [(number, asked.seed, asked.wrong) for number in range(asked.sets)]
     found = list(resumable.run(work, wanted, {"seed": asked.seed, "wrong": asked.wrong}, asked.resume, 1).values())
-    print(
-        f"NOT USABLE {sum(f['doubtful'] or not f['settled'] for f in found)} of {len(found)}, not settled {sum(not f['settled'] for f in found)}"
-    )
+    lost = sum(not f["settled"] for f in found)
+    print(f"NOT USABLE {sum(f['doubtful'] or not f['settled'] for f in found)} of {len(found)}, not settled {lost}")
     table = np.array([f["each"] for f in found], float)
     for k, source in enumerate(sources_of(arm())):
         error, sd, turned, chi, told = table[:, k].T
+        worst = 100 * np.quantile(np.abs(error), 0.95), np.quantile(np.abs(turned), 0.95)
+        inside = np.sum(np.abs(error) < 1.96 * sd), np.sum(chi < 5.99)
         print(
-            f"{source.drive} {source.kind}: 95th percentile of |error| {100 * np.quantile(np.abs(error), 0.95):.2f} % and"
-            f" {np.quantile(np.abs(turned), 0.95):.2f} deg; sd {100 * np.median(sd):.2f} %; amplitude in its 95 % interval"
-            f" {np.sum(np.abs(error) < 1.96 * sd)}, both parts {np.sum(chi < 5.99)}, told {int(told.sum())}"
+            f"{source.drive} {source.kind}: 95 % of errors below {worst[0]:.2f} % and {worst[1]:.2f} deg; sd"
+            f" {100 * np.median(sd):.2f} %; amplitude inside {inside[0]}, parts {inside[1]}; told {int(told.sum())}"
         )
     pulls = np.array([f["pulls"] for f in found])
     print("stiffness and damping in their 95 % intervals:", (np.abs(pulls) < 1.96).sum(0).tolist())
