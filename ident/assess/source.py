@@ -1,7 +1,7 @@
 """From a table of runs to what excites the arm, how sure that is, and how well other runs are predicted."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from ident.vibrate.source_identification import (
     CLOCK_SD,
     LAGS,
     LEVEL,
+    WIDE,
     Channel,
     Identification,
     Prior,
@@ -25,6 +26,7 @@ from ident.vibrate.source_identification import (
     clock_offsets,
     identified,
     slow_columns,
+    with_further,
 )
 from ident.vibrate.sources import Run, Sensor, Source, sources_of
 
@@ -38,6 +40,8 @@ UNEXPLAINED = 0.5
 """Share of a channel's mean square, in the band of the sources, that noise may leave unexplained; assumed."""
 FARTHEST = 4.0
 """Standard deviations a priori by which a stiffness may move; assumed."""
+FURTHER = (5.0, 7.0, 10.0, 14.0, 20.0)
+"""Speeds [%] of the runs that are tried where some source is not told."""
 TESTED = 100
 """Draws by which a run is predicted."""
 
@@ -78,11 +82,28 @@ class SourceStudy:
         found: what was identified.
         held: predictions of the runs that were left out.
         known: whether stiffnesses come from a posterior.
+        further: standard deviations [units] of the sources' amplitudes with a further run, by its speed [%]; none where
+            all are told, or the arm has no stroke.
     """
 
     found: Identification
     held: tuple[Prediction, ...]
     known: bool
+    further: Mapping[float, Float[np.ndarray, "S"]] = field(default_factory=dict)
+
+    @property
+    def next_run(self) -> tuple[float, list[Source]]:
+        """Speed [%] of the further run that would tell most, and the sources that it would tell; 0 for none."""
+        hidden = [(k, each) for k, each in enumerate(self.found.estimates) if not each.told]
+
+        def told(speed: float) -> list[Source]:
+            return [each.source for k, each in hidden if LEVEL * self.further[speed][k] < WIDE * each.amplitude]
+
+        def worth(speed: float) -> tuple[int, float]:
+            return len(told(speed)), -sum(float(self.further[speed][k]) / each.amplitude for k, each in hidden)
+
+        best = max(self.further, key=worth, default=0.0)
+        return (best, told(best)) if best and told(best) else (0.0, [])
 
     @property
     def told(self) -> int:
@@ -151,7 +172,17 @@ def studied(
             remedy = "check delay and speed, or allow more (`offset`)"
             raise InputError(Problem(run.name, got, f"at most {1e3 * offset:.0f} ms", remedy))
     held = [prediction for name in hold_out for prediction in _predicted(found, table, name, used)]
-    return SourceStudy(found, tuple(held), bool(draws))
+    return SourceStudy(found, tuple(held), bool(draws), _further(found))
+
+
+def _further(found: Identification) -> dict[float, Float[np.ndarray, "S"]]:
+    """Return what further runs along the stroke would tell, where some source is not told."""
+    problem = found.problem
+    if problem.arm.stroke is None or all(each.told for each in found.estimates):
+        return {}
+    first, rate = problem.runs[0], min(channel.rate for channel in problem.channels)
+    runs = [replace(first, motion=stroke(problem.arm.stroke, percent=speed, dwell=1.0)) for speed in FURTHER]
+    return {speed: with_further(found, run, rate) for speed, run in zip(FURTHER, runs, strict=True)}
 
 
 def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: float) -> SourceProblem:

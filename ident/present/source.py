@@ -97,7 +97,11 @@ def _findings(study: "SourceStudy") -> Iterator[Finding]:
         yield Finding(f"not used, {cut(names, 40)}: {shares} % of the vibration predicted, rms within {abs(rms):.0f} %")
     hidden = [named(each.source) for each in study.found.estimates if not each.told]
     if hidden and not study.doubtful:
-        yield Finding(f"cannot be told: {', '.join(hidden)}", "add a run at another speed, or a sensor elsewhere")
+        speed, told = study.next_run
+        remedy = (
+            f"a further run at {speed:g} % tells {', '.join(map(named, told))}" if told else "add a sensor elsewhere"
+        )
+        yield Finding(f"cannot be told: {', '.join(hidden)}", remedy)
     if not study.known:
         yield Finding("the stiffnesses count as known to 10 % (assumed)", "give --posterior of ident sample")
 
@@ -159,6 +163,14 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
     of_traces = ("Trace", "samples a second", "explained [%]", "tilt [deg]", "tilt, other way [deg]")
     yield Section("Traces", (Table("", of_traces, tuple(traces), ("", ".4g", ".1f", ".2f", ".2f")),))
 
+    if study.further:
+        head = ("Source", *(f"{speed:g} %" for speed in study.further))
+        rows = [
+            (named(each.source), *(100 * float(sd[k]) / each.amplitude for sd in study.further.values()))
+            for k, each in enumerate(found.estimates)
+        ]
+        table = Table("", head, tuple(rows), ("", *(".1f",) * len(study.further)))
+        yield Section("Std. error [%] of each amplitude with a further run, by its speed", (table,))
     if study.held:
         predicted = [
             (each.channel.name, 100 * each.explained, 100 * (each.ratio - 1), *_interval(each)) for each in study.held

@@ -656,3 +656,41 @@ def _between(problem: SourceProblem, parts: Whitened, place: Place) -> Float[np.
         statistic = sum(float(s @ np.linalg.solve(i, s)) for i, s in zip(information, score, strict=True))
         found[k] = chi2.sf(statistic, 2 * (len(problem.runs) - max(problem.groups) - 1) or 1)
     return found
+
+
+def with_further(found: Identification, run: Run, rate: float) -> Float[np.ndarray, "S"]:
+    """Return the standard deviation [units] that each source's amplitude would have with a further run.
+
+    In the first phase group, measured by the sensors of the first run with their noise.
+
+    Args:
+        found: what is known without it.
+        run: the run.
+        rate: samples a second.
+    """
+    problem, place = found.problem, found.place
+    time = np.arange(float(run.motion.breaks[0]) + 0.1, float(run.motion.breaks[-1]) - 0.1, 1 / rate)
+    own = [k for k, channel in enumerate(problem.channels) if channel.run == 0]
+    channels = tuple(Channel("", 0, problem.channels[k].sensor, time, np.zeros(len(time))) for k in own)
+    alone = replace(problem, runs=(run,), groups=(0,), channels=channels)
+    here = alone.start._replace(changes=place.changes, parts=place.parts[:1])
+    noise = [float(np.std(found.residual[k])) for k in own]
+    whitenings = [Whitening(slow_columns(each), np.array([1 / sd])) for each, sd in zip(channels, noise, strict=True)]
+    columns = np.concatenate(_whitened(alone, alone.responses(here), alone.slopes(here), here, whitenings).columns)
+    sizes = [part.size for part in here]
+    shared = np.r_[0 : sizes[0], sum(sizes[:3]) : sum(sizes)]
+    rest = np.arange(sizes[0], sum(sizes[:3]))
+    precision = columns.T @ columns
+    precision[rest, rest] += np.diag(alone.priors[0])[rest]
+    told = precision[np.ix_(shared, shared)] - precision[np.ix_(shared, rest)] @ np.linalg.solve(
+        precision[np.ix_(rest, rest)], precision[np.ix_(rest, shared)]
+    )
+    first = sum(part.size for part in place[:-1])
+    known = np.r_[0 : sizes[0], first : first + sizes[3]]
+    covariance = np.linalg.inv(np.linalg.inv(found.covariance[np.ix_(known, known)]) + told)[sizes[0] :, sizes[0] :]
+    found_sd = []
+    for k, part in enumerate(place.parts[0]):
+        way = part / max(float(np.hypot(*part)), 1e-300)
+        block = found.consistency[k] * covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
+        found_sd.append(float(np.sqrt(way @ block @ way)))
+    return np.array(found_sd)

@@ -86,6 +86,17 @@ def test_it_finds_what_excites_the_arm(result):
     assert strongest["sd"] < 0.02 * strongest["amplitude"]
 
 
+def test_what_is_not_told_names_the_run_that_would_tell(result):
+    hidden = [row for row in result.table() if not row["told"]]
+    speed, told = result.study.next_run
+    assert bool(hidden) == bool(result.study.further)
+    assert not hidden or f"add a run at {speed:g} %" in result.report(details=True)
+    for k, row in enumerate(result.table()):
+        assert all(
+            sd[k] * result.study.found.problem.sources[k].unit <= row["sd"] for sd in result.study.further.values()
+        )
+
+
 def test_clock_and_stiffness_are_found_with_it(result, true_arm):
     found = result.study.found
     assert found.place.clock[0, 0] == pytest.approx(0.01, abs=0.004)
