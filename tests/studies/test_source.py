@@ -88,7 +88,7 @@ def test_it_finds_what_excites_the_arm(result):
 
 def test_what_is_not_told_names_the_run_that_would_tell(result):
     hidden = [row for row in result.table() if not row["told"]]
-    speed, told = result.study.next_run
+    speed, _ = result.study.next_run
     assert bool(hidden) == bool(result.study.further)
     assert not hidden or f"add a run at {speed:g} %" in result.report(details=True)
     for k, row in enumerate(result.table()):
