@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ident.arm.arm import Arm, check_drives
 from ident.arm.fields import FIELDS, LOSS, field_of, fields_in
-from ident.arm.parts import Belt, Body, CubicSpring, Drive, Joint, Point, Servo, Spring, Stroke
+from ident.arm.parts import Belt, Body, CubicSpring, Drive, ErrorOrder, Joint, Point, Servo, Spring, Stroke
 from ident.description import schema
 from ident.errors import InputError
 from ident.identify.unknowns import parameter
@@ -24,7 +24,9 @@ from ident.units import stiffness_in
 from ident.vibrate.evaluator import Variable, changed, check, is_shifted
 from ident.vibrate.sweep import Axis, changeable
 
-CLASSES = {part.__name__: part for part in (Body, Joint, Point, Drive, Belt, Servo, Spring, CubicSpring, Stroke)}
+CLASSES = {
+    part.__name__: part for part in (Body, Joint, Point, Drive, ErrorOrder, Belt, Servo, Spring, CubicSpring, Stroke)
+}
 TABLES = {part: getattr(schema, f"{part}Table") for part in CLASSES}
 RANKS = {"()": 0, "(3,)": 1, "(3, 3)": 2}
 EITHER_SIGN = {"com", "offset", "position", "height", "phase", "error_phase", "folded", "unfolded"}
@@ -40,7 +42,7 @@ every_field = pytest.mark.parametrize("field", FIELDS, ids=lambda field: f"{fiel
 
 @cache
 def whole_arm() -> Arm:
-    """The shipped arm with all that it has not: a servo, loss factors, curved springs."""
+    """The shipped arm with all that it has not: a servo, loss factors, curved springs, errors of another order."""
     loss = {name: jnp.array(0.01) for name in LOSS}
     lossy = tuple(replace(joint, **loss) for joint in lcd_arm().joints[:2])
     springs = (
@@ -48,7 +50,8 @@ def whole_arm() -> Arm:
         CubicSpring("cubic3", "joint3", "torsion", 1e6),
     )
     joints, servos = (*lossy, lcd_arm().joints[2]), (Servo("servo1", "joint1", k_servo=100.0),)
-    return replace(lcd_arm(), joints=joints, servos=servos, springs=springs)
+    drives = tuple(replace(drive, errors=(ErrorOrder(drive.name, 4, amplitude=1e-5),)) for drive in lcd_arm().drives)
+    return replace(lcd_arm(), joints=joints, drives=drives, servos=servos, springs=springs)
 
 
 def possible(name: str) -> set[float]:
@@ -123,7 +126,7 @@ def test_the_arm_file_accepts_what_a_number_can_be(field):
 
 @every_field
 def test_an_arm_is_refused_what_a_number_cannot_be(field):
-    if field.part not in ("Drive", "Belt", "Servo", "Stroke"):
+    if field.part not in ("Drive", "ErrorOrder", "Belt", "Servo", "Stroke"):
         return
     named = {value: impossible(whole_arm().replace({path_of(field): value})) for value in VALUES}
     assert {value for value in VALUES if field.name not in named[value]} == possible(field.name)

@@ -24,6 +24,7 @@ from ident.arm.parts import (
     CubicSpring,
     Drive,
     Joint,
+    NamedPart,
     Payload,
     Point,
     Servo,
@@ -59,7 +60,7 @@ def _drive_problems(arm: "Arm") -> Iterator[Problem]:
     checks: dict[type, Any] = {Drive: _of_drive, Belt: _of_belt, Servo: _of_servo, Stroke: _of_stroke}
     for part in parts:
         yield from checks[type(part)](arm, part)
-    for part in parts:
+    for part in (*parts, *(error for drive in arm.drives for error in drive.errors)):
         yield from sign_problems(part)
 
 
@@ -335,14 +336,17 @@ class Arm(eqx.Module):
         """All bodies but the payloads, from the base outwards."""
         return tuple(body for joint in self.joints for body in (*joint.shaft, *joint.link))
 
-    def parts(self) -> Iterator[Joint | Body | Point | Drive | Belt | Servo | Spring | CubicSpring | Stroke]:
+    def parts(self) -> Iterator[NamedPart]:
         """Everything that has a name."""
         for joint in self.joints:
             yield joint
             yield from joint.shaft + joint.link
         yield from self.points
         yield from (payload.body for payload in self.payloads)
-        yield from self.drives + self.belts + self.servos + self.springs
+        for drive in self.drives:
+            yield drive
+            yield from drive.errors
+        yield from self.belts + self.servos + self.springs
         if self.stroke:
             yield self.stroke
 
@@ -383,14 +387,18 @@ class Arm(eqx.Module):
             bodies = tuple(changed(b) for b in old.shaft), tuple(changed(b) for b in old.link)
             return eqx.tree_at(lambda n: (n.shaft, n.link), changed(old), bodies)
 
-        plain = ("points", "drives", "belts", "servos", "springs")
+        def drive(old: Drive) -> Drive:
+            return eqx.tree_at(lambda n: n.errors, changed(old), tuple(map(changed, old.errors)))
+
+        plain = ("points", "belts", "servos", "springs")
         return eqx.tree_at(
-            lambda arm: (arm.joints, arm.payloads, arm.stroke, *(getattr(arm, name) for name in plain)),
+            lambda arm: (arm.joints, arm.payloads, arm.stroke, arm.drives, *(getattr(arm, name) for name in plain)),
             self,
             (
                 tuple(joint(j) for j in self.joints),
                 tuple(eqx.tree_at(lambda n: n.body, p, changed(p.body)) for p in self.payloads),
                 changed(self.stroke),
+                tuple(map(drive, self.drives)),
                 *(tuple(map(changed, getattr(self, name))) for name in plain),
             ),
             is_leaf=lambda node: node is None,

@@ -4,9 +4,9 @@ What was decided by physics, where tables used to differ:
 
 - A drive's *ratio* may be negative, as the wave generator may turn the other way, but not zero. A factor varies it,
   which keeps its sign.
-- *Eccentricity* and *error* are a distance and an amplitude, with an angle of their own (`phase`, `error_phase`):
-  never negative, and varied by a factor, in a fit as in a sweep. So are a rotor's inertia, an eccentric mass, and all
-  of a belt but its height.
+- *Eccentricity* and *error* are a distance and an amplitude, with an angle of their own (`phase`, `error_phase`), as
+  the *amplitudes* of further errors: never negative, and varied by a factor, in a fit as in a sweep. So are a rotor's
+  inertia, an eccentric mass, and all of a belt but its height.
 - A curved spring's *ratios* and torques are positive; its *cubic* stiffness is not negative: one that softens with the
   cube of the angle would give way.
 - A bushing's stiffness and a belt's radii are positive: without them there is no equilibrium, and no belt.
@@ -130,6 +130,8 @@ FIELDS = (
     Field("Drive", "phase", "rad", "signed", False),
     Field("Drive", "error", "rad", "non-negative", True),
     Field("Drive", "error_phase", "rad", "signed", False),
+    Field("ErrorOrder", "amplitude", "rad", "non-negative", True, words="amplitude of the transmission error"),
+    Field("ErrorOrder", "phase", "rad", "signed", False),
     _length("Belt", "driver_radius", "positive", logarithmic=True),
     _length("Belt", "driven_radius", "positive", logarithmic=True),
     Field("Belt", "pretension", "N", "non-negative", True),

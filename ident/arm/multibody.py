@@ -26,6 +26,7 @@ References:
     Ours, after the paper's Figure 3; its printed equations are lost.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -49,9 +50,9 @@ from ident.arm.chain import (
     positions,
     stack,
 )
-from ident.arm.fields import LOSS, names_of
+from ident.arm.fields import LOSS
 from ident.arm.mechanics import Phi, flat, inboard, unflatten
-from ident.arm.parts import CurvedSprings
+from ident.arm.parts import CurvedSprings, Drive, ErrorOrder
 from ident.arm.rotations import (
     acceleration_map,
     axial,
@@ -107,8 +108,9 @@ class Drives(eqx.Module):
         reach: (N, *batch) [m] that distance.
         height: (N, *batch) [m] of the turning mass above the bushing.
         phase: (N, *batch) [rad]
-        error: (N, *batch) [rad] amplitude of the kinematic error.
-        error_phase: (N, *batch) [rad]
+        orders: of the kinematic errors that some drive has, 2 first.
+        error: (N, *batch) [rad] amplitude of the kinematic error at each of them.
+        error_phase: (N, *batch) [rad] likewise.
         across: (3, 2, N, *batch) unit vectors across the axis, from the first of which the phase counts.
     """
 
@@ -118,8 +120,9 @@ class Drives(eqx.Module):
     reach: Float[Array, "N *#batch"]
     height: Float[Array, "N *#batch"]
     phase: Float[Array, "N *#batch"]
-    error: Float[Array, "N *#batch"]
-    error_phase: Float[Array, "N *#batch"]
+    orders: tuple[float, ...] = eqx.field(static=True)
+    error: tuple[Float[Array, "N *#batch"], ...]
+    error_phase: tuple[Float[Array, "N *#batch"], ...]
     across: Float[Array, "3 2 N *#batch"]
 
 
@@ -198,9 +201,49 @@ class Multibody(eqx.Module):
         return 3 * self.joints + len(self.belt_driven)
 
 
+class ExcitingOrder(NamedTuple):
+    """What excites at a multiple of the turning frequency of a drive's pulley: its imbalance or a kinematic error.
+
+    Attributes:
+        drive: its name.
+        order: the multiple.
+        phase: path of the phase.
+        of_error: whether it is a kinematic error.
+    """
+
+    drive: str
+    order: float
+    phase: str
+    of_error: bool
+
+
+def exciting_orders(arm: Arm) -> list[ExcitingOrder]:
+    """Return what may excite an arm: imbalances of all drives, then their `error`, then their further errors."""
+    each = [
+        *((drive.eccentricity, ExcitingOrder(drive.name, 1, f"{drive.name}.phase", False)) for drive in arm.drives),
+        *((drive.error, ExcitingOrder(drive.name, 2, f"{drive.name}.error_phase", True)) for drive in arm.drives),
+        *(
+            (error.amplitude, ExcitingOrder(drive.name, error.order, f"{error.name}.phase", True))
+            for drive in arm.drives
+            for error in drive.errors
+        ),
+    ]
+    return [exciting for size, exciting in each if may_differ_from_zero(size)]
+
+
+def orders_of(arm: Arm, drive: str) -> list[float]:
+    """Return the orders at which a drive excites its arm: 1 in any case, and those of its kinematic errors."""
+    return sorted({1, *(each.order for each in exciting_orders(arm) if each.drive == drive and each.of_error)})
+
+
+def may_differ_from_zero(number: Array) -> bool:
+    """Tell whether a number may be other than zero; under `jit` or `grad` any may."""
+    return isinstance(number, jax.core.Tracer) or bool(np.any(np.asarray(number) != 0))
+
+
 def has_transmission_error(arm: Arm) -> bool:
     """Tell whether some drive may have a kinematic error."""
-    return any(may_differ_from_zero(drive.error) for drive in arm.drives)
+    return any(each.of_error for each in exciting_orders(arm))
 
 
 def multibody(
@@ -258,30 +301,26 @@ def balanced(multibody: Multibody) -> Multibody:
 
 
 def _drives(arm: Arm, axis: Array, rank: int) -> Drives:
-    by_joint = {drive.joint: drive for drive in arm.drives}
-    absent = dict.fromkeys(names_of("Drive"), 0.0) | {"ratio": 1.0}
-    columns = {
-        field: stack(
-            [getattr(by_joint[j.name], field) if j.name in by_joint else absent[field] for j in arm.joints], 0, rank
-        )
-        for field in names_of("Drive")
-    }
+    def column(parts: Mapping[str, Drive | ErrorOrder], field: str, absent: float = 0.0) -> Array:
+        numbers = [getattr(parts[j.name], field) if j.name in parts else absent for j in arm.joints]
+        return stack(numbers, 0, rank)
+
+    drives, errors = {drive.joint: drive for drive in arm.drives}, dict[float, dict[str, ErrorOrder]]()
+    for drive in arm.drives:
+        for error in drive.errors:
+            errors.setdefault(error.order, {})[drive.joint] = error
     return Drives(
-        ratio=columns["ratio"],
-        rotor=columns["rotor_inertia"],
-        imbalance=columns["eccentric_mass"] * columns["eccentricity"],
-        reach=columns["eccentricity"],
-        height=columns["height"],
-        phase=columns["phase"],
-        error=columns["error"],
-        error_phase=columns["error_phase"],
+        ratio=column(drives, "ratio", 1.0),
+        rotor=column(drives, "rotor_inertia"),
+        imbalance=column(drives, "eccentric_mass") * column(drives, "eccentricity"),
+        reach=column(drives, "eccentricity"),
+        height=column(drives, "height"),
+        phase=column(drives, "phase"),
+        orders=(2, *errors),
+        error=(column(drives, "error"), *(column(parts, "amplitude") for parts in errors.values())),
+        error_phase=(column(drives, "error_phase"), *(column(parts, "phase") for parts in errors.values())),
         across=_across(axis),
     )
-
-
-def may_differ_from_zero(number: Array) -> bool:
-    """Tell whether a number may be other than zero; under `jit` or `grad` any may."""
-    return isinstance(number, jax.core.Tracer) or bool(np.any(np.asarray(number) != 0))
 
 
 def _across(axis: Float[Array, "3 N *#batch"]) -> Float[Array, "3 2 N *#batch"]:
@@ -430,14 +469,23 @@ class Pins(eqx.Module):
 
 
 def pins(model: Multibody, command: Command, xi: Turning) -> Pins:
-    """Turn pins and pulleys by the command and the deviations xi from it."""
+    """Turn pins and pulleys by the command and the deviations xi from it.
+
+    With amplitudes A and phases chi at the orders o, theta = ratio q: error = sum of A sin(o theta + chi), slope = 1 +
+    ratio sum of o A cos(o theta + chi); the pin accelerates by slope d2q/dt2 - (ratio dq/dt)^2 sum of o^2 A sin(...).
+    """
     q, qd, qdd = (_spread(part, model) + own for part, own in zip(command, xi, strict=True))
-    drives, error, slope = model.drives, jnp.zeros_like(q), jnp.ones_like(q)
+    drives, error, slope, curve = model.drives, jnp.zeros_like(q), jnp.ones_like(q), jnp.zeros_like(q)
     if model.transmission_error:
-        argument = 2 * drives.ratio * q + drives.error_phase
-        error = drives.error * jnp.sin(argument)
-        slope = 1 + 2 * drives.ratio * drives.error * jnp.cos(argument)
-    pin = Turning(q + error, slope * qd, slope * qdd - 4 * drives.ratio**2 * error * qd * qd)
+        waves = [
+            (order, amplitude, order * drives.ratio * q + phase)
+            for order, amplitude, phase in zip(drives.orders, drives.error, drives.error_phase, strict=True)
+        ]
+        errors = [amplitude * jnp.sin(argument) for _, amplitude, argument in waves]
+        slopes = [order * drives.ratio * amplitude * jnp.cos(argument) for order, amplitude, argument in waves]
+        curves = [order**2 * drives.ratio**2 * each for (order, *_), each in zip(waves, errors, strict=True)]
+        error, slope, curve = sum(errors[1:], errors[0]), 1 + sum(slopes[1:], slopes[0]), sum(curves[1:], curves[0])
+    pin = Turning(q + error, slope * qd, slope * qdd - curve * qd * qd)
     return Pins(pin, Turning(drives.ratio * q, drives.ratio * qd, drives.ratio * qdd), slope, error)
 
 

@@ -179,6 +179,47 @@ def inertia_problems(name: str, mass: Any, inertia: Any) -> Iterator[Problem]:
 # -------- Drive
 # What moves an arm and excites it: harmonic drives, belts between them, servos, and the stroke that they drive.
 
+ORDER_MAX = 1000
+"""Highest multiple of a pulley's frequency: time and memory grow with it. Teeth are fewer."""
+
+
+def order_name(drive: str, order: float) -> str:
+    """Return the name of a drive's kinematic error at an order, `drive1_order0p5`: a name has no point."""
+    return f"{drive}_order{f'{order:g}'.replace('.', 'p')}"
+
+
+def order_problems(name: str, order: float) -> Iterator[Problem]:
+    """Yield what is wrong with the order of a further kinematic error."""
+    if not 0 < order <= ORDER_MAX:
+        remedy = "give the periods of the error in a turn of the wave generator"
+        yield Problem(name, f"{order:g}", f"an order above 0, {ORDER_MAX} at most", remedy, "order")
+    elif f"{order:g}" == "2":
+        remedy = "order 2 is the drive's error and error_phase: give it there"
+        yield Problem(name, "2", "another order", remedy, "order")
+
+
+class ErrorOrder(eqx.Module):
+    """A further kinematic error of a drive at its pin: amplitude sin(order theta + phase), theta the pulley's angle.
+
+    Attributes:
+        name: made of the drive's and the order, see `order_name`.
+        order: periods in a turn of the pulley, which may be a fraction.
+        amplitude: () [rad] half of peak to peak.
+        phase: () [rad]
+    """
+
+    name: str = eqx.field(static=True)
+    order: float = eqx.field(static=True)
+    amplitude: Float[Array, ""]
+    phase: Float[Array, ""]
+
+    def __init__(self, drive: str, order: float, **numbers: Any):
+        self.name, self.order = order_name(drive, order), int(order) if float(order).is_integer() else order
+        _set_numbers(self, **numbers)
+
+    def __check_init__(self) -> None:
+        refuse(order_problems(self.name, self.order))
+
 
 class Drive(eqx.Module):
     """A harmonic drive on the shaft of a joint, its wave generator turned by a pulley.
@@ -187,7 +228,7 @@ class Drive(eqx.Module):
     turning mass of the drive has its centre off the axis: at theta = 0 in the direction `phase`, counted about the axis
     from the shaft's x axis (from y where the joint's axis is x). That mass is part of the shaft's. The pin deviates
     from the wave generator by the kinematic error, `error` sin(2 theta + error_phase): twice a turn, since the wave
-    generator is an ellipse.
+    generator is an ellipse. `errors` add to it at other orders.
 
     Attributes:
         name: unique in its arm.
@@ -201,6 +242,7 @@ class Drive(eqx.Module):
         phase: () [rad] direction of that centre at pulley angle zero.
         error: () [rad] amplitude of the kinematic error at the pin.
         error_phase: () [rad] phase of the kinematic error.
+        errors: further kinematic errors, at other orders than 2.
 
     References:
         Tuttle, Seering, "A nonlinear model of a harmonic drive gear transmission", IEEE T-RA 12(3), 1996 (kinematic
@@ -217,10 +259,17 @@ class Drive(eqx.Module):
     phase: Float[Array, ""]
     error: Float[Array, ""]
     error_phase: Float[Array, ""]
+    errors: tuple[ErrorOrder, ...]
 
-    def __init__(self, name: str, joint: str, *, ratio: Any, **numbers: Any):
-        self.name, self.joint = name, joint
+    def __init__(self, name: str, joint: str, *, ratio: Any, errors: tuple[ErrorOrder, ...] = (), **numbers: Any):
+        self.name, self.joint, self.errors = name, joint, tuple(errors)
         _set_numbers(self, ratio=ratio, **numbers)
+
+    def __check_init__(self) -> None:
+        names = [each.name for each in self.errors]
+        twice = [each for n, each in enumerate(self.errors) if each.name in names[:n]]
+        expected, remedy = "each order once in a drive", "remove one of them"
+        refuse(Problem(e.name, f"order {e.order:g} a second time", expected, remedy, "order") for e in twice)
 
 
 class Belt(eqx.Module):
@@ -377,6 +426,10 @@ class CubicSpring(eqx.Module):
 
     def __init__(self, name: str, joint: str, direction: str, cubic: Any):
         self.name, self.joint, self.direction, self.cubic = name, joint, direction, jnp.asarray(cubic, float)
+
+
+NamedPart = Joint | Body | Point | Drive | ErrorOrder | Belt | Servo | Spring | CubicSpring | Stroke
+"""What of an arm has a name and numbers."""
 
 
 class Curves(eqx.Module):

@@ -499,9 +499,10 @@ def _drives(arm: Arm) -> Iterator[Oddity]:
             yield Oddity(f"{drive.name}.ratio", f"{float(drive.ratio):g}", "30 to 320 for a harmonic drive")
         if eccentricity > 0.1:
             yield Oddity(f"{drive.name}.eccentricity", f"{eccentricity:g} m", 'some millimetres; unit = "mm"?')
-        if float(drive.error) > 0.01:
-            expected = 'some arc minutes; unit = "arcsec"?'
-            yield Oddity(f"{drive.name}.error", f"{np.degrees(float(drive.error)):.3g} deg", expected)
+        errors = {f"{drive.name}.error": drive.error} | {f"{e.name}.amplitude": e.amplitude for e in drive.errors}
+        for path, error in errors.items():
+            if float(error) > 0.01:
+                yield Oddity(path, f"{np.degrees(float(error)):.3g} deg", 'some arc minutes; unit = "arcsec"?')
     for belt in arm.belts:
         for end in ("driver_radius", "driven_radius"):
             if not 1e-3 < (radius := float(getattr(belt, end))) < 0.5:

@@ -7,9 +7,10 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
+from ident.arm.multibody import exciting_orders
 from ident.arm.parts import Stroke
 from ident.assess.remedies import CONFIDENT, exact_response, keeping
-from ident.assess.scenario import KINDS, Basis, over_phases
+from ident.assess.scenario import Basis, over_phases
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, binomial_estimate
 from ident.vibrate.exact import Progress
 from ident.vibrate.motion import PROFILES, Motion, stroke
@@ -141,8 +142,7 @@ def share_of_motion(scheduling: Scheduling, motion: Motion) -> float:
 
     The worst is over the phases of all drives: what a known phase makes would count as the motion's.
     """
-    drives = scheduling.evaluator.arm.drives
-    phases = tuple(f"{drive.name}.{phase}" for size, phase in KINDS for drive in drives if float(getattr(drive, size)))
+    phases = tuple(each.phase for each in exciting_orders(scheduling.evaluator.arm))
     whole = replace(scheduling, evaluator=replace(scheduling.evaluator, unknown=phases)).vibration(motion)
     known, *driven = whole.division[:, int(whole.worst.argmax())]
     return float(known / max(known + sum(driven), 1e-15))

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.arm.multibody import refuse_losses
+from ident.arm.multibody import exciting_orders, refuse_losses
 from ident.description.file import ArmFile
 from ident.identify.binding import loads_of
 from ident.identify.values import Values
@@ -25,8 +25,6 @@ GUESSED = ("assumed", "calibrated", "derived", "designed", "")
 """Origins of a phase with which it is not known: it was not seen on this arm."""
 IDENTIFIED = "identified"
 """Origin of a number that was taken over from a fit or a posterior, or set."""
-KINDS = (("eccentricity", "phase"), ("error", "error_phase"))
-"""What excites: amplitude and phase of the imbalance and of the kinematic error."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ def unknowns(
     errors: tuple[float, float] | None = None,
     phases: bool = True,
 ) -> tuple[Arm, Unknowns]:
-    """Return an arm with the largest kinematic errors that may be, and what nobody knows of its excitation.
+    """Return an arm with the largest kinematic errors at order 2 that may be, and what nobody knows of its excitation.
 
     Args:
         arm: the arm.
@@ -88,9 +86,7 @@ def unknown_phases(arm: Arm, origins: Mapping[str, str], given: Collection[str])
         origins: of its numbers, by path.
         given: numbers that the user has set.
     """
-    sizes = {f"{drive.name}.{phase}": getattr(drive, size) for size, phase in KINDS for drive in arm.drives}
-    exciting = [path for path, size in sizes.items() if np.any(np.asarray(size) != 0)]
-    return tuple(path for path in exciting if _guessed(path, origins, given))
+    return tuple(each.phase for each in exciting_orders(arm) if _guessed(each.phase, origins, given))
 
 
 def unknown_errors(
@@ -254,6 +250,5 @@ def _drawn(
 
 
 def _size(phase: str) -> str:
-    """Return the path of what a phase belongs to."""
-    drive, _, name = phase.rpartition(".")
-    return f"{drive}.{next(size for size, of in KINDS if of == name)}"
+    """Return the path of the kinematic error at order 2 whose phase it is; of another phase the path of no error."""
+    return phase.removesuffix("_phase")

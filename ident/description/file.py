@@ -184,7 +184,7 @@ def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
             if not problems:
                 document.arm()  # whether the parts go together
         except InputError as error:
-            places = {table["name"]: loc for loc, table in named(source.raw)}
+            places = {name: loc for loc, name, _ in named(source.raw)}
             for p in error.problems:
                 loc = *places.get(p.where, (p.where,)), *filter(None, (p.column,))
                 problems.append(source.problem(loc, p.got, p.expected, p.remedy))
@@ -241,4 +241,4 @@ def update_arm(text: str, arm: Arm, *, origin: Origin, where: str = "arm.toml") 
 
 
 def _tables(document: Any) -> dict[str, Any]:
-    return {table["name"]: table for _, table in named(document)} | {"stroke": document.get("stroke", {})}
+    return {name: table for _, name, table in named(document)} | {"stroke": document.get("stroke", {})}

@@ -51,6 +51,7 @@ TABLES: dict[str, type[Table]] = {
     "shaft": BODY,
     "link": BODY,
     "drive": document.DriveTable,
+    "errors": document.ErrorOrderTable,
     "belt": document.BeltTable,
     "servo": document.ServoTable,
     "spring": document.SpringTable,
@@ -93,8 +94,8 @@ class Source:
         """Yield names that occur twice, and joints that do not exist."""
         seen: dict[str, Loc] = {}
         tables = list(named(self.raw))
-        joints = [str(table.get("name")) for (*_, kind, _), table in tables if kind == "joint"]
-        for loc, table in tables:
+        joints = [str(name) for (*_, kind, _), name, _ in tables if kind == "joint"]
+        for loc, _, table in tables:
             name = table.get("name")
             if isinstance(name, str) and seen.setdefault(name, loc) != loc:
                 remedy = f"rename it or {self.words(seen[name])}"

@@ -14,6 +14,7 @@ from ident.arm.parts import (
     Body,
     CubicSpring,
     Drive,
+    ErrorOrder,
     Joint,
     Payload,
     Point,
@@ -21,6 +22,8 @@ from ident.arm.parts import (
     Spring,
     Stroke,
     inertia_problems,
+    order_name,
+    order_problems,
 )
 from ident.text import NAME, did_you_mean, quoted
 from ident.units import in_si, width
@@ -98,6 +101,12 @@ def _not_zero(vector: list[float]) -> list[float]:
     if np.abs(vector).max() < 1e-9:
         raise complaint(as_written(vector), "a direction, such as [0, 0, 1]", "give the axis of the pin")
     return vector
+
+
+def _possible_order(order: float) -> float:
+    for problem in order_problems("", order):
+        raise complaint(problem.got, problem.expected, problem.remedy)
+    return order
 
 
 def _no_zero(ratio: float) -> float:
@@ -410,6 +419,14 @@ class PayloadTable(BodyTable):
     joint: str
 
 
+class ErrorOrderTable(Table):
+    """A further kinematic error of a drive; the meaning of each key is that of `ErrorOrder`'s attribute."""
+
+    order: Annotated[float, AfterValidator(_possible_order)]
+    amplitude: AngleAmplitude
+    phase: Angle | None = None
+
+
 class DriveTable(Table):
     """A harmonic drive; the meaning of each key is that of `Drive`'s attribute.
 
@@ -426,10 +443,12 @@ class DriveTable(Table):
     phase: Angle | None = None
     error: AngleAmplitude | None = None
     error_phase: Angle | None = None
+    errors: list[ErrorOrderTable] = Field(default_factory=list)
 
     def drive(self) -> Drive:
         """Return the drive as a value; what is not given is zero."""
-        return Drive(self.name, self.joint, **_given(self, names_of("Drive")))
+        errors = (ErrorOrder(self.name, each.order, **_given(each, names_of("ErrorOrder"))) for each in self.errors)
+        return Drive(self.name, self.joint, errors=tuple(errors), **_given(self, names_of("Drive")))
 
 
 class BeltTable(Table):
@@ -542,7 +561,7 @@ class ArmDocument(Table):
     def origins(self) -> dict[str, str]:
         """Return the origin by path; what follows from a shape is derived, what is left out is assumed to be zero."""
         written = self.model_dump()
-        tables = {table["name"]: table for _, table in named(written)} | {"stroke": written["stroke"]}
+        tables = {name: table for _, name, table in named(written)} | {"stroke": written["stroke"]}
 
         def origin(path: str) -> str:
             name, field, *_ = path.split(".")
@@ -552,14 +571,19 @@ class ArmDocument(Table):
         return {path: origin(path) for path in self.arm().paths()}
 
 
-def named(raw: Mapping[str, Any]) -> Iterator[tuple[Loc, Any]]:
-    """Yield every table that should have a name, whatever else may be wrong with the document."""
+def named(raw: Mapping[str, Any]) -> Iterator[tuple[Loc, Any, Any]]:
+    """Yield every table that should have a name, or gets one, and its name, whatever else may be wrong."""
     for n, joint in _rows(raw, "joint"):
-        yield ("joint", n), joint
+        yield ("joint", n), joint.get("name"), joint
         for kind in ("shaft", "link"):
-            yield from ((("joint", n, kind, m), body) for m, body in _rows(joint, kind))
+            yield from ((("joint", n, kind, m), body.get("name"), body) for m, body in _rows(joint, kind))
     for kind in ("point", "payload", "drive", "belt", "servo", "spring", "cubic_spring"):
-        yield from (((kind, n), table) for n, table in _rows(raw, kind))
+        for n, table in _rows(raw, kind):
+            yield (kind, n), table.get("name"), table
+            for m, error in _rows(table, "errors") if kind == "drive" else ():
+                order = error.get("order")
+                if isinstance(order, int | float):
+                    yield ("drive", n, "errors", m), order_name(str(table.get("name")), order), error
 
 
 def _rows(table: Mapping[str, Any], key: str) -> list[tuple[int, Any]]:
@@ -574,8 +598,8 @@ def _rows(table: Mapping[str, Any], key: str) -> list[tuple[int, Any]]:
 def uncertain_numbers(document: ArmDocument) -> dict[str, str]:
     """Return the standard deviation, as it is written, of each number that has one, by path."""
     found: dict[str, str] = {}
-    for _, table in named(document.model_dump()):
+    for _, name, table in named(document.model_dump()):
         for key, part in table.items():
             if isinstance(part, dict) and (written := part.get("uncertainty")):
-                found |= {f"{table['name']}.{key}{end}": written for end in field_named(key).ends}
+                found |= {f"{name}.{key}{end}": written for end in field_named(key).ends}
     return found

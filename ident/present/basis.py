@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ident.arm.multibody import has_transmission_error
 from ident.arm.plausibility import belt_mismatches
 from ident.present.report import Finding, Section, cut
 from ident.present.words import counted, degrees, sentence
@@ -22,6 +23,7 @@ GUESSED = ("assumed", "calibrated")
 """Origins of numbers that were not measured: assumed, or set so that a result comes out."""
 PARTS = {
     "Drive": "drives",
+    "ErrorOrder": "further transmission errors",
     "Belt": "belts",
     "Servo": "servos",
     "Spring": "springs",
@@ -103,8 +105,8 @@ def assumption_findings(basis: "Basis") -> Iterator[Finding]:
     """Yield how many numbers of drives, belts and stroke are assumed."""
     names, _ = assumed(basis)
     if names:
-        erring = not without_transmission_error(basis) and any(path.endswith(".error") for path in names)
-        scaling = ["the transmission error"] * erring
+        erring = any(path.endswith((".error", ".amplitude")) for path in names)
+        scaling = ["the transmission error"] * (erring and not without_transmission_error(basis))
         scaling += ["the imbalance"] * any(path.endswith((".eccentric_mass", ".eccentricity")) for path in names)
         remedy = f"measure {' and '.join(scaling)} first" if scaling else "measure them"
         yield Finding(f"amplitudes rest on {len(names)} assumed numbers ({', '.join(_fields(basis, names))})", remedy)
@@ -125,7 +127,7 @@ def all_findings(basis: "Basis") -> Iterator[Finding]:
 
 def without_transmission_error(basis: "Basis") -> bool:
     """Tell whether there are drives, and none has a transmission error."""
-    return bool(basis.arm.drives) and not any(np.any(np.asarray(drive.error)) for drive in basis.arm.drives)
+    return bool(basis.arm.drives) and not has_transmission_error(basis.arm)
 
 
 def values_in_words(fit: "Values | None", posterior: "Values | None") -> Iterator[str]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.arm.multibody import exciting_orders
 from ident.assess.remedies import CONFIDENT, MOVED, STIFFER, VERIFIED, Remedy
 from ident.present.basis import (
     assumed,
@@ -23,6 +24,7 @@ from ident.present.resonance import caused_words, grouped, sources_words
 from ident.present.words import MM, beside, counted, in_shown_unit, is_stiffness, percent, rounded, sentence
 
 if TYPE_CHECKING:
+    from ident.arm.arm import Arm
     from ident.assess.diagnose import Diagnosis, Identification, ResonanceAssessment
     from ident.assess.remedies import Verification, VibrationAssessment
     from ident.identify.compare import Validation
@@ -126,19 +128,20 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
 
 def _cause(diagnosis: "Diagnosis") -> str:
     itself = "the motion itself; no drive comes near a natural frequency"
-    return _resonant(diagnosis.resonance) or contribution_words(diagnosis) or itself
+    return _resonant(diagnosis.resonance, diagnosis.task.basis.arm) or contribution_words(diagnosis) or itself
 
 
-def _resonant(resonance: "ResonanceAssessment") -> str:
+def _resonant(resonance: "ResonanceAssessment", arm: "Arm") -> str:
     """Say which drives meet a natural frequency, and cause most by that; empty where none does."""
     groups = grouped(resonance.crossings)
     if not groups:
         return ""
-    first, kinds = groups[0][0], ("imbalance", "transmission error")
+    first, exciting = groups[0][0], exciting_orders(arm)
     drives: dict[str, list[str]] = {}
     for crossing in groups[0]:
-        order = crossing.source.order
-        kind = kinds[order - 1] if order <= len(kinds) else f"order {order}"
+        at = crossing.source.drive, crossing.source.order
+        kinds = ["transmission error" if e.of_error else "imbalance" for e in exciting if (e.drive, e.order) == at]
+        kind = " and ".join(kinds) or f"order {crossing.source.order:g}"
         drives.setdefault(kind, []).append(spaced(crossing.source.drive))
     who = joined([f"{kind} of {joined(names)}" for kind, names in drives.items()])
     does = "crosses" if first.crossings else f"comes within {percent(first.relative_distance)} of"
@@ -300,9 +303,9 @@ def scope_words(validation: "Validation") -> str:
     return ", ".join(f"within {percent(s.half)} in {s.kind.replace('_', ' ')}" for s in validation.scopes)
 
 
-def resonance_line(resonance: "ResonanceAssessment") -> str:
+def resonance_line(resonance: "ResonanceAssessment", arm: "Arm") -> str:
     """Say in a line which drive comes nearest to a natural frequency."""
-    return _resonant(resonance) or "no drive comes near a natural frequency"
+    return _resonant(resonance, arm) or "no drive comes near a natural frequency"
 
 
 def _resonance(diagnosis: "Diagnosis") -> Iterator[Part]:

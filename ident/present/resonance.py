@@ -84,7 +84,7 @@ def band_words(branches: Branches) -> str:
 
 def _of_order(sources: Sequence[Source]) -> str:
     *most, last = (str(source.pulley) for source in sources)
-    order = f" x {sources[0].order}" if sources[0].order > 1 else ""
+    order = f" x {sources[0].order:g}" if sources[0].order != 1 else ""
     return f"pulleys {', '.join(most)} and {last}{order}" if most else str(sources[0])
 
 
@@ -215,9 +215,10 @@ def _details(
     if groups:
         yield Section("Resonance crossings, by the vibration they cause", tuple(_crossings(branches, groups, margin)))
     yield _branches(branches)
+    further = " (and those of its `errors`)" if any(drive.errors for drive in basis.arm.drives) else ""
     meaning = (
         "Natural frequencies are those of the arm held at each posture. A pulley turns at |ratio qd| / 2 pi as seen "
-        "from its shaft; order 1 is its imbalance, order 2 the transmission error of its drive."
+        f"from its shaft; order 1 is its imbalance, order 2{further} the transmission error of its drive."
     )
     yield Section("What the frequencies are", (meaning,))
     yield from assumed_section(basis)

@@ -141,7 +141,7 @@ def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
     identified = stage("stiffness", lambda: _identified(job), stiffness_line)
     task, fitted = identified.task, identified.sampled.fitted
     trust = stage("trust", lambda: assess_trust(fitted), lambda parts: trust_line(Validation(fitted, LEAVE, parts)))
-    resonance = stage("resonance", lambda: assess_resonance(task), resonance_line)
+    resonance = stage("resonance", lambda: assess_resonance(task), lambda found: resonance_line(found, task.basis.arm))
     vibration = stage("vibration", lambda: assess_vibration(task, job.progress("draws")), vibration_line, needed)
     slopes = stage(
         "sensitivities",

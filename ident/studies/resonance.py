@@ -34,7 +34,7 @@ class ResonanceOptions(MovingOptions):
     count: int = option(3, "lowest natural frequencies that are followed", low=1, high=100)
     orders: tuple[int, ...] | None = option(
         None,
-        "multiples of the pulleys' frequencies, as 1,2; default: 1, and 2 with a transmission error",
+        "multiples of the pulleys' frequencies, as 1,2; default: 1, and those of transmission errors",
         read=reading.whole_numbers,
     )
     margin: float = option(10.0, "percent of a natural frequency that count as near", above=0.0)

@@ -40,8 +40,8 @@ from ident.arm.multibody import (
     end_point,
     equations,
     imbalance,
-    may_differ_from_zero,
     multibody,
+    orders_of,
     pins,
     transmission_error,
 )
@@ -178,8 +178,8 @@ def step_for(arm: Arm, motion: Motion) -> float:
     """Return a step [s] at which the method errs less than the linearisation does, on the paper's arm.
 
     h = min(1 / (10 f_1), 1 / (3 f)), f_1 the first frequency of the stiffest arm at the stiffer end of the motion, and
-    f the fastest excitation: |ratio| times the highest speed of the joint in turns a second, of each drive, twice that
-    with a kinematic error. Accelerations interpolated over a step h = 1/(n f) follow the free way under a force of that
+    f the fastest excitation: |ratio| times the highest speed of the joint in turns a second, of each drive, times its
+    highest order. Accelerations interpolated over a step h = 1/(n f) follow the free way under a force of that
     frequency within (2 pi/n)^5 / 13400 of it: 0.3 % for n = 3. ABSTRACT for an arm that `jit` traces.
     """
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
@@ -187,7 +187,7 @@ def step_for(arm: Arm, motion: Motion) -> float:
     ends = np.asarray(motion(np.asarray(motion.breaks)[[0, -1]])[0])
     first = float(np.max(_first_frequency(arm, ends.reshape((*ends.shape, *(1,) * len(arm.batch))))))
     speed, names = fastest(motion) / (2 * np.pi), [joint.name for joint in arm.driven]
-    orders = [1 + may_differ_from_zero(drive.error) for drive in arm.drives]
+    orders = [orders_of(arm, drive.name)[-1] for drive in arm.drives]
     ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]
     turning = [speed[names.index(drive.joint)] for drive in arm.drives]
     highest = max((o * r * s for o, r, s in zip(orders, ratios, turning, strict=True)), default=0.0)

@@ -11,6 +11,8 @@ from jaxtyping import Array, Float
 from ident.arm.arm import Arm, nominal
 from ident.arm.chain import Loads, at_posture
 from ident.arm.modes import Label, modes
+from ident.arm.multibody import ExcitingOrder, exciting_orders, orders_of
+from ident.arm.parts import ORDER_MAX
 from ident.errors import InputError, Problem
 from ident.programs import AnyArray, jit
 from ident.vibrate.branches import Branches, check, motion_times
@@ -21,9 +23,6 @@ from ident.vibrate.simulate import Superposition, superposition
 # -------- Excitation
 # The frequencies at which the pulleys of an arm excite it along a motion.
 
-ORDER_MAX = 1000
-"""Highest multiple of a pulley's frequency, and most of them: time and memory grow with both. Teeth are fewer."""
-
 
 @dataclass(frozen=True)
 class Source:
@@ -33,16 +32,16 @@ class Source:
         drive: name of the drive.
         joint: name of its joint.
         pulley: its number, that of the joint among the driven ones, from 1.
-        order: multiple of the turning frequency: 1 the eccentric mass, 2 the kinematic error.
+        order: multiple of the turning frequency: 1 the eccentric mass, 2 and those of `Drive.errors` kinematic errors.
     """
 
     drive: str
     joint: str
     pulley: int
-    order: int
+    order: float
 
     def __str__(self) -> str:
-        return f"pulley {self.pulley}" + (f" x {self.order}" if self.order > 1 else "")
+        return f"pulley {self.pulley}" + (f" x {self.order:g}" if self.order != 1 else "")
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ def excitation(arm: Arm, motion: Motion, *, times: Any = None, orders: Sequence[
         arm: the arm; of a batch the median.
         motion: of its driven joints.
         times: (T,) [s] ascending; 1001 over the motion when None.
-        orders: multiples of every pulley's turning frequency; when None, 1, and 2 where there is a kinematic error.
+        orders: multiples of every pulley's turning frequency; when None, 1, and those of each drive's kinematic errors.
     """
     time = motion_times(motion, times)
     check(arm, motion)
@@ -79,8 +78,8 @@ def excitation(arm: Arm, motion: Motion, *, times: Any = None, orders: Sequence[
     sources, frequency, rate = [], [], []
     for drive in nominal(arm).drives:
         j, turns = joints.index(drive.joint), abs(float(drive.ratio)) / (2 * np.pi)
-        for order in orders or ((1, 2) if float(drive.error) else (1,)):
-            sources.append(Source(drive.name, drive.joint, j + 1, int(order)))
+        for order in map(int, orders) if orders else orders_of(nominal(arm), drive.name):
+            sources.append(Source(drive.name, drive.joint, j + 1, order))
             frequency.append(order * turns * np.abs(qd[j]))
             rate.append(order * turns * np.sign(qd[j]) * qdd[j])
     return Excitation(tuple(sources), time, np.stack(frequency), np.stack(rate))
@@ -400,8 +399,6 @@ RATE = 250.0
 """Samples a second: what is read off is an envelope, which changes slowly."""
 TOGETHER = 32
 """Postures that are filled up to a multiple, so that one program serves nearly all motions."""
-EXCITES = {1: ("eccentricity", "phase"), 2: ("error", "error_phase")}
-"""What excites at each multiple of a pulley's frequency: its size, and its phase."""
 
 
 def with_amplitudes(
@@ -409,8 +406,8 @@ def with_amplitudes(
 ) -> tuple[ResonanceCrossing, ...]:
     """Return resonance crossings with the vibration that each causes, the largest first, each times its probability.
 
-    While the pulley is near and the mode swells: the largest sqrt(c^2 + s^2) of its imbalance (order 1) or its
-    kinematic error (order 2), see `superposition`, along the way in which the mode moves the end point. Other modes
+    While the pulley is near and the mode swells: the largest sqrt(c^2 + s^2) of its imbalance (order 1) and its
+    kinematic error of that order, see `superposition`, along the way in which the mode moves the end point. Other modes
     that the pulley excites meanwhile are in it as far as they move that way.
 
     Args:
@@ -426,23 +423,25 @@ def with_amplitudes(
         return ()
     arm = nominal(arm)
     # the phases of all that excites the arm: the same for each motion, as the programs are
-    sizes = [(f"{d.name}.{phase}", getattr(d, size)) for size, phase in EXCITES.values() for d in arm.drives]
-    whole = superposition(arm, motion, [path for path, size in sizes if float(size)], loads=loads, rate=RATE)
+    exciting = exciting_orders(arm)
+    whole = superposition(arm, motion, [each.phase for each in exciting], loads=loads, rate=RATE)
     ways = _ways(arm, crossings, loads)
     pairs = zip(crossings, ways, strict=True)
-    found = (replace(crossing, amplitude=_largest(whole, crossing, way)) for crossing, way in pairs)
+    found = (replace(crossing, amplitude=_largest(whole, exciting, crossing, way)) for crossing, way in pairs)
     return tuple(sorted(found, key=lambda crossing: (-crossing.amplitude * crossing.probability, crossing.start)))
 
 
-def _largest(whole: Superposition, crossing: ResonanceCrossing, way: Float[np.ndarray, "3"]) -> float:
+def _largest(
+    whole: Superposition, exciting: Sequence[ExcitingOrder], crossing: ResonanceCrossing, way: Float[np.ndarray, "3"]
+) -> float:
     """Return the largest vibration along a way [m] while a crossing lasts; zero where nothing excites at its order."""
-    phase = f"{crossing.source.drive}.{EXCITES.get(crossing.source.order, ('', ''))[1]}"
-    if phase not in whole.unknown:
-        return 0.0
-    k = whole.unknown.index(phase)
+    source, sized = (crossing.source.drive, crossing.source.order), np.zeros(1)
     first, end = np.searchsorted(whole.time, (crossing.start, crossing.swells_until))
     inside = slice(max(int(first) - 1, 0), int(end) + 1)
-    return float(np.hypot(way @ whole.cosine[k][:, inside], way @ whole.sine[k][:, inside]).max())
+    for k, each in enumerate(exciting):
+        if (each.drive, each.order) == source:
+            sized = sized + np.hypot(way @ whole.cosine[k][:, inside], way @ whole.sine[k][:, inside])
+    return float(sized.max())
 
 
 def _ways(arm: Arm, crossings: Sequence[ResonanceCrossing], loads: Loads | None) -> Float[np.ndarray, "crossings 3"]:

@@ -23,6 +23,7 @@ from scipy.optimize import linprog
 
 from ident.arm.chain import at_posture
 from ident.arm.modes import natural_frequencies
+from ident.arm.multibody import orders_of
 from ident.arm.parts import Stroke
 from ident.errors import InputError, ModelError, Problem
 from ident.programs import AnyArray
@@ -158,10 +159,10 @@ class Scheduling:
 
     def orders(self) -> Float[np.ndarray, "orders"]:
         """Return the frequencies that excite the arm, over the speed of alpha: cycles a radian."""
-        names, drives = [joint.name for joint in self.evaluator.arm.driven], self.evaluator.arm.drives
-        share = dict(zip(names, np.asarray(self.stroke.direction), strict=True))
-        turns = [(abs(float(d.ratio) * share[d.joint]) / (2 * np.pi), 1 + bool(float(d.error))) for d in drives]
-        return np.unique([turn * order for turn, highest in turns for order in range(1, highest + 1) if turn])
+        arm = self.evaluator.arm
+        share = dict(zip([joint.name for joint in arm.driven], np.asarray(self.stroke.direction), strict=True))
+        turns = [(abs(float(d.ratio) * share[d.joint]) / (2 * np.pi), orders_of(arm, d.name)) for d in arm.drives]
+        return np.unique([turn * order for turn, orders in turns for order in orders if turn])
 
     def vibration(self, motion: Motion) -> Superposition:
         """Return the vibration over a motion, and while the arm is held after it."""

@@ -9,11 +9,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ident.arm.arm import Arm, nominal
 from ident.arm.chain import Loads
-from ident.arm.multibody import Multibody, has_transmission_error, multibody
+from ident.arm.multibody import Multibody, exciting_orders, has_transmission_error, multibody
 from ident.errors import InputError, ModelError, Problem
 from ident.programs import RUNS_ONCE, AnyArray, jit, library
 from ident.text import did_you_mean, quoted
@@ -304,7 +304,7 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
 # - what the motion itself asks for: -residual(y_r, dy_r/dt, d2y_r/dt2) without excitation;
 # - the forces of each turning mass, linear in m e u(theta + psi) = m e (u(theta) cos psi + u(theta + pi/2) sin psi);
 # - for each drive, `by_pin` times the deviation e sin(2 theta + chi) = e (sin 2 theta cos chi + cos 2 theta sin chi) of
-#   its pin and its two rates, each of which is linear in e.
+#   its pin and its two rates, each of which is linear in e; likewise at its other orders.
 #
 # So the vibration is v = v0 + sum over the phases that are not known of c cos psi + s sin psi. U of them are
 # determined by 2 U + 1 simulations: with all at 0, and with each alone at 90 and at 180 degrees. What is left out of
@@ -316,7 +316,8 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
 # The fast method itself leaves out, for any phases, what is of second order in the kinematic error:
 #
 # - in the error's slope s = dq_pin/dtheta ratio = 1 + 2 ratio e cos(2 theta + chi), the square of s - 1 in centrifugal
-#   terms, which is e [rad] of the term of the acceleration, 4 ratio^2 e (dq/dt)^2; and M, D, K at the deviated pin;
+#   terms, which is e [rad] of the term of the acceleration, 4 ratio^2 e (dq/dt)^2 (of another order, o for 2 and o^2
+#   for 4); and M, D, K at the deviated pin;
 # - with elastic belts, (s - 1) times the torque at the pin: by the slope alone it would turn the belt. With rigid ones
 #   the pin's torque is the motor's, and nothing of first order is left out.
 
@@ -334,6 +335,7 @@ class Superposition:
     Attributes:
         time: (T,) [s]
         unknown: paths of the U phases of imbalance and kinematic error that are not known.
+        of_error: (U,) which of them are a kinematic error's.
         sure: (3, T) [m] whatever they are: by the motion itself, and by what excites with known phases.
         cosine: (U, 3, T) [m] what each adds with its phase at 0,
         sine: (U, 3, T) [m] and at 90 degrees.
@@ -341,6 +343,7 @@ class Superposition:
 
     time: Float[np.ndarray, "T"]
     unknown: tuple[str, ...]
+    of_error: Bool[np.ndarray, "U"]
     sure: Float[np.ndarray, "3 T"]
     cosine: Float[np.ndarray, "U 3 T"]
     sine: Float[np.ndarray, "U 3 T"]
@@ -358,9 +361,8 @@ class Superposition:
     @property
     def division(self) -> Float[np.ndarray, "3 3"]:
         """What is sure, imbalance and kinematic error (first axis) make of the worst in each direction [m]."""
-        of_error = np.array([path.endswith(".error_phase") for path in self.unknown], bool)
         each = np.hypot(self.cosine, self.sine)
-        parts = np.stack([np.abs(self.sure), each[~of_error].sum(0), each[of_error].sum(0)])
+        parts = np.stack([np.abs(self.sure), each[~self.of_error].sum(0), each[self.of_error].sum(0)])
         return np.take_along_axis(parts, self.envelope.argmax(1)[None, :, None], 2)[..., 0]
 
     def at(self, phases: Phases, factors: Phases | None = None) -> Float[np.ndarray, "3 T *K"]:
@@ -422,7 +424,9 @@ def superposition(
     numbers = {path: np.asarray(x)[None] for path, x in numbers_of(arm).items()}
     members = np.asarray(vibrations(arm, numbers, solve, sets_of(unknown)))[..., 0]
     refuse_collapse(motion, members)
-    return Superposition(np.asarray(solve.time)[: int(solve.samples)], tuple(unknown), *parts_of(members))
+    errors = {each.phase for each in exciting_orders(arm) if each.of_error}
+    of_error = np.array([path in errors for path in unknown], bool)
+    return Superposition(np.asarray(solve.time)[: int(solve.samples)], tuple(unknown), of_error, *parts_of(members))
 
 
 def sets_of(unknown: Sequence[str]) -> list[dict[str, float]]:

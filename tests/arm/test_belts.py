@@ -273,8 +273,8 @@ def drawn_lengths(engine: PinocchioMoving, belt: Belt, y: np.ndarray, q: np.ndar
     frame = np.stack([across / np.linalg.norm(across), np.cross(axis, across / np.linalg.norm(across))])
     phi = y[3 * two : 3 * two + 3]
     centre = frame @ (offset + float(belt.height) * (Rotation.from_rotvec(phi).apply(axis) - axis))
-    N, error, phase = engine.ratio[one], engine.error[one], engine.error_phase[one]
-    error = 0.0 if q is None else error * np.sin(2 * N * (q[one] + xi[one]) + phase)
+    N = engine.ratio[one]
+    error = 0.0 if q is None else engine.error(q + xi)[0, one]
     theta = (N - 1) * xi[one] - error, engine.ratio[two] * xi[two] + axis @ phi
     return belt_lengths(centre, theta, (float(belt.driver_radius), float(belt.driven_radius)))
 

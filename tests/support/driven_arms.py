@@ -8,7 +8,7 @@ from arms import random_arm, random_body, unit_vector
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.arm.parts import Belt, Body, Drive, Joint
+from ident.arm.parts import Belt, Body, Drive, ErrorOrder, Joint
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,16 @@ def random_state(rng: np.random.Generator, pins: int, size: int, *, rate: float 
     return State(command, y, rate * rng.normal(size=size), 30 * rng.normal(size=size))
 
 
-def random_drive(rng: np.random.Generator, joint: Joint, *, error: bool = True) -> Drive:
-    """A drive that turns either way, at a ratio from 1 to 150."""
+def random_drive(
+    rng: np.random.Generator, joint: Joint, *, error: bool = True, orders: tuple[float, ...] = ()
+) -> Drive:
+    """A drive that turns either way, at a ratio from 1 to 150, with further kinematic errors at some orders."""
+    name = f"drive_{joint.name}"
+    further = [
+        ErrorOrder(name, order, amplitude=rng.uniform(1e-4, 3e-3), phase=rng.uniform(-np.pi, np.pi)) for order in orders
+    ]
     return Drive(
-        f"drive_{joint.name}",
+        name,
         joint.name,
         ratio=rng.choice([-1, 1]) * np.exp(rng.uniform(0, np.log(150))),
         rotor_inertia=rng.uniform(0.001, 0.02),
@@ -41,6 +47,7 @@ def random_drive(rng: np.random.Generator, joint: Joint, *, error: bool = True) 
         phase=rng.uniform(-np.pi, np.pi),
         error=rng.uniform(1e-4, 3e-3) if error else 0.0,
         error_phase=rng.uniform(-np.pi, np.pi),
+        errors=tuple(further),
     )
 
 
@@ -50,12 +57,13 @@ def driven_arm(
     *,
     undriven: tuple[int, ...] = (),
     error: bool = True,
+    orders: tuple[float, ...] = (),
     belts: bool = False,
     parallel: bool = False,
 ) -> Arm:
     """A random arm, a drive at each pin, its shafts massive enough to contain what turns on them."""
     arm = random_arm(rng, joints, undriven=undriven)
-    drives = tuple(random_drive(rng, joint, error=error) for joint in arm.driven)
+    drives = tuple(random_drive(rng, joint, error=error, orders=orders) for joint in arm.driven)
     shared = unit_vector(rng)
     parts = tuple(_with_drive(rng, joint, drives, shared if parallel else None) for joint in arm.joints)
     pairs = zip(arm.driven[:-1], arm.driven[1:], strict=True) if belts else ()

@@ -111,8 +111,7 @@ class MovingArm:
         damping = ((j, j.k_bend * j.tau_bend, j.k_tors * j.tau_tors) for j in arm.joints)
         self.C = block_diag(*(tensor(*numbers) for numbers in damping))
         self.ratio = np.array([1.0 if d is None else float(d.ratio) for d in self.drives])
-        self.error = np.array([0.0 if d is None else float(d.error) for d in self.drives])
-        self.error_phase = np.array([0.0 if d is None else float(d.error_phase) for d in self.drives])
+        self.errors = [[(2, 0.0, 0.0)] if d is None else waves(d) for d in self.drives]
         self.balls: list[tuple[int, int]] = []
         self.pins: list[tuple[int, int] | None] = []
         self.pulleys: list[tuple[int, int] | None] = []
@@ -145,15 +144,17 @@ class MovingArm:
         for row, part in zip(total, deviation, strict=False):
             row[self.loose] += part
         (q, qd, qdd), ratio = total, column(self.ratio, total[0])
-        error, angle = column(self.error, q), 2 * ratio * q + column(self.error_phase, q)
-        slope, curve = self.slope(q), -4 * ratio**2 * error * np.sin(angle)
-        pin_turn = Turn(q + error * np.sin(angle), slope * qd, slope * qdd + curve * qd**2)
+        (error, _, curve), slope = self.error(q), self.slope(q)
+        pin_turn = Turn(q + error, slope * qd, slope * qdd + curve * qd**2)
         return pin_turn, Turn(*(ratio * part for part in total))
 
     def slope(self, q: np.ndarray) -> np.ndarray:
         """d pin / d q, q the angle of each pulley divided by the ratio."""
-        twice = 2 * column(self.ratio, q)
-        return 1 + twice * column(self.error, q) * np.cos(twice * q + column(self.error_phase, q))
+        return 1 + self.error(q)[1]
+
+    def error(self, q: np.ndarray) -> np.ndarray:
+        """The kinematic error of each drive, its slope and its curvature over q, (3, N, ...)."""
+        return np.stack([error_at(*each) for each in zip(self.errors, self.ratio, q, strict=True)], 1)
 
     def split(self, *flat: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
         bushings = 3 * len(self.names)
@@ -341,6 +342,18 @@ class MujocoMoving(MovingArm):
     def points(self, q: np.ndarray) -> np.ndarray:
         self._place(q)
         return np.stack([self.data.site(point.name).xpos for point in self.arm.points], 1)
+
+
+def waves(drive: Drive) -> list[tuple[float, float, float]]:
+    """Order, amplitude and phase of each of a drive's kinematic errors."""
+    further = [(e.order, float(e.amplitude), float(e.phase)) for e in drive.errors]
+    return [(2, float(drive.error), float(drive.error_phase)), *further]
+
+
+def error_at(errors: list[tuple[float, float, float]], ratio: float, q: np.ndarray) -> np.ndarray:
+    """A sum of waves at q, and its two derivatives."""
+    each = [(amplitude, order * ratio, order * ratio * q + phase) for order, amplitude, phase in errors]
+    return np.sum([[a * np.sin(x), a * k * np.cos(x), -a * k * k * np.sin(x)] for a, k, x in each], 0)
 
 
 def column(values: np.ndarray, like: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from scipy.signal import lsim
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.modes import Label, damped_eigenvalues, linearize, natural_frequencies
-from ident.arm.parts import Body, Drive, Joint, Point
+from ident.arm.parts import Body, Drive, ErrorOrder, Joint, Point
 from ident.errors import InputError, ModelError
 from ident.vibrate.branches import Branches, branches, track
 from ident.vibrate.motion import Motion, stroke
@@ -171,6 +171,9 @@ def test_the_kinematic_error_excites_twice_a_turn_and_only_where_there_is_one():
     found = excitation(one_joint_arm(error=1e-5), motion, times=time)
     assert [s.order for s in found.sources] == [1, 2]
     assert found.frequency[1] == pytest.approx(2 * found.frequency[0])
+    several = tuple(ErrorOrder("motor", order, amplitude=amplitude) for order, amplitude in ((4, 1e-5), (3, 0), (1, 1)))
+    found = excitation(one_joint_arm(error=1e-5, errors=several), motion, times=time)
+    assert [s.order for s in found.sources] == [1, 2, 4]
     assert [s.order for s in excitation(one_joint_arm(), motion, times=time, orders=(1, 3)).sources] == [1, 3]
 
 

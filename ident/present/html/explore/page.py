@@ -18,6 +18,7 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from ident.arm.multibody import orders_of
 from ident.assess.explore import Carried, Exploration, added, mass_of
 from ident.measure.load import DIFFERENCES
 from ident.present.basis import changes_in_words, values_in_words
@@ -127,7 +128,7 @@ def _drive(exploration: Exploration, d: int) -> dict[str, Any]:
         "height": float(drives.height[j]),
         "phase": float(drives.phase[j]),
         "across": [_plain(drives.across[:, k, j]) for k in (0, 1)],
-        "orders": [1, 2] if float(drive.error) else [1],
+        "orders": orders_of(arm, drive.name),
     }
 
 

@@ -116,7 +116,7 @@ function pulleyLines() {
   const lines = [];
   model.drives.forEach((drive, d) => drive.orders.forEach((order) => {
     const line = places.map((place) => [place.x, order * driveRates(model, place.alpha, state.speed).rates[d] / (2 * Math.PI)]);
-    const name = `pulley ${drive.pin + 1}${order > 1 ? ` × ${order}` : ""}`;
+    const name = `pulley ${drive.pin + 1}${order !== 1 ? ` × ${order}` : ""}`;
     const same = lines.find((other) => other.line.every(([, f], i) => Math.abs(f - line[i][1]) < 1e-6 * top4));
     if (same) same.name += `, ${name}`; else lines.push({ name, line });
   }));
