@@ -201,34 +201,49 @@ class Multibody(eqx.Module):
         return 3 * self.joints + len(self.belt_driven)
 
 
+IMBALANCE, ERROR = "imbalance", "transmission error"
+
+
 class ExcitingOrder(NamedTuple):
-    """What excites at a multiple of the turning frequency of a drive's pulley: its imbalance or a kinematic error.
+    """What excites at a multiple of the turning frequency of a drive's pulley.
 
     Attributes:
         drive: its name.
+        kind: IMBALANCE or ERROR.
         order: the multiple.
+        amplitude: path of the eccentricity [m], or of the error's amplitude [rad].
         phase: path of the phase.
-        of_error: whether it is a kinematic error.
     """
 
     drive: str
+    kind: str
     order: float
+    amplitude: str
     phase: str
-    of_error: bool
+
+    @property
+    def of_error(self) -> bool:
+        """Whether it is a kinematic error."""
+        return self.kind == ERROR
+
+
+def possible_orders(arm: Arm) -> list[ExcitingOrder]:
+    """Return what may excite an arm: imbalances of all drives, then their `error`, then their further errors."""
+    drives = [(drive, drive.name) for drive in arm.drives]
+    return [
+        *(ExcitingOrder(name, IMBALANCE, 1, f"{name}.eccentricity", f"{name}.phase") for _, name in drives),
+        *(ExcitingOrder(name, ERROR, 2, f"{name}.error", f"{name}.error_phase") for _, name in drives),
+        *(
+            ExcitingOrder(name, ERROR, each.order, f"{each.name}.amplitude", f"{each.name}.phase")
+            for drive, name in drives
+            for each in drive.errors
+        ),
+    ]
 
 
 def exciting_orders(arm: Arm) -> list[ExcitingOrder]:
-    """Return what may excite an arm: imbalances of all drives, then their `error`, then their further errors."""
-    each = [
-        *((drive.eccentricity, ExcitingOrder(drive.name, 1, f"{drive.name}.phase", False)) for drive in arm.drives),
-        *((drive.error, ExcitingOrder(drive.name, 2, f"{drive.name}.error_phase", True)) for drive in arm.drives),
-        *(
-            (error.amplitude, ExcitingOrder(drive.name, error.order, f"{error.name}.phase", True))
-            for drive in arm.drives
-            for error in drive.errors
-        ),
-    ]
-    return [exciting for size, exciting in each if may_differ_from_zero(size)]
+    """Return those whose amplitude may differ from zero."""
+    return [each for each in possible_orders(arm) if may_differ_from_zero(arm.get(each.amplitude))]
 
 
 def orders_of(arm: Arm, drive: str) -> list[float]:

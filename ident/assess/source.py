@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
+from ident.arm.multibody import ExcitingOrder, possible_orders
 from ident.errors import InputError, Problem
 from ident.identify.binding import loads_of
 from ident.measure import read_log
@@ -28,7 +29,7 @@ from ident.vibrate.source_identification import (
     slow_columns,
     with_further,
 )
-from ident.vibrate.sources import Run, Sensor, Source, sources_of
+from ident.vibrate.sources import Run, Sensor
 
 RARE = 1e-3
 """Probability of a test below which runs contradict each other; assumed."""
@@ -92,11 +93,11 @@ class SourceStudy:
     further: Mapping[float, Float[np.ndarray, "S"]] = field(default_factory=dict)
 
     @property
-    def next_run(self) -> tuple[float, list[Source]]:
+    def next_run(self) -> tuple[float, list[ExcitingOrder]]:
         """Speed [%] of the further run that would tell most, and the sources that it would tell; 0 for none."""
         hidden = [(k, each) for k, each in enumerate(self.found.estimates) if not each.told]
 
-        def told(speed: float) -> list[Source]:
+        def told(speed: float) -> list[ExcitingOrder]:
             return [each.source for k, each in hidden if LEVEL * self.further[speed][k] < WIDE * each.amplitude]
 
         def worth(speed: float) -> tuple[int, float]:
@@ -116,7 +117,7 @@ class SourceStudy:
         return {name: shift for name, shift in self.found.moved.items() if abs(shift) > FARTHEST}
 
     @property
-    def contradicting(self) -> list[Source]:
+    def contradicting(self) -> list[ExcitingOrder]:
         """Sources of which the runs, each alone, say what they cannot all mean."""
         pairs = zip(self.found.problem.sources, self.found.between.tolist(), strict=True)
         return [source for source, chance in pairs if chance < RARE / len(self.found.problem.sources)]
@@ -201,7 +202,7 @@ def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: fl
     words = [table.of(name)[0].row.group or name for name in names]
     order = list(dict.fromkeys(words))
     groups = tuple(order.index(word) for word in words)
-    return SourceProblem(arm, tuple(runs), groups, tuple(channels), sources_of(arm), prior, offset)
+    return SourceProblem(arm, tuple(runs), groups, tuple(channels), tuple(possible_orders(arm)), prior, offset)
 
 
 def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:

@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.arm.multibody import IMBALANCE, ExcitingOrder
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut
 from ident.present.words import counted
-from ident.vibrate.sources import IMBALANCE, Source
+from ident.vibrate.sources import unit_of
 
 if TYPE_CHECKING:
     from ident.assess.source import Prediction, SourceStudy
@@ -47,13 +48,13 @@ def _range(values: Iterable[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def named(source: Source) -> str:
+def named(source: ExcitingOrder) -> str:
     """Name a source: `drive2 imbalance`, `drive2 transmission error, order 2`."""
     order = "" if source.kind == IMBALANCE else f", order {source.order:g}"
     return f"{source.drive} {source.kind}{order}"
 
 
-def _size(study: "SourceStudy", source: Source) -> tuple[float, str]:
+def _size(study: "SourceStudy", source: ExcitingOrder) -> tuple[float, str]:
     """Return what one unit of a source is in the report's unit, and that: eccentric masses count with their mass."""
     if source.kind != IMBALANCE:
         return 2.0, "arcsec p-p"
@@ -192,8 +193,8 @@ def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:
             "drive": each.source.drive,
             "kind": each.source.kind,
             "order": each.source.order,
-            "amplitude": each.amplitude * each.source.unit,
-            "sd": each.sd * each.source.unit,
+            "amplitude": each.amplitude * unit_of(each.source),
+            "sd": each.sd * unit_of(each.source),
             "phase": each.phase[0],
             "phase_sd": each.phase_sd[0],
             "told": each.told,

@@ -25,10 +25,10 @@ from scipy.stats import chi2
 
 from ident.arm.arm import Arm
 from ident.arm.fields import field_of
+from ident.arm.multibody import ExcitingOrder
 from ident.vibrate.sources import (
     Response,
     Run,
-    Source,
     changed_responses,
     excited_by,
     unit_response,
@@ -227,7 +227,7 @@ class SourceProblem:
     runs: tuple[Run, ...]
     groups: tuple[int, ...]
     channels: tuple[Channel, ...]
-    sources: tuple[Source, ...]
+    sources: tuple[ExcitingOrder, ...]
     prior: Prior
     offset: float
 
@@ -412,7 +412,7 @@ class Estimate:
         phase_sd: (G,) [rad] of that.
     """
 
-    source: Source
+    source: ExcitingOrder
     amplitude: float
     sd: float
     phase: tuple[float, ...]

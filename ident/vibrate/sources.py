@@ -16,6 +16,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
+from ident.arm.multibody import ERROR, IMBALANCE, ExcitingOrder
 from ident.arm.parts import Point
 from ident.errors import InputError, Problem
 from ident.programs import AnyArray
@@ -26,59 +27,27 @@ from ident.vibrate.simulate import fast_method, parts_of, refuse_collapse, sets_
 RATE = 250.0
 """Samples a second at which responses are computed; between them a quintic spline errs by 1e-4 of a second derivative
 at 10 Hz, by 1e-3 at 18 Hz."""
-IMBALANCE, ERROR = "imbalance", "transmission error"
 UNITS = {IMBALANCE: 1e-3, ERROR: float(np.deg2rad(1 / 3600))}
 """Amplitude of a unit source: 1 mm of eccentricity, 1 arc second at the pin."""
 LIGHTEST = 1e-3
 """Eccentric mass [kg] that a drive without any is given: only the product with its eccentricity counts."""
 
 
-@dataclass(frozen=True)
-class Source:
-    """Something of a drive that excites the arm.
-
-    Attributes:
-        drive: name of the drive.
-        kind: IMBALANCE or ERROR.
-        order: multiples of the pulley's turning frequency.
-        amplitude: path of its amplitude.
-        phase: path of its phase.
-    """
-
-    drive: str
-    kind: str
-    order: float
-    amplitude: str
-    phase: str
-
-    @property
-    def unit(self) -> float:
-        """Amplitude [m or rad] of a unit source."""
-        return UNITS[self.kind]
+def unit_of(source: ExcitingOrder) -> float:
+    """Return the amplitude [m or rad] of a unit source."""
+    return UNITS[source.kind]
 
 
-def sources_of(arm: Arm) -> tuple[Source, ...]:
-    """Return all that may excite an arm: of each drive its imbalance, and its transmission errors by order."""
-    found = []
-    for drive in arm.drives:
-        name = drive.name
-        found.append(Source(name, IMBALANCE, 1.0, f"{name}.eccentricity", f"{name}.phase"))
-        found.append(Source(name, ERROR, 2.0, f"{name}.error", f"{name}.error_phase"))
-        more = getattr(drive, "errors", ())
-        found += [Source(name, ERROR, each.order, f"{each.name}.amplitude", f"{each.name}.phase") for each in more]
-    return tuple(found)
-
-
-def with_units(arm: Arm, sources: Sequence[Source]) -> Arm:
+def with_units(arm: Arm, sources: Sequence[ExcitingOrder]) -> Arm:
     """Return an arm excited by unit sources, in phase zero."""
-    numbers = {each.amplitude: each.unit for each in sources} | dict.fromkeys((each.phase for each in sources), 0.0)
+    numbers = {each.amplitude: unit_of(each) for each in sources} | dict.fromkeys((each.phase for each in sources), 0.0)
     light = [drive for drive in arm.drives if not float(drive.eccentric_mass) > 0]
     return arm.replace(numbers | {f"{drive.name}.eccentric_mass": LIGHTEST for drive in light})
 
 
-def excited_by(sources: Sequence[Source], parts: Float[np.ndarray, "S 2"]) -> dict[str, float]:
+def excited_by(sources: Sequence[ExcitingOrder], parts: Float[np.ndarray, "S 2"]) -> dict[str, float]:
     """Return amplitudes and phases, by path, of sources with these parts in phase with cosine and sine, in units."""
-    sizes = {each.amplitude: float(np.hypot(*part)) * each.unit for each, part in zip(sources, parts, strict=True)}
+    sizes = {each.amplitude: float(np.hypot(*part)) * unit_of(each) for each, part in zip(sources, parts, strict=True)}
     return sizes | {each.phase: float(np.arctan2(b, a)) for each, (a, b) in zip(sources, parts, strict=True)}
 
 
@@ -183,7 +152,7 @@ class Response:
         return replace(self, moved=moved)
 
 
-def unit_response(arm: Arm, run: Run, sources: Sequence[Source]) -> Response:
+def unit_response(arm: Arm, run: Run, sources: Sequence[ExcitingOrder]) -> Response:
     """Return what the sensors see of a run: without any source, then of each unit source at 0 and at 90 degrees.
 
     Args:
@@ -201,7 +170,7 @@ def unit_response(arm: Arm, run: Run, sources: Sequence[Source]) -> Response:
 def changed_responses(
     arm: Arm,
     run: Run,
-    sources: Sequence[Source],
+    sources: Sequence[ExcitingOrder],
     parts: Float[np.ndarray, "S 2"],
     numbers: Sequence[Mapping[str, float]],
 ) -> Response:

@@ -29,6 +29,7 @@ from timing import commit, machine
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.fields import names_of
+from ident.arm.multibody import IMBALANCE, possible_orders
 from ident.arm.parts import Drive
 from ident.assess.source import SourceStudy
 from ident.description.file import read_arm
@@ -37,7 +38,7 @@ from ident.measure import Load
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.source_identification import Channel, Prior, SourceProblem, identified
-from ident.vibrate.sources import IMBALANCE, Run, Sensor, sources_of
+from ident.vibrate.sources import Run, Sensor, unit_of
 
 ARM = Path(__file__).parents[2] / "data" / "lcd_arm" / "arm.toml"
 SPEEDS = (7.0, 10.0, 13.0)
@@ -57,7 +58,7 @@ def truth(rng: np.random.Generator, wrong: str) -> Arm:
     """Return an arm with stiffnesses, transmission errors and phases that are drawn."""
     known = arm()
     numbers = {path: float(known.get(path)) * np.exp(KNOWN * rng.standard_normal()) for path in stiffness_paths(known)}
-    for each in sources_of(known):
+    for each in possible_orders(known):
         numbers |= {each.phase: rng.uniform(-np.pi, np.pi)} | (
             {} if each.kind == IMBALANCE else {each.amplitude: ERROR}
         )
@@ -93,14 +94,14 @@ def work(number: int, seed: int, wrong: str) -> dict[str, Any]:
     known = arm()
     paths = stiffness_paths(known)
     draws = {path: float(known.get(path)) * np.exp(KNOWN * each) for path, each in zip(paths, SPREAD, strict=True)}
-    sources, prior = sources_of(known), Prior.of(known, draws)
+    sources, prior = tuple(possible_orders(known)), Prior.of(known, draws)
     problem = SourceProblem(known, tuple(runs), (0, 0, 0), tuple(channels), sources, prior, 0.05)
     found = identified(problem)
     study = SourceStudy(found, (), True)
     each = []
     for k, estimate in enumerate(found.estimates):
         source = estimate.source
-        size, phase = float(true.get(source.amplitude)) / source.unit, float(true.get(source.phase))
+        size, phase = float(true.get(source.amplitude)) / unit_of(source), float(true.get(source.phase))
         parts = found.place.parts[0, k] - size * np.array([np.cos(phase), np.sin(phase)])
         chi = float(parts @ np.linalg.solve(found.of_sources[0, k], parts))
         turned = float(np.degrees(np.angle(np.exp(1j * (estimate.phase[0] - phase)))))
@@ -128,7 +129,7 @@ def main() -> None:
     lost = sum(not f["settled"] for f in found)
     print(f"NOT USABLE {sum(f['doubtful'] or not f['settled'] for f in found)} of {len(found)}, not settled {lost}")
     table = np.array([f["each"] for f in found], float)
-    for k, source in enumerate(sources_of(arm())):
+    for k, source in enumerate(possible_orders(arm())):
         error, sd, turned, chi, told = table[:, k].T
         worst = 100 * np.quantile(np.abs(error), 0.95), np.quantile(np.abs(turned), 0.95)
         inside = np.sum(np.abs(error) < 1.96 * sd), np.sum(chi < 5.99)

@@ -6,11 +6,12 @@ import pytest
 from arms import lcd_arm
 from scipy.interpolate import make_interp_spline
 
+from ident.arm.multibody import possible_orders
 from ident.arm.parts import Point
 from ident.errors import InputError
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
-from ident.vibrate.sources import Run, Sensor, changed_responses, excited_by, sources_of, unit_response
+from ident.vibrate.sources import Run, Sensor, changed_responses, excited_by, unit_response
 
 TIME = np.arange(0.5, 3.5, 0.01)
 SENSORS = (
@@ -34,11 +35,11 @@ def run(arm):
 
 @pytest.fixture(scope="module")
 def response(arm, run):
-    return unit_response(arm, run, sources_of(arm))
+    return unit_response(arm, run, possible_orders(arm))
 
 
 def test_their_sum_is_what_a_simulation_gives(arm, run, response):
-    sources = sources_of(arm)
+    sources = possible_orders(arm)
     whole = simulate(arm.replace(excited_by(sources, PARTS)), run.motion, rate=250.0)
     moved = make_interp_spline(whole.time, np.asarray(whole.vibration).T, k=5)
     weights = np.append(1.0, PARTS.ravel())
@@ -68,7 +69,7 @@ def test_an_accelerometer_on_a_link_turns_with_it_and_feels_the_motion_itself(ar
 
 def test_changed_numbers_are_those_of_the_changed_arm(arm, run):
     """But for what is of second order in the eccentricity, the inertia of the eccentric mass."""
-    sources, name = sources_of(arm), "joint1.k_tors"
+    sources, name = possible_orders(arm), "joint1.k_tors"
     numbers = [{}, {name: 1.05 * float(arm.get(name))}]
     members = changed_responses(arm, run, sources, PARTS, numbers).along(0, TIME)
     for number, own in zip(numbers, members.T, strict=True):
@@ -79,4 +80,4 @@ def test_changed_numbers_are_those_of_the_changed_arm(arm, run):
 def test_a_point_that_the_arm_does_not_have_is_refused(arm, run):
     other = Run("run", run.motion, None, (Sensor("hand", (0.0, 0.0, 1.0)),))
     with pytest.raises(InputError, match="hand"):
-        unit_response(arm, other, sources_of(arm))
+        unit_response(arm, other, possible_orders(arm))
