@@ -7,7 +7,7 @@ import numpy as np
 
 from ident.arm.multibody import IMBALANCE, ExcitingOrder
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut
-from ident.present.words import counted
+from ident.present.words import MM, counted
 from ident.vibrate.sources import unit_of
 
 if TYPE_CHECKING:
@@ -49,9 +49,8 @@ def _range(values: Iterable[float]) -> str:
 
 
 def named(source: ExcitingOrder) -> str:
-    """Name a source: `drive2 imbalance`, `drive2 transmission error, order 2`."""
-    order = "" if source.kind == IMBALANCE else f", order {source.order:g}"
-    return f"{source.drive} {source.kind}{order}"
+    """Name a source: `drive2 imbalance`, `drive2 error, order 2`."""
+    return f"{source.drive} {IMBALANCE if source.kind == IMBALANCE else f'error, order {source.order:g}'}"
 
 
 def _size(study: "SourceStudy", source: ExcitingOrder) -> tuple[float, str]:
@@ -61,22 +60,24 @@ def _size(study: "SourceStudy", source: ExcitingOrder) -> tuple[float, str]:
     return study.found.numbers()[f"{source.drive}.eccentric_mass"], "kg mm"
 
 
-def _row(study: "SourceStudy", each: "Estimate") -> tuple[Any, ...]:
+def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...]:
     size, unit = _size(study, each.source)
-    low, high = (size * end for end in each.interval)
-    phase = np.degrees(each.phase[0])
+    name, low, high = named(each.source), *each.interval
+    estimate, phase, vibration = f"{size * each.amplitude:.4g}", np.degrees(each.phase[0]), MM * makes * each.amplitude
     if study.doubtful:
-        return named(each.source), f"{size * each.amplitude:.4g}", None, None, unit, phase
+        return name, estimate, None, None, unit, phase, vibration
     if not each.told:
-        return named(each.source), "cannot be told", None, f"up to {high:.3g}", unit, None
-    interval = f"{low:.4g} .. {high:.4g}"
-    return named(each.source), f"{size * each.amplitude:.4g}", 100 * each.sd / each.amplitude, interval, unit, phase
+        return name, "cannot be told", None, f"up to {size * high:.3g}", unit, None, MM * makes * high
+    interval = f"{size * low:.4g} .. {size * high:.4g}"
+    return name, estimate, 100 * each.sd / each.amplitude, interval, unit, phase, vibration
 
 
 def _estimates(study: "SourceStudy") -> Table:
-    head = ("Source", "estimate", "std. error [%]", "95 % interval", "unit", "phase [deg]")
-    rows = tuple(_row(study, each) for each in study.found.estimates)
-    return Table("", head, rows, ("", "", ".1f", "", "", ".0f"))
+    head = ("Source", "estimate", "std. error [%]", "95 % interval", "unit", "phase [deg]", "vibration [mm]")
+    pairs = zip(study.found.estimates, study.found.makes.tolist(), strict=True)
+    rows = tuple(_row(study, each, makes) for each, makes in pairs)
+    note = "Errors are transmission errors at the joint; vibration: the largest that a source makes in these runs."
+    return Table("", head, rows, ("", "", ".1f", "", "", ".0f", ".3f"), note)
 
 
 def _findings(study: "SourceStudy") -> Iterator[Finding]:
@@ -96,13 +97,18 @@ def _findings(study: "SourceStudy") -> Iterator[Finding]:
         shares = _range(100 * max(0.0, each.explained) for each in study.held)
         rms = max((100 * (each.ratio - 1) for each in study.held), key=abs)
         yield Finding(f"not used, {cut(names, 40)}: {shares} % of the vibration predicted, rms within {abs(rms):.0f} %")
-    hidden = [named(each.source) for each in study.found.estimates if not each.told]
+    pairs = list(zip(study.found.estimates, study.found.makes.tolist(), strict=True))
+    hidden = [named(each.source) for each, _ in pairs if not each.told]
     if hidden and not study.doubtful:
+        most = max(MM * makes * each.interval[1] for each, makes in pairs if not each.told)
         speed, told = study.next_run
         remedy = (
             f"a further run at {speed:g} % tells {', '.join(map(named, told))}" if told else "add a sensor elsewhere"
         )
-        yield Finding(f"cannot be told: {', '.join(hidden)}", remedy)
+        what = hidden[0] if len(hidden) == 1 else f"{len(hidden)} sources"
+        yield Finding(
+            f"{what} cannot be told, and {'makes' if len(hidden) == 1 else 'make'} {most:.2g} mm at most", remedy
+        )
     if not study.known:
         yield Finding("the stiffnesses count as known to 10 % (assumed)", "give --posterior of ident sample")
 

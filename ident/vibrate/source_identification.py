@@ -319,6 +319,7 @@ class Identification:
         settled: whether the search has come to its end.
         rounds: how many it took.
         between: probability that the runs' sources differ so much by chance, by source; NaN with one run.
+        makes: (S,) [m] largest vibration that a unit of each source makes at a sensor's point in any direction.
     """
 
     problem: SourceProblem
@@ -330,6 +331,7 @@ class Identification:
     settled: bool
     rounds: int
     between: np.ndarray
+    makes: np.ndarray
 
     @cached_property
     def of_sources(self) -> Float[np.ndarray, "G S 2 2"]:
@@ -460,10 +462,15 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
             whitenings, coloured = _coloured(problem, responses, place, whitenings, LAGS), True
     covariance = np.linalg.inv(precision)
     residual, shown = zip(*_plain(problem, responses, place, whitenings), strict=True)
-    consistency = _consistency(problem, parts, place)
-    return Identification(
-        problem, place, covariance, residual, shown, consistency, settled, rounds, _between(problem, parts, place)
-    )
+    consistency, between = _consistency(problem, parts, place), _between(problem, parts, place)
+    makes = np.max([_largest(each) for each in responses], 0)
+    return Identification(problem, place, covariance, residual, shown, consistency, settled, rounds, between, makes)
+
+
+def _largest(response: Response) -> np.ndarray:
+    """Return the largest vibration [m] that a unit of each source makes in a run."""
+    every = response.moved.values()
+    return np.max([np.hypot(moved[:3, :, 1::2], moved[:3, :, 2::2]).max((0, 1)) for moved in every], 0)
 
 
 def clock_offsets(

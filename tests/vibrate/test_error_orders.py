@@ -146,7 +146,7 @@ def test_the_fast_method_as_a_sum_over_phases_against_the_exact_method() -> None
     arm = wavy().replace(dict(zip(phases, given, strict=True)))
     exact = np.asarray(simulate(arm, MOTION, method="exact", rate=RATE).vibration)
     whole = superposition(wavy(), MOTION, phases, rate=RATE)
-    # measured: 3.4e-4
+    # measured: 7.3e-4
     assert off(whole.at(given), exact) < 1e-3
     assert (np.hypot(whole.cosine, whole.sine).max((1, 2)) > 0.05 * np.abs(exact).max()).all()
     assert whole.of_error.tolist() == [True, False, True]

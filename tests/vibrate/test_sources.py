@@ -13,7 +13,7 @@ from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.sources import Run, Sensor, changed_responses, excited_by, unit_response
 
-TIME = np.arange(0.5, 3.5, 0.01)
+TIME = np.arange(3.5, 6.5, 0.01)
 SENSORS = (
     Sensor("tip", (0.0, 1.0, 0.0)),
     Sensor("tip", (0.0, 0.6, 0.8), derivative=1),
@@ -30,7 +30,7 @@ def arm():
 
 @pytest.fixture(scope="module")
 def run(arm):
-    return Run("run", stroke(arm.stroke, percent=60.0), None, SENSORS)
+    return Run("run", stroke(arm.stroke, percent=30.0), None, SENSORS)
 
 
 @pytest.fixture(scope="module")
