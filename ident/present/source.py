@@ -106,9 +106,7 @@ def _findings(study: "SourceStudy") -> Iterator[Finding]:
             f"a further run at {speed:g} % tells {', '.join(map(named, told))}" if told else "add a sensor elsewhere"
         )
         what = hidden[0] if len(hidden) == 1 else f"{len(hidden)} sources"
-        yield Finding(
-            f"{what} cannot be told, and {'makes' if len(hidden) == 1 else 'make'} {most:.2g} mm at most", remedy
-        )
+        yield Finding(f"{what} cannot be told: at most {most:.2g} mm{' each' * (len(hidden) > 1)}", remedy)
     if not study.known:
         yield Finding("the stiffnesses count as known to 10 % (assumed)", "give --posterior of ident sample")
 
