@@ -1,5 +1,6 @@
 """How Sphinx makes the manual: `sphinx-build docs out/docs`. It executes no notebook and needs no network."""
 
+import logging
 import sys
 from pathlib import Path
 
@@ -7,6 +8,9 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent), str(HERE / "extension")]
 
 import ident  # noqa: E402
+
+for name in ("ident", "jax"):  # a library of the theme prints all logs from INFO on
+    logging.getLogger(name).setLevel(logging.WARNING)
 
 project = "ident"
 author = "the authors of ident"

@@ -112,6 +112,7 @@ def output() -> Output:
 def speaking(*, as_json: bool, quiet: bool, details: bool = False, verbose: bool = False) -> Iterator[None]:
     """Speak so within; at the end, whatever the exit status, print the document if that was asked for."""
     log, lines = logging.getLogger("ident"), logging.StreamHandler()
+    level = log.level
     lines.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
     if verbose:
         log.addHandler(lines)
@@ -130,7 +131,7 @@ def speaking(*, as_json: bool, quiet: bool, details: bool = False, verbose: bool
     finally:
         SPOKEN.reset(token)
         log.removeHandler(lines)
-        log.setLevel(logging.NOTSET)
+        log.setLevel(level)
     if as_json:
         document = {**spoken.document(), "written": spoken.written, "status": end.exit_code if end else 0}
         typer.echo(json.dumps(document, allow_nan=False))

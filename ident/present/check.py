@@ -69,7 +69,7 @@ def check_sections(check: "CampaignCheck") -> Report:
         (with_tied(item), WORDS.get(verdict, verdict), _reason(check, i))
         for i, (item, verdict) in enumerate(zip(check.items, check.verdicts, strict=True))
     )
-    unknowns = Table("", ("Unknown", "verdict", "known by the data alone to"), rows)
+    unknowns = Table("", ("Unknown", "verdict", "std. error by the data alone"), rows)
     return Report(
         f"Check of {name} on {cut(check.arm.name, 40)} before any fit: "
         f"{counted(len(check.campaign), 'measurement')}, {counted(len(check.verdicts), 'unknown')}",
@@ -114,15 +114,16 @@ def _reason(check: "CampaignCheck", i: int) -> str:
         return "no measurement depends on it"
     sd, fine = check.data_sd[:, i], int(check.supported[:, i].sum())
     here = _within(sd[0]) if np.isfinite(sd[0]) else "only in combination with others"
-    worst = f"; {_within(sd.max())} at worst" if np.isfinite(sd).all() and sd.max() > 1.3 * sd[0] else ""
+    worse = np.isfinite(sd).all() and sd.max() > 1.3 * sd[0] and sd[0] < math.log(ENORMOUS)
+    worst = f" (at worst {_within(sd.max())})" if worse else ""
     lucky = f"; identifiable at {fine} of {check.answered} points" if 0 < fine < check.answered else ""
     return here + worst + lucky
 
 
 def _within(sd: float) -> str:
     if sd >= math.log(ENORMOUS):
-        return f"a factor of more than {ENORMOUS:g}"
-    return scatter(sd).replace("factor", "a factor of")
+        return f"above factor {ENORMOUS:g}"
+    return scatter(sd)
 
 
 def _consistency(check: "CampaignCheck") -> str:

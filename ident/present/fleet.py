@@ -9,7 +9,7 @@ import numpy as np
 from ident.identify.fleet import FEWEST, Fleet, Robot
 from ident.inference.population import FALSE_ALARM, LARGEST_K, LEAST_EFFECTIVE, Population
 from ident.present.compare import ratio_words, stiffness_words
-from ident.present.report import Finding, Report, Section, Table, Verdict, cut, short_power, without_empty_columns
+from ident.present.report import Finding, Report, Section, Table, Verdict, cut, without_empty_columns
 from ident.present.words import counted, in_shown_unit, percent, sentence, some, span, unit_of
 from ident.text import one_line
 
@@ -178,7 +178,7 @@ def population_table(fleet: Fleet, population: Population) -> Table:
         )
         least, spread, most = map(percent, np.quantile(population.sd[:, i], [0.025, 0.5, 0.975]).tolist())
         wide = "wide" if np.median(population.sd[:, i]) > BOUND else ""
-        rows.append((name, middle, short_power(span(low, high)), spread, f"{least} to {most}", wide))
+        rows.append((name, middle, span(low, high), spread, f"{least} to {most}", wide))
     unit = in_shown_unit(fleet.names[0], 1.0)[1]
     head = (f"Population [{unit}]", "median", "95 % interval", "spread", "95 % interval", "")
     return without_empty_columns(Table("", head, tuple(rows), ("", ".4g", "", "", "", "")))

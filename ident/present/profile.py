@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.inference.optima import LINEAR, Ending
 from ident.inference.profile import FLAT, Interval, Profile, threshold
-from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power, without_empty_columns
+from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, without_empty_columns, written
 from ident.present.warnings import drive_states
 from ident.present.words import (
     counted,
@@ -67,7 +67,7 @@ def _intervals_table(profiles: Sequence[Profile]) -> Table:
     shared, rows = shared_unit(profile.name for profile in profiles), []
     for profile in profiles:
         value, unit = in_shown_unit(profile.name, float(profile.values([profile.optimum])[0]))
-        fitted = short_power(f"{value:.5g}") + f" {unit}".removesuffix(" -") * (not shared)
+        fitted = written(value, "#.5g") + f" {unit}".removesuffix(" -") * (not shared)
         ends = (interval_text(profile, interval) for interval in (profile.widest, profile.linear_interval))
         pairs = zip(profile.halves, profile.widest.endings, strict=True)
         halves = ("open" if ending is Ending.OPEN else f"{half:.2f}" if half else "closed" for half, ending in pairs)
@@ -160,7 +160,7 @@ def span_text(interval: Interval, low: str, high: str) -> str:
 def _shown(profile: Profile, theta: float) -> str:
     """Write the value at a theta, in the unit that is shown."""
     (value,) = profile.values([theta])
-    return short_power(f"{in_shown_unit(profile.name, float(value))[0]:.4g}")
+    return written(in_shown_unit(profile.name, float(value))[0], "#.4g")
 
 
 def level_in_words(level: float) -> str:

@@ -30,6 +30,8 @@ GAP = "  "
 """Between two columns of a printed table."""
 NARROWEST = 12
 """Characters to which a column of words is cut at most."""
+POWER = 1e4
+"""From here on a number is written with a power of ten, `4.7869e4`, whatever its digits."""
 NUMBER = re.compile(r"[^\w(]*\d")
 """How a cell with a number begins."""
 LABEL = re.compile(r"\w+: {2,}")
@@ -314,6 +316,8 @@ def written(cell: Cell, form: str = "") -> str:
     if cell is None or not math.isfinite(cell):
         return "-" if cell is None or math.isnan(cell) else "infinite"
     text = format(cell, form)
+    if form.endswith("5g") and abs(cell) >= POWER and "e" not in text:
+        text = format(cell, ".4e")
     text = f"{text[:-1]} %" if form.endswith("%") else text
     return short_power(re.sub(r"\.(?=$|e)", "", text))
 

@@ -13,7 +13,7 @@ from ident.inference.fit import contradicting
 from ident.inference.posterior import MOVED
 from ident.inference.sample import RIVAL
 from ident.present.fit import refused
-from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power, without_empty_columns
+from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, without_empty_columns
 from ident.present.warnings import asked_for, contradiction, drive_states, odd_numbers, untestable
 from ident.present.words import (
     SETUP,
@@ -220,13 +220,13 @@ def _values(result: "CampaignSample", basin: int, places: Sequence[int]) -> Tabl
     for i in places:
         size, unit = in_shown_unit(items[i].name, 1.0)
         low, _, median, _, high = (float(q) * size for q in known[i])
-        interval = "not reported" if result.withheld else short_power(span(low, high))
+        interval = "not reported" if result.withheld else span(low, high)
         of_prior = f"{100 * share[i]:.0f} %" if math.isfinite(float(items[i].prior_sd)) else "no prior"
         of_prior += " (prior)" if share[i] > LEARNED else ""
         numbers = (median, interval, float(fitted[i]) * size, float(items[i].start) * size)
         rows.append((items[i].name, *numbers, of_prior, "" if shared else unit))
     what = "Stiffness" if all(is_stiffness(items[i].name) for i in places) else "Unknown"
-    head = (f"{what}{shared}", "median", "95 % interval", "fit", "arm file", "of prior", "unit")
+    head = (f"{what}{shared}", "median", "95 % interval", "fit", "arm file", "interval / prior", "unit")
     caption = f"About optimum {basin + 1}" if len(sample.basins) > 1 else ""
     return without_empty_columns(Table(caption, head, tuple(rows), ("", ".4g", "", ".4g", ".4g", "", "")))
 
@@ -248,7 +248,7 @@ def _further_values(result: "CampaignSample") -> Section:
     tables = [_values(result, first, hidden)] if hidden else []
     priors = tuple(f"Prior: {prior}." for prior in priors_in_words([items[i] for i in shown]))
     note = (
-        "Of prior: width of the 95 % interval as a share of the prior's; near 100 % the data say nothing, above "
+        "interval / prior: width of the 95 % interval over the prior's; near 100 % the data say nothing, above "
         f"{100 * LEARNED:.0f} % the value is mostly the prior's: (prior)."
     )
     tables += [_values(result, basin, shown) for basin in others]
@@ -274,7 +274,7 @@ def _measurements(result: "CampaignSample") -> Section:
         low, high = (in_read_unit(m.kind, float(end))[0] for end in drawn)
         measured, unit = in_read_unit(m.kind, m.value)
         mark = "outside" if out[i] else ""
-        rows.append((names[i], describe(m), unit, measured, short_power(span(low, high)), 100 * float(below[i]), mark))
+        rows.append((names[i], describe(m), unit, measured, span(low, high), 100 * float(below[i]), mark))
     head = ("row", "measurement", "unit", "measured", "predicted 95 %", "below [%]", "")
     note = (
         "Below: share of the measurements simulated by the posterior, with their errors, that are lower than the "

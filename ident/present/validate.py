@@ -42,7 +42,7 @@ def _verdict(validation: "Validation") -> Verdict:
     if not told:
         needed = "the stiffnesses, or the hysteresis loops" if fit.loops else "the stiffnesses"
         return Verdict("NOT TESTED", f"No part can be predicted: without it the data do not determine {needed}.", "bad")
-    inside = f"{validation.covered} of {len(validation.z)} values lie in the 95 % interval of their prediction."
+    inside = f"{validation.covered} of {len(validation.z)} values lie in its 95 % interval."
     if validation.missed:
         least = min(part.p_value for part in validation.missed)
         named = some([cut(part.name, 30) for part in validation.missed], FEW)
@@ -52,7 +52,8 @@ def _verdict(validation: "Validation") -> Verdict:
     if len(told) < len(parts):
         return Verdict(f"PARTLY {len(told)} OF {len(parts)}", f"{len(told)} parts are predicted. {inside}", "caution")
     least = min(part.p_value for part in told)
-    return Verdict("VALID", f"{inside} Smallest p of {counted(len(parts), 'part')}: {least:.2g}.", "good")
+    every = f"All {len(parts)} {PARTS[validation.leave]} agree with their prediction (smallest p = {least:.2g})."
+    return Verdict("VALID", f"{every} {inside}", "good")
 
 
 def _absolute_kinds(validation: "Validation") -> set[str]:
@@ -90,7 +91,7 @@ def _parts_table(validation: "Validation", absolute: Collection[str], *, few: bo
     most = max(1, ROWS // (1 + len(absolute))) if absolute else FEW
     if few and len(parts) > most:
         order = sorted(range(len(parts)), key=lambda i: (np.nan_to_num(parts[i].p_value, nan=2.0), i))[:most]
-        parts, caption = tuple(parts[i] for i in sorted(order)), f"The {most} of {len(parts)} parts farthest off"
+        parts, caption = tuple(parts[i] for i in sorted(order)), f"The {most} of {len(parts)} parts predicted worst"
     rows = [row for part in parts for row in _part_rows(validation, part, absolute, part.name in missed)]
     head = ("Left out", "values", "of", "rms error", "largest", "expected rms", "p", "")
     return without_empty_columns(Table(caption, head, tuple(rows), ("", "d", "", "", "", "", ".2g", "")))

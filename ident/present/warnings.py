@@ -97,8 +97,9 @@ def contradiction(predictions: Sequence[CrossPrediction], campaign: "Campaign") 
     i = int(np.argmax(z))
     m, name = campaign.measurements[cross.rows[i]], row_names(campaign)[cross.rows[i]]
     predicted, value, unit = against(cross, i, m)
-    read = f"{describe(m)}: {three_digits(value)} {unit}"
-    return (sentence(f"{row_in_file(m, name)}, {read}; by the other data {three_digits(predicted)} {unit}"),)
+    read = f"{describe(m)}: measured {three_digits(value)} {unit}"
+    other = f"predicted from the other data {three_digits(predicted)} {unit}"
+    return (sentence(f"{row_in_file(m, name)}, {read}, {other}"),)
 
 
 def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:
@@ -165,6 +166,8 @@ GIVING = {
     "link twists": "the links are rigid",
 }
 """What a fit assumes of base and links, by the kind of compliance that it leaves out."""
+SOFT = {"gives": "is soft"}
+"""How reports call what a servo does that is compliant."""
 UNTESTABLE = "cannot be tested"
 """Evidence on an assumption whose violation other values of the unknowns would hide."""
 LEAST_SHIFT = 1.0
@@ -197,7 +200,7 @@ def weighty_assumptions(fit: CampaignFit) -> tuple[Table, ...]:
     rows = tuple(row for _, row in heavy[:MOST_ROWS])
     more = len(heavy) - len(rows)
     note = f"{more} more: --details" if more else ""
-    head = ("What would outweigh the noise", "size", "shift", "of", "evidence in the data")
+    head = ("What would outweigh noise", "assumed size", "shift", "of", "evidence")
     return (Table("", head, rows, note=note),) if rows else ()
 
 
@@ -231,7 +234,7 @@ def in_words(item: Assumption) -> str:
     if item.kind.startswith("mass"):
         return f"{item.kind} of link of {cut(item.joint, 12)}"
     thing, does = item.kind.split(" ")
-    return f"{thing} of {cut(item.joint, 12)} {does}" if item.joint else item.kind
+    return f"{thing} of {cut(item.joint, 12)} {SOFT.get(does, does)}" if item.joint else item.kind
 
 
 def _most_moved(fit: CampaignFit, items: Sequence[Assumption]) -> tuple[Assumption, int, float]:
@@ -249,7 +252,11 @@ def _assumption_row(fit: CampaignFit, found: Assumptions, items: tuple[Assumptio
     asked = [item for item in found.asked_for if item in items]
     item, which, moved = _most_moved(fit, asked[:1] or items)
     shift, name = (_move(fit, item, which), cut(fit.information.names[which], 22)) if moved else ("none", "")
-    return in_words(item), f"{100 * item.test.amount:.0f} %", shift, name, _evidence(item, asked=bool(asked))
+    of = KINDS[item.kind].of
+    owner, _, field = of.partition("'s ")
+    whose = f" of {owner}" if field.endswith("compliance") else " of its length" if field == "length" else ""
+    size = f"{100 * item.test.amount:.0f} %{whose}"
+    return in_words(item), size, shift, name, _evidence(item, asked=bool(asked))
 
 
 def _move(fit: CampaignFit, item: Assumption, which: int) -> str:
@@ -274,7 +281,7 @@ def _meaning(fit: CampaignFit, found: Assumptions, kinds: Sequence[str]) -> Iter
     of: dict[str, list[str]] = {}
     for kind in kinds:
         of.setdefault(KINDS[kind].of, []).append(kind)
-    shares = "; ".join(f"{', '.join(each)}: {share}" for share, each in of.items())
+    shares = "; ".join(f"{', '.join(each)}: {share}" for share, each in of.items()).replace("gives", "is soft")
     origins = "; ".join(dict.fromkeys(part for kind in kinds for part in KINDS[kind].origin.split("; ")))
     height = f" The base is taken to rock about a point {found.height:.2g} m below bushing 1."
     yield (
@@ -407,7 +414,7 @@ def _words(change: Change, campaign: "Campaign") -> str:
             return f"{name}: torque {_amount(change)} above a linear spring's at the largest load"
         case _:
             joint, (thing, does) = of, change.kind.split(" ")
-            return f"{thing} of {joint} {does}: {_amount(change)} of {KINDS[change.kind].of}"
+            return f"{thing} of {joint} {SOFT.get(does, does)}: {_amount(change)} of {KINDS[change.kind].of}"
 
 
 def _to_its_sd(value: float, sd: float) -> str:

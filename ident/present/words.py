@@ -13,7 +13,7 @@ from ident.identify.unknowns import SETUP, is_of_loop, kind_of
 from ident.measure import DRIVE_STATES, Campaign, Measurement
 from ident.measure.load import DIFFERENCES, format_direction
 from ident.measure.load import KINDS as MEASURED
-from ident.present.report import Section, Table, cut, kept
+from ident.present.report import Section, Table, cut, kept, written
 from ident.units import QUANTITIES, stiffness_unit
 
 if TYPE_CHECKING:
@@ -149,8 +149,8 @@ def percent(share: float, sign: str = "") -> str:
 
 
 def span(low: float, high: float) -> str:
-    """Write an interval, as `3.1 to 4.2`."""
-    return f"{low:.4g} to {high:.4g}"
+    """Write an interval, as `6.900e5 to 7.441e5`."""
+    return f"{written(low, '#.4g')} to {written(high, '#.4g')}"
 
 
 def main_factors(direction: "Direction", spread: Float[np.ndarray, "P"]) -> list[int]:
@@ -190,11 +190,12 @@ def short(m: Measurement) -> str:
 
 def describe(m: Measurement) -> str:
     """Say in a few words what was measured, without its value."""
-    what = f"{m.of or ''} {m.kind.replace('_', ' ')} {_what(m)}"
-    loads = f" {m.load}" if m.load else ""
+    what = f"{m.of or ''} {_what(m)} {m.kind.replace('_', ' ')}"
+    loads = f", {m.load}" if m.load else ""
     against = f" - {m.reference_load}" if m.kind in DIFFERENCES and m.reference_load else ""
     ramp = f", {m.ramp}" if m.ramp else ""
-    return f"{what}{loads}{against}{ramp}{_held(m)} at {degrees(m.posture)}".replace("  ", " ").strip()
+    comma = "," * bool(loads or against or ramp or _held(m))
+    return f"{what}{loads}{against}{ramp}{_held(m)}{comma} at {degrees(m.posture)}".replace("  ", " ").strip()
 
 
 def place_read(m: Measurement) -> str:

@@ -370,7 +370,8 @@ class Result(Reported):
         campaign = campaign if beside else f"{campaign} --arm {arm}"
         filled = words.format(arm=arm, campaign=campaign, trace=trace, result=result)
         posed = any(getattr(vars(self)["options"], name, None) for name in SAME_PROBLEM)
-        return f"{filled}  (with the same options)" if posed and "{campaign}" in words else filled
+        again = "{campaign}" in words or "{result}.csv" in words
+        return f"{filled}  (with the same options)" if posed and again else filled
 
     @_in_its_unit
     def figures(self) -> "dict[str, Figure]":

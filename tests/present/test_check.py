@@ -90,7 +90,7 @@ def test_the_paper(paper):
     assert report.verdict.word == "NOT READY"
     assert "Deflection and frequency data contradict each other (4.1 sigma)" in report.verdict.reason
     assert "determine none of the 6 unknowns" in report.verdict.reason
-    assert report.answer[0].endswith("22.0 mm; by the other data 31.6 mm.")
+    assert report.answer[0].endswith("measured 22.0 mm, predicted from the other data 31.6 mm.")
     assert [row[1:] for row in report.answer[-1].rows] == [("not determined", "only in combination with others")] * 6
     combinations = section(report, "Determined by the data: 3 of 6").parts[0].rows
     like = "not determined, such as joint2.k_tors by +10 % together with joint1.k_tors by -3.4 %"
@@ -154,7 +154,7 @@ def test_doubtful_labels_are_findings_with_their_rows(shipped):
     report = check_sections(dataclasses.replace(shipped, labels=doubts))
     assert "row 7 (line 7 of campaign.csv): lateral torsion 1 is a borderline name" in findings(report)
     labels = " ".join(section(report, "Mode labels").parts)
-    assert "Row 7, frequency lateral torsion 1 at (0, 0, 0) deg: lateral torsion 1 is a borderline name" in labels
+    assert "Row 7, lateral torsion 1 frequency at (0, 0, 0) deg: lateral torsion 1 is a borderline name" in labels
     assert "nearly has the frequency of vertical bending 1: label it" in labels
     assert "although row 7, for another mode, is equal" in labels
 

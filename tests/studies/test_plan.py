@@ -1,6 +1,7 @@
 """`ident.plan` from Python: what it gives, that it comes back, and what it refuses."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -137,3 +138,9 @@ def test_what_the_arm_does_not_have_is_refused_in_one_line(arm_file, options, wo
     with pytest.raises(ident.InputError, match=words) as refusal:
         plan(arm_file, options=PlanOptions(**{**COARSE, **options}))
     assert len(str(refusal.value).splitlines()) == 1
+
+
+def test_the_next_command_says_that_it_needs_the_same_options(measured):
+    assert measured.sections().next.endswith("fit again")
+    fixed = replace(measured, options=PlanOptions(**COARSE, fix=("joint1.k_bend",)))
+    assert fixed.sections().next.endswith("fit again  (with the same options)")

@@ -164,7 +164,7 @@ def test_contradictory_data_withhold_every_interval_as_in_a_fit(arm_file, table_
     assert not combinations(report)
     assert "--discrepancy deflection:0.2` (20 %)" in report.findings[1].remedy
     assert_one_screen(doubted.report(), files=5)
-    assert "No interval is to be quoted" in doubted.figures()["posterior"].get_suptitle()
+    assert "No interval is reported" in doubted.figures()["posterior"].get_suptitle()
     assert doubted.document()["summary"]["doubts"] == list(fitted.doubts)
     for source in (doubted, doubted.save(tmp_path)[0]):
         assert drawn_values(source, arm_file, 5).remark.startswith(f"the fit is in doubt: {fitted.doubts[0]}")

@@ -28,7 +28,6 @@ from ident.present.figures.style import (
     PALE_BLUE,
     PINK,
     Style,
-    engineering,
     heading,
     key_below,
     note,
@@ -39,7 +38,7 @@ from ident.present.figures.style import (
 )
 from ident.present.fit import fit_sections, why_no_interval
 from ident.present.profile import level_in_words, span_text
-from ident.present.report import cut
+from ident.present.report import cut, written
 from ident.present.words import MM, direction_name, is_length, lowered, read_unit, short
 
 if TYPE_CHECKING:
@@ -63,8 +62,8 @@ RIMMED: Style = {"markersize": 8, "markeredgecolor": "black", "markeredgewidth":
 """What lies too far from the fit."""
 ROW, PANEL = 0.27, 1.15
 """Height of one row, and of a panel's heading and axis [inch]."""
-LABEL = 52
-"""Longest label of a measurement."""
+LABEL, LETTER = 80, 0.063
+"""Longest label of a measurement, and the width of a letter [inch]."""
 DENSE = 60
 """Measurements above which the rows are numbered instead of described."""
 MANY = 400
@@ -89,8 +88,8 @@ def fit_figure(fit: "CampaignFit") -> Figure:
     title = f"Fit of {cut(fit.arm.name, 50)} to {cut(fit.campaign.name, 50) or 'measurements'}: {verdict.word}"
     known = fit.information
     left_label = max(len(direction_name(direction, known.names, known.sd)) for direction in _shown(fit))
-    right_label = max(len(cut(short(m), LABEL)) for m in fit.campaign)
-    width = 8.6 + 0.063 * (max(left_label, 20) + max(right_label, 20) + 24)  # panels, and letters in the rows
+    letters = max(left_label, 20) + max(longest_label(fit.campaign.measurements), 20) + 24
+    width = 8.6 + LETTER * letters  # panels, and letters in the rows
     figure = titled((width, total + 0.5), title, (0.1, 0.06), wspace=0.04)
     columns = figure.add_gridspec(1, 2)
     *values, directions = _stack(figure, columns[0], left)
@@ -135,7 +134,7 @@ def _values(axes: Axes, fit: "CampaignFit", group: Sequence[int], *, shift: bool
     texts = []
     for i, word in zip(group, why, strict=True):
         size, unit = read_unit(items[i].name)
-        best, low, high = engineering(*(float(number) / size for number in (fit.best.values[i], *interval[i])))
+        best, low, high = (written(float(number) / size, "#.4g") for number in (fit.best.values[i], *interval[i]))
         texts.append(f"{word}\n({best} {unit})" if word else f"{best} {unit}\n{low} to {high}")
     rows(axes.twinx(), texts, side="right")
 
@@ -227,13 +226,18 @@ def _residuals(axes: Axes, fit: "CampaignFit") -> None:
             axes.plot([z[i]], [y], linestyle="", **{**mark, **(RIMMED if outliers[i] else {"markersize": 5})})
     else:
         _cloud(axes, [campaign.measurements[i].kind for i in order], z[order], outliers[order])
-    axes.set_xlabel("z = (measured - predicted) / its own sd [-]; shaded: within ±2", fontsize=9)
+    axes.set_xlabel("z = (measured - predicted) / its standard deviation [-]; shaded: within ±2", fontsize=9)
     keys: dict[str, Style] = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
     if outliers.any():
         keys["outlier"] = {"marker": "o", "markerfacecolor": "white", **RIMMED}
     if unchecked.any():
         keys["unchecked"] = {**HOLLOW, "markersize": 5}
     heading(axes, "Residuals", keys, columns=3)
+
+
+def longest_label(measured: Sequence["Measurement"]) -> int:
+    """Return how many letters the longest label of these measurements has; none where they are too many for labels."""
+    return max(len(cut(short(m), LABEL)) for m in measured) if len(measured) <= DENSE else 0
 
 
 def measurement_rows(axes: Axes, measured: Sequence["Measurement"], words: str) -> None:
@@ -382,7 +386,7 @@ def _title(profile: Profile) -> str:
     """Return the name, and below it the fitted value and the widest interval in the unit that people read."""
     ends = [profile.optimum, profile.widest.low, profile.widest.high]
     size, unit = read_unit(profile.name)
-    best, low, high = engineering(*(float(value) / size for value in profile.values(ends)))
+    best, low, high = (written(float(value) / size, "#.4g") for value in profile.values(ends))
     words = f"{best} {unit}; {level_in_words(profile.widest.level)}: {span_text(profile.widest, low, high)}"
     return f"{cut(profile.name, 34)}\n{words}"
 
@@ -390,8 +394,8 @@ def _title(profile: Profile) -> str:
 # -------- Validate
 # The figure of a validation: how far each measurement is off its prediction, and whether quantiles are right.
 
-MOST = 60
-"""Measurements that are drawn as rows: of more, those that are farthest off."""
+MOST, PART = 60, 44
+"""Measurements that are drawn as rows, of more those that are farthest off; and letters of a part's name."""
 
 
 def validate_figure(validation: "Validation") -> Figure:
@@ -400,7 +404,8 @@ def validate_figure(validation: "Validation") -> Figure:
     count = sum(len(part.places) for part in told)
     height = max(3.6, 0.24 * min(count, MOST) + 1.8)
     title = f"Each part of {cut(validation.fit.campaign.name, 30)}, predicted from the rest"
-    figure = titled((10.0, height), title)
+    wider = LETTER * max(0, max((len(cut(part.name, PART)) for part in told), default=0) - 22)
+    figure = titled((10.0 + wider, height), title)
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     _off(left, validation)
     _quantiles(right, validation.z)
@@ -423,7 +428,7 @@ def _off(axes: Axes, validation: "Validation") -> None:
         for place, value in zip(part.places, part.off / part.sd, strict=True):
             m = campaign[place]
             z.append(value)
-            names.append(f"{cut(part.name, 22)}  {cut(m.mode or m.point or m.joint or m.kind, 22)}")
+            names.append(f"{cut(part.name, PART)}  {cut(m.mode or m.point or m.joint or m.kind, 22)}")
             colours.append(ORANGE if part.name in missed else BLUE)
     shown = np.sort(np.argsort(-np.abs(z))[:MOST])
     off, names, colours = np.array(z)[shown], [names[i] for i in shown], [colours[i] for i in shown]

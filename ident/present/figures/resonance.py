@@ -128,17 +128,18 @@ def _pulleys(axes: Axes, branches: "Branches", excitation: "Excitation", top: fl
 def _free(time: np.ndarray, line: np.ndarray, top: float, names: Sequence[tuple[float, float]]) -> int:
     """Return the place of a line at which its name is far from the names there are."""
     span = time[-1] - time[0]
-    places = [_highest(line, share * top) for share in (0.93, 0.86, 0.79, 0.72, 0.65, 0.58)]
+    shares = (0.93, 0.86, 0.79, 0.72, 0.65, 0.58)
+    places = [_highest(line, share * top, along) for along in (0.5, 0.1, 0.9) for share in shares]
     far = (k for k in places if all(abs(time[k] - t) > 0.2 * span or abs(line[k] - f) > 0.05 * top for t, f in names))
     return next(far, places[0])
 
 
-def _highest(line: Float[np.ndarray, "T"], top: float) -> int:
-    """Return the middle of the first stretch on which a line is highest, but not above `top`."""
+def _highest(line: Float[np.ndarray, "T"], top: float, along: float) -> int:
+    """Return a place along the first stretch on which a line is highest, but not above `top`."""
     seen = np.where(line <= top, line, 0.0)
     high = np.flatnonzero(seen >= 0.998 * seen.max())
     first = np.split(high, np.flatnonzero(np.diff(high) > 1) + 1)[0]
-    return int(first[len(first) // 2])
+    return int(first[round(along * (len(first) - 1) + 0.01)])
 
 
 def _numbers(axes: Axes, crossings: Sequence["ResonanceCrossing"]) -> None:
@@ -210,7 +211,7 @@ def _write(
 
 
 def _notes(branches: "Branches", crossings: Sequence["ResonanceCrossing"]) -> Iterator[str]:
-    yield "solid: natural frequencies of the arm held at each posture; broken: turning frequencies of pulleys"
+    yield "solid: natural frequencies of the arm held at each posture; dashed: turning frequencies of pulleys"
     if crossings:
         yield "shaded: the two are near; numbered as in the report, the line leads to the closest approach"
     if branches.batch_size:

@@ -24,7 +24,7 @@ from ident.inference.draws import (
     ratio_to_prior,
     share_of_prior,
 )
-from ident.present.figures.fit import DENSE, PANEL, ROW, measurement_rows
+from ident.present.figures.fit import DENSE, LETTER, PANEL, ROW, longest_label, measurement_rows
 from ident.present.figures.style import (
     BLUE,
     FILLED,
@@ -81,8 +81,9 @@ def posterior_figure(result: "CampaignSample") -> Figure:
     arm, campaign = cut(result.fitted.arm.name, 50), cut(result.fitted.campaign.name, 50) or "measurements"
     title = f"Posterior of {arm} given {campaign}{of_first(result)}"
     if result.withheld:
-        title += f"\nNo interval is to be quoted: {result.withheld[0].replace('see below', 'see ident fit')}"
-    figure = titled((15.5, max(sum(left), right) + 0.5), title, (0.1, 0.06), wspace=0.04)
+        title += f"\nNo interval is reported: {result.withheld[0].replace('see below', 'see ident fit')}"
+    wider = LETTER * max(0, longest_label(result.fitted.campaign.measurements) - 52)
+    figure = titled((15.5 + wider, max(sum(left), right) + 0.5), title, (0.1, 0.06), wspace=0.04)
     columns = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
     stacked = columns[0].subgridspec(2, 1, height_ratios=left)
     _against_prior(figure.add_subplot(stacked[0]), result)
@@ -108,7 +109,7 @@ def _against_prior(axes: Axes, result: "CampaignSample") -> None:
         style = {**(HOLLOW if unknown else FILLED), "markersize": 5}
         axes.plot([levels[2]], [y], linestyle="", zorder=3, **style)
     shares = zip(share, proper, strict=True)
-    texts = [f"{100 * share:.0f} % of prior" if proper else "no prior" for share, proper in shares]
+    texts = [f"{100 * share:.0f} % of the prior's width" if proper else "no prior" for share, proper in shares]
     rows(axes.twinx(), texts, side="right")
     axes.set_xlabel("value / centre of its prior [-]", fontsize=9)
     beyond = ", goes on beyond the frame" if hidden else ""

@@ -153,14 +153,6 @@ def ratio_axis(axes: Axes, left: float, right: float) -> None:
     set_ticks(axes.xaxis, locator, "{:.6g}".format)
 
 
-def engineering(*values: float) -> tuple[str, ...]:
-    """Write numbers with the first one's power of a thousand, as `12.5e6`."""
-    size = abs(values[0])
-    power = 3 * math.floor(math.log10(size) / 3) if 0 < size < math.inf else 0
-    end = f"e{power}" if power else ""
-    return tuple(f"{value / 10.0**power:#.4g}".rstrip(".") + end for value in values)
-
-
 def power_of(size: float, unit: str) -> tuple[float, str]:
     """Return the power of a thousand in which numbers of a size are read, and the unit with it, as `10⁶ N mm/deg`."""
     power = 3 * math.floor(math.log10(size) / 3)

@@ -60,7 +60,7 @@ def sweep_figure(study: "SweepStudy") -> Figure:
     for axes, sweep in zip(grid, study.sweeps, strict=True):
         _curves(axes, study, sweep)
     _logarithmic(grid[0], study)
-    notes = ["one parameter is varied at a time, the others are as they are"] if len(study.sweeps) > 1 else []
+    notes = ["one parameter is varied at a time, the others keep their present values"] if len(study.sweeps) > 1 else []
     if study.limit is not None and not _limit(study):
         notes.append(f"the limit of {MM * study.limit:g} mm lies far above")
     key_below(figure, list(_entries(study)), "\n".join(notes), columns=6)
