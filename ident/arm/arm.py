@@ -77,7 +77,7 @@ def _of_drive(arm: "Arm", drive: Drive) -> Iterator[Problem]:
     if mass is not None and None not in shaft:
         heaviest = np.sum([m for m in shaft if m is not None], axis=0)
         if np.any(mass > heaviest):
-            remedy = "the turning mass is part of the shaft's: correct one of them"
+            remedy = "the eccentric mass is part of the shaft's: correct one of them"
             expected = f"0 to {_first(heaviest):.4g} kg, the mass of the shaft"
             yield Problem(drive.name, f"{_first(mass):.4g} kg", expected, remedy, "eccentric_mass")
 

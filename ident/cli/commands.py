@@ -69,9 +69,9 @@ if TYPE_CHECKING:
 offer(predict, "Predict natural frequencies, modes and static deflection of an arm.", files=False)
 offer(
     check,
-    """Say what a campaign can tell about each parameter, before any solving.
+    """Check what a campaign can determine about each unknown, before any fit.
 
-    A verdict for each one, what the data leave open, which measurements matter, which modes may be mistaken, and
+    A verdict for each one, undetermined combinations, which measurements matter, which modes may be mistaken, and
     whether the kinds of measurement agree. Nothing is written.
     """,
     files=False,
@@ -79,7 +79,7 @@ offer(
 )
 offer(
     fit,
-    """Fit the joint stiffnesses to a campaign and say what the data support.
+    """Fit the joint stiffnesses to a campaign: values, intervals, and what to doubt.
 
     Damping is fitted too where damping ratios were measured. Writes CAMPAIGN.fit.json and CAMPAIGN.fit.png into the
     folder given by --out. Exit status 3 where no optimum was reached.
@@ -88,7 +88,7 @@ offer(
 )
 offer(
     profile,
-    """Check the intervals of a fit: move each parameter, fit all others again, and see how the cost rises.
+    """Check the intervals of a fit: move each unknown and fit all others again.
 
     With --no-prior the profiles show what the data alone support. Writes CAMPAIGN.profile.json and
     CAMPAIGN.profile.png into the folder given by --out, when all is done.
@@ -106,9 +106,9 @@ def sample_command(
     no_figure: NoFigureOption = False,
     strict: StrictOption = False,
 ) -> None:
-    """Sample the posterior of a campaign: how sure each stiffness is, and which combinations are known.
+    """Sample the posterior of a campaign: how certain each stiffness and combination is.
 
-    Goes on where an earlier run of the same inputs was stopped. Writes CAMPAIGN.sample.nc (ArviZ InferenceData) and
+    Continues an earlier run of the same inputs that was stopped. Writes CAMPAIGN.sample.nc (ArviZ InferenceData) and
     figures into the folder given by --out. Exit status 3 where the chains are too short.
     """
     from ident.studies.sample import discard_checkpoints
@@ -138,7 +138,7 @@ def plan_command(
     out: OutOption = Path("out"),
     no_figure: NoFigureOption = False,
 ) -> None:
-    """Rank what to measure next by what it would tell for its cost, and say what the intervals will become.
+    """Rank what to measure next by information per minute, with the std. errors to expect.
 
     Writes CAMPAIGN.plan.json, CAMPAIGN.plan.csv (a campaign to fill in) and CAMPAIGN.plan.png into the folder given by
     --out. Without CAMPAIGN, name the arm (--arm); the files are then called after its file.
@@ -172,7 +172,7 @@ offer(
 )
 offer(
     validate,
-    """Say how far a fitted arm may be trusted where it was not measured.
+    """Test how far a fitted arm can be trusted where it was not measured.
 
     Each posture is left out in turn (--leave), the arm is fitted to the rest, and what was left out is predicted.
     Writes CAMPAIGN.validate.json and CAMPAIGN.validate.png into the folder given by --out.
@@ -181,7 +181,7 @@ offer(
 )
 offer(
     compare,
-    """Say which joint stiffness has changed between two campaigns, by how much, and how sure that is.
+    """Find which joint stiffness has changed between two campaigns, and by how much.
 
     Both campaigns are fitted again together: what they have in common counts once. Writes FIRST-SECOND.compare.json and
     .png into the folder given by --out.
@@ -268,7 +268,7 @@ offer(
 )
 offer(
     design,
-    """Say what to change on the arm so that it vibrates least, within bounds, and what the amplitude depends on most.
+    """Find the change of the arm that keeps a limit, or vibrates least, within bounds.
 
     Writes ARM.MOTION.design.json, .toml (the changed arm) and figures into the folder given by --out; with
     --sensitivities ARM.MOTION.sensitivities.json and .png. See also ident sweep.
@@ -286,7 +286,7 @@ def rerun(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="folder for the new files; default: none")] = None,
     force: ForceOption = False,
 ) -> None:
-    """Repeat what a saved result records, and say whether the numbers are the same.
+    """Repeat what a saved result records, and check that the numbers are the same.
 
     Its inputs are found by their hash: where they were, beside the file, or in this folder; an arm or campaign that is
     gone or changed is taken from the text in the file. Without an input the exit status is 2.
@@ -479,7 +479,7 @@ def diagnose_command(
     """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
 
     The paper's procedure: stiffnesses, natural frequencies along the motion, resonance, vibration against the limit,
-    torsional stiffness first and mass centres second. Goes on where an earlier run of the same inputs was stopped.
+    torsional stiffness first and mass centres second. Continues an earlier run of the same inputs that was stopped.
     Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
     results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
     """
@@ -606,9 +606,9 @@ def fleet_command(
     no_figure: NoFigureOption = False,
     strict: StrictOption = False,
 ) -> None:
-    """Fit each robot of a fleet, and say how their stiffnesses spread and which robot stands out.
+    """Fit each robot of a fleet: the spread of their stiffnesses, and which robot stands out.
 
-    Goes on where an earlier run of the same inputs was stopped. Writes ROBOTS.fleet.json, .prior (flags of ident fit
+    Continues an earlier run of the same inputs that was stopped. Writes ROBOTS.fleet.json, .prior (flags of ident fit
     for the next robot) and .png into the folder given by --out. Exit status 3 where a robot failed.
     """
     folder = out / f"{robots.absolute().name}.fleet.robots"
@@ -644,7 +644,7 @@ def modal_command(
 ) -> None:
     """Make a campaign of the files of a hammer test, or of one without force: modes with their covariance, names.
 
-    Says which hits do not count, which lines are those of what turned, and which modes have no certain name, and why.
+    Lists the hits that were rejected, lines of rotating parts, and modes without a certain name, with the reason.
     Writes TESTS.modal.csv (a campaign for ident fit), .covariance.csv, .nc, .json and three figures for each posture
     into the folder given by --out.
     """

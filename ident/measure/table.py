@@ -49,7 +49,7 @@ def sheet_text(data: bytes, file: str) -> str:
         raise
     except Exception as error:  # openpyxl lets KeyError, ValueError, zip and XML errors of damaged files through
         got = f"a damaged file, or another archive ({type(error).__name__})"
-        raise InputError(Problem(file, got, EXPECTED, "save it anew")) from None
+        raise InputError(Problem(file, got, EXPECTED, "save it again")) from None
     _check_formulas(values, formulas, file)
     lines = [[_written(value) for value in row] for row in values]
     for cells in lines:

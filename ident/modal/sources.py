@@ -537,7 +537,7 @@ def finite(name: str, channel: Channel) -> np.ndarray:
     if len(wrong):
         block, sample = (int(each) + 1 for each in wrong[0])
         where = f"{one_line(name)}, block {block}, sample {sample}"
-        remedy = "export it anew, or give the channel the role ignore"
+        remedy = "export it again, or give the channel the role ignore"
         raise InputError(Problem(where, f"{len(wrong)} values that are no number", "numbers", remedy, channel.name))
     return channel.values
 

@@ -63,13 +63,13 @@ def read_recording(path: str | Path) -> Recording:
     kind = ENDINGS[path.suffix.lower()]
     data = read_bytes(path, "a recording", LARGEST_SAMPLES if kind in TEXT else LARGEST_BINARY)
     if not data:
-        raise InputError(Problem(file, "an empty file", "a recording", "export it anew"))
+        raise InputError(Problem(file, "an empty file", "a recording", "export it again"))
     module = importlib.import_module(f"ident.measure.recordings.{kind}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what matters of a library's warnings, its reader checks
         channels, shapes, places = module.read(path, data)
     if not channels and not shapes and not places:
-        raise NoChannelError(Problem(file, "no channel", "at least one row of numbers", "export it anew"))
+        raise NoChannelError(Problem(file, "no channel", "at least one row of numbers", "export it again"))
     for channel in channels:
         if not channel.values.size:
             got, remedy = f"no sample of {one_line(channel.name)}", "export it again"

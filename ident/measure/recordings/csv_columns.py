@@ -42,7 +42,7 @@ def read(path: Path, data: bytes) -> Contents:
     if not findings and records and {_name(cell) for cell in records[0][1]} >= MODE:
         return (), modes(records, delimiter), {}
     if findings or len(records) < 3:
-        few = Problem(file, "no header with two rows of numbers below", "columns of samples", "export it anew")
+        few = Problem(file, "no header with two rows of numbers below", "columns of samples", "export it again")
         raise InputError([*findings] or few)
     header, table = records[0][1], _numbers(records, delimiter)
     named = [(_name(cell), _unit(cell)) for cell in header]

@@ -206,4 +206,4 @@ def damaged(path: Path, kind: str, why: Exception | str) -> NoReturn:
     """Refuse a file that its reader cannot read."""
     reason = why if isinstance(why, str) else f"{type(why).__name__}: {one_line(str(why))[:80]}".rstrip(": ")
     got = f"a damaged or truncated file ({reason})"
-    raise InputError(Problem(one_line(str(path)), got, kind, "export it anew")) from None
+    raise InputError(Problem(one_line(str(path)), got, kind, "export it again")) from None

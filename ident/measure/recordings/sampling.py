@@ -21,7 +21,7 @@ def even_step(time: np.ndarray, file: str, column: str = "time") -> float:
     steps = np.diff(time)
     remedy = "resample the recording at even intervals; if only its times are rounded, write more digits"
     if not np.isfinite(time).all():
-        raise InputError(Problem(file, "times that are no numbers", "times that increase", "export it anew", column))
+        raise InputError(Problem(file, "times that are no numbers", "times that increase", "export it again", column))
     mean = float(steps.mean())
     worst = int(np.argmax(abs(steps - mean)))
     if not mean > 0 or abs(steps[worst] - mean) > UNEVEN * mean:

@@ -302,7 +302,7 @@ def _even(abscissa: np.ndarray, step: float, where: str, name: str) -> tuple[flo
     wrong = np.abs(abscissa - (abscissa[0] + mean * np.arange(len(abscissa)))) > max(0.01 * mean, rounding)
     if not mean > 0 or wrong.any():
         got = f"{name} at uneven steps, about value {int(np.argmax(wrong)) + 1}"
-        raise InputError(Problem(where, got, "even steps", "resample it, then export it anew"))
+        raise InputError(Problem(where, got, "even steps", "resample it, then export it again"))
     printed = abs(step - mean) <= ROUNDED * mean
     return float(abscissa[0]), step if printed else mean
 
