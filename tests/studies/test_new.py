@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import pytest
 from arms import DATA, random_arm
+from reports import assert_one_screen
 from templates import TEMPLATES, made
 
 import ident
@@ -47,6 +48,7 @@ def test_a_template_is_sound_and_its_fit_finds_what_its_campaign_states(kind, tm
     assert len(inside) == len(truth)
     assert all(inside.values()), inside
     assert sum(result.supported.values()) >= SUPPORTED[kind]
+    assert_one_screen(result.report(), files=2, extra=max(0, len(truth) - 8))
 
 
 @pytest.mark.parametrize("kind", KINDS)
