@@ -162,7 +162,7 @@ def _findings(check: "CampaignCheck", *, explained: bool) -> Iterator[Finding]:
     for number, doubt in enumerate(check.labels[:MOST]):
         name = names[doubt.row]
         row = f"row {name}" if number else row_in_file(measured[doubt.row], name)
-        yield Finding(f"{row}: {'; '.join(_doubt(check, doubt))}")
+        yield Finding(f"{row}: {'; '.join(_doubt(check, doubt))}", "compare its mode shape" * doubt.near_draw)
 
 
 # -------- Details

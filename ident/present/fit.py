@@ -188,7 +188,7 @@ def _residuals(fit: "CampaignFit") -> str:
     if several and fit.weights is not None:
         within = f"{several} of {count} values count for less than half; largest: {row}, {z[far]:.1f} sigma."
     elif several:
-        within = f"{several} of {count} residuals too large, most of all {row}: {z[far]:.1f} sigma."
+        within = f"Largest residual: {row}, {z[far]:.1f} sigma; {several} of {count} are too large."
     if fit.contradictory or not fit.cross_predictions:
         return within
     return f"{within} {kinds_agree(fit.cross_predictions)}"
