@@ -245,7 +245,7 @@ for j, colour in enumerate(("#000000", "#777777", "#BBBBBB")):
 right.set_ylabel("torsional stiffness / present")
 right.set_title("What is changed", **TITLE)
 for panel in (left, right):
-    panel.set_xlabel("change norm [-]")
+    panel.set_xlabel("size of change [-]")
 figure.legend(loc="outside lower center", ncols=5)
 figure
 

@@ -356,6 +356,8 @@ PLAUSIBLE = {
 }
 """Factor by which a value may differ from what the arm file predicts before it is refused."""
 
+MOST_DOUBTS = 3
+"""Doubtful rows that are named where the arm file looks wrong itself."""
 AWAY = 0.1
 """Distance [m] by which a position may differ from the arm file's before it is refused; assumed."""
 
@@ -406,7 +408,11 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
     if hopeless or (doubts and ALL not in trusted):
         first = "correct the arm file first (`ident show` draws it)"
         odd = [Problem("arm file", each.got, each.expected, first, each.path) for each in oddities(arm)]
-        raise InputError([*odd, *hopeless, *(doubts if ALL not in trusted else ())])
+        doubts = [] if ALL in trusted else doubts
+        if odd and (more := len(doubts) - MOST_DOUBTS) > 0:  # a wrong arm makes every row look wrong
+            rest = Problem(campaign.name, f"{more} more rows in doubt", "none", first)
+            doubts = [*doubts[:MOST_DOUBTS], rest]
+        raise InputError([*odd, *hopeless, *doubts])
 
 
 def plausible_beside(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> bool:
@@ -473,10 +479,15 @@ def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
     ratio = m.value / expected
     radians = m.kind == "frequency" and 0.8 < ratio / (2 * math.pi) < 1.25
     hint = "it looks like rad/s written as Hz: " if radians else ""
-    got = f"{_written(m, m.value)}, {ratio:.3g} times what the arm file predicts"
+    got = f"{_written(m, m.value)}, {_times(ratio)} times what the arm file predicts"
     yield Problem(
         m.where, got, f"about {_written(m, expected)}", f"{hint}check value and unit, or {_right(row)}", "value"
     )
+
+
+def _times(ratio: float) -> str:
+    """Write a factor without a power of ten: `567`, `0.0000042`."""
+    return np.format_float_positional(ratio, precision=3, fractional=False, trim="-")
 
 
 def _written(m: Measurement, value: float) -> str:

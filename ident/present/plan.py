@@ -201,6 +201,8 @@ def _sd_table(plan: "CampaignPlan", title: str, shown: Sequence[int]) -> Table:
 
 def _from_to(ends: Sequence[str]) -> str:
     """Join the ends of a span; two factors as `factor 2.2 to 4.5`, two of one unit as `5.1 to 8 %`."""
+    if ends[0] == ends[1]:
+        return ends[0]
     first, last = (end.split() for end in ends)
     if first[0] == last[0] == "factor":
         return f"factor {first[1]} to {last[1]}"

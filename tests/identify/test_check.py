@@ -439,7 +439,9 @@ def test_a_wrong_length_is_named_before_the_rows_that_it_makes_implausible():
     wrong = lcd_arm().replace({"joint2.offset.x": 1000.0})
     with pytest.raises(InputError) as refused:
         check_campaign(wrong, read_campaign(DATA / "campaign.csv"))
-    first, *rows = refused.value.problems
+    first, *rows, rest = refused.value.problems
     assert (first.where, first.column, first.got) == ("arm file", "joint2.offset", "1000 m")
     assert "`ident show`" in first.remedy
+    assert len(rows) == 3
     assert all("what the arm file predicts" in row.got for row in rows)
+    assert rest.got.endswith(" more rows in doubt")

@@ -116,7 +116,7 @@ def _curve(axes: Axes, study: DesignStudy, design: "Design") -> None:
         handles.append(Line2D([], [], label=f"limit, {MM * design.limit:g} mm", **LIMIT))
     axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("change norm (1: one number at its farther bound)", fontsize=9)
+    axes.set_xlabel("size of change (1: one number at its farther bound)", fontsize=9)
     axes.set_ylabel(f"largest {study.evaluator.measure} of X, Y, Z [mm]", fontsize=9)
     axes.legend(handles=handles, loc="best", frameon=False, fontsize=9)
 
@@ -135,7 +135,7 @@ def _bars(axes: Axes, design: "Design") -> None:
         axes.bar(at, heights, 0.92 * width, color=COLORS[v % len(COLORS)], label=label, zorder=2)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.set_xticks(range(len(places)), [name for name, _ in places])
-    axes.set_xlabel("change norm", fontsize=9)
+    axes.set_xlabel("size of change", fontsize=9)
     low, high = (spans / scale[:, None]).min(), (spans / scale[:, None]).max()
     axes.set_ylim(1.06 * low, 1.06 * high)
     if by_factor:  # round factors, 1 among them
