@@ -181,7 +181,7 @@ def _residuals(fit: "CampaignFit") -> str:
         return ""
     far, z = fit.farthest_off[0], np.abs(fit.standardised)
     name = row_names(fit.campaign)[far]
-    row = f"row {name}" if fit.contradictory else row_in_file(fit.campaign.measurements[far], name)
+    row = row_in_file(fit.campaign.measurements[far], name)
     count = len(fit.farthest_off)
     within = f"All {count} residuals within {z[far]:.1f} sigma; the largest is {row}."
     several = int(fit.suspicious.sum())

@@ -25,7 +25,6 @@ from ident.present.words import (
     place_read,
     read_unit,
     rounded,
-    row_in_file,
     sentence,
     size_in_words,
     some,
@@ -99,7 +98,7 @@ def contradiction(predictions: Sequence[CrossPrediction], campaign: "Campaign") 
     predicted, value, unit = against(cross, i, m)
     read = f"{describe(m)}: measured {three_digits(value)} {unit}"
     other = f"predicted from the other data {three_digits(predicted)} {unit}"
-    return (sentence(f"{row_in_file(m, name)}, {read}, {other}"),)
+    return (sentence(f"row {name}, {read}, {other}"),)
 
 
 def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:
@@ -197,10 +196,10 @@ def weighty_assumptions(fit: CampaignFit) -> tuple[Table, ...]:
             if moved >= LEAST_SHIFT and fit.supported[which]:
                 heavy.append((moved, _assumption_row(fit, found, items)))
     heavy.sort(key=lambda pair: (pair[1][-1] != UNTESTABLE, -pair[0]))  # what no data test weighs most
-    rows = tuple(row for _, row in heavy[:MOST_ROWS])
+    rows = tuple((what, size, of, shift, evidence) for _, (what, size, shift, of, evidence) in heavy[:MOST_ROWS])
     more = len(heavy) - len(rows)
     note = f"{more} more: --details" if more else ""
-    head = ("What would outweigh noise", "assumed size", "shift", "of", "evidence")
+    head = ("Not modelled, if present", "assumed size", "would shift", "by", "evidence in the data")
     return (Table("", head, rows, note=note),) if rows else ()
 
 

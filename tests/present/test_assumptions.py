@@ -45,7 +45,7 @@ def asking(fit):
 
 def test_what_the_data_contradict_is_named_with_how_much_and_what_to_do(fit):
     found = rows(fit, *asking(fit))
-    assert found[0] == ("base rocks", "10 %", "+2.5 std. errors", "joint1.k_bend", "YES (z = 6.0)")
+    assert found[0] == ("base rocks", "10 % of joint 1", "+2.5 std. errors", "joint1.k_bend", "YES (z = 6.0)")
     assert found[1][0] == "link of joint2 bends"
     assert found[1][-1] == "YES (z = 4.5)"
     finding = asked_for(taking(fit, *asking(fit)))
@@ -119,7 +119,7 @@ def test_a_row_speaks_of_one_joint_the_one_with_evidence_or_else_the_one_that_mo
     calm = [Assumption("link bends", f"joint{i}", scored(z, shift=i * sd)) for i, z in ((1, 1.0), (2, -0.5))]
     assert rows(fit, *calm)[0] == (
         "link of joint2 bends",
-        "10 %",
+        "10 % of its joint",
         "+2.0 std. errors",
         "joint1.k_bend",
         "none (z = -0.5)",

@@ -53,7 +53,7 @@ def test_rows_with_a_servo_on_are_named_in_one_finding(shipped):
     report = check_sections(with_servo(shipped, {0, 2}))
     assert f"the servo was on in rows {first}, {third}" in findings(report)
     rows = section(report, "Influence").parts[0].rows
-    assert [", servo on at (" in row[1] for row in rows[:4]] == [True, False, True, False]
+    assert [", servo on, at (" in row[1] for row in rows[:4]] == [True, False, True, False]
     assert "the servos were on in all rows" in findings(check_sections(with_servo(shipped, range(99))))
 
 

@@ -53,7 +53,7 @@ def test_data_that_contradict_each_other_are_not_usable_and_one_screen_says_why(
     assert report.verdict.word == "NOT USABLE"
     assert "contradict each other (4.1 sigma)" in report.verdict.reason
     assert "3 measurements cannot determine 6 unknowns" in report.verdict.reason
-    measured = "Row 7 (line 7 of table1.csv), tip deflection at (0, 0, 0) deg: measured 22.0 mm"
+    measured = "Row 7, tip deflection at (0, 0, 0) deg: measured 22.0 mm"
     assert report.answer[0] == f"{measured}, predicted from the other data 31.6 mm."
     assert report.next == "ident plan {campaign}", "no causes were searched for"
     assert {row["95 % interval"] for row in values(report).values()} == {"not determined"}

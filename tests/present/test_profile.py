@@ -79,7 +79,7 @@ def test_the_report_shows_linear_and_profile_intervals_and_every_reason():
     [
         ({"delta_chi_squared": np.linspace(-0.5, 0.0, 23)}, "below the fit's -> fit again with more starts"),
         ({"converged": np.arange(23) != 5}, "did not converge at 1 of"),
-        ({"rivals": (math.log(8e5),)}, "another optimum fits about as well outside this interval, at 8e5 N m/rad"),
+        ({"rivals": (math.log(8e5),)}, "another optimum fits about as well outside this interval, at 8.000e5 N m/rad"),
     ],
 )
 def test_what_is_irregular_is_remarked_on(changes, words):
@@ -122,7 +122,7 @@ def test_intervals_are_written_with_their_open_sides():
             parabola(item, math.log(3e5), endings=e) for e in ((CROSSED, CROSSED), (CROSSED, OPEN), (OPEN, CROSSED))
         )
     ]
-    assert texts == ["2.72e5 to 3.309e5", "above 2.72e5", "below 3.309e5"]
+    assert texts == ["2.720e5 to 3.309e5", "above 2.720e5", "below 3.309e5"]
     unknown = parabola(item, 1.0, endings=(OPEN, OPEN))
     assert interval_text(unknown, unknown.widest) == "open"
 
