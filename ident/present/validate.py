@@ -42,7 +42,7 @@ def _verdict(validation: "Validation") -> Verdict:
     if not told:
         needed = "the stiffnesses, or the hysteresis loops" if fit.loops else "the stiffnesses"
         return Verdict("NOT TESTED", f"No part can be predicted: without it the data do not determine {needed}.", "bad")
-    inside = f"{validation.covered} of {len(validation.z)} values lie in its 95 % interval."
+    inside = f"{validation.covered} of {len(validation.z)} values lie in the predicted 95 % interval."
     if validation.missed:
         least = min(part.p_value for part in validation.missed)
         named = some([cut(part.name, 30) for part in validation.missed], FEW)
