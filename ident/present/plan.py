@@ -42,6 +42,8 @@ def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Re
     batch = _batch_table(plan, LISTED) if plan.steps else "No experiment is needed."
     then = "add it to the campaign and fit again" if plan.fit else "then: ident fit {result}.csv --arm {arm}"
     following = "fill in {result}.csv, " + then if plan.steps else "ident validate {campaign}"
+    if plan.steps and plan.fit and plan.fit.doubts:
+        following = "check the causes that ident fit names; fill in {result}.csv, add it and fit again"
     return Report(
         _subject(plan),
         _verdict(plan),
@@ -128,7 +130,7 @@ def _findings(plan: "CampaignPlan", hammer: Sequence[HammerPlan]) -> Iterator[Fi
             yield Finding(text, "measure at more places (--sensors)")
     yield Finding("collisions are not considered", "check each posture")
     if others := plan.fit.doubts[1:] if plan.fit else ():
-        yield Finding(f"further doubts about the fit: {'; '.join(others)}", "see `ident fit` first")
+        yield Finding(f"further doubts: {'; '.join(others)}")
 
 
 def _loose_findings(plan: "CampaignPlan") -> Iterator[Finding]:

@@ -67,7 +67,7 @@ def test_what_is_measured_already_counts(measured, table_1):
     report = measured.sections()
     assert "mean variance" in report.details[0].parts[0]
     assert report.verdict.word == "PROVISIONAL"
-    assert report.next == "fill in out/table1.plan.csv, add it to the campaign and fit again"
+    assert report.next == "check the causes that ident fit names; fill in out/table1.plan.csv, add it and fit again"
     assert_one_screen(measured.report(), files=3)
 
 
