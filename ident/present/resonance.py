@@ -140,7 +140,7 @@ def _verdict(branches: Branches, groups: Sequence[Group], margin: float) -> Verd
     met = sum(bool(group[0].crossings) for group in groups)
     near = f"{len(groups) - met} within {100 * margin:.3g} %" if len(groups) > met else ""
     counts = " and ".join(filter(None, [f"{counted(met, 'crossing')}" if met else "", near]))
-    reason = f"{_meeting(branches, groups[0])}. In all {counts}."
+    reason = f"{_meeting(branches, groups[0])}. Total: {counts}."
     return Verdict("RESONANCE", reason, "bad") if met else Verdict("NEAR", reason, "caution")
 
 

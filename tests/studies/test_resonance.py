@@ -45,7 +45,7 @@ def test_the_result_has_the_numbers_of_the_library(plain):
     assert (groups, meet) == (4, 4)
     verdict = plain.sections().verdict
     assert verdict.word == "RESONANCE"
-    assert "In all 4 crossings." in verdict.reason
+    assert "Total: 4 crossings." in verdict.reason
     assert_one_screen(plain.report(), files=2)
 
 

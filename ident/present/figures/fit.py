@@ -88,10 +88,10 @@ def fit_figure(fit: "CampaignFit") -> Figure:
     title = f"Fit of {cut(fit.arm.name, 50)} to {cut(fit.campaign.name, 50) or 'measurements'}: {verdict.word}"
     known = fit.information
     left_label = max(len(direction_name(direction, known.names, known.sd)) for direction in _shown(fit))
-    letters = max(left_label, 20) + max(longest_label(fit.campaign.measurements), 20) + 24
-    width = 8.6 + LETTER * letters  # panels, and letters in the rows
-    figure = titled((width, total + 0.5), title, (0.1, 0.06), wspace=0.04)
-    columns = figure.add_gridspec(1, 2)
+    letters = max(left_label, 20) + 24, max(longest_label(fit.campaign.measurements), 20)
+    widths = [4.3 + LETTER * count for count in letters]  # a panel, and letters in its rows
+    figure = titled((sum(widths), total + 0.5), title, (0.1, 0.06), wspace=0.04)
+    columns = figure.add_gridspec(1, 2, width_ratios=widths)
     *values, directions = _stack(figure, columns[0], left)
     for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
         _values(axes, fit, group, shift=group is moved)
@@ -226,7 +226,7 @@ def _residuals(axes: Axes, fit: "CampaignFit") -> None:
             axes.plot([z[i]], [y], linestyle="", **{**mark, **(RIMMED if outliers[i] else {"markersize": 5})})
     else:
         _cloud(axes, [campaign.measurements[i].kind for i in order], z[order], outliers[order])
-    axes.set_xlabel("z = (measured - predicted) / its standard deviation [-]; shaded: within ±2", fontsize=9)
+    axes.set_xlabel("z = (measured - predicted) / its std. deviation [-]; shaded: ±2", fontsize=9)
     keys: dict[str, Style] = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
     if outliers.any():
         keys["outlier"] = {"marker": "o", "markerfacecolor": "white", **RIMMED}
