@@ -228,7 +228,7 @@ def _values(result: "CampaignSample", basin: int, places: Sequence[int]) -> Tabl
     what = "Stiffness" if all(is_stiffness(items[i].name) for i in places) else "Unknown"
     head = (f"{what}{shared}", "median", "95 % interval", "fit", "arm file", "interval / prior", "unit")
     caption = f"About optimum {basin + 1}" if len(sample.basins) > 1 else ""
-    return without_empty_columns(Table(caption, head, tuple(rows), ("", ".4g", "", ".4g", ".4g", "", "")))
+    return without_empty_columns(Table(caption, head, tuple(rows), ("", "#.4g", "", "#.4g", ".4g", "", "")))
 
 
 # -------- Details

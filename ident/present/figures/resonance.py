@@ -129,7 +129,7 @@ def _free(time: np.ndarray, line: np.ndarray, top: float, names: Sequence[tuple[
     """Return the place of a line at which its name is far from the names there are."""
     span = time[-1] - time[0]
     shares = (0.93, 0.86, 0.79, 0.72, 0.65, 0.58)
-    places = [_highest(line, share * top, along) for along in (0.5, 0.1, 0.9) for share in shares]
+    places = [_highest(line, share * top, along) for along in (0.5, 0.03, 0.97) for share in shares]
     far = (k for k in places if all(abs(time[k] - t) > 0.2 * span or abs(line[k] - f) > 0.05 * top for t, f in names))
     return next(far, places[0])
 
