@@ -229,16 +229,10 @@ class ExcitingOrder(NamedTuple):
 
 def possible_orders(arm: Arm) -> list[ExcitingOrder]:
     """Return what may excite an arm: imbalances of all drives, then their `error`, then their further errors."""
-    drives = [(drive, drive.name) for drive in arm.drives]
-    return [
-        *(ExcitingOrder(name, IMBALANCE, 1, f"{name}.eccentricity", f"{name}.phase") for _, name in drives),
-        *(ExcitingOrder(name, ERROR, 2, f"{name}.error", f"{name}.error_phase") for _, name in drives),
-        *(
-            ExcitingOrder(name, ERROR, each.order, f"{each.name}.amplitude", f"{each.name}.phase")
-            for drive, name in drives
-            for each in drive.errors
-        ),
-    ]
+    found = [ExcitingOrder(d.name, IMBALANCE, 1, f"{d.name}.eccentricity", f"{d.name}.phase") for d in arm.drives]
+    found += [ExcitingOrder(d.name, ERROR, 2, f"{d.name}.error", f"{d.name}.error_phase") for d in arm.drives]
+    more = [(drive.name, each) for drive in arm.drives for each in drive.errors]
+    return found + [ExcitingOrder(name, ERROR, e.order, f"{e.name}.amplitude", f"{e.name}.phase") for name, e in more]
 
 
 def exciting_orders(arm: Arm) -> list[ExcitingOrder]:
