@@ -32,7 +32,7 @@ def source_sections(study: "SourceStudy") -> Report:
 
 def _verdict(study: "SourceStudy") -> Verdict:
     told, count = study.told, len(study.found.estimates)
-    explained = f"they explain {_range(100 * study.found.explained)} % of the measured vibration"
+    explained = f"they explain {_range(100 * study.found.explained)} % of the mean square of each trace"
     if study.doubtful:
         return Verdict("NOT USABLE", "The runs contradict the model or each other. No interval is reported.", "bad")
     if not study.found.settled:
@@ -63,7 +63,7 @@ def _size(study: "SourceStudy", source: ExcitingOrder) -> tuple[float, str]:
 def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...]:
     size, unit = _size(study, each.source)
     name, low, high = named(each.source), *each.interval
-    estimate, phase, vibration = f"{size * each.amplitude:.4g}", np.degrees(each.phase[0]), MM * makes * each.amplitude
+    estimate, phase, vibration = f"{size * each.amplitude:.4g}", _degrees(each.phase[0]), MM * makes * each.amplitude
     if study.doubtful:
         return name, estimate, None, None, unit, phase, vibration
     if not each.told:
@@ -72,19 +72,24 @@ def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...
     return name, estimate, 100 * each.sd / each.amplitude, interval, unit, phase, vibration
 
 
+def _degrees(phase: float) -> int:
+    """Return whole degrees, without the sign of a zero."""
+    return round(float(np.degrees(phase)))
+
+
 def _estimates(study: "SourceStudy") -> Table:
     head = ("Source", "estimate", "std. error [%]", "95 % interval", "unit", "phase [deg]", "vibration [mm]")
     pairs = zip(study.found.estimates, study.found.makes.tolist(), strict=True)
     rows = tuple(_row(study, each, makes) for each, makes in pairs)
-    note = "Errors are transmission errors at the joint; vibration: the largest that a source makes in these runs."
-    return Table("", head, rows, ("", "", ".1f", "", "", ".0f", ".3f"), note)
+    note = "Transmission errors at the joint; phases at joint angle 0; vibration: largest peak in these runs."
+    return Table("", head, rows, ("", "", ".1f", "", "", "d", ".3f"), note)
 
 
 def _findings(study: "SourceStudy") -> Iterator[Finding]:
     for name in study.poor:
         share = study.found.explained[[channel.name for channel in study.found.problem.channels].index(name)]
         yield Finding(
-            f"{name}: {100 * max(share, 0.0):.0f} % of the vibration is explained",
+            f"{name}: {100 * max(share, 0.0):.0f} % of the mean square is explained",
             "check its speed, load, direction and delay in the table of runs",
         )
     for source in study.contradicting:
@@ -96,27 +101,28 @@ def _findings(study: "SourceStudy") -> Iterator[Finding]:
         names = ", ".join(dict.fromkeys(each.channel.name.rpartition(" ")[0] for each in study.held))
         shares = _range(100 * max(0.0, each.explained) for each in study.held)
         rms = max((100 * (each.ratio - 1) for each in study.held), key=abs)
-        yield Finding(f"not used, {cut(names, 40)}: {shares} % of the vibration predicted, rms within {abs(rms):.0f} %")
+        yield Finding(
+            f"left out and predicted: {cut(names, 40)}, {shares} % of its mean square, rms to {abs(rms):.0f} %"
+        )
     pairs = list(zip(study.found.estimates, study.found.makes.tolist(), strict=True))
     hidden = [named(each.source) for each, _ in pairs if not each.told]
     if hidden and not study.doubtful:
         most = max(MM * makes * each.interval[1] for each, makes in pairs if not each.told)
         speed, told = study.next_run
-        remedy = (
-            f"a further run at {speed:g} % tells {', '.join(map(named, told))}" if told else "add a sensor elsewhere"
-        )
+        every = "it" if len(hidden) == 1 else "all" if len(told) == len(hidden) else ", ".join(map(named, told))
+        remedy = f"add a run at {speed:g} %, which tells {every}" if told else "add a sensor elsewhere"
         what = hidden[0] if len(hidden) == 1 else f"{len(hidden)} sources"
         yield Finding(f"{what} cannot be told: at most {most:.2g} mm{' each' * (len(hidden) > 1)}", remedy)
     if not study.known:
-        yield Finding("the stiffnesses count as known to 10 % (assumed)", "give --posterior of ident sample")
+        remedy = "give --posterior of ident sample"
+        yield Finding("before these runs the stiffnesses are taken as known to 10 % (assumed)", remedy)
 
 
 def _remark(study: "SourceStudy") -> str:
     worst = int(np.argmin(study.found.explained))
     left = 100 * (1 - study.found.explained[worst])
-    return (
-        f"Most is left of {study.found.problem.channels[worst].name}: {left:.1f} % of its mean square, noise included."
-    )
+    name = study.found.problem.channels[worst].name
+    return f"Largest part unexplained: {left:.1f} % of the mean square of {name}, noise included." if left < 100 else ""
 
 
 def _details(study: "SourceStudy") -> Iterator[Section]:
