@@ -1,15 +1,128 @@
-"""The traces of moving arms beside what the drives make of them."""
+"""The traces of moving arms beside what the drives make of them, and the order map: what may make a vibration."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ident.present.figures.style import BLUE, ORANGE, PALE, Style, heading, key_below, plain, titled
+from ident.present.figures.style import BLUE, GREEN, ORANGE, PALE, PINK, Style, heading, key_below, note, plain, titled
+from ident.present.figures.vibration import draw_amplitudes
 from ident.present.report import cut
+from ident.present.words import TRACE_UNITS
 
 if TYPE_CHECKING:
     from ident.assess.source import SourceStudy
+    from ident.vibrate.orders import Spectrogram
+    from ident.vibrate.triage import Finding, Triage
+
+SIZE = (9.0, 5.6)
+"""Width and height [inch]."""
+LOOK: dict[str, Style] = {
+    "drive": {"color": ORANGE, "linestyle": (0, (6, 2))},
+    "mode": {"color": GREEN, "linestyle": "-"},
+    "line": {"color": PINK, "linestyle": (0, (1.5, 1.5))},
+}
+"""Colours and lines by kind; thin for what was compared, thick for what was found."""
+
+
+def triage_figure(
+    triage: "Triage",
+    spectrogram: "Spectrogram",
+    *,
+    trace: int = 0,
+    title: str = "What vibrates: order map",
+    upto: float = 20.0,
+    kind: str = "displacement",
+) -> Figure:
+    """Draw the amplitude of a trace over time and frequency, with tracks of drives, modes and lines.
+
+    Args:
+        triage: what was compared and found.
+        spectrogram: of the trace, amplitudes (F, B) [m] or [m/s^2].
+        trace: number of the trace.
+        title: heading, such as the trace's name and direction.
+        upto: [Hz] upper end of the axis.
+        kind: `displacement`, drawn in mm, or `acceleration`.
+    """
+    figure = titled(SIZE, cut(title, 70))
+    axes = figure.subplots()
+    draw_amplitudes(figure, axes, spectrogram, upto, False, *TRACE_UNITS[kind])
+    half = 0.5 / spectrogram.resolution
+    axes.set_xlim(spectrogram.time[0] - half, spectrogram.time[-1] + half)
+    axes.set_ylim(0, upto)
+    axes.set_xlabel("time [s]", fontsize=9)
+    axes.set_ylabel("frequency [Hz]", fontsize=9)
+    found = {finding.track for finding in triage.findings}
+    for number, each in enumerate(triage.hypotheses):
+        if each.frequency and (each.kind != "line" or number in found):
+            look: Style = {"linewidth": 2.2, "alpha": 1.0} if number in found else {"linewidth": 0.9, "alpha": 0.65}
+            axes.plot(triage.time[trace], each.frequency[trace], **LOOK[each.kind], **look)
+            _name(axes, triage, number, trace)
+    for rank, finding in enumerate(triage.findings, start=1):
+        if finding.track is not None and finding.trace == trace:
+            _mark(axes, triage, finding, rank)
+    key_below(figure, list(_entries(triage)), "\n".join(_notes(triage, spectrogram)), columns=2)
+    return figure
+
+
+def _name(axes: Axes, triage: "Triage", number: int, trace: int) -> None:
+    """Write what a track is: a mode at its end, a drive where it is highest, each a bit lower than the one before."""
+    each, time = triage.hypotheses[number], triage.time[trace]
+    track, top = each.frequency[trace], axes.get_ylim()[1]
+    left, right = axes.get_xlim()
+    if each.kind == "drive":
+        k = int(np.where((track <= (0.96 - 0.07 * (number % 4)) * top) & (time < right), track, -1.0).argmax())
+        text, align = _drives(each.drives[:1]), "center"
+    else:
+        k = int(np.flatnonzero(time <= right)[-1])
+        text, align = cut(triage.labels[trace][each.mode or 0], 24), "right"
+    if each.kind != "line" and 0 < track[k] < 0.97 * top:
+        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5}
+        at = (max(float(time[k]), left), float(track[k]))
+        note(axes, text, at, (-2, 2), color=LOOK[each.kind]["color"], bbox=box, ha=align, va="bottom")
+
+
+def _mark(axes: Axes, triage: "Triage", finding: "Finding", rank: int) -> None:
+    """Put the number of a finding where it is strongest."""
+    track = triage.hypotheses[finding.track or 0].frequency[finding.trace]
+    frequency = float(np.interp(finding.time, triage.time[finding.trace], track))
+    box = {"boxstyle": "circle,pad=0.25", "facecolor": "white", "edgecolor": LOOK[finding.kind]["color"]}
+    low, high = axes.get_xlim()
+    time = min(max(finding.time, low), high)
+    note(axes, f"{rank}", (time, frequency), (0, 0), bbox=box, ha="center", va="center", color="black", zorder=6)
+
+
+def _entries(triage: "Triage") -> Iterator[Line2D]:
+    for rank, finding in enumerate(triage.findings, start=1):
+        if finding.kind != "unexplained":
+            yield Line2D([], [], label=f"{rank}: {_words(finding)}", linewidth=2.2, **LOOK[finding.kind])
+
+
+def _words(finding: "Finding") -> str:
+    what = {
+        "drive": _drives(finding.drives),
+        "mode": ", ".join(finding.modes),
+        "line": f"line at {finding.frequency[0]:.4g} Hz",
+    }[finding.kind]
+    return f"{cut(what, 44)}, {100 * finding.share:.0f} %" + ("" if finding.told else " (cannot tell)")
+
+
+def _drives(drives: tuple[tuple[str, int], ...]) -> str:
+    return " or ".join(name + (f" x {order}" if order > 1 else "") for name, order in drives)
+
+
+def _notes(triage: "Triage", spectrogram: "Spectrogram") -> Iterator[str]:
+    yield "tracks: drives broken, modes solid; thick and numbered where strongest: what makes the vibration, its share"
+    if any(finding.kind == "unexplained" for finding in triage.findings):
+        yield f"unexplained: {100 * triage.findings[-1].share:.0f} %"
+    yield spectrogram.description()
+
+
+# -------- Traces
+# Measured and computed.
 
 MOST = 6
 """Traces that are drawn: of more, those of which most is left unexplained."""

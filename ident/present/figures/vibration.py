@@ -292,7 +292,7 @@ def spectrogram_figure(
     """
     figure = titled((SPECTRUM_PANEL[0], 4.9), cut(title, 70))
     axes = figure.subplots()
-    _colours(figure, axes, spectrogram, upto, decibel, *TRACE_UNITS[kind])
+    draw_amplitudes(figure, axes, spectrogram, upto, decibel, *TRACE_UNITS[kind])
     handles = []
     for (name, (time, frequency)), style in zip((lines or {}).items(), cycle(LINES), strict=False):
         axes.plot(time, frequency, **style)
@@ -354,7 +354,7 @@ def _flags(axes: Axes, flags: Sequence[_Flag], *, labelled: bool) -> None:
             note(axes, f" {text}", (low, 1.0), (0, 2 + LINE * row), **place)
 
 
-def _colours(
+def draw_amplitudes(
     figure: Figure, axes: Axes, spectrogram: "Spectrogram", upto: float, decibel: bool, factor: float, unit: str
 ) -> None:
     """Draw the amplitudes, straight between bins and segments, and the bar that tells them."""

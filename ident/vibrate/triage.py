@@ -1,0 +1,600 @@
+"""What makes the strong parts of a measured vibration: a drive, a mode or a fixed line, by how its frequency moves.
+
+A hypothesis is a track f(t): order |ratio dq/dt| / (2 pi) of a drive, a natural frequency along the postures, or a
+constant. With phi = 2 pi int f dt it explains Re(sum over j of c_j w_j(t) exp(i phi)), w_j smooth bumps:
+
+- of a drive about its track, and about each mode that it passes, under the envelope b of that mode while it is near,
+
+      db/dt = -2 pi zeta f_k b + f^2 exp(i (phi - phi_k)),
+
+  so that what rings after a resonance is the drive's, and the mode is what amplifies it;
+- of the command about all modes, from each jump of the commanded acceleration on, damped as the modes are;
+- of a mode that something else rings, a second apart; of a line, four seconds apart, as it is there all the time.
+
+Least squares on the whitened trace leave a share u of its energy, less noise. A set of hypotheses has the score
+-T / (2 FREE) ln(u + MISFIT^2) - COST each; scores of the sets with a rival in its place give a hypothesis' probability.
+No phase is compared with a model's: clock offset and phases of drives don't matter.
+
+References:
+    Mallat, Zhang, "Matching pursuits with time-frequency dictionaries", IEEE Trans. Signal Process. 41, 1993. Vold,
+    Leuridan, "High resolution order tracking at extreme slew rates", SAE 931288, 1993 (smooth envelope of an order).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import median_filter
+from scipy.signal import ShortTimeFFT, decimate, find_peaks, hilbert
+from scipy.sparse import csr_array, diags_array, hstack
+
+from ident.arm.arm import Arm, nominal
+from ident.arm.chain import Loads
+from ident.vibrate.branches import Branches, branches
+from ident.vibrate.motion import Motion
+from ident.vibrate.response import runs
+from ident.vibrate.spectra import samples
+
+RATE = 200.0
+"""Samples a second to which a trace is thinned out: below 80 Hz are the mains at 50 Hz and an arm's first modes."""
+LOWEST = 0.5
+"""Share of the lowest natural frequency below which an arm follows its command without vibrating."""
+ORDERS = (1, 2, 4)
+"""Multiples of a drive's frequency: imbalance, kinematic error, and its first overtone."""
+MODES = 5
+"""Lowest modes that count, up to 20 Hz of the paper's arm; assumed."""
+ALIKE = 0.01
+"""Tracks closer than this, relative to them, are one: the mounting of a harmonic drive changes its ratio by 1."""
+SCALES = np.arange(0.94, 1.0601, 0.005)
+"""Factors of a mode's frequency that are tried: stiffnesses known to 10 %; assumed."""
+NEAR = 0.2
+"""Distance from a natural frequency, relative to it, within which a drive rings a mode; assumed."""
+TRACK, FREE, STEADY = 2.0, 1.0, 4.0
+"""Spacing [s] of the bumps of a drive, of a mode and of a line: an amplitude may change within; assumed."""
+GROWTH = 1.5
+"""By which bumps of what only rings on grow wider, from one to the next; assumed."""
+DAMPED = 0.4
+"""Share of a mode's damping with which its envelope decays: bumps follow more of it, but nothing less; assumed."""
+FAINT = 0.02
+"""Share of its largest envelope below which a mode has rung out."""
+JUMP = 0.3
+"""Share of the largest acceleration that is a jump, within half a period of the lowest mode; assumed."""
+RIDGE = 3e-3
+"""Keeps columns that nearly coincide, each of norm 1, from growing against each other."""
+MISFIT = 0.15
+"""Share of an amplitude to which a smooth envelope about a model's track is right; assumed."""
+COST = 4.0
+"""Score that a further hypothesis must gain: odds of 50; assumed."""
+SEEN, SURE = 0.05, 0.9
+"""Least share of the energy that makes a finding, and least probability of one that can be told; assumed."""
+OFTEN = 0.25
+"""Quantile over time of a spectrum: what sweeps through, or is there for less than three quarters, is no line."""
+HEIGHT, LINES = 4.0, 3
+"""Power over that of noise from which a line is looked at, and most of them in a trace; assumed."""
+ABOUT = 3.0
+"""Frequencies [Hz] to either side of which the median is the level of noise; assumed."""
+STANDS_OUT = 5.0
+"""Standard deviations of the noise's energy that a vibration must have."""
+
+Kind = Literal["drive", "mode", "line", "unexplained"]
+Next = Literal["source", "profile", "standstill", "speed", "modes"]
+
+
+@dataclass(frozen=True)
+class MovingTrace:
+    """A trace of the moving arm.
+
+    Attributes:
+        time: (T,) [s] uniform, on the motion's clock up to a small offset.
+        values: (T,) [any] displacement or acceleration in one direction.
+        motion: the commanded motion.
+        loads: what hangs on the arm.
+    """
+
+    time: Float[np.ndarray, "T"]
+    values: Float[np.ndarray, "T"]
+    motion: Motion
+    loads: Loads | None = None
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What may make a vibration.
+
+    Attributes:
+        kind: drive, mode or line.
+        drives: (name, order) of all that turn alike for the whole motion, the lowest order first.
+        mode: number of the mode; None of a drive, a line, and of the command, which rings all modes.
+        frequency: (T_r,) [Hz] over the grid of each trace; none of the command.
+    """
+
+    kind: Kind
+    drives: tuple[tuple[str, int], ...]
+    mode: int | None
+    frequency: tuple[Float[np.ndarray, "_"], ...]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A strong part of the vibration and what makes it.
+
+    Attributes:
+        kind: drive, mode, line, or unexplained.
+        drives: (name, order) of drives; frequency does not tell which of several.
+        modes: labels of the modes that ring, or that amplify a drive, the strongest first; at least a quarter of it.
+        by_command: whether a mode rings from jumps of the commanded acceleration on.
+        share: () [-] of the energy of vibration, where each frequency counts by its noise; the mean over the traces.
+        probability: () [-] that it is this and none of its rivals; 1 of what is unexplained.
+        rival: what else it most likely is; None for nothing.
+        track: number of the hypothesis whose track it follows most; None of what is unexplained.
+        trace: number of the trace of which it has the largest share.
+        frequency: [Hz] lowest and highest there, while above half of its largest amplitude.
+        time: () [s] when it is strongest there.
+        amplitude: () [unit of the values] 0-peak, then.
+        next: what to do: `source` (identify the drive), `profile` (a smoother command), `standstill` (record at rest),
+            `speed` (run at another speed, as it cannot be told), `modes` (look at more modes).
+    """
+
+    kind: Kind
+    drives: tuple[tuple[str, int], ...]
+    modes: tuple[str, ...]
+    by_command: bool
+    share: float
+    probability: float
+    rival: Hypothesis | None
+    track: int | None
+    trace: int
+    frequency: tuple[float, float]
+    time: float
+    amplitude: float
+    next: Next
+
+    @property
+    def told(self) -> bool:
+        """Whether it can be told from its rivals."""
+        return self.probability >= SURE
+
+
+@dataclass(frozen=True)
+class Triage:
+    """What makes the strong parts of some traces.
+
+    Attributes:
+        findings: the largest share first, the unexplained rest last; none where nothing stands out of noise.
+        hypotheses: all that were compared.
+        labels: (traces) of the modes by their numbers, at the end of each trace.
+        time: (T_r,) [s] grid of each trace.
+        noise: (traces) [unit of the values] rms of each trace's noise.
+    """
+
+    findings: tuple[Finding, ...]
+    hypotheses: tuple[Hypothesis, ...]
+    labels: tuple[tuple[str, ...], ...]
+    time: tuple[Float[np.ndarray, "_"], ...]
+    noise: tuple[float, ...]
+
+
+def triage(arm: Arm, traces: Sequence[MovingTrace], *, orders: Sequence[int] = ORDERS) -> Triage:
+    """Find what makes the strong parts of the vibration of a moving arm, with nothing identified.
+
+    Args:
+        arm: the arm; of a batch the median. Natural frequencies may be 5 % off.
+        traces: of one arm, at any speeds, points and directions; explained together.
+        orders: multiples of each drive's turning frequency.
+
+    Raises:
+        InputError: a trace with gaps, uneven steps or few samples; a motion of other joints.
+    """
+    arm, grids = nominal(arm), [_thinned(trace) for trace in traces]
+    each = zip(traces, grids, strict=True)
+    along = _numbered([branches(arm, t.motion, count=MODES, times=x, loads=t.loads) for t, (x, _) in each])
+    records = [_record(*grid, LOWEST * float(a.natural.min())) for grid, a in zip(grids, along, strict=True)]
+    along = _scaled(records, along)
+    hypotheses = (
+        *_drives(arm, orders, [trace.motion for trace in traces], records),
+        *(Hypothesis("mode", (), k, tuple(a.natural[k] for a in along)) for k in range(len(along[0].natural))),
+        Hypothesis("mode", (), None, ()),
+        *_lines(records),
+    )
+    motions = [trace.motion for trace in traces]
+    every = enumerate(zip(records, along, motions, strict=True))
+    fit = _Fit([_system(record, hypotheses, n, a, motion) for n, (record, a, motion) in every], hypotheses)
+    loud = any(system.energy > STANDS_OUT * np.sqrt(2 * system.noise) for system in fit.systems)
+    chosen = fit.seen(fit.search()) if loud else ()
+    shares = fit.shares(chosen)
+    findings = [_finding(fit, along, chosen, h, shares[:, i]) for i, h in enumerate(chosen)]
+    findings.sort(key=lambda finding: -finding.share)
+    left = 1.0 - sum(finding.share for finding in findings)
+    if loud and left >= SEEN:
+        rest: tuple = (None, None, 0, (0.0, 0.0), 0.0, 0.0, "modes")
+        findings.append(Finding("unexplained", (), (), False, left, 1.0, *rest))
+    labels = tuple(
+        tuple(a.label(k, float(r.time[-1])) for k in range(len(a.natural))) for a, r in zip(along, records, strict=True)
+    )
+    noise = tuple(float(np.sqrt(2 * s.scatter * (s.record.level**2).sum() / len(s.record.time))) for s in fit.systems)
+    return Triage(tuple(findings), hypotheses, labels, tuple(r.time for r in records), noise)
+
+
+# -------- Records
+# Traces on a grid, freed of their drift, whitened.
+
+
+class _Record(NamedTuple):
+    """Times and whitened values (T,), the noise's level (F,), zero outside the band [Hz]."""
+
+    time: np.ndarray
+    white: np.ndarray
+    level: np.ndarray
+    band: tuple[float, float]
+
+    @property
+    def step(self) -> float:
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+
+    def phase(self, track: np.ndarray) -> np.ndarray:
+        """Return 2 pi times the integral of a frequency."""
+        return 2 * np.pi * self.step * (np.cumsum(track) - track / 2)
+
+
+def _thinned(trace: MovingTrace) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and values of a trace at about RATE."""
+    given = samples(trace.time, trace.values)
+    factor = max(1, int(given.rate / RATE * (1 + 1e-6)))
+    values = decimate(given.values, factor) if factor > 1 else given.values
+    return given.time[0] + np.arange(len(values)) * given.step * factor, values
+
+
+def _record(time: np.ndarray, values: np.ndarray, low: float) -> _Record:
+    """Take off the line from end to end, and divide by the noise as it is at the quieter times."""
+    step, count = float(time[1] - time[0]), len(time)
+    ends, band = max(1, round(0.25 / step)), (low, 0.4 / step)
+    values = values - np.linspace(values[:ends].mean(), values[-ends:].mean(), count)
+    quiet, frequency = _often(values, step, TRACK, 2)
+    about = 2 * max(1, round(ABOUT / frequency[1])) + 1
+    at = np.fft.rfftfreq(count, step)
+    level = np.sqrt(np.interp(at, frequency, median_filter(quiet, about, mode="reflect")))
+    level = np.maximum(level, 1e-9 * np.abs(values).max() + np.finfo(float).tiny)
+    inside = np.clip(1 + (at - band[0]) / (0.25 * band[0]), 0, 1) * np.clip(1 + (band[1] - at) / (0.05 * band[1]), 0, 1)
+    return _Record(time, np.fft.irfft(np.fft.rfft(values) * inside / level, count), level * (inside > 0), band)
+
+
+def _often(values: np.ndarray, step: float, seconds: float, overlap: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the power that a spectrum has for three quarters of the time, 1 of white noise of variance 1."""
+    length = round(min(seconds / step, len(values) / 6))
+    transform = ShortTimeFFT(np.hanning(length), length // overlap, 1 / step, mfft=4 * length, scale_to="psd")
+    edge = -(-length // 2 // transform.hop)
+    power = np.abs(transform.stft(values)[:, edge:-edge]) ** 2 / step
+    return np.quantile(power, OFTEN, axis=1) / -np.log(1 - OFTEN), transform.f
+
+
+# -------- Tracks
+# Frequencies over time of all that may make a vibration.
+
+
+class _Along(NamedTuple):
+    """Natural frequencies [Hz] and damping ratios (B, T) of the modes along a trace, and which branches they are."""
+
+    natural: np.ndarray
+    damping_ratio: np.ndarray
+    place: np.ndarray
+    branches: Branches
+
+    def label(self, k: int, time: float) -> str:
+        return str(self.branches.label(int(self.place[k]), time))
+
+
+def _numbered(along: Sequence[Branches]) -> list[_Along]:
+    """Number the modes of all traces alike: by rank where a trace comes nearest to a posture of the first one."""
+    count, found = min(len(each.labels) for each in along), []
+    for each in along:
+        apart = np.linalg.norm(along[0].posture[:, ::10, None] - each.posture[:, None, ::10], axis=0)
+        i, j = (10 * int(k) for k in np.unravel_index(int(apart.argmin()), apart.shape))
+        rank = np.argsort(np.argsort(along[0].median[:, i])[:count])
+        place = np.argsort(each.median[:, j])[:count][rank]
+        found.append(_Along(each.median[place], each.median_damping_ratio[place], place, each))
+    return found
+
+
+def _scaled(records: Sequence[_Record], along: Sequence[_Along]) -> list[_Along]:
+    """Scale each mode's frequencies by the factor with which most bumps of the traces stand out of noise."""
+
+    def stands_out(track: np.ndarray, record: _Record) -> float:
+        bumps = _bumps(record.time, np.arange(record.time[0], record.time[-1] + STEADY, STEADY))
+        turned = bumps.T @ (record.white * np.exp(-1j * record.phase(track)))
+        return float(np.log1p(np.abs(turned) ** 2 / (bumps**2).sum(0)).sum())  # a strong drive passing counts once
+
+    def factor(k: int) -> float:
+        each = list(zip(records, along, strict=True))
+        return max(SCALES.tolist(), key=lambda scale: sum(stands_out(scale * a.natural[k], r) for r, a in each))
+
+    factors = np.array([[factor(k)] for k in range(len(along[0].natural))])
+    return [a._replace(natural=a.natural * factors) for a in along]
+
+
+def _drives(
+    arm: Arm, orders: Sequence[int], motions: Sequence[Motion], records: Sequence[_Record]
+) -> Iterator[Hypothesis]:
+    """Yield a hypothesis for all orders of drives that turn alike, where they reach into the band."""
+    joints, groups = [joint.name for joint in arm.driven], list[Hypothesis]()
+    speeds = [np.abs(np.asarray(motion(record.time)[1])) for motion, record in zip(motions, records, strict=True)]
+    for order, drive in ((order, drive) for order in sorted(orders) for drive in arm.drives):
+        turns, j = order * abs(float(drive.ratio)) / (2 * np.pi), joints.index(drive.joint)
+        track = tuple(turns * speed[j] for speed in speeds)
+        for k, group in enumerate(groups):
+            if all((np.abs(a - b) <= ALIKE * a).all() for a, b in zip(group.frequency, track, strict=True)):
+                groups[k] = replace(group, drives=(*group.drives, (drive.name, order)))
+                break
+        else:
+            groups.append(Hypothesis("drive", ((drive.name, order),), None, track))
+    for group in groups:
+        if any(((f > r.band[0]) & (f < r.band[1])).any() for f, r in zip(group.frequency, records, strict=True)):
+            yield group
+
+
+def _lines(records: Sequence[_Record]) -> Iterator[Hypothesis]:
+    """Yield the frequencies that are there nearly all the time."""
+    found = list[float]()
+    for record in records:
+        often, frequency = _often(record.white, record.step, STEADY, 4)
+        often[(frequency < record.band[0]) | (frequency > record.band[1])] = 0
+        places, _ = find_peaks(often, height=HEIGHT)
+        count = 8 * len(record.time)
+        whole, fine = (
+            np.abs(np.fft.rfft(record.white * np.hanning(count // 8), count)),
+            np.fft.rfftfreq(count, record.step),
+        )
+        for rough in frequency[places[np.argsort(-often[places])][:LINES]]:
+            about = np.flatnonzero(np.abs(fine - rough) < 1 / STEADY)
+            exact = float(fine[about[whole[about].argmax()]])
+            if all(abs(exact - other) > 1 / STEADY for other in found):
+                found.append(exact)
+    yield from (Hypothesis("line", (), None, tuple(np.full(len(r.time), f) for r in records)) for f in found)
+
+
+# -------- Least squares
+# What sets of hypotheses explain.
+
+
+class _System(NamedTuple):
+    """Normal equations of a trace: columns (T, P), whose they are, about which mode, -1 for none."""
+
+    record: _Record
+    matrix: csr_array
+    owner: np.ndarray
+    mode: np.ndarray
+    gram: np.ndarray
+    moment: np.ndarray
+    scatter: float = 1.0  # energy of a sample's noise: 1 but for errors of its level
+
+    @property
+    def noise(self) -> float:
+        """Energy of the noise in the whitened trace."""
+        low, high = self.record.band
+        return 2 * (high - low) * self.record.step * len(self.record.time) * self.scatter
+
+    @property
+    def energy(self) -> float:
+        """Energy of the whitened trace beyond that of noise."""
+        return float(self.record.white @ self.record.white) - self.noise
+
+    def solve(self, at: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return coefficients of some columns, and the energy that they explain beyond what they take of noise."""
+        gram, moment = self.gram[np.ix_(at, at)], self.moment[at]
+        inverse = np.linalg.inv(gram + RIDGE * np.eye(len(at)))
+        found = inverse @ moment
+        freedom = len(at) - RIDGE * np.trace(inverse)
+        return found, float(2 * found @ moment - found @ gram @ found - self.scatter * freedom)
+
+
+def _system(record: _Record, hypotheses: Sequence[Hypothesis], n: int, along: _Along, motion: Motion) -> _System:
+    """Set up the normal equations of trace n."""
+    parts, owner, mode = [], list[int](), list[int]()
+    for h, each in enumerate(hypotheses):
+        track = each.frequency[n] if each.frequency else along.natural[0]
+        for k, envelope in _envelopes(each, track, record, along, motion):
+            waves = envelope * np.exp(1j * record.phase(track if k < 0 else along.natural[k]))[:, None]
+            parts += [csr_array(waves.real), csr_array(waves.imag)]
+            owner += [h] * 2 * waves.shape[1]
+            mode += [k if each.mode is None else each.mode] * 2 * waves.shape[1]
+    matrix = csr_array(hstack(parts))
+    size = np.sqrt(np.asarray(matrix.multiply(matrix).sum(0)).ravel())
+    used = np.flatnonzero(size > 1e-9)
+    matrix = csr_array(matrix[:, used] @ diags_array(1 / size[used]))
+    gram, moment = (matrix.T @ matrix).toarray(), matrix.T @ record.white
+    system = _System(record, matrix, np.array(owner)[used], np.array(mode)[used], gram, moment)
+    _, most = system.solve(np.arange(len(used)))
+    left = system.energy - most  # beyond noise of 1, by all together: by so much is its level off
+    return system._replace(scatter=max(1 + left / (system.noise - len(used)), 0.1))
+
+
+def _envelopes(
+    each: Hypothesis, track: np.ndarray, record: _Record, along: _Along, motion: Motion
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield envelopes (T, K) about a hypothesis' own track, -1, or about that of a mode which it rings."""
+    time, step = record.time, record.step
+    decays = DAMPED * 2 * np.pi * step * along.natural * along.damping_ratio
+    modes = list(enumerate(zip(along.natural, decays, strict=True)))
+    if each.kind == "line" or each.mode is not None:
+        spacing = STEADY if each.kind == "line" else FREE
+        yield -1, _bumps(time, np.linspace(time[0], time[-1], max(2, round((time[-1] - time[0]) / spacing) + 1)))
+    elif each.kind == "drive":
+        bumps = _bumps(time, np.linspace(time[0], time[-1], max(2, round((time[-1] - time[0]) / TRACK) + 1)))
+        bumps = bumps * ((track > record.band[0] / 2) & (track < record.band[1]))[:, None]
+        yield -1, bumps[:, (bumps**2).sum(0) > TRACK / step / 20]
+        for k, (natural, decay) in modes:
+            for first, last in runs(np.abs(track - natural) < NEAR * natural):
+                if last > first + 1 / natural[first] / step:  # near for a cycle
+                    near = (track**2 * np.exp(1j * (record.phase(track) - record.phase(natural))))[first : last + 1]
+                    yield k, _ringing(time, first, last, near, decay)
+    else:
+        for first, (k, (_, decay)) in ((first, mode) for first in _jumps(record, motion) for mode in modes):
+            yield k, _ringing(time, first, first, np.ones(1), decay)
+
+
+def _jumps(record: _Record, motion: Motion) -> list[int]:
+    """Return the samples at which the commanded acceleration jumps, within half a period of the lowest mode."""
+    quarter = LOWEST / (4 * record.band[0])
+    ahead = int(3 * quarter / record.step)  # so that a jump at the start of a trace is a peak
+    time = record.time[0] + record.step * np.arange(-ahead, len(record.time))
+    before, after = (np.asarray(motion(time + side)[2]) for side in (-quarter, quarter))
+    height = JUMP * np.abs(np.asarray(motion(record.time)[2])).max() + np.finfo(float).tiny
+    places, _ = find_peaks(np.abs(after - before).max(0), height=height, plateau_size=1)
+    return sorted({max(0, int(place) - ahead) for place in places})
+
+
+def _ringing(time: np.ndarray, first: int, last: int, force: np.ndarray, decay: np.ndarray) -> np.ndarray:
+    """Return envelopes (T, K) of a mode that is forced between two samples and rings on, with ever wider bumps."""
+    state, envelope = 0j, np.zeros(len(time), complex)
+    for i, (factor, pushed) in enumerate(zip(np.exp(-decay[first : last + 1]).tolist(), force.tolist(), strict=True)):
+        envelope[first + i] = state = factor * state + pushed
+    envelope[last:] = state * np.exp(-np.cumsum(decay[last:]) + decay[last])
+    size = np.abs(envelope)
+    end = int(np.flatnonzero(size > FAINT * size.max())[-1])
+    centres, gap = [time[first]], FREE
+    while centres[-1] < time[end]:
+        gap *= GROWTH if centres[-1] >= time[last] else 1.0
+        centres.append(centres[-1] + gap)
+    within = (time >= time[first]) & (time <= time[end])
+    return _bumps(time, np.array([*centres, centres[-1] + gap])) * (within * envelope / size.max())[:, None]
+
+
+def _bumps(time: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    """Return raised cosines (T, K) about K centres [s], each from its neighbour to its neighbour: they add up to 1."""
+    gaps = np.diff(centres)
+    away = time[:, None] - centres
+    away = np.where(away < 0, away / np.append(gaps[0], gaps), away / np.append(gaps, gaps[-1]))
+    return 0.5 + 0.5 * np.cos(np.pi * np.clip(away, -1, 1))
+
+
+class _Fit:
+    """Scores of sets of hypotheses over all traces, each computed once."""
+
+    def __init__(self, systems: Sequence[_System], hypotheses: Sequence[Hypothesis]):
+        self.systems, self.hypotheses = systems, hypotheses
+        self._scores, self._explained = dict[tuple[int, ...], float](), dict[tuple[int, ...], np.ndarray]()
+
+    def explained(self, chosen: Sequence[int]) -> np.ndarray:
+        """Return the share of each trace's energy that a set explains."""
+        key = tuple(sorted(chosen))
+        if key not in self._explained:
+            energy = [max(s.energy, STANDS_OUT * np.sqrt(2 * s.noise)) for s in self.systems]
+            parts = [s.solve(np.flatnonzero(np.isin(s.owner, key)))[1] for s in self.systems]
+            self._explained[key] = np.array(parts) / energy
+        return self._explained[key]
+
+    def score(self, chosen: Sequence[int]) -> float:
+        """Return the score of a set."""
+        length = np.array([s.record.step * len(s.record.time) for s in self.systems])
+        left = np.maximum(1 - self.explained(chosen), 0)
+        return float(-(length / (2 * FREE) * np.log(left + MISFIT**2)).sum() - COST * len(chosen))
+
+    def search(self) -> tuple[int, ...]:
+        """Return the best set that adding, leaving out or exchanging one hypothesis at a time finds."""
+        best: tuple[int, ...] = ()
+        while True:
+            better = max(self._neighbours(best), key=self.score)
+            if self.score(better) <= self.score(best):
+                return best
+            best = tuple(sorted(better))
+
+    def _neighbours(self, chosen: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+        others = [k for k in range(len(self.hypotheses)) if k not in chosen]
+        yield from ((*chosen, k) for k in others)
+        for rest in (tuple(k for k in chosen if k != h) for h in chosen):
+            yield rest
+            yield from ((*rest, k) for k in others)
+
+    def shares(self, chosen: Sequence[int]) -> np.ndarray:
+        """Return the share of each hypothesis in each trace: the mean of what it explains alone and beside the rest."""
+        if not len(chosen):
+            return np.zeros((len(self.systems), 0))
+        whole = np.clip(self.explained(chosen), 0, 1)
+        beside = [whole - self.explained([k for k in chosen if k != h]) for h in chosen]
+        each = [np.maximum(self.explained([h]) + more, 0) / 2 for h, more in zip(chosen, beside, strict=True)]
+        total = np.maximum(np.sum(each, axis=0), 1e-9)
+        return np.array([part * whole / total for part in each]).T
+
+    def seen(self, chosen: tuple[int, ...]) -> tuple[int, ...]:
+        """Leave out, one by one, what has no share or is hardly needed beside the rest."""
+        rests = [tuple(k for k in chosen if k != h) for h in chosen]
+        needed = np.array([self.score(chosen) - self.score(rest) for rest in rests]) > np.log(SURE / (1 - SURE))
+        doubtful = np.flatnonzero(~needed | (self.shares(chosen).mean(0) < SEEN))
+        return self.seen(max((rests[i] for i in doubtful), key=self.score)) if len(doubtful) else chosen
+
+    def odds(self, chosen: tuple[int, ...], h: int) -> tuple[float, Hypothesis | None]:
+        """Return the probability of one of a set, and what most likely is in its place, None for nothing."""
+        rest = tuple(k for k in chosen if k != h)
+        rivals = [None, *(k for k in range(len(self.hypotheses)) if k not in chosen)]
+        scores = np.array([self.score(rest if k is None else (*rest, k)) for k in rivals])
+        likely = rivals[int(scores.argmax())]
+        other = np.exp(np.minimum(scores - self.score(chosen), 50)).sum()
+        return float(1 / (1 + other)), None if likely is None else self.hypotheses[likely]
+
+
+# -------- Findings
+
+
+def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int, shares: np.ndarray) -> Finding:
+    """Describe one of the hypotheses that explain the traces."""
+    each, waves = fit.hypotheses[h], list[np.ndarray]()
+    of_mode = np.zeros((len(fit.systems), len(along[0].natural)))
+    for n, system in enumerate(fit.systems):
+        at = np.flatnonzero(np.isin(system.owner, chosen))
+        found, _ = system.solve(at)
+        own = at[system.owner[at] == h], found[system.owner[at] == h]
+        white = system.matrix[:, own[0]] @ own[1]
+        waves.append(np.fft.irfft(np.fft.rfft(white) * system.record.level, len(white)))
+        for k in range(of_mode.shape[1]):
+            part = system.matrix[:, own[0]] @ (own[1] * (system.mode[own[0]] == k))
+            of_mode[n, k] = part @ part / max(white @ white, np.finfo(float).tiny)
+    n = int(shares.argmax())
+    time, size = fit.systems[n].record.time, np.abs(hilbert(waves[n]))
+    strongest = int(size.argmax())
+    ranked = [int(k) for k in np.argsort(-of_mode[n]) if of_mode[n, k] >= 0.25]
+    by_command = each.kind == "mode" and each.mode is None
+    number = h
+    if by_command:
+        mode = int(of_mode[n].argmax())
+        number = next(i for i, other in enumerate(fit.hypotheses) if other.kind == "mode" and other.mode == mode)
+    tracks = fit.hypotheses[number].frequency
+    probability, rival = fit.odds(chosen, h)
+    if not _moves(fit, each, tracks, waves):
+        probability = min(probability, 0.5)
+    track = tracks[n][size > 0.5 * size[strongest]]
+    follow: dict[str, Next] = {"drive": "source", "mode": "profile", "line": "standstill"}
+    return Finding(
+        each.kind,
+        each.drives,
+        tuple(dict.fromkeys(along[n].label(k, float(time[strongest])) for k in ranked)),
+        by_command,
+        float(shares.mean()),
+        probability,
+        rival,
+        number,
+        n,
+        (float(track.min()), float(track.max())),
+        float(time[strongest]),
+        float(size[strongest]),
+        follow[each.kind] if probability >= SURE else "speed",
+    )
+
+
+def _moves(fit: _Fit, each: Hypothesis, tracks: Sequence[np.ndarray], waves: Sequence[np.ndarray]) -> bool:
+    """Tell whether a track moves by more than the traces resolve: a drive's where it is strong, a mode's anywhere.
+
+    Of a line some drive's does, else it may be an order that nobody named; without drives some mode's.
+    """
+    steps = [s.record.step for s in fit.systems]
+    weight = np.concatenate([w**2 if each.kind == "drive" else np.ones(len(w)) for w in waves])
+    others = [h.frequency for h in fit.hypotheses if h.kind == "drive"] or [
+        h.frequency for h in fit.hypotheses if h.mode is not None
+    ]
+    resolution = (weight**2).sum() / weight.sum() ** 2 / steps[0]
+    for track in others if each.kind == "line" else [tracks]:
+        f = np.concatenate(track)
+        mean = (weight * f).sum() / weight.sum()
+        if np.sqrt((weight * (f - mean) ** 2).sum() / weight.sum()) > resolution / 4:
+            return True
+    return False
