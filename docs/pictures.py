@@ -31,6 +31,7 @@ FIGURES = {
     "resonance": "arm.extend-10.resonance.png",
     "simulate": "arm.extend-10.simulate.png",
     "spectrum": "arm.extend-10.spectrum.png",
+    "triage": "runs.triage.png",
     "source": "runs.source.png",
     "sweep": "arm.extend-10.joint1.k_tors+bracket.com.x+speed.sweep.png",
     "motion": "arm.extend-10.motion.png",

@@ -24,6 +24,7 @@ In the order of use; every study is one function that returns one frozen result.
     simulate        how far the end point vibrates while the arm carries out a motion
     spectrum        at which frequencies a trace vibrates
     sweep           how the vibration depends on numbers of the arm, or on its speed
+    triage          what makes a measured vibration: a drive, a mode, a fixed line
     source          what excites the moving arm: imbalance and transmission error of each drive
     motion          how fast to go along the path so that the arm keeps a limit, no part changed
     design          what to change so that the arm vibrates least
@@ -72,6 +73,7 @@ if TYPE_CHECKING:
     from ident.studies.source import SourceOptions, SourceResult, source
     from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
     from ident.studies.sweep import SweepOptions, SweepResult, sweep
+    from ident.studies.triage import TriageOptions, TriageResult, triage
     from ident.studies.validate import ValidateOptions, ValidateResult, validate
 
 __version__ = "0.1.0"

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm
+from ident.arm.chain import Loads
 from ident.arm.multibody import ExcitingOrder, possible_orders
 from ident.errors import InputError, Problem
 from ident.identify.binding import loads_of
@@ -30,6 +31,7 @@ from ident.vibrate.source_identification import (
     with_further,
 )
 from ident.vibrate.sources import Run, Sensor
+from ident.vibrate.triage import MovingTrace
 
 RARE = 1e-3
 """Probability of a test below which runs contradict each other; assumed."""
@@ -186,17 +188,30 @@ def _further(found: Identification) -> dict[float, Float[np.ndarray, "S"]]:
     return {speed: with_further(found, run, rate) for speed, run in zip(FURTHER, runs, strict=True)}
 
 
+def moving_traces(arm: Arm, table: Runs) -> list[MovingTrace]:
+    """Return the traces of a table with the motion that each was measured in."""
+    found = []
+    for name in table.names:
+        traces = table.of(name)
+        motion, loads = _motion(arm, table, traces), _loads(arm, traces)
+        found += [MovingTrace(each.time, each.values, motion, loads) for each in traces]
+    return found
+
+
+def _loads(arm: Arm, traces: Sequence[Trace]) -> Loads:
+    try:
+        return loads_of(arm, traces[0].row.load)
+    except InputError as error:
+        raise InputError(replace(each, where=traces[0].row.where) for each in error.problems) from None
+
+
 def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: float) -> SourceProblem:
     """Return runs as a problem."""
     runs, channels = [], []
     for number, name in enumerate(names):
         traces = table.of(name)
         motion = _motion(arm, table, traces)
-        try:
-            loads = loads_of(arm, traces[0].row.load)
-        except InputError as error:
-            raise InputError(replace(each, where=traces[0].row.where) for each in error.problems) from None
-        runs.append(Run(name, motion, loads, tuple(_sensor(arm, each) for each in traces)))
+        runs.append(Run(name, motion, _loads(arm, traces), tuple(_sensor(arm, each) for each in traces)))
         for sensor, trace in enumerate(traces):
             channels.append(_channel(arm, trace, motion, number, sensor, offset))
     words = [table.of(name)[0].row.group or name for name in names]

@@ -60,6 +60,7 @@ from ident.studies.simulate import SimulateResult, simulate
 from ident.studies.source import SourceOptions, source
 from ident.studies.spectrum import spectrum
 from ident.studies.sweep import sweep
+from ident.studies.triage import triage
 from ident.studies.validate import validate
 from ident.text import read_bytes
 
@@ -214,6 +215,18 @@ offer(
     ],
     arm=flag("arm description: marks its natural frequencies", "--arm"),
     path=flag("joint angles during the trace: CSV with time [s], joint1 [deg], ...; default: the trace's file"),
+)
+
+
+offer(
+    triage,
+    """Tell what makes the vibration of a moving arm: a drive, a mode, or a fixed line. Nothing must be identified.
+
+    RUNS is a table: a row for each trace, with how the arm moved (ident source --init). Writes RUNS.triage.json and the
+    order map RUNS.triage.png into the folder given by --out.
+    """,
+    runs=Annotated[Path, typer.Argument(metavar="runs", help="table of runs, a CSV file; see the manual")],
+    arm=flag("arm description; default: arm.toml beside the table", "--arm"),
 )
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 READ_UNITS = {"Hz": (1.0, "Hz"), "m": (1e3, "mm"), "rad": (1e3, "mrad")}
 """Units in which what was measured is read, and how many there are in the SI unit; ratios are read in percent."""
-TRACE_UNITS = {"displacement": (1e3, "mm"), "acceleration": (1.0, "m/s^2")}
+TRACE_UNITS = {"displacement": (1e3, "mm"), "velocity": (1e3, "mm/s"), "acceleration": (1.0, "m/s^2")}
 """Unit in which each kind of trace is reported, and how many there are in the SI unit."""
 TURN = ".turn."
 """What tells how a setup's frame is turned from where it is."""

@@ -185,3 +185,13 @@ def test_a_table_to_fill_in_names_all_channels(folder, tmp_path):
     assert "run12.csv,y,,,,mm" in text
     with pytest.raises(InputError, match="a file that is there"):
         write_runs(tmp_path, tmp_path / "runs.csv")
+
+
+def test_triage_names_the_drive_without_anything_identified(folder, tmp_path):
+    found = ident.triage(table(folder, (12.0,), "triage.csv"))
+    assert found.sections().verdict.word == "DRIVE"
+    assert found.table()[0]["follows"].startswith("drive2 x 1")
+    assert found.table()[0]["share"] > 0.5
+    assert_plain(assert_comes_back(found, tmp_path).table())
+    assert_one_screen(found.report(), files=2)
+    assert [path.name for path in found.save_figures(tmp_path)] == ["triage.triage.png"]

@@ -1,0 +1,117 @@
+"""What makes the vibration of a moving arm: what is said of it, and its rows for programs."""
+
+import shlex
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from ident.present.report import Finding, Report, Section, Table, Verdict, cut
+from ident.present.words import counted
+from ident.text import one_line
+
+if TYPE_CHECKING:
+    from ident.measure.runs import Runs
+    from ident.vibrate.triage import Finding as Part
+    from ident.vibrate.triage import Triage
+
+WORDS = {"drive": "DRIVE", "mode": "STRUCTURE", "line": "FIXED LINE", "unexplained": "UNEXPLAINED"}
+"""Verdict by what makes the largest part."""
+MAINS, OFF_MAINS = (16.7, 50.0, 60.0), 0.1
+"""Frequencies [Hz] of the mains, and by how much a line may be off one."""
+REMEDIES = {
+    "profile": "smooth the command, or see ident motion",
+    "standstill": "record at rest: a line of servo, mains or floor stays",
+    "speed": "record a run at another speed",
+    "modes": "raise --orders, or look for a source that the arm file lacks",
+}
+"""What to do, by the hint of a part."""
+
+
+def triage_sections(triage: "Triage", runs: "Runs") -> Report:
+    """Return all that is said of what makes a vibration."""
+    found = triage.findings
+    path = shlex.quote(one_line(runs.path)).replace("{", "{{").replace("}", "}}")
+    following = f"ident source {path} --arm {{arm}}" if any(part.next == "source" for part in found) else ""
+    return Report(
+        f"What vibrates in {counted(len(runs.traces), 'trace')} of {counted(len(runs.names), 'run')}",
+        _verdict(triage),
+        (_parts(triage, runs),) if found else (),
+        tuple(_findings(triage)),
+        next=following,
+        details=(_compared(triage),),
+    )
+
+
+def _verdict(triage: "Triage") -> Verdict:
+    if not triage.findings:
+        return Verdict("NO VIBRATION", "Nothing stands out of the noise.", "good")
+    largest = triage.findings[0]
+    share = f"{100 * largest.share:.0f} % of the vibration"
+    if not largest.told:
+        return Verdict("CANNOT TELL", f"{share}: {what(largest)} or another cause.", "caution")
+    if largest.kind == "unexplained":
+        return Verdict("UNEXPLAINED", f"{share} follows neither a drive, a mode nor a fixed frequency.", "caution")
+    return Verdict(WORDS[largest.kind], f"{share}: {what(largest)}.", "caution")
+
+
+def what(part: "Part") -> str:
+    """Say what a part follows: `drive2 x 1 or drive1/drive3 x 2`, `lateral torsion 1, rung by the command`."""
+    if part.kind == "drive":
+        by_order: dict[int, list[str]] = {}
+        for drive, order in part.drives:
+            by_order.setdefault(order, []).append(drive)
+        return " or ".join(f"{'/'.join(names)} x {order}" for order, names in by_order.items())
+    if part.kind == "mode":
+        return ", ".join(part.modes) + (", rung by the command" if part.by_command else "")
+    if part.kind == "unexplained":
+        return "unexplained"
+    mains = next((f" (mains, {own:g} Hz)" for own in MAINS if abs(part.frequency[0] - own) < OFF_MAINS), "")
+    return f"a line at {part.frequency[0]:.4g} Hz{mains}"
+
+
+def _parts(triage: "Triage", runs: "Runs") -> Table:
+    head = ("What it follows", "share [%]", "probability [%]", "frequency [Hz]", "strongest", "amplified by")
+    rows: list[tuple[Any, ...]] = []
+    for part in triage.findings:
+        if part.kind == "unexplained":
+            rows.append((what(part), 100 * part.share, None, "", "", ""))
+            continue
+        row = runs.traces[part.trace].row
+        low, high = (f"{end:.1f}" for end in part.frequency)
+        frequency, modes = low if low == high else f"{low} .. {high}", ", ".join(part.modes)
+        strongest = f"{row.file} {row.channel}, {part.time:.1f} s"
+        amplified = modes if part.kind == "drive" else ""
+        rows.append((what(part), 100 * part.share, 100 * part.probability, frequency, strongest, amplified))
+    note = "x 2: twice the frequency of that drive's pulley; drives whose frequencies coincide stand together."
+    return Table("", head, tuple(rows), ("", ".0f", ".0f", "", "", ""), note)
+
+
+def _findings(triage: "Triage") -> Iterator[Finding]:
+    for part in triage.findings:
+        if part.next != "source":  # which the next command does
+            doubt = "" if part.told else " cannot be told from another cause"
+            yield Finding(f"{cut(what(part), 60)}{doubt}", REMEDIES[part.next])
+
+
+def _compared(triage: "Triage") -> Section:
+    drives = [each.drives for each in triage.hypotheses if each.kind == "drive"]
+    rows = tuple((" or ".join(f"{name} x {order}" for name, order in each),) for each in drives)
+    modes = tuple((label,) for label in dict.fromkeys(label for each in triage.labels for label in each))
+    return Section("What was compared", (Table("", ("Drives",), rows), Table("", ("Modes",), modes)))
+
+
+def triage_rows(triage: "Triage", runs: "Runs") -> list[dict[str, Any]]:
+    """Return a row for each part [SI]."""
+    return [
+        {
+            "kind": part.kind,
+            "follows": what(part),
+            "share": part.share,
+            "probability": part.probability,
+            "lowest": part.frequency[0],
+            "highest": part.frequency[1],
+            "time": part.time,
+            "amplitude": part.amplitude,
+            "trace": f"{runs.traces[part.trace].row.file} {runs.traces[part.trace].row.channel}",
+        }
+        for part in triage.findings
+    ]

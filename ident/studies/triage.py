@@ -1,0 +1,101 @@
+"""Tell from traces of the moving arm what makes its vibration: a drive, a mode, a fixed line."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.studies import reading
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option
+from ident.studies.result import Result, check_place
+from ident.studies.shared import ArmOptions, as_file, with_numbers
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.description.file import ArmFile
+    from ident.measure.runs import Runs
+    from ident.vibrate.triage import Triage
+
+
+SEGMENT = 2.0
+"""Length [s] of a segment of the order map: frequencies half a hertz apart are told apart."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TriageOptions(ArmOptions):
+    """Options of `ident.triage`: which multiples of a pulley's frequency are looked at."""
+
+    orders: tuple[int, ...] = option(
+        (1, 2, 4), "multiples of each pulley's frequency that are looked at", read=reading.whole_numbers, text="1,2,4"
+    )
+    upto: float = option(20.0, "highest frequency [Hz] that is drawn", above=0.0)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class TriageResult(Result):
+    """What makes the strong parts of the vibration, as its frequencies over time tell.
+
+    Its table has a row for each part: what it follows, its share of the vibration, probability, frequencies.
+
+    Attributes:
+        found: the parts, and all that was compared.
+        runs: the table of runs.
+        arm_file: the arm.
+        options: what was asked for.
+    """
+
+    found: "Triage"
+    runs: "Runs"
+    arm_file: "ArmFile"
+    options: TriageOptions = field(default_factory=TriageOptions)
+
+    form = "ident-triage/10"
+    shown = ("found", "runs")
+
+    @property
+    def name(self) -> str:
+        """The table of runs, and the study."""
+        return f"{Path(self.runs.path).stem}.triage"
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the order map of the trace in which the largest part is strongest."""
+        from ident.measure.runs import QUANTITIES
+        from ident.present.figures.source import triage_figure
+        from ident.vibrate.orders import spectrogram
+
+        strongest = self.found.findings[0].trace if self.found.findings else 0
+        trace = self.runs.traces[strongest]
+        drawn = spectrogram(trace.time, trace.values, segment_seconds=SEGMENT)
+        title, kind = f"Order map: {trace.row.file} {trace.row.channel}", tuple(QUANTITIES)[trace.derivative]
+        how: Any = {"trace": strongest, "title": title, "upto": self.options.upto, "kind": kind}
+        return {"": triage_figure(self.found, drawn, **how)}
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm_file, "runs": self.runs, **self.runs.files}
+
+
+@study
+def triage(runs: "Runs | str | Path", arm: "ArmFile | None" = None, options: TriageOptions = DEFAULT) -> TriageResult:
+    """Tell what makes the vibration of a moving arm by how its frequencies move; nothing must have been identified.
+
+    Args:
+        runs: the table of runs, see `ident source --init`, or its file.
+        arm: the arm, its stiffnesses within 10 %; by default arm.toml beside the table.
+        options: which multiples of a pulley's frequency are looked at.
+
+    Raises:
+        InputError: a file is wrong, or does not fit the arm.
+        ModelError: the arm collapses.
+    """
+    from ident.assess.source import moving_traces
+    from ident.measure.runs import Runs, read_runs
+    from ident.studies.source import ARM
+    from ident.vibrate.triage import triage as found
+
+    table = runs if isinstance(runs, Runs) else read_runs(runs)
+    arm = arm or as_file(Path(table.path).parent / ARM, options.soft_base)
+    check_place(f"{Path(table.path).stem}.triage", {"arm": arm, "runs": table, **table.files})
+    described = with_numbers(arm.arm, None, options.set)
+    return TriageResult(found(described, moving_traces(described, table), orders=options.orders), table, arm, options)
