@@ -12,7 +12,10 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 LINES, FEW_LINES, PARAMETERS = 900, 60, 8
 BOUND = ("self", "cls")
 each_file = pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
-TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
+
+
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def module_name(path):
@@ -88,7 +91,7 @@ def test_a_short_file_has_several_users():
     """What one file alone imports is written there; readers of recordings are found by the ending of a file."""
     users = {name: set() for name in MODULES}
     for name, path in MODULES.items():
-        for module in imported(run_at_some_time(TREES[path])):
+        for module in imported(run_at_some_time(tree_of(path))):
             users[module].add(name)
     short = {name for name, path in MODULES.items() if path.read_text(encoding="utf-8").count("\n") < FEW_LINES}
     apart = {name for name, path in MODULES.items() if path.stem in ("__init__", "__main__")}
@@ -97,12 +100,12 @@ def test_a_short_file_has_several_users():
 
 @each_file
 def test_no_function_has_many_parameters(path):
-    many = {f.name: len(parameters(f)) for f in functions(TREES[path]) if len(parameters(f)) > PARAMETERS}
+    many = {f.name: len(parameters(f)) for f in functions(tree_of(path)) if len(parameters(f)) > PARAMETERS}
     assert not many
 
 
 def test_no_cycle_of_modules():
-    graph = {name: set(imported(run_at_import(TREES[path]))) - {name} for name, path in MODULES.items()}
+    graph = {name: set(imported(run_at_import(tree_of(path)))) - {name} for name, path in MODULES.items()}
     assert not cycle(graph)
 
 
@@ -110,7 +113,7 @@ def test_no_cycle_of_rooms_with_what_is_imported_late():
     graph = {}
     for name, path in MODULES.items():
         room = name.split(".")[1:2]
-        used = {module.split(".")[1] for module in imported(run_at_some_time(TREES[path])) if "." in module}
+        used = {module.split(".")[1] for module in imported(run_at_some_time(tree_of(path))) if "." in module}
         if room:
             graph.setdefault(room[0], set()).update(used - set(room))
     assert {"arm", "studies", "cli"} <= set(graph)

@@ -1,6 +1,7 @@
 """The house has one way through: no room imports from one further on, and each library has its room."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,7 @@ def run(path):
     return imports_of(run_time(path))
 
 
+@cache
 def run_time(path):
     tree = ast.parse(path.read_text())
     blocks = [node for node in ast.walk(tree) if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
@@ -112,12 +114,15 @@ def test_a_study_reaches_only_so_many_lines(study):
     assert sum(path.read_text().count("\n") for path in reached) <= REACHES[study]
 
 
+@cache
 def of_the_house(path):
     """The files that a file's imports run; of `from package import name` the module of that name, if there is one."""
+    found = []
     for node in ast.walk(run_time(path)):
         names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         if isinstance(node, ast.ImportFrom) and node.module:
             names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
         for name in names:
             own = PACKAGE.parent.joinpath(*name.split("."))
-            yield from (each for each in (own.with_suffix(".py"), own / "__init__.py") if each.is_file())
+            found += [each for each in (own.with_suffix(".py"), own / "__init__.py") if each.is_file()]
+    return found

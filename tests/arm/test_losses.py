@@ -10,8 +10,8 @@ from arms import first_guess_arm, lcd_arm, random_arm, without_gravity
 from scipy.linalg import eig, eigh
 
 from ident.arm.arm import Arm
-from ident.arm.chain import at_posture
-from ident.arm.modes import damped_eigenvalues, linearize, natural_frequencies
+from ident.arm.chain import Chain, at_posture
+from ident.arm.modes import Linearized, damped_eigenvalues, linearize, natural_frequencies
 from ident.arm.multibody import multibody
 from ident.errors import InputError
 from ident.identify.unknowns import stiffness_parameters
@@ -28,9 +28,10 @@ def lossy(arm: Arm, bend: float, tors: float, tau: float = 0.0) -> Arm:
 
 
 @jax.jit
-def poles(arm: Arm, posture: jax.Array) -> tuple[jax.Array, jax.Array]:
+def poles(arm: Arm, posture: jax.Array) -> tuple[jax.Array, jax.Array, Linearized, Chain]:
     chain = at_posture(arm, posture)
-    return damped_eigenvalues(linearize(chain)), natural_frequencies(chain, 3 * len(arm.joints))
+    system = linearize(chain)
+    return damped_eigenvalues(system), natural_frequencies(chain, 3 * len(arm.joints)), system, chain
 
 
 def ratios(arm: Arm, posture: np.ndarray) -> np.ndarray:
@@ -41,7 +42,7 @@ def ratios(arm: Arm, posture: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("eta", [0.001, 0.05, 0.3])
 def test_one_loss_factor_gives_each_mode_half_of_it_at_any_frequency(eta: float) -> None:
     arm = without_gravity(lossy(lcd_arm(), eta, eta))  # gravity gives without loss
-    s, hertz = poles(arm, jnp.zeros(3))
+    s, hertz, *_ = poles(arm, jnp.zeros(3))
     np.testing.assert_allclose(-s.real / np.abs(s), np.sin(np.arctan(eta) / 2), rtol=1e-9)
     np.testing.assert_allclose(np.abs(s) / (2 * np.pi), hertz * (1 + eta**2) ** 0.25, rtol=1e-9)
 
@@ -49,21 +50,18 @@ def test_one_loss_factor_gives_each_mode_half_of_it_at_any_frequency(eta: float)
 def test_random_arms_are_as_the_complex_stiffness_eigenproblem() -> None:
     """Without dampers lambda = -s^2 solves (H + i L) x = lambda M x, here by LAPACK's QZ."""
     rng = np.random.default_rng(0)
-    for joints in (2, 3):
-        arm = lossy(random_arm(rng, joints), 0.05, 0.2)
-        posture = jnp.asarray(rng.uniform(-2, 2, joints))
-        system = linearize(at_posture(arm, posture))
+    for _ in range(3):
+        arm = lossy(random_arm(rng, 2), 0.05, 0.2)
+        s, _, system, _ = poles(arm, jnp.asarray(rng.uniform(-2, 2, 2)))
         M, H, L = (np.asarray(x) for x in (system.M, system.H, system.L))
-        found = np.sort_complex(np.asarray(poles(arm, posture)[0]) / 1j)
         expected = np.sort_complex(np.sqrt(eig(H + 1j * L, M, right=False)))
-        np.testing.assert_allclose(found, expected, rtol=1e-8)
+        np.testing.assert_allclose(np.sort_complex(np.asarray(s) / 1j), expected, rtol=1e-8)
 
 
 def test_small_loss_factors_and_dampers_add_by_their_strain_energy() -> None:
     arm, posture = lcd_arm(), np.deg2rad([40.0, -80.0, 40.0])
     tau, bend, tors = 2e-5, 1e-4, 4e-4
-    chain = at_posture(arm, jnp.asarray(posture))
-    system = linearize(chain)
+    _, _, system, chain = poles(lossy(arm, bend, tors, tau), jnp.asarray(posture))
     values, V = eigh(np.asarray(system.H), np.asarray(system.M))
     stiff = [np.zeros((9, 9)) for _ in range(2)]
     for j in range(3):
@@ -77,7 +75,7 @@ def test_small_loss_factors_and_dampers_add_by_their_strain_energy() -> None:
 
 def test_an_arm_without_loss_factors_has_neither_paths_nor_a_matrix_of_them() -> None:
     assert not any("loss" in path for path in lcd_arm().paths())
-    assert linearize(at_posture(lcd_arm(), jnp.zeros(3))).L is None
+    assert poles(lcd_arm(), jnp.zeros(3))[2].L is None
     with pytest.raises(InputError, match="loss_tors"):
         lcd_arm().replace({"joint1.loss_tors": 0.1})
     assert float(lossy(lcd_arm(), 0.0, 0.1).get("joint2.loss_tors")) == 0.1

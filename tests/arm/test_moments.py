@@ -42,7 +42,7 @@ def test_it_is_two_crosswise_pairs_of_forces_whatever_the_rotation():
         pulled,
         (pulled.position.at[:, -4:].set(np.transpose(places)), pulled.force.at[:, -4:].set(pulls.T)),
     )
-    one, other = static_equilibrium(turned), static_equilibrium(pulled)
+    one, other = map(eqx.filter_jit(static_equilibrium), (turned, pulled))
     assert np.abs(one.phi).max() > 0.03
     np.testing.assert_allclose(one.phi, other.phi, atol=1e-13)
     np.testing.assert_allclose(one.W, other.W, rtol=1e-9, atol=1e-12)
@@ -91,6 +91,7 @@ def test_what_is_no_moment_is_refused(text, words):
         Load.parse(text)
 
 
+@pytest.mark.slow
 def test_commands_take_it_but_for_those_in_motion():
     arm = lcd_arm()
     cases = [PredictOptions(posture=((0, 0, 0),), load=load) for load in ("own weight", "50 N*m about y @ tip")]

@@ -100,7 +100,7 @@ def test_mistakes_are_named(kind, share):
 
 def test_sound_arms_are_seldom_warned_of():
     arm_file, rng = read_arm(DATA / "lcd_arm" / "arm.toml"), np.random.default_rng(4)
-    warned = sum(bool(oddities(sound(arm_file.arm, rng), arm_file.extents)) for _ in range(60))
+    warned = sum(bool(oddities(sound(arm_file.arm, rng), arm_file.extents)) for _ in range(25))
     assert warned <= 2  # 2 of 300 in tests/benchmarks/oddities.py
 
 

@@ -47,12 +47,12 @@ def test_turn_about_a_unit_axis_of_any_angle(angle: float) -> None:
 
 def test_left_jacobian_gives_the_angular_velocity() -> None:
     """(dR/dt) R' = [J dphi/dt], the left side by central differences of SciPy's rotation; their error is 1e-10."""
-    rng, h = np.random.default_rng(1), 1e-5
+    rng, h, jacobian = np.random.default_rng(1), 1e-5, jax.jit(left_jacobian)
     for phi in rotation_vectors().T:
         rate = rng.normal(size=3)
         ahead, behind = (Rotation.from_rotvec(phi + s * h * rate).as_matrix() for s in (1, -1))
         spun = (ahead - behind) / (2 * h) @ Rotation.from_rotvec(phi).as_matrix().T
-        omega = left_jacobian(jnp.asarray(phi)) @ rate
+        omega = jnp.asarray(np.asarray(jacobian(phi)) @ rate)
         assert np.abs(skew(omega) - spun).max() < 1e-9
 
 
@@ -64,22 +64,25 @@ def test_right_jacobian_is_the_transpose() -> None:
 
 def test_curvature_is_the_symmetric_slope_of_the_jacobian() -> None:
     rng = np.random.default_rng(2)
+    both = jax.jit(lambda p, m: (curvature(p, m), jax.jacfwd(lambda q: left_jacobian(q).T @ m)(p)))
     for phi in rotation_vectors().T:
-        moment = jnp.asarray(rng.normal(size=3))
-        slope = jax.jacfwd(lambda p, m=moment: left_jacobian(p).T @ m)(jnp.asarray(phi))
-        assert jnp.abs(curvature(jnp.asarray(phi), moment) - (slope + slope.T) / 2).max() < 20 * EPS
+        found, slope = map(np.asarray, both(phi, rng.normal(size=3)))
+        assert np.abs(found - (slope + slope.T) / 2).max() < 20 * EPS
 
 
 def test_derivatives_at_zero_are_those_of_the_series() -> None:
     """exp[phi] = 1 + [phi] + [phi]^2/2 + ..., J = 1 + [phi]/2 + [phi]^2/6 + ...: first and second derivatives."""
     zero = jnp.zeros(3)
-    generators = np.stack([skew(jnp.asarray(e)) for e in np.eye(3)], -1)
+    generators = np.stack([np.asarray(skew(jnp.asarray(e))) for e in np.eye(3)], -1)
     products = np.einsum("ika,kjb->ijab", generators, generators)
     squares = products + np.swapaxes(products, 2, 3)
     for function, first, second in ((rotation, 1.0, 1 / 2), (left_jacobian, 1 / 2, 1 / 6)):
-        assert jnp.abs(jax.jacfwd(function)(zero) - first * generators).max() < EPS
-        assert jnp.abs(jax.jacrev(function)(zero) - first * generators).max() < EPS
-        assert jnp.abs(jax.hessian(function)(zero) - second * squares).max() < EPS
+        for derivative, expected in (
+            (jax.jacfwd(function), first * generators),
+            (jax.jacrev(function), first * generators),
+            (jax.hessian(function), second * squares),
+        ):
+            assert np.abs(np.asarray(jax.jit(derivative)(zero)) - expected).max() < EPS
 
 
 @pytest.mark.parametrize("function", [rotation, left_jacobian])
@@ -87,9 +90,10 @@ def test_derivatives_at_zero_are_those_of_the_series() -> None:
 def test_second_derivatives_are_smooth(function: object, angle: float) -> None:
     """Against differences of the first derivative (cut-off 1e-10); 0.2236 = sqrt(0.05) once switched formulas."""
     phi = angle * jnp.array([2.0, -3.0, 6.0]) / 7
-    second, h = jax.jacfwd(jax.jacrev(function))(phi), 1e-5
-    for a, e in enumerate(jnp.eye(3)):
-        ahead, behind = (jax.jacrev(function)(phi + s * h * e) for s in (1, -1))
+    first = jax.jit(jax.jacrev(function))
+    second, h = jax.jit(jax.jacfwd(jax.jacrev(function)))(phi), 1e-5
+    for a, e in enumerate(np.eye(3)):
+        ahead, behind = (first(phi + s * h * e) for s in (1, -1))
         assert jnp.abs(second[..., a] - (ahead - behind) / (2 * h)).max() < 1e-9
 
 

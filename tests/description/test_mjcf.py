@@ -3,6 +3,7 @@
 import builtins
 import re
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -47,10 +48,16 @@ def held_by_mujoco(model, postures):
         yield data.site("tool").xpos.copy(), data.xaxis.copy(), M - np.diag(model.dof_armature)
 
 
+@eqx.filter_jit
+def straight(arm, postures):
+    """Points and mass matrix of an arm that gives nowhere."""
+    chain = at_posture(arm, postures)
+    return straight_positions(chain), mass_matrix(chain, jnp.zeros((3, len(arm.joints), postures.shape[1])))
+
+
 def test_end_points_and_inertia_are_mujocos_at_any_posture(load):
     postures = np.random.default_rng(0).uniform(-2, 2, (20, 3))
-    chain = at_posture(load(), jnp.asarray(postures.T))
-    points, mass = straight_positions(chain), mass_matrix(chain, jnp.zeros((3, 3, 20)))
+    points, mass = straight(load(), postures.T)
     for n, (end, axes, M) in enumerate(held_by_mujoco(mujoco.MjModel.from_xml_string(WITHOUT_MESHES), postures)):
         np.testing.assert_allclose(points[:, 0, n], end, atol=1e-12)
         turned = block_diag(*axes)  # a bushing that turns about its pin moves all that the pin moves
@@ -133,8 +140,7 @@ def test_what_is_not_on_the_way_to_the_tip_is_held_with_its_mass(load, tip):
     data, M = mujoco.MjData(model), np.zeros((model.nv, model.nv))
     own = [int(model.joint(name).dofadr[0]) for name in ("j1", "j2", "j3")[:count]]
     postures = np.random.default_rng(0).uniform(-2, 2, (20, 3)) * (np.arange(3) < count)
-    chain = at_posture(arm, jnp.asarray(postures[:, :count].T))
-    points, mass = straight_positions(chain), mass_matrix(chain, jnp.zeros((3, count, 20)))
+    points, mass = straight(arm, postures[:, :count].T)
     for n, posture in enumerate(postures):
         for name, angle in zip(("j1", "j2", "j3"), posture, strict=True):
             data.joint(name).qpos = angle

@@ -97,6 +97,7 @@ def exact(arm, posture):
     return FinishedModes(frequency, ratio, shape.astype(complex), sd, places, "undamped"), known.labels
 
 
+@pytest.mark.slow
 def test_it_is_one_arm_in_all_postures_and_draws_come_near_it(arm):
     """By draws of the prior alone the last mode at 60 degrees was called lateral torsion 3, with a probability of 1."""
     arm = replace(arm, points=(Point("elbow", arm.joints[2].name, (0.0, 0.0, 0.0)), *arm.points))

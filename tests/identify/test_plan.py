@@ -43,8 +43,6 @@ from ident.measure.covariance_and_frames import Covariance
 from ident.present.plan import plan_sections
 from ident.programs import jit
 
-pytestmark = pytest.mark.slow
-
 
 def known(information):
     information = np.asarray(information)
@@ -124,6 +122,7 @@ def test_a_repeat_does_not_average_what_is_common_to_its_group():
     np.testing.assert_allclose([step.sd[0, 0] for step in steps], expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_batch_spreads_over_groups_where_their_values_share_an_error():
     """Of four postures that tell the same, the best one is measured four times only where repeats are independent."""
     rows = [[10.0 + 0.1 * (3 - i)] for i in range(4)]
@@ -140,6 +139,7 @@ def test_a_single_value_on_one_parameter_gains_what_shannon_says():
     assert gain_of(known(np.eye(2)), experiments_of([[3.0, 0.0]])) == pytest.approx(math.log(10) / 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "best"), [("d", 2), ("a", 1), ("b", 0)])
 def test_each_criterion_chooses_what_it_is_for(name, best):
     """Of a, b, c: b is best told by the first, the variance sits in a, and ratios shrink most with the last."""
@@ -149,17 +149,20 @@ def test_each_criterion_chooses_what_it_is_for(name, best):
     assert chosen[0].experiment == best
 
 
+@pytest.mark.slow
 def test_gain_counts_per_cost():
     rows = [[3.0, 0.0], [0.0, 5.0]]
     assert greedy(known(np.eye(2)), experiments_of(rows), 1)[0].experiment == 1
     assert greedy(known(np.eye(2)), experiments_of(rows, [1.0, 3.0]), 1)[0].experiment == 0
 
 
+@pytest.mark.slow
 def test_a_batch_stops_at_its_target():
     assert len(greedy(known(np.eye(1)), experiments_of([[10.0]]), 9, target=0.05)) == 4
     assert greedy(known(np.eye(1)), experiments_of([[10.0]]), 9, target=2.0) == ()
 
 
+@pytest.mark.slow
 def test_a_gain_is_a_mean_over_the_points():
     information = np.stack([np.eye(1), 4 * np.eye(1)])
     there = PriorInformation(("a",), np.zeros((2, 1)), information)
@@ -167,6 +170,7 @@ def test_a_gain_is_a_mean_over_the_points():
     assert gain_of(there, one) == pytest.approx((math.log(4) + math.log(7 / 4)) / 4)
 
 
+@pytest.mark.slow
 def test_greedy_has_the_share_of_the_best_that_is_proved():
     rng = np.random.default_rng(3)
     for _ in range(20):
@@ -183,6 +187,7 @@ def small_grid():
     return plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=1))
 
 
+@pytest.mark.slow
 def test_greedy_reaches_five_percent_in_as_few_visits_as_exhaustive_search():
     """From an empty campaign; an experiment is four frequencies and the deflection."""
     plan = small_grid()
@@ -193,6 +198,7 @@ def test_greedy_reaches_five_percent_in_as_few_visits_as_exhaustive_search():
     assert len(chosen) == fewest(plan, whole, 0.05, most=4) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["d", "a"])
 def test_greedy_reaches_five_percent_in_as_few_single_values_as_exhaustive_search(name):
     """From an empty campaign, each frequency and deflection by itself: six of 35, where no five of them suffice."""
@@ -205,6 +211,7 @@ def test_greedy_reaches_five_percent_in_as_few_single_values_as_exhaustive_searc
     assert len(chosen) == 6
 
 
+@pytest.mark.slow
 def test_promised_and_realised_standard_deviations_agree():
     """600 campaigns as planned from an empty one, with noise, each fitted: a standard deviation is known to 3 %."""
     plan = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(60.0), draws=0, count=3))
@@ -223,6 +230,7 @@ def test_promised_and_realised_standard_deviations_agree():
     np.testing.assert_allclose(ratio, 1, atol=0.1)
 
 
+@pytest.mark.slow
 def test_the_plan_of_a_measured_campaign_promises_what_the_next_fit_says():
     """The planned values added to the campaign, and all fitted: the fit's own standard deviations, to rounding."""
     first = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=2)).campaign()
@@ -242,6 +250,7 @@ def test_the_plan_of_a_measured_campaign_promises_what_the_next_fit_says():
     np.testing.assert_allclose(found.information.sd, then.sd[-1], rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_what_is_not_exactly_known_widens_what_is_promised_as_it_does_the_next_fit():
     """A mass, a length and the scale of the loads; a setup's frame of the campaign is no part of what is planned."""
     load = Load.parse("40 N -z @ tip")
@@ -258,6 +267,7 @@ def test_what_is_not_exactly_known_widens_what_is_promised_as_it_does_the_next_f
     np.testing.assert_allclose(again.sd[0], found.information.sd[sought], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_what_is_known_of_some_is_what_is_known_of_all_with_the_others_integrated_out():
     A = np.random.default_rng(4).normal(size=(9, 4))
     whole = PriorInformation(tuple("abcd"), np.zeros((1, 4)), (A.T @ A)[None], ("b",))
@@ -268,6 +278,7 @@ def test_what_is_known_of_some_is_what_is_known_of_all_with_the_others_integrate
     np.testing.assert_allclose(np.linalg.inv(left.information[0]), covariance[:3, :3])
 
 
+@pytest.mark.slow
 def test_visits_to_one_state_are_entered_once_as_means():
     plan = plan_campaign(
         loose_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=9, costs={"dial": 3.0})
@@ -287,6 +298,7 @@ def test_visits_to_one_state_are_entered_once_as_means():
     np.testing.assert_allclose(found.information.sd, plan.sd[-1], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_what_is_measured_already_gains_less():
     fresh = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(90.0), draws=0, count=1))
     best = fresh.batch[0]
@@ -304,6 +316,7 @@ def test_what_is_measured_already_gains_less():
     assert more.batch[0].posture != best.posture
 
 
+@pytest.mark.slow
 def test_postures_that_show_the_same_are_taken_once():
     """The paper's arm stands upright and is symmetric: joint 1 does not matter, nor does a mirror image."""
     plan = small_grid()
@@ -315,6 +328,7 @@ def test_postures_that_show_the_same_are_taken_once():
     assert (plan.grid.seen >= 0).all()
 
 
+@pytest.mark.slow
 def test_a_tilted_arm_keeps_all_its_postures():
     upright = loose_arm()
     tilted = Arm("tilted", upright.joints, upright.points, upright.payloads, np.array([3.0, 1.0, -9.0]))
@@ -322,6 +336,7 @@ def test_a_tilted_arm_keeps_all_its_postures():
     assert len(plan.predictions.postures) == len(plan.grid.postures) == 36
 
 
+@pytest.mark.slow
 def test_candidate_predictions_are_what_predict_says():
     """Values at a loaded and an unloaded posture, and a slope by central differences."""
     parameters, loads = stiffness_parameters(loose_arm()), (OWN_WEIGHT, Load.parse("glass + 20 N -z @ tip"))
@@ -348,6 +363,7 @@ def way(experiment):
     return experiment.hammer, experiment.labelled, experiment.dial
 
 
+@pytest.mark.slow
 def test_close_frequencies_count_only_with_a_second_accelerometer():
     plan = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(30.0), draws=0, count=1))
     without, with_labels = (
@@ -382,6 +398,7 @@ def springs(points):
     )
 
 
+@pytest.mark.slow
 def test_any_model_can_be_planned_for():
     problem = springs([1.2, 3.2, 4.0])
     now = prior_information(problem.parameters, draws=4)
@@ -395,6 +412,7 @@ def test_any_model_can_be_planned_for():
     assert rest[0].nats < steps[0].nats / 3
 
 
+@pytest.mark.slow
 def test_flat_and_absent_priors_are_planned_for_as_normal_ones():
     flat = Prior.log_uniform(1e5, 1e5 * math.exp(2.0))
     items = stiffness_parameters(loose_arm(), Unknowns(prior_sd=math.inf, priors={"joint1.k_bend": flat}))
@@ -404,6 +422,7 @@ def test_flat_and_absent_priors_are_planned_for_as_normal_ones():
     assert np.delete(sd, place) == pytest.approx(3.0)
 
 
+@pytest.mark.slow
 def test_draws_cover_what_is_known():
     now = prior_information(stiffness_parameters(loose_arm()), draws=512)
     off = now.points[1:] - now.points[0]
@@ -411,6 +430,7 @@ def test_draws_cover_what_is_known():
     np.testing.assert_array_equal(prior_information(stiffness_parameters(loose_arm()), draws=512).points, now.points)
 
 
+@pytest.mark.slow
 def test_the_grid_keeps_to_the_limits():
     postures, sampled = posture_grid(loose_arm(), math.radians(30.0))
     q = np.rad2deg(postures)
@@ -429,6 +449,7 @@ def held(arm=None, **where):
     return dataclasses.replace(arm or loose_arm(), workspace=Workspace(**where))
 
 
+@pytest.mark.slow
 def test_on_a_line_only_its_multiples_are_held():
     postures, sampled = posture_grid(held(line=(1.0, -2.0, 1.0)), math.radians(30.0))
     assert not sampled
@@ -438,12 +459,14 @@ def test_on_a_line_only_its_multiples_are_held():
     assert len(one) == 12
 
 
+@pytest.mark.slow
 def test_only_listed_postures_are_held():
     listed = ((0.0, 0.0, 0.0), (0.5, -1.0, 0.5))
     postures, _ = posture_grid(held(postures=listed), math.radians(30.0))
     np.testing.assert_array_equal(postures, listed)
 
 
+@pytest.mark.slow
 def test_no_bushing_or_point_comes_below_the_lowest_height():
     """A pendulum of one joint about y: its end is at 1 - sin(q) [m]."""
     link = Body("link", 1.0, (0.5, 0.0, 0.0), 0.1 * np.eye(3))
@@ -458,12 +481,14 @@ def test_no_bushing_or_point_comes_below_the_lowest_height():
         posture_grid(held(arm, lowest=1.1, postures=((0.0,),)))
 
 
+@pytest.mark.slow
 def test_a_sample_does_not_turn_a_first_joint_about_the_vertical():
     assert not posture_grid(loose_arm(), math.radians(5.0))[0][:, 0].any()
     tilted = Arm("tilted", loose_arm().joints, loose_arm().points, gravity=(1.0, 0.0, -9.8))
     assert posture_grid(tilted, math.radians(5.0))[0][:, 0].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("workspace", "words"),
     [
@@ -478,6 +503,7 @@ def test_a_workspace_of_another_arm_is_refused(workspace, words):
         held(**workspace)
 
 
+@pytest.mark.slow
 def test_a_missed_target_is_named():
     settings = PlanSettings(step=math.radians(90.0), draws=0, count=1, target=0.01)
     missed = plan_campaign(loose_arm(), settings=settings)
@@ -486,6 +512,7 @@ def test_a_missed_target_is_named():
     assert plan_campaign(loose_arm(), settings=dataclasses.replace(settings, target=0.0)).missed == ()
 
 
+@pytest.mark.slow
 def test_whether_a_target_is_reached_is_said_and_what_stays_loose():
     """At the best estimate and on the other plausible arms; an unknown that is known to a factor only is named."""
     settings = PlanSettings(step=math.radians(90.0), draws=4, count=1, target=0.05)
@@ -524,6 +551,7 @@ def with_limits(*limits):
     return Arm(arm.name, tuple(map(limited, arm.joints, limits)), arm.points, arm.payloads)
 
 
+@pytest.mark.slow
 def test_a_joint_that_hardly_moves_is_held_in_the_middle():
     postures, _ = posture_grid(with_limits((0.1, 0.2), (-math.inf, math.inf), (0.0, 0.0)), math.radians(90.0))
     assert np.unique(postures[:, 0]) == pytest.approx(0.15)
@@ -531,6 +559,7 @@ def test_a_joint_that_hardly_moves_is_held_in_the_middle():
     assert np.unique(postures[:, 2]) == pytest.approx(0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -552,11 +581,13 @@ def test_bad_options_are_one_line(options, words):
     assert len(str(error.value).splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_an_unknown_that_the_arm_has_not_is_refused():
     with pytest.raises(InputError, match="did you mean"):
         plan_campaign(loose_arm(), unknowns=Unknowns(fixed=("joint1.k_bendy",)))
 
 
+@pytest.mark.slow
 def test_arms_that_cannot_be_planned_for_are_told():
     with pytest.raises(InputError, match="no point"):
         plan_campaign(Arm("bare", loose_arm().joints))

@@ -37,6 +37,7 @@ def test_without_a_resolution_they_count_as_they_did():
     assert np.asarray(sigma).tolist() == [0.002] * 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("resolution", "remarked"), [("0.01", False), ("", True)])
 def test_equal_hits_are_no_sign_of_large_sigmas_where_a_display_has_rounded_them(resolution, remarked):
     arm, campaign = lcd_arm(), hits(40, resolution=resolution)

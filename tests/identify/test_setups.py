@@ -21,8 +21,6 @@ from ident.identify.problem import pose
 from ident.measure import Campaign, Load, Measurement, parse_campaign, read_campaign, write_campaign
 from ident.measure.covariance_and_frames import Setup, Setups
 
-pytestmark = pytest.mark.slow
-
 TURN, ORIGIN = np.array([0.4, -2.0, 1.1]), np.array([2.3, -1.7, 0.6])
 """Rotation vector [rad] and place [m] of a tracker."""
 AXES = np.eye(3)
@@ -72,7 +70,7 @@ def parameters_of(problem):
     return dict(zip(problem.parameters.names, np.asarray(problem.parameters.column("start")), strict=True))
 
 
-@pytest.mark.parametrize("kind", ["position", "deflection_difference"])
+@pytest.mark.parametrize("kind", ["position", pytest.param("deflection_difference", marks=pytest.mark.slow)])
 def test_the_frame_is_found_and_exact_data_are_predicted(kind):
     """Started by triads; at the truth, what SciPy's frame gives, to rounding."""
     problem = pose(lcd_arm(), tracked(kind)).problem
@@ -87,6 +85,7 @@ def test_the_frame_is_found_and_exact_data_are_predicted(kind):
     np.testing.assert_allclose(predicted(problem, theta), problem.measured, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_derivatives_are_those_of_finite_differences():
     """By the frame's place and turns and by the stiffnesses, of positions and differences alike."""
     rows = (*tracked("position"), *tracked("deflection_difference"))
@@ -100,6 +99,7 @@ def test_the_derivatives_are_those_of_finite_differences():
         np.testing.assert_allclose(exact[:, i], (ends[1] - ends[0]) / (2 * step), rtol=1e-5, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_free_frame_costs_what_projecting_it_out_costs():
     """Covariance of the stiffnesses: the Schur complement of the frame's part, by dense matrices."""
     fit = fit_campaign(lcd_arm(), tracked("deflection_difference", 3e-5), starts=2)
@@ -115,6 +115,7 @@ def test_a_free_frame_costs_what_projecting_it_out_costs():
     assert not fit.doubts
 
 
+@pytest.mark.slow
 def test_a_plan_goes_on_from_what_is_read_in_a_frame_that_was_found():
     found = fit_campaign(lcd_arm(), tracked("deflection_difference", 3e-5), starts=1)
     plan = plan_campaign(lcd_arm(), found, settings=PlanSettings(step=np.pi / 2, draws=2, count=1))
@@ -124,6 +125,7 @@ def test_a_plan_goes_on_from_what_is_read_in_a_frame_that_was_found():
     assert (plan.sd[-1] < plan.sd[0]).all()
 
 
+@pytest.mark.slow
 def test_a_known_frame_is_no_unknown_and_one_with_a_prior_is_one_of_six():
     """And the data find the truth within that prior."""
     rows = tracked("position").measurements
@@ -138,6 +140,7 @@ def test_a_known_frame_is_no_unknown_and_one_with_a_prior_is_one_of_six():
     np.testing.assert_allclose(found, ORIGIN, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_rows_that_do_not_tell_how_a_frame_is_turned_are_refused():
     """One vector leaves the turn about itself; the remedy is to say it."""
     rows = tuple(replace(m, posture=POSTURES[0]) for m in tracked("deflection_difference").measurements[:3])
@@ -145,6 +148,7 @@ def test_rows_that_do_not_tell_how_a_frame_is_turned_are_refused():
         pose(lcd_arm(), Campaign(measurements=rows))
 
 
+@pytest.mark.slow
 def test_setups_are_written_and_read_back(tmp_path):
     """With what is known of one frame, and nothing of the other."""
     rows = (*tracked("position").measurements[:6], *(replace(m, setup="other") for m in tracked("position")))
@@ -170,6 +174,7 @@ BAD = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("text", "said"), BAD)
 def test_bad_setups_are_refused_with_their_row(text, said):
     """One line each."""

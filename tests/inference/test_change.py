@@ -11,8 +11,6 @@ from ident.inference.fit import fit
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
 
-pytestmark = pytest.mark.slow
-
 NAMES = ("a", "b", "c")
 PRIOR = 0.8
 
@@ -59,6 +57,7 @@ def test_changes_are_those_of_the_joint_least_squares(matrices):
     assert found.mean == pytest.approx(3 - np.trace(covariance) / WIDE**2, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_parameter_that_does_not_change_is_shared(matrices):
     """Known not to change, b is told by both data sets, as if it were one parameter of both."""
     values = [np.array([0.3, -0.1, 0.2, 0.5, 0.0]), np.array([0.6, -0.4])]
@@ -73,6 +72,7 @@ def test_a_parameter_that_does_not_change_is_shared(matrices):
     assert found.change == pytest.approx(np.linalg.lstsq(rows, y)[0][3:], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_where_nothing_has_changed_it_is_seldom_said_and_a_change_is_found(matrices):
     """Rates over 40 simulated pairs, truths from the prior: p uniform, and one change in 20 by chance."""
     rng = np.random.default_rng(11)
@@ -94,6 +94,7 @@ def test_where_nothing_has_changed_it_is_seldom_said_and_a_change_is_found(matri
     assert (share[:2] < 0.25).all()
 
 
+@pytest.mark.slow
 def test_the_one_change_that_explains_all_is_told_from_those_that_do_not(matrices):
     rng = np.random.default_rng(2)
     moved = np.array([0.1, -0.2, 0.7])
@@ -104,6 +105,7 @@ def test_the_one_change_that_explains_all_is_told_from_those_that_do_not(matrice
     assert (found.alone[:2] < 1e-3).all()
 
 
+@pytest.mark.slow
 def test_data_that_see_nothing_tell_no_change():
     blind = np.zeros((2, 3))
     found = change(*fits((blind, blind), [np.zeros(2), np.full(2, 0.05)]), NAMES)

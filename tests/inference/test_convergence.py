@@ -19,6 +19,10 @@ def problem(model, measured, sigma=1.0, *, names="a", start=1.0, kinds=None, **p
     return InverseProblem(model, measured, jnp.full(len(measured), sigma), Parameters(items), kinds)
 
 
+def twice(p):
+    return jnp.stack([p["a"], p["a"]])
+
+
 def at(posed, theta):
     """How a search would have ended there."""
     theta = np.asarray(theta, float)
@@ -31,7 +35,7 @@ def at(posed, theta):
 @pytest.mark.parametrize("off", [1e-6, 1e-4, 1e-2, 1.0])
 def test_the_step_is_the_distance_to_the_optimum_in_standard_deviations(off, sigma):
     """Two values of one parameter that are 60 sd apart: sd = a sigma / sqrt(2) in theta, however large the cost."""
-    posed = problem(lambda p: jnp.stack([p["a"], p["a"]]), [1 - 30 * sigma, 1 + 30 * sigma], sigma)
+    posed = problem(twice, [1 - 30 * sigma, 1 + 30 * sigma], sigma)
     sd = sigma / np.sqrt(2)
     found = at(posed, [np.log1p(off * sd)])
     assert found.step == pytest.approx(off, rel=1e-2, abs=1e-9)

@@ -155,7 +155,7 @@ def test_kinds_are_compared_without_what_ties_them():
     """The chi-squared of two kinds against each other has its law, though groups go across them."""
     rng, root = np.random.default_rng(3), np.linalg.cholesky(COVARIANCE)
     p = []
-    for _ in range(30):
+    for _ in range(12):
         found = fit(posed(A @ rng.normal(0, PRIOR_SD) + root @ rng.standard_normal(9)), starts=2)
         crosses, _ = cross_predictions(found.problem, [found.best.theta])
         p += [cross.p_value for cross in crosses]
@@ -173,7 +173,7 @@ def test_rates():
     def straight(p):
         return jnp.tensordot(J, jnp.stack([p["a"], p["b"]]), 1)
 
-    for _ in range(100):
+    for _ in range(50):
         truth = rng.standard_normal(2)
         measured, own = J @ truth + root @ rng.standard_normal(10), []
         for given in (correlation(groups, np.ones(10, bool)), None):

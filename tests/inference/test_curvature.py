@@ -14,12 +14,14 @@ from ident.inference.problem import InverseProblem
 Z = 1.959963984540054
 
 
+def itself(p):
+    return jnp.stack([p["k"]])
+
+
 def stiffness(sigma: float, prior_sd: float = math.inf) -> InverseProblem:
     """A stiffness of 1 that was measured as it is: the cost is ((k - 1) / sigma)^2, of ln(k) no parabola."""
     items = (Parameter(("k",), True, 1.0, 1.0, prior_sd),)
-    return InverseProblem(
-        lambda p: jnp.stack([p["k"]]), jnp.ones(1), jnp.full(1, sigma), Parameters(items), ("deflection",)
-    )
+    return InverseProblem(itself, jnp.ones(1), jnp.full(1, sigma), Parameters(items), ("deflection",))
 
 
 def test_a_long_interval_ends_where_the_cost_has_risen_enough():
@@ -51,16 +53,14 @@ def test_another_level_is_in_proportion():
     np.testing.assert_allclose(halves, 1.0006 / Z, rtol=1e-3)
 
 
+def wells(p):
+    return jnp.stack([(p["a"] ** 2 - 1) / 0.7, 0.3 * (p["a"] + 1)])
+
+
 def two_wells(start: float) -> InverseProblem:
     """A cost with wells near a = -1 (the deeper one, by 0.34) and a = 1, and a hill of 2.1 between them."""
     items = (Parameter(("a",), False, start, start),)
-    return InverseProblem(
-        lambda p: jnp.stack([(p["a"] ** 2 - 1) / 0.7, 0.3 * (p["a"] + 1)]),
-        jnp.zeros(2),
-        jnp.ones(2),
-        Parameters(items),
-        ("value",) * 2,
-    )
+    return InverseProblem(wells, jnp.zeros(2), jnp.ones(2), Parameters(items), ("value",) * 2)
 
 
 def test_a_better_optimum_that_is_met_on_the_way_to_an_end_is_the_answer():

@@ -44,12 +44,9 @@ def common(share, groups=POSTURES, count=COUNT):
 
 def problem_of(A, measured, sigma, R=None, groups=POSTURES):
     items = tuple(Parameter((f"p{i}",), False, 0.0, 0.0, prior_sd=5.0) for i in range(A.shape[1]))
-    model = lambda p: jnp.asarray(A) @ jnp.stack([p[f"p{i}"] for i in range(A.shape[1])])  # noqa: E731
-    if R is not None:
-        model = Linear(A)
     own = None if R is None else correlation([(g, R[np.ix_(g, g)]) for g in groups], np.ones(len(A), bool))
     kinds = ("value",) * len(A)
-    return InverseProblem(model, jnp.asarray(measured), jnp.asarray(sigma), Parameters(items), kinds, own)
+    return InverseProblem(Linear(A), jnp.asarray(measured), jnp.asarray(sigma), Parameters(items), kinds, own)
 
 
 def least(A, measured, sigma, pair, R=None):
@@ -88,7 +85,7 @@ def test_swapped_values_are_found_as_often_where_errors_have_a_part_in_common():
     groups = [tuple(range(4 * k, 4 * k + 4)) for k in range(4)]
     rng, first = np.random.default_rng(7), np.random.default_rng(1).normal(size=(16, UNKNOWNS))
     pairs, sigma, named = [pair for g in groups for pair in combinations(g, 2)], np.full(16, 0.05), {0.0: 0, 0.5: 0}
-    for _ in range(60):
+    for _ in range(30):
         truth, noise = rng.normal(size=UNKNOWNS), rng.normal(size=16)
         i, j = min(pairs, key=lambda pair: abs(abs(first[pair[0]] @ truth - first[pair[1]] @ truth) - 0.3))
         for share in named:
@@ -99,7 +96,7 @@ def test_swapped_values_are_found_as_often_where_errors_have_a_part_in_common():
             odd = found.improbable or found.outliers.any()
             best = exchanges(found, pairs, (), swap)[:1] if odd else ()
             named[share] += bool(best and best[0].rows == (i, j))
-    assert 15 < named[0.0] < 60, "neither hopeless nor certain"
+    assert 7 < named[0.0] < 30, "neither hopeless nor certain"
     assert named[0.5] >= named[0.0]
 
 
@@ -114,6 +111,7 @@ def test_a_value_that_is_merely_wrong_is_no_exchange():
     assert exchanges(found, [], (), swap) == ()
 
 
+@pytest.mark.slow
 def test_all_pairs_of_a_long_campaign_are_compared_in_little_memory():
     """45000 pairs of 300 values, whose matrices at once took 220 MB."""
     rng = np.random.default_rng(3)

@@ -80,6 +80,7 @@ def test_a_straight_nuisance_is_integrated_out_and_agrees_with_least_squares():
     np.testing.assert_allclose(draws.std(0) / sd, 1.0, atol=4 * (2 * ess.min()) ** -0.5)
 
 
+@pytest.mark.slow
 def test_a_nuisance_that_bends_is_sampled():
     """And its means and deviations are those of the whole posterior by quadrature over all three."""
     problem = posed(bend=0.7)

@@ -7,8 +7,6 @@ from emcee.moves import DEMove, StretchMove
 
 from ident.inference.sample import Apart, Independent, InReciprocals
 
-pytestmark = pytest.mark.slow
-
 POSITIVE = np.array([True, True, False])
 SD = np.array([0.5, 0.9, 0.7])
 WALKERS = 6000
@@ -22,7 +20,7 @@ def log_density(theta):
 @pytest.mark.parametrize(
     "move",
     [
-        InReciprocals(DEMove(), POSITIVE),
+        pytest.param(InReciprocals(DEMove(), POSITIVE), marks=pytest.mark.slow),
         InReciprocals(StretchMove(), POSITIVE),
         Independent(np.array([0.05, -0.1, 0.1]), 1.2 * ROOT @ ROOT.T, POSITIVE),
     ],
@@ -44,6 +42,7 @@ def test_a_move_keeps_a_normal_distribution(move):
     assert np.abs((np.cov(end.T) - covariance) / np.outer(SD, SD)).max() < 4 * np.sqrt(2 / WALKERS)
 
 
+@pytest.mark.slow
 def test_ensembles_side_by_side_know_nothing_of_each_other():
     """Two ensembles a thousand apart stay where they are, and each mixes as it does alone."""
     rng = np.random.default_rng(3)

@@ -22,8 +22,6 @@ from ident.inference.problem import InverseProblem
 from ident.inference.profile import LEVELS, Profile, profile, threshold
 from ident.measure import read_campaign
 
-pytestmark = pytest.mark.slow
-
 OPEN, CROSSED, MODEL = Ending.OPEN, Ending.CROSSED, Ending.MODEL
 
 
@@ -62,6 +60,7 @@ def linear_gaussian(prior_sd=(math.inf, math.inf, 0.7)):
     return A, posed(model, measured, 1.0, *items)
 
 
+@pytest.mark.slow
 def test_of_a_linear_model_profile_covariance_and_closed_form_are_one():
     A, problem = linear_gaussian()
     precision = A.T @ A + np.diag([0.0, 0.0, 1 / 0.7**2])
@@ -101,6 +100,7 @@ def test_an_asymmetric_interval_is_the_one_solved_by_hand():
     np.testing.assert_allclose(one.values([one.optimum]), [2.0])
 
 
+@pytest.mark.slow
 def test_a_direction_that_nothing_sees_is_open_and_flat_on_both_sides():
     problem = posed(
         lambda p: jnp.stack([p["k"] * p["m"], p["k"] * p["m"]]), [6.0, 6.1], 0.1, stiffness("k", 2.0), stiffness("m", 3)
@@ -114,6 +114,7 @@ def test_a_direction_that_nothing_sees_is_open_and_flat_on_both_sides():
         assert np.ptp(one.theta) == pytest.approx(2 * math.log(1000))
 
 
+@pytest.mark.slow
 def test_a_parameter_that_the_model_ignores_is_flat():
     problem = posed(lambda p: jnp.stack([p["a"], 2 * p["a"]]), [1.0, 2.1], 0.1, number("a"), number("unused"))
     a, unused = profile(fit(problem, starts=1))
@@ -121,6 +122,7 @@ def test_a_parameter_that_the_model_ignores_is_flat():
     assert unused.flat == (True, True)
 
 
+@pytest.mark.slow
 def test_a_spring_in_series_with_another_is_bounded_below_only():
     """1/k1 + 1/k2 is known: each spring may be rigid, none softer than both together."""
     problem = posed(
@@ -133,6 +135,7 @@ def test_a_spring_in_series_with_another_is_bounded_below_only():
             assert np.exp(interval.low) == pytest.approx(1 / (1 + 0.1 * half_width(interval.level)), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_delta_that_stays_below_the_threshold_is_open_and_not_flat():
     """y = k / (1 + k) saturates at 1, which lies 1.5 sigma above what was measured."""
     problem = posed(lambda p: jnp.stack([p["k"] / (1 + p["k"])]), [0.7], 0.2, stiffness("k", 1.0))
@@ -145,6 +148,7 @@ def test_a_delta_that_stays_below_the_threshold_is_open_and_not_flat():
     assert 1 / (1 + np.exp(-sixty_eight)) == pytest.approx(0.7 + 0.2 * half_width(0.683), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_where_the_model_ends_the_interval_ends():
     """A column under its own weight stands only if k > 1; below that the model has no answer."""
 
@@ -158,6 +162,7 @@ def test_where_the_model_ends_the_interval_ends():
         assert math.exp(interval.high) == pytest.approx(1 + (1 + 2 * half_width(interval.level)) ** 2, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_flat_priors_close_what_the_linear_interval_leaves_open():
     """Flat within a factor of 10 each way, normal flanks of 1 %: the interval ends 1.96 % beyond."""
     prior = {"prior_sd": 0.01, "flat": math.log(10)}
@@ -179,6 +184,7 @@ def chain(p):
     return jnp.concatenate([jnp.sqrt(squares) / (2 * jnp.pi), jnp.stack([1e3 / k1 + 1e3 / k2])])
 
 
+@pytest.mark.slow
 def test_a_spring_mass_chain_agrees_with_another_optimiser():
     truth = np.asarray(chain({"k1": jnp.asarray(1.2e6), "k2": jnp.asarray(0.8e6)}))
     measured, sigma = truth * [1.03, 0.98, 1.05], np.abs(truth) * 0.1
@@ -215,6 +221,7 @@ def dip(p):
     return jnp.stack([a, 1.5 * (1 - jnp.exp(-(((a - 1) / 0.15) ** 2)))])
 
 
+@pytest.mark.slow
 def test_a_better_optimum_on_the_way_is_said_and_not_an_error():
     (one,) = profile(fit(posed(dip, [0.0, 0.0], 1.0, number("a")), starts=1))
     assert 0.2 < one.beaten < 1.26, "no point need lie at its bottom"
@@ -226,6 +233,7 @@ def test_a_better_optimum_on_the_way_is_said_and_not_an_error():
     assert one.intervals[0].high < 0, "and the inner one does not"
 
 
+@pytest.mark.slow
 def test_another_optimum_outside_the_interval_is_named():
     steep = posed(lambda p: two_wells(p) * jnp.array([9.0, 0.9]), [0.0, 0.0], 1.0, number("a", -1.0))
     found = fit(steep, starts=16)
@@ -235,6 +243,7 @@ def test_another_optimum_outside_the_interval_is_named():
     assert one.rivals == pytest.approx((1.0,), abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_jump_of_the_cost_ends_an_interval_and_all_levels_there():
     found = fit(posed(lambda p: jnp.stack([jnp.where(p["a"] > 0.5, 9.0, 0.1 * p["a"])]), [0.0], 1.0, number("a")))
     (one,) = profile(found)
@@ -244,6 +253,7 @@ def test_a_jump_of_the_cost_ends_an_interval_and_all_levels_there():
     assert_nested([one])
 
 
+@pytest.mark.slow
 def test_one_program_serves_all_parameters_and_the_one_compiled_for_the_fit():
     traced = []
 
@@ -258,6 +268,7 @@ def test_one_program_serves_all_parameters_and_the_one_compiled_for_the_fit():
     assert len(traced) == before
 
 
+@pytest.mark.slow
 def test_names_levels_and_reach_are_chosen_and_checked():
     _, problem = linear_gaussian()
     found = fit(problem, starts=1)
@@ -286,6 +297,7 @@ def arm_profiles(name: str, prior_sd: float) -> tuple[Fit, tuple[Profile, ...]]:
     return found, profile(found)
 
 
+@pytest.mark.slow
 def test_on_the_shipped_campaign_profiles_confirm_the_linear_intervals():
     """Measured: halves of the 95 % interval from 0.94 to 1.04 of the linear ones."""
     found, profiles = arm_profiles("campaign", 1.0)
@@ -300,6 +312,7 @@ def test_on_the_shipped_campaign_profiles_confirm_the_linear_intervals():
     assert_nested(profiles)
 
 
+@pytest.mark.slow
 def test_three_numbers_without_prior_leave_each_stiffness_open_at_99_percent():
     """Three of the six. At 95 % the arm's geometry closes joint1.k_bend within a factor of 15, the linear interval not.
 
@@ -330,6 +343,7 @@ class Alternating(ConstrainedFit):
         return Point(np.array([theta]), theta**2 + 1.0 * other, True, np.zeros(1), other)
 
 
+@pytest.mark.slow
 def test_a_path_ends_where_the_cost_jumps_to_and_fro():
     toy = posed(lambda parameters: parameters["x"][None], [0.0], 1.0, number("x"))
     found = fit(toy, starts=1)

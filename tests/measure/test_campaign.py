@@ -230,7 +230,7 @@ def measurements(draw):
 
 
 @given(st.lists(measurements(), min_size=1, max_size=5, unique_by=lambda m: m.value), st.booleans())
-@settings(max_examples=150)
+@settings(max_examples=50)
 def test_what_is_written_reads_back_equal(made, relative):
     text = format_campaign(Campaign(measurements=tuple(made)), relative_sigma=relative)
     read = parse(text)

@@ -15,8 +15,6 @@ from ident.modal.frf import Processing
 from ident.modal.operational import operational_modes, realisations
 from ident.modal.sources import records
 
-pytestmark = pytest.mark.slow
-
 BAND = (1.0, 28.0)
 SHARP = (0, 1, 3, 4)
 """Modes damped by less than 5 %."""
@@ -51,6 +49,7 @@ def peer(record):
     return frequency, damping
 
 
+@pytest.mark.slow
 def test_correlation_functions_are_those_of_their_definition(record):
     """Sums of blocks against products in a loop."""
     part = record[:, :400]
@@ -92,6 +91,7 @@ def quiet_response(noise, highest):
     return (moved / moved.std() + noise * rng.normal(size=samples))[None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 1e-6, 1e-3])
 def test_a_quiet_response_has_as_many_states_as_its_rank(noise):
     """A band-limited response without noise: its Hankel matrix has less rank than the highest order has states."""
@@ -101,6 +101,7 @@ def test_a_quiet_response_has_as_many_states_as_its_rank(noise):
     np.testing.assert_array_less(np.abs(modes.damping - [0.01, 0.015]), 4 * modes.sigma[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sine", "spike"])
 def test_a_response_without_a_mode_is_refused(kind):
     time = np.arange(60000) / RATE
@@ -109,6 +110,7 @@ def test_a_response_without_a_mode_is_refused(kind):
         operational_modes(ambient_test(values[None]))
 
 
+@pytest.mark.slow
 def test_poles_of_an_order_are_those_of_pyoma(arm, record, peer):
     """Those that are modes, of 30 states; what pyOMA_2 leaves out at the ends of the record is a thousandth of it."""
     scaled = record / record.std(1, keepdims=True)
@@ -122,6 +124,7 @@ def test_poles_of_an_order_are_those_of_pyoma(arm, record, peer):
         assert damping[i] == pytest.approx(-own.real / abs(own), abs=5e-4)
 
 
+@pytest.mark.slow
 def test_frequencies_are_those_of_pyoma_to_a_thousandth(arm, modes, peer):
     """Medians over orders, of each mode that is damped by less than 5 %."""
     frequency, damping = peer
@@ -135,6 +138,7 @@ def test_frequencies_are_those_of_pyoma_to_a_thousandth(arm, modes, peer):
         assert np.median(each) == pytest.approx(hertz, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_modes_are_those_of_the_model_within_their_covariance(arm, modes):
     """Each number within four standard deviations; their rate is in tests/benchmarks/ambient.py."""
     assert all(np.abs(modes.frequency / arm.frequency[k] - 1).min() < 0.01 for k in SHARP)
@@ -146,6 +150,7 @@ def test_modes_are_those_of_the_model_within_their_covariance(arm, modes):
     assert not modes.doubtful
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth_as_often_as_they_say():
     """Twelve records of the two sharper modes up to 15 Hz of the straight arm, and the first: 99.9 % band of 95 %."""
     arm, inside, number = shaken(600.0, (0.0, 0.0, 0.0)), 0, 0
@@ -161,6 +166,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say():
     assert low <= inside <= high
 
 
+@pytest.mark.slow
 def test_units_of_responses_do_not_matter(record, modes):
     """The same record in other units, and one response as a velocity: poles alike, shapes those of accelerations."""
     factor = np.array([1, 10, 1, 1, 1e3, 1])
@@ -176,6 +182,7 @@ def test_units_of_responses_do_not_matter(record, modes):
     np.testing.assert_allclose(ratio[1] / ratio[0], pole, rtol=0.03)
 
 
+@pytest.mark.slow
 def test_modes_can_be_chosen_and_what_is_not_there_is_said(record):
     test = ambient_test(record, band=BAND)
     chosen = operational_modes(test, near=(15.0, 5.77))
@@ -184,6 +191,7 @@ def test_modes_can_be_chosen_and_what_is_not_there_is_said(record):
         operational_modes(test, near=(9.0,))
 
 
+@pytest.mark.slow
 def test_short_records_are_refused_and_one_reference_is_said(record):
     with pytest.raises(InputError, match="got 30 s of responses without a force, expected at least 40 s"):
         ambient_test(record[:, :3000])
@@ -196,12 +204,14 @@ def test_short_records_are_refused_and_one_reference_is_said(record):
     assert any("one response only" in remark for remark in single.remarks)
 
 
+@pytest.mark.slow
 def test_noise_without_a_mode_is_refused():
     noise = np.random.default_rng(3).normal(size=(3, 20000))
     with pytest.raises(InputError, match="without a"):
         operational_modes(ambient_test(noise))
 
 
+@pytest.mark.slow
 def test_files_of_one_posture_are_one_test(record):
     halves = [as_record(record[:, :30000]), as_record(record[:, 30000:])]
     (test,) = ambient_tests(halves, Processing(band=BAND))
@@ -211,6 +221,7 @@ def test_files_of_one_posture_are_one_test(record):
         ambient_tests([halves[0], as_record(record, references=(1,))], Processing())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [7.0, 7.3, -2.46])
 def test_responses_that_start_at_times_of_their_own_are_aligned(late):
     """Filtered noise is known between its samples: correlations are those of responses that start together."""

@@ -81,6 +81,7 @@ def test_who_stands_out_is_named_with_the_joint_and_by_how_much():
     assert report.next == "ident fit robots/robot003.csv --arm robots/arm.toml"
 
 
+@pytest.mark.slow
 def test_many_that_stand_out_have_a_line_each():
     report = said(robots([(3, 4), (3, 0), (7, 2), (11, 5)], count=40), out=3)
     assert report.verdict.word == "3 OF 40 STAND OUT"

@@ -51,6 +51,7 @@ def of_wavy() -> Superposition:
     return summed(wavy())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("elastic", [False, True], ids=["rigid belts", "elastic belts"])
 def test_the_sum_is_the_simulation_with_those_phases(elastic: bool) -> None:
     whole = summed(wavy(), elastic_belts=True) if elastic else of_wavy()
@@ -69,6 +70,7 @@ def test_the_sum_is_the_exact_simulation_with_those_phases(seed: int) -> None:
     assert off(of_wavy().at(phases), exact) < 5e-3
 
 
+@pytest.mark.slow
 def test_what_is_left_out_is_of_second_order_for_any_arm() -> None:
     """Axes, offsets and bodies at random, ratios of either sign, mounted at any angle."""
     arm, phases = scaled(driven_arm(np.random.default_rng(5), 3), "ratio", 0.3), random_phases(1, 5)[:, 0]
@@ -82,6 +84,7 @@ def test_what_is_left_out_is_of_second_order_for_any_arm() -> None:
     assert left_out(0.002) == pytest.approx(left_out(0.02) / 100, rel=0.05)
 
 
+@pytest.mark.slow
 def test_no_phases_exceed_the_worst_and_some_reach_it() -> None:
     whole, phases = of_wavy(), random_phases(400)
     peaks = whole.peaks(phases)
@@ -92,6 +95,7 @@ def test_no_phases_exceed_the_worst_and_some_reach_it() -> None:
     np.testing.assert_allclose(peaks[:, 7], np.abs(whole.at(phases[:, 7])).max(1), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_parts_of_the_worst_add_up_to_it() -> None:
     whole = of_wavy()
     np.testing.assert_allclose(whole.division.sum(0), whole.worst, rtol=1e-12)
@@ -100,6 +104,7 @@ def test_the_parts_of_the_worst_add_up_to_it() -> None:
     np.testing.assert_allclose(none.division[1:], 0, atol=1e-12 * none.worst.max())
 
 
+@pytest.mark.slow
 def test_known_phases_are_part_of_what_is_sure() -> None:
     """The sum over some phases is that over all with the others as the arm has them."""
     arm, all_of_it = wavy(), of_wavy()
@@ -110,6 +115,7 @@ def test_known_phases_are_part_of_what_is_sure() -> None:
     assert (some.worst < all_of_it.worst).all()
 
 
+@pytest.mark.slow
 def test_the_error_is_no_part_of_what_the_imbalance_does() -> None:
     """With errors beside it the parts of the imbalance are the same, to second order."""
     without, scale = summed(lcd_arm()), of_wavy().worst.max()
@@ -119,6 +125,7 @@ def test_the_error_is_no_part_of_what_the_imbalance_does() -> None:
     assert np.abs(of_wavy().cosine[3:]).max() > 0.1 * scale
 
 
+@pytest.mark.slow
 def test_half_the_eccentricity_is_half_the_part_of_the_imbalance() -> None:
     half = summed(scaled(wavy(), "eccentricity", 0.5))
     assert off(2 * half.cosine[:3], of_wavy().cosine[:3]) < 3e-4
@@ -137,6 +144,7 @@ def test_a_sum_of_functions_that_are_sums() -> None:
     assert sets_of(()) == [{}]
 
 
+@pytest.mark.slow
 def test_an_arm_without_drives() -> None:
     bare = Arm(*(getattr(lcd_arm(), name) for name in ("name", "joints", "points", "payloads", "gravity")))
     whole = summed(bare)

@@ -73,6 +73,7 @@ def test_names_at_the_line_ends_do_not_overlap(plain):
     assert all(end.x1 <= figure.bbox.x1 for end in ends)
 
 
+@pytest.mark.slow
 def test_sets_have_bands(plain, with_sets):
     counts = [len(resonance_figure(*drawn).axes[0].collections) - len(drawn[2]) for drawn in (plain, with_sets)]
     assert counts == [0, 3]
@@ -101,6 +102,7 @@ def test_report_names_drive_mode_time_and_posture(plain):
     assert_one_screen(text_of(report), files=2)
 
 
+@pytest.mark.slow
 def test_report_of_sets_tells_the_probability(with_sets):
     report = sections(*with_sets)
     assert "near in 100 % of 5 draws" in report.verdict.reason
@@ -125,8 +127,8 @@ def test_the_words_follow_the_share_that_builds_up(plain):
     assert passage(replace(crossing, crossings=())) == "does not cross"
 
 
-def test_rows_are_numbered_as_in_the_report(with_sets):
-    _, _, met = with_sets
+def test_rows_are_numbered_as_in_the_report(plain):
+    _, _, met = plain
     rows = resonance_rows(met)
     assert [row["drive"] for row in rows] == [crossing.source.drive for crossing in met]
     assert [row["number"] for row in rows] == sorted(row["number"] for row in rows)
