@@ -43,22 +43,30 @@ gc.set_threshold(200_000, 50, 1000)
 
 
 MAPS, MEMORY = Path("/proc/self/maps"), Path("/proc/self/statm")
-MOST_MAPS, MOST_PAGES = 15_000, 1_000_000
+MOST_MAPS, MOST_PAGES = 15_000, 1_000_000_000 // 4096
+C_LIBRARY = ctypes.CDLL(None)
+if hasattr(C_LIBRARY, "mallopt"):  # of the GNU C library
+    C_LIBRARY.mallopt(ctypes.c_int(-8), ctypes.c_int(2))  # M_ARENA_MAX: else each thread that compiles keeps its own
 
 
 @pytest.fixture(autouse=True, scope="module")
 def few_programs():
     """Forget compiled programs when they are many: each has memory maps of its own, and Linux admits 65530 in all.
 
-    Or when they fill 4 GB, of which each of several workers may have as much. What they have filled is given back to
-    the system: else it would count as full ever after, and every module began with nothing compiled.
+    Or when a worker has 1 GB, so that none comes to 1.5. What they have filled is given back to the system: else it
+    would count as full ever after, and every module began with nothing compiled.
     """
     yield
     if MAPS.exists() and (MAPS.read_text().count("\n") > MOST_MAPS or int(MEMORY.read_text().split()[1]) > MOST_PAGES):
         jax.clear_caches()
         gc.collect()
-        if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):  # of the GNU C library
+        if trim := getattr(C_LIBRARY, "malloc_trim", None):
             trim(0)
+
+
+def pytest_sessionfinish():
+    """Spare pytest's searches for garbage at the end all that was traced: seconds in each worker."""
+    gc.freeze()
 
 
 def _without_number_in_tables(out):

@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -73,6 +74,11 @@ def imported(nodes):
                 yield module
 
 
+@cache
+def imported_at_some_time(path):
+    return tuple(imported(run_at_some_time(tree_of(path))))
+
+
 def cycle(graph):
     """Return a cycle of a graph as text, empty where there is none."""
     try:
@@ -91,7 +97,7 @@ def test_a_short_file_has_several_users():
     """What one file alone imports is written there; readers of recordings are found by the ending of a file."""
     users = {name: set() for name in MODULES}
     for name, path in MODULES.items():
-        for module in imported(run_at_some_time(tree_of(path))):
+        for module in imported_at_some_time(path):
             users[module].add(name)
     short = {name for name, path in MODULES.items() if path.read_text(encoding="utf-8").count("\n") < FEW_LINES}
     apart = {name for name, path in MODULES.items() if path.stem in ("__init__", "__main__")}
@@ -113,7 +119,7 @@ def test_no_cycle_of_rooms_with_what_is_imported_late():
     graph = {}
     for name, path in MODULES.items():
         room = name.split(".")[1:2]
-        used = {module.split(".")[1] for module in imported(run_at_some_time(tree_of(path))) if "." in module}
+        used = {module.split(".")[1] for module in imported_at_some_time(path) if "." in module}
         if room:
             graph.setdefault(room[0], set()).update(used - set(room))
     assert {"arm", "studies", "cli"} <= set(graph)

@@ -18,8 +18,6 @@ from ident.arm.arm import Arm
 from ident.arm.multibody import Command, Multibody, belt_forces, multibody, residual, stretch, tensions
 from ident.arm.parts import Belt, Drive, Joint
 
-pytestmark = pytest.mark.slow
-
 RADII = ((0.06, 0.03), (0.03, 0.06), (0.05, 0.05))
 T0, K, D, RATIOS = 500.0, 4e5, 0.8, (100.0, -50.0)
 EIGHTH_ORDER = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
@@ -63,6 +61,7 @@ def textbook(radii: tuple[float, float], theta: tuple[float, float]) -> tuple[fl
     return max(upper, 0.0), max(lower, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radii", RADII)
 @pytest.mark.parametrize("xi", [(1e-4, 0.0), (0.0, 1e-4), (-2e-4, 1e-4), (3e-3, 1e-3), (0.5, 0.2)])
 def test_textbook_on_straight_shafts(radii: tuple[float, float], xi: tuple[float, float]) -> None:
@@ -84,6 +83,7 @@ def test_textbook_on_straight_shafts(radii: tuple[float, float], xi: tuple[float
     np.testing.assert_allclose(-on_pins, by_pins, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_across_the_line_of_centres() -> None:
     """The upper span of a larger driver pulls the driven pulley across: seen with the belt drawn, not by formula."""
     left, right = drawing(np.zeros(2), np.array([D, 0]), (0.06, 0.03))
@@ -134,6 +134,7 @@ def belt_lengths(centre: np.ndarray, theta: Any, radii: tuple[float, float]) -> 
     return np.array(lengths)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radii", RADII)
 @pytest.mark.parametrize("large", [False, True])
 def test_stretch_against_a_drawing(radii: tuple[float, float], large: bool) -> None:
@@ -151,6 +152,7 @@ def test_stretch_against_a_drawing(radii: tuple[float, float], large: bool) -> N
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=3e-15)
 
 
+@pytest.mark.slow
 def test_pure_torsion_turns_the_pulley_by_its_whole_angle() -> None:
     """Turned about its own axis by any angle, a pulley takes in its radius times the angle."""
     of = pair((0.05, 0.03))
@@ -178,6 +180,7 @@ def four_joints(**belt: float) -> tuple[Multibody, Arm]:
 slopes_of_energy = eqx.filter_jit(jax.grad(energy, (1, 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pretension", [1e6, 300.0])
 def test_forces_are_the_gradient_of_an_energy(pretension: float) -> None:
     """Slack or not; no damping."""
@@ -195,6 +198,7 @@ def test_forces_are_the_gradient_of_an_energy(pretension: float) -> None:
     assert seen == {pretension < 1e6}
 
 
+@pytest.mark.slow
 def test_jacobian_is_symmetric_when_no_span_is_slack() -> None:
     of, _ = four_joints(tau=0.0, pretension=1e6)
     rng = np.random.default_rng(4)
@@ -210,6 +214,7 @@ def test_jacobian_is_symmetric_when_no_span_is_slack() -> None:
     assert np.abs(J - J.T).max() < 1e-12 * np.abs(J).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tau", [0.0, 1e-3])
 @pytest.mark.parametrize("pretension", [1e6, 3e3])
 def test_work_over_a_closed_cycle(pretension: float, tau: float) -> None:
@@ -284,6 +289,7 @@ def slope(values: Callable[[float], Any], h: float = 1e-4) -> Any:
     return sum(w * (values(n * h) - values(-n * h)) for n, w in EIGHTH_ORDER.items()) / h
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joints", [2, 3, 4])
 @pytest.mark.parametrize("error", [False, True])
 def test_residual_with_belts_against_engine_and_drawing(joints: int, error: bool) -> None:
@@ -311,6 +317,7 @@ def at_rest(arm: Arm, rng: np.random.Generator) -> tuple[Multibody, Command, jax
     return of, Command(q, 0 * q, 0 * q), jnp.asarray(1e-3 * rng.normal(size=of.size))
 
 
+@pytest.mark.slow
 def test_mass_and_stiffness_are_symmetric() -> None:
     """M at any state; K = d residual/dy of the arm at rest; not trivially: pins and bushings are coupled by both."""
     of, command, y = at_rest(four_joints(pretension=1e6)[1], np.random.default_rng(1))
@@ -322,6 +329,7 @@ def test_mass_and_stiffness_are_symmetric() -> None:
     assert np.linalg.eigvalsh((M + M.T) / 2)[0] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinematic_error", [False, True])
 def test_stiffness_is_symmetric_with_kinematic_error(kinematic_error: bool) -> None:
     """Belt forces are to be those of an energy in the coordinates, through the errors of deviating pins as well."""
@@ -332,6 +340,7 @@ def test_stiffness_is_symmetric_with_kinematic_error(kinematic_error: bool) -> N
     assert np.abs(K - K.T).max() < 1e-12 * np.abs(K).max()
 
 
+@pytest.mark.slow
 def test_energy_is_conserved() -> None:
     """The paper's arm on elastic belts, undamped, let go near 80 degrees: T + V by Pinocchio and the drawing."""
     arm = lcd_arm()
@@ -370,6 +379,7 @@ def test_energy_is_conserved() -> None:
     assert np.ptp(totals) < 1e-8 * kinetic.max()
 
 
+@pytest.mark.slow
 def test_machine_without_stretch_has_no_pin_coordinates() -> None:
     """The same arm on rigid belts is the elastic one at the command, less the belts' forces."""
     of, arm = four_joints()

@@ -82,7 +82,10 @@ def test_an_arm_without_loss_factors_has_neither_paths_nor_a_matrix_of_them() ->
 
 
 def test_ratios_are_differentiable_in_loss_factors() -> None:
-    arm, paths = lossy(first_guess_arm(), 0.02, 0.06, 1e-3), ("joint1.loss_tors", "joint2.loss_bend", "joint1.k_tors")
+    arm, paths = (
+        lossy(first_guess_arm(), 0.02, 0.06, 1e-3),
+        ("joint1.loss_tors", "joint2.loss_bend", "joint1.k_tors", "link2.mass"),
+    )
 
     @jax.jit
     def damping(x: jax.Array) -> jax.Array:
@@ -90,8 +93,8 @@ def test_ratios_are_differentiable_in_loss_factors() -> None:
         s = damped_eigenvalues(linearize(at_posture(arm.replace(values), jnp.zeros(3))))
         return -s.real / jnp.abs(s)
 
-    slopes = np.asarray(jax.jit(jax.jacfwd(damping))(jnp.zeros(3)))
-    for i, step in enumerate(1e-5 * np.eye(3)):
+    slopes = np.asarray(jax.jit(jax.jacfwd(damping))(jnp.zeros(4)))
+    for i, step in enumerate(1e-5 * np.eye(4)):
         np.testing.assert_allclose(slopes[:, i], (damping(step) - damping(-step)) / 2e-5, atol=1e-7)
     assert (np.abs(slopes).max(0) > 1e-4).all()
 

@@ -37,7 +37,7 @@ FAULTS = (
     Fault("mass matrix", "arm/mechanics.py",
           "+ mass * outer(p_i, p_j)", "- mass * outer(p_i, p_j)", "arm/test_against_engines.py"),
     Fault("derivative of the equilibrium", "arm/mechanics.py",
-          "(phi - _solve(W,", "(phi + _solve(W,", "arm/test_gradients.py"),
+          "(phi - _solve(W,", "(phi + _solve(W,", "arm/test_springs.py arm/test_gradients.py"),
     Fault("motors held by servos", "arm/mechanics.py",
           "(2 * along + spin)", "(along + spin)", "arm/test_servo.py arm/test_motors.py"),
     Fault("loss factors", "arm/chain.py",

@@ -31,23 +31,15 @@ def small(tmp_path):
 
 
 @pytest.mark.timeout(900)
-def test_from_a_campaign_to_advice_with_two_kills_on_the_way(small, tmp_path, browser_page):
-    """Killed in several stages (kill -9), it goes on behind the last that was finished; the page opens in a browser."""
-    before = 0
-    for finished in (2, 5):
-        killed = small()
-        printed = []
-        for line in killed.stderr:
-            printed.append(line)
-            if line.startswith(f"{finished}/7 "):
-                break
-        killed.send_signal(signal.SIGKILL)
-        killed.wait()
-        killed.stdout.close()
-        killed.stderr.close()
-        assert "".join(printed).count("(from an earlier run)") >= before, "".join(printed)
-        before = finished
-        assert not (tmp_path / "out" / "campaign.diagnose.html").exists()
+def test_from_a_campaign_to_advice_with_a_kill_on_the_way(small, tmp_path, browser_page):
+    """Killed (kill -9), it goes on behind the last stage that was finished; the page opens in a browser."""
+    killed = small()
+    next(line for line in killed.stderr if line.startswith("5/7 "))
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    killed.stdout.close()
+    killed.stderr.close()
+    assert not (tmp_path / "out" / "campaign.diagnose.html").exists()
 
     last = small()
     out, err = last.communicate()

@@ -44,7 +44,6 @@ def linear():
     return A, d, sigma, measured
 
 
-@slow
 @pytest.mark.parametrize("prior", [(math.inf, math.inf), (0.5, 2.0)])
 def test_of_a_linear_model_the_score_is_the_amount_that_fits_best_in_its_own_sd(linear, prior):
     A, d, sigma, measured = linear

@@ -50,14 +50,12 @@ def test_order() -> None:
 
 @pytest.mark.parametrize(
     ("percent", "elastic", "error", "worst"),
-    # measured, the worst direction: 9.7e-4, 9.5e-4, 1.0e-3, 1.3e-3, 4.8e-4, 1.9e-3
+    # measured, the worst direction: 9.7e-4, 9.5e-4, 1.0e-3, 1.3e-3
     [
         (10, False, 0.0, 1e-3),
         (100, False, 0.0, 1.2e-3),
         (100, True, 0.0, 1.2e-3),
         (100, False, 30.0, 3e-3),
-        (100, False, 3.0, 3e-3),
-        (50, False, 30.0, 3e-3),
     ],
 )
 def test_agrees_with_exact(percent: float, elastic: bool, error: float, worst: float) -> None:
@@ -70,7 +68,7 @@ def test_agrees_with_exact(percent: float, elastic: bool, error: float, worst: f
     assert (off < worst).all()
 
 
-@pytest.mark.parametrize(("percent", "error"), [(100, 3.0), (100, 60.0), (30, 60.0), (10, 30.0)])
+@pytest.mark.parametrize(("percent", "error"), [(100, 60.0), (10, 30.0)])
 def test_kinematic_error_needs_no_shorter_steps_and_intervals(percent: float, error: float) -> None:
     """Half the step and half the turn change the vibration by less than 0.1 % of its largest peak."""
     arm, motion = with_error(error), named(stroke(lcd_arm().stroke, percent=percent, dwell=1.0))
