@@ -42,8 +42,11 @@ def kinds(found: Explanations) -> list[tuple[str, str]]:
     return [(change.kind, change.of) for item in found.fitting for change in item.changes]
 
 
-def test_nothing_is_in_doubt_of_right_data():
-    assert not fit_campaign(ARM, measured(ARM), starts=4).in_doubt
+def test_right_data_give_the_truth_and_nothing_is_in_doubt():
+    fit = fit_campaign(ARM, measured(ARM), starts=2)
+    true = [TRUTH.get(name, float(ARM.get(name))) for name in fit.problem.parameters.names]
+    assert (np.abs(np.log(fit.best.values / true)) < 3 * fit.information.sd).all()
+    assert not fit.in_doubt
 
 
 @pytest.mark.slow

@@ -55,6 +55,7 @@ def test_the_optimum_is_that_of_the_loss(loss):
     assert weights[[2, 7, 12]].max() < 0.2 < np.delete(weights, [2, 7, 12]).min()
 
 
+@pytest.mark.slow
 def test_a_gross_error_is_named_and_hardly_moves_the_answer():
     """One frequency of the shipped campaign 8 % off: least squares moves by sds, the robust fit by less than half."""
     campaign = read_campaign(DATA / "lcd_arm" / "campaign.csv")
