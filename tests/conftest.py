@@ -44,7 +44,7 @@ gc.set_threshold(200_000, 50, 1000)
 
 MAPS, MEMORY = Path("/proc/self/maps"), Path("/proc/self/statm")
 MOST_MAPS, MOST_PAGES = 15_000, 1_000_000_000 // 4096
-C_LIBRARY = ctypes.CDLL(None)
+C_LIBRARY = ctypes.CDLL(None) if MAPS.exists() else None
 if hasattr(C_LIBRARY, "mallopt"):  # of the GNU C library
     C_LIBRARY.mallopt(ctypes.c_int(-8), ctypes.c_int(2))  # M_ARENA_MAX: else each thread that compiles keeps its own
 
