@@ -6,9 +6,6 @@ python data/lcd_arm/runs/generate.py
 from pathlib import Path
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
@@ -39,6 +36,7 @@ def true_arm(arm: Arm, rng: np.random.Generator) -> Arm:
 
 def main() -> None:
     """Write the runs and their table."""
+    jax.config.update("jax_enable_x64", True)
     rng = np.random.default_rng(SEED)
     arm = true_arm(read_arm(HERE.parent / "arm.toml").arm, rng)
     assert arm.stroke is not None
