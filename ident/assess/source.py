@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ident.arm.arm import Arm
+from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Loads
 from ident.arm.multibody import ExcitingOrder, possible_orders
 from ident.errors import InputError, Problem
 from ident.identify.binding import loads_of
-from ident.measure import read_log
+from ident.measure import Log, read_log
 from ident.measure.runs import Runs, Trace
 from ident.vibrate.motion import Motion, beyond_limits, stroke
 from ident.vibrate.replay import replay
@@ -39,10 +39,13 @@ TURNS = 20.0
 """Turns of the fastest pulley that a trace and its motion have in common, at least."""
 LONGEST_DWELL = 5.0
 """Time [s] after arrival up to which a trace counts: then it has rung down."""
-UNEXPLAINED = 0.5
-"""Share of a channel's mean square, in the band of the sources, that noise may leave unexplained; assumed."""
+GAINS = (0.5, 1.5)
+"""Share of the computed vibration that a measured one has in it, beyond which the model is not that of the run; noise
+alone does not move it; assumed."""
 FARTHEST = 4.0
-"""Standard deviations a priori by which a stiffness may move; assumed."""
+"""Standard deviations a priori by which a stiffness or a damping may move; assumed."""
+CLOCK = 0.05
+"""Time [s] by which a clock may be off where none is fitted."""
 FURTHER = (5.0, 7.0, 10.0, 14.0, 20.0)
 """Speeds [%] of the runs that are tried where some source is not told."""
 TESTED = 100
@@ -54,12 +57,14 @@ class Prediction:
     """A run that was not used, as it was predicted.
 
     Attributes:
+        run: its name.
         channel: what was measured.
         shown: (T,) [SI] measured, the slow part left out.
         computed: (T,) [SI] predicted, likewise.
-        peaks: (D,) [SI] largest magnitude with each of some draws.
+        peaks: (D,) [SI] largest magnitude with each of some draws of the sources, all else as it was found.
     """
 
+    run: str
     channel: Channel
     shown: Float[np.ndarray, "T"]
     computed: Float[np.ndarray, "T"]
@@ -70,6 +75,11 @@ class Prediction:
         """Share of the mean square that the prediction explains."""
         left = self.shown - self.computed
         return 1 - float(left @ left) / float(self.shown @ self.shown)
+
+    @property
+    def gain(self) -> float:
+        """How much of the predicted vibration the measured one has in it."""
+        return float(self.shown @ self.computed / max(self.computed @ self.computed, 1e-300))
 
     @property
     def ratio(self) -> float:
@@ -121,19 +131,25 @@ class SourceStudy:
     @property
     def contradicting(self) -> list[ExcitingOrder]:
         """Sources of which the runs, each alone, say what they cannot all mean."""
-        pairs = zip(self.found.problem.sources, self.found.between.tolist(), strict=True)
+        pairs = zip(self.found.problem.sources, self.found.agreement.tolist(), strict=True)
         return [source for source, chance in pairs if chance < RARE / len(self.found.problem.sources)]
 
     @property
-    def poor(self) -> list[str]:
-        """Names of the channels of which half is left unexplained."""
-        pairs = zip(self.found.problem.channels, self.found.explained.tolist(), strict=True)
-        return [channel.name for channel, share in pairs if share < UNEXPLAINED]
+    def poor(self) -> dict[str, float]:
+        """Gains of the channels that do not follow what is computed, by name; of left-out runs, too."""
+        pairs = zip([channel.name for channel in self.found.problem.channels], self.found.gain.tolist(), strict=True)
+        every = {**dict(pairs), **{each.channel.name: each.gain for each in self.held}}
+        return {name: gain for name, gain in every.items() if not GAINS[0] < gain < GAINS[1]}
 
     @property
     def doubtful(self) -> bool:
         """Whether the runs contradict each other, or the model."""
         return bool(self.moved or self.contradicting or self.poor)
+
+    @property
+    def usable(self) -> bool:
+        """Whether its estimates may be used."""
+        return self.found.settled and not self.doubtful
 
 
 def studied(
@@ -166,16 +182,21 @@ def studied(
         raise InputError(
             Problem(table.path, "all runs held out", "at least one to identify with", "keep one", "hold_out")
         )
+    for name in hold_out:
+        _group_of(table, name, used)
     prior = Prior.of(arm, draws)
     problem = _posed(arm, table, used, prior, offset)
+    for name in hold_out:
+        _posed(arm, table, [name], prior, offset)
     found = identified(problem, progress)
     for run, (clock, _) in zip(problem.runs, found.place.clock.tolist(), strict=True):
-        if abs(clock) > offset * (1 - 1e-9) and offset:
+        if abs(clock) > offset * (1 - 1e-9):
             got = f"a clock {1e3 * clock:.0f} ms off the motion's"
             remedy = "check delay and speed, or allow more (`offset`)"
             raise InputError(Problem(run.name, got, f"at most {1e3 * offset:.0f} ms", remedy))
     held = [prediction for name in hold_out for prediction in _predicted(found, table, name, used)]
-    return SourceStudy(found, tuple(held), bool(draws), _further(found))
+    known = all(path in draws for path in stiffness_paths(arm))
+    return SourceStudy(found, tuple(held), known, _further(found))
 
 
 def _further(found: Identification) -> dict[float, Float[np.ndarray, "S"]]:
@@ -193,8 +214,10 @@ def moving_traces(arm: Arm, table: Runs) -> list[MovingTrace]:
     found = []
     for name in table.names:
         traces = table.of(name)
+        traces = _from_start(arm, table, traces)
         motion, loads = _motion(arm, table, traces), _loads(arm, traces)
-        found += [MovingTrace(each.time, each.values, motion, loads) for each in traces]
+        channels = [_channel(arm, each, motion, 0, 0, CLOCK) for each in traces]
+        found += [MovingTrace(each.time, each.values, motion, loads) for each in channels]
     return found
 
 
@@ -209,7 +232,7 @@ def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: fl
     """Return runs as a problem."""
     runs, channels = [], []
     for number, name in enumerate(names):
-        traces = table.of(name)
+        traces = _from_start(arm, table, table.of(name))
         motion = _motion(arm, table, traces)
         runs.append(Run(name, motion, _loads(arm, traces), tuple(_sensor(arm, each) for each in traces)))
         for sensor, trace in enumerate(traces):
@@ -220,18 +243,29 @@ def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: fl
     return SourceProblem(arm, tuple(runs), groups, tuple(channels), tuple(possible_orders(arm)), prior, offset)
 
 
+def _from_start(arm: Arm, table: Runs, traces: Sequence[Trace]) -> tuple[Trace, ...]:
+    """Return traces whose times count from the start of their motion; a log's clock is theirs."""
+    row = traces[0].row
+    first = float(_log(arm, table, row.path).time[0]) if row.path else 0.0
+    return tuple(replace(each, time=each.time - first) for each in traces)
+
+
+def _log(arm: Arm, table: Runs, path: str) -> Log:
+    return read_log(table.files[path].path, [joint.name for joint in arm.driven])
+
+
 def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:
     """Return how the arm moved, held as long as the trace goes on."""
     row = traces[0].row
     if row.path:
-        log = read_log(table.files[row.path].path, [joint.name for joint in arm.driven])
+        log = _log(arm, table, row.path)
         motion = replay(log.time, np.stack(list(log.angles.values())), name=row.path)
         motion = motion if row.speed is None else motion.at_speed(row.speed)
     elif arm.stroke is None:
         remedy = "give a log of the joints in the column path"
         raise InputError(Problem(row.where, "no motion", "a stroke of the arm, or a path", remedy, "path"))
     else:
-        motion = stroke(arm.stroke, percent=row.speed or 10.0, retract=row.retract)
+        motion = stroke(arm.stroke, percent=row.speed or 0.0, retract=row.retract)
     beyond_limits(arm, motion)
     end = max(float(trace.time[-1]) for trace in traces)
     return motion.dwell(min(max(0.0, end - motion.arrival), LONGEST_DWELL))
@@ -247,7 +281,7 @@ def _sensor(arm: Arm, trace: Trace) -> Sensor:
 
 def _channel(arm: Arm, trace: Trace, motion: Motion, run: int, sensor: int, offset: float) -> Channel:
     """Return a trace within its motion, whatever the clock."""
-    margin = offset + 2 / trace_rate(trace) + CLOCK_SD * LEVEL * float(motion.breaks[-1])
+    margin = offset + 2 * float(trace.time[1] - trace.time[0]) + CLOCK_SD * LEVEL * float(motion.breaks[-1])
     inside = (trace.time > float(motion.breaks[0]) + margin) & (trace.time < float(motion.breaks[-1]) - margin)
     time = trace.time[inside]
     ratios = {drive.joint: abs(float(drive.ratio)) for drive in arm.drives}
@@ -263,31 +297,32 @@ def _channel(arm: Arm, trace: Trace, motion: Motion, run: int, sensor: int, offs
     return Channel(f"{trace.row.file} {trace.row.channel}", run, sensor, time, trace.values[inside])
 
 
-def trace_rate(trace: Trace) -> float:
-    """Return the samples a second of a trace."""
-    return (len(trace.time) - 1) / float(trace.time[-1] - trace.time[0])
-
-
-def _predicted(found: Identification, table: Runs, name: str, used: Sequence[str]) -> "list[Prediction]":
-    """Return what sensors of a run that was left out should see, its clock alone fitted, and what they saw."""
-    known = found.problem
+def _group_of(table: Runs, name: str, used: Sequence[str]) -> str:
+    """Return a run that is used, of the group of one that is left out: else its pulleys' phases are not known."""
     row = table.of(name)[0].row
     same = [other for other in used if row.group and table.of(other)[0].row.group == row.group]
     if not same:
         got = f"a run of group {row.group}" if row.group else "a run of no group"
         remedy = "give it the group of a run that is used: its pulleys' phases are not known else"
         raise InputError(Problem(row.where, got, "that of a run which is used", remedy, "group"))
+    return same[0]
+
+
+def _predicted(found: Identification, table: Runs, name: str, used: Sequence[str]) -> "list[Prediction]":
+    """Return what sensors of a run that was left out should see, its clock alone fitted, and what they saw."""
+    known = found.problem
+    group = known.groups[list(used).index(_group_of(table, name, used))]
     own = _posed(known.arm, table, [name], known.prior, known.offset)
-    parts = found.place.parts[known.groups[list(used).index(same[0])]][None]
+    parts = found.place.parts[group][None]
     place = own.start._replace(changes=found.place.changes, parts=parts)
     responses = own.responses(place)
     place = place._replace(clock=clock_offsets(own, responses, place, parts.ravel()))
-    drawn = np.stack([each.parts[known.groups[list(used).index(same[0])]].ravel() for each in found.places(TESTED)], 1)
+    drawn = np.stack([each.parts[group].ravel() for each in found.places(TESTED)], 1)
     result = []
     for k, channel in enumerate(own.channels):
         slow = slow_columns(channel)
         sure, columns, _ = own.seen(k, responses[0], place)
         every = np.column_stack([channel.values, sure + columns @ parts.ravel(), sure[:, None] + columns @ drawn])
         rest = every - slow @ (slow.T @ every)
-        result.append(Prediction(channel, rest[:, 0], rest[:, 1], np.abs(rest[:, 2:]).max(0)))
+        result.append(Prediction(name, channel, rest[:, 0], rest[:, 1], np.abs(rest[:, 2:]).max(0)))
     return result

@@ -38,15 +38,16 @@ COMMENTS = (
     "A row for each channel that counts: point (default: the end point), direction (x, -z, 0 0.6 -0.8), frame (base or",
     "body), unit (mm, m/s, m/s^2, g_0; or that of the file), sensitivity (numbers of the file for one unit); how the",
     "arm moved: speed [%] of the stroke, or path (a log with time [s], joint1 [deg], ...), retract (yes or no), load",
-    "(glass + 0.2 kg @ tip); delay [s] of the first sample after the start of the motion, below 0 if before it; group:",
-    "runs of one group have not lost the pulleys' angles between them. Rows without direction are left out.",
+    "(glass + 0.2 kg @ tip); delay [s] to add to the file's times, so that motion (or log) starts at 0;",
+    "group: runs of one group have kept the pulleys' angles between them. Displacements and velocities are of the",
+    "vibration alone, accelerations have the motion itself in them. Rows without direction are left out.",
 )
 RATE = 250.0
 """Samples a second to which faster recordings are brought: what drives excite lies below 25 Hz."""
 SLOWEST = 50.0
 """Least samples a second: six of a vibration of 8 Hz."""
 CLIPPED = 4
-"""Samples in a row at the largest value that count as clipped; a sine sampled 25 times a period has two."""
+"""Samples in a row at the largest value, and how many times those elsewhere, that count as clipped; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,11 +64,11 @@ class RunRow:
         quantity: displacement, velocity or acceleration; empty to take what the unit measures.
         unit: empty to take what the file says.
         sensitivity: number of the file for one unit; None where it is in the unit already.
-        speed: [%] of full speed, or of a path's own; None for 10 %, or a path's own.
+        speed: [%] of full speed, or of a path's own; None for a path's own.
         path: file of a log of the joints, beside the table; empty for the arm's stroke.
         retract: whether the stroke goes from unfolded to folded.
         load: what hung on the arm, sensors included.
-        delay: [s] from the start of the motion to the first sample.
+        delay: [s] to add to the file's times, so that the motion, or the clock of its log, starts at 0.
         group: runs of one group share the pulleys' angles; empty for one of its own.
     """
 
@@ -192,8 +193,15 @@ def _rows(data: bytes, path: str | Path, findings: Findings) -> list[RunRow]:
             remedy = did_you_mean(name, COLUMNS, "remove or rename the column")
             findings.append(Problem(where, f"the unknown column {quoted(name)}", f"one of {', '.join(HEAD)}", remedy))
     for name in REQUIRED:
-        if names.count(name) != 1:
+        if name not in names:
             findings.append(Problem(where, "no such column", f"a column {name}", "add the column", name))
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        findings.append(Problem(where, "the column twice", "it once", "remove or rename one", name))
+    if dict(named).get("speed", "") not in ("", "%"):
+        findings.append(Problem(where, dict(named)["speed"], "% of full speed", "convert it", "speed"))
+    if dict(named).get("sensitivity"):
+        got, remedy = dict(named)["sensitivity"], "leave its unit out, and say it in the column unit"
+        findings.append(Problem(where, got, "numbers of the file for one unit", remedy, "sensitivity"))
     if findings:
         return []
     units = dict(named)
@@ -257,6 +265,8 @@ def _unequal(rows: list[RunRow]) -> Iterator[Problem]:
             got = f"{quoted(row.channel)} of {quoted(row.file)} twice"
             yield Problem(row.where, got, "each channel once", "keep one row", "channel")
         seen.add((row.file, row.channel))
+        if row.speed is None and not row.path:
+            yield Problem(row.where, "neither speed nor path", "one of them", "say how the arm moved", "speed")
         if row.path and row.retract:
             yield Problem(row.where, "retract beside a path", "one of them", "drop one", "retract")
 
@@ -304,6 +314,13 @@ def _measured(row: RunRow, said: str) -> tuple[int, float]:
     example = "a unit such as mm, m/s, m/s^2 or g_0"
     if not unit:
         raise InputError(Problem("", "no unit, in the file neither", example, "fill the cell", "unit"))
+    physical = any(sensor_factor(said, known) is not None for known in QUANTITIES.values())
+    if said and not physical and row.sensitivity is None:
+        remedy = "give the sensitivity: numbers of the file for one unit"
+        raise InputError(Problem("", f"a file in {quoted(said)}", example, remedy, "sensitivity"))
+    if physical and row.sensitivity is not None:
+        got = f"a sensitivity of a file in {quoted(said)}"
+        raise InputError(Problem("", got, "none", "leave the cell empty", "sensitivity"))
     for derivative, (quantity, known) in enumerate(QUANTITIES.items()):
         factor = sensor_factor(unit, known)
         if factor is not None and row.quantity in ("", quantity):
@@ -316,12 +333,15 @@ def _measured(row: RunRow, said: str) -> tuple[int, float]:
 
 
 def _clipped(values: Float[np.ndarray, "T"]) -> int:
-    """Return how many samples in a row are at the largest or least value, where that is many; else 0."""
-    longest = 0
-    for end in (values.max(), values.min()):
-        at = np.flatnonzero(np.diff((values == end).astype(int), prepend=0, append=0))
-        longest = max(longest, int((at[1::2] - at[::2]).max()))
-    return longest if longest >= CLIPPED and longest < len(values) else 0
+    """Return how many samples in a row are at the largest or least value, where elsewhere fewer are alike; else 0.
+
+    Coarse digits repeat everywhere, and at a peak somewhat more often.
+    """
+    ends = np.flatnonzero(np.diff(values) != 0)
+    starts, lengths = np.append(0, ends + 1), np.diff(np.concatenate([[-1], ends, [len(values) - 1]]))
+    extreme = np.isin(values[starts], (values.max(), values.min()))
+    longest, usual = int(lengths[extreme].max()), int(lengths[~extreme].max(initial=1))
+    return longest if CLIPPED <= longest < len(values) and longest > CLIPPED * usual else 0
 
 
 def _slower(values: Float[np.ndarray, "T"], step: float) -> tuple[Float[np.ndarray, "S"], float]:

@@ -25,7 +25,7 @@ def source_sections(study: "SourceStudy") -> Report:
         (_estimates(study),),
         tuple(_findings(study)),
         remark=_remark(study),
-        next="" if study.doubtful else "ident simulate {arm} --posterior {result}.json",
+        next="" if not study.usable else "ident simulate {arm} --posterior {result}.json",
         details=tuple(_details(study)),
     )
 
@@ -50,12 +50,12 @@ def _range(values: Iterable[float]) -> str:
 
 def named(source: ExcitingOrder) -> str:
     """Name a source: `drive2 imbalance`, `drive2 error, order 2`."""
-    return f"{source.drive} {IMBALANCE if source.kind == IMBALANCE else f'error, order {source.order:g}'}"
+    return f"{source.drive} {f'error, order {source.order:g}' if source.of_error else IMBALANCE}"
 
 
 def _size(study: "SourceStudy", source: ExcitingOrder) -> tuple[float, str]:
     """Return what one unit of a source is in the report's unit, and that: eccentric masses count with their mass."""
-    if source.kind != IMBALANCE:
+    if source.of_error:
         return 2.0, "arcsec p-p"
     return study.found.numbers()[f"{source.drive}.eccentric_mass"], "kg mm"
 
@@ -63,8 +63,9 @@ def _size(study: "SourceStudy", source: ExcitingOrder) -> tuple[float, str]:
 def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...]:
     size, unit = _size(study, each.source)
     name, low, high = named(each.source), *each.interval
-    estimate, phase, vibration = f"{size * each.amplitude:.4g}", _degrees(each.phase[0]), MM * makes * each.amplitude
-    if study.doubtful:
+    phase = _degrees(each.phase[0]) if len(each.phase) == 1 else None  # the details have those of several groups
+    estimate, vibration = f"{size * each.amplitude:.4g}", MM * makes * each.amplitude
+    if not study.usable:
         return name, estimate, None, None, unit, phase, vibration
     if not each.told:
         return name, "cannot be told", None, f"up to {size * high:.3g}", unit, None, MM * makes * high
@@ -73,7 +74,7 @@ def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...
 
 
 def _degrees(phase: float) -> int:
-    """Return whole degrees, without the sign of a zero."""
+    """Return whole degrees."""
     return round(float(np.degrees(phase)))
 
 
@@ -86,19 +87,18 @@ def _estimates(study: "SourceStudy") -> Table:
 
 
 def _findings(study: "SourceStudy") -> Iterator[Finding]:
-    for name in study.poor:
-        share = study.found.explained[[channel.name for channel in study.found.problem.channels].index(name)]
+    for name, gain in study.poor.items():
         yield Finding(
-            f"{name}: {100 * max(share, 0.0):.0f} % of the mean square is explained",
-            "check its speed, load, direction and delay in the table of runs",
+            f"{name} does not follow the computed vibration (gain {gain:.2f})",
+            "check its speed, load, direction, unit and delay in the table of runs",
         )
     for source in study.contradicting:
-        yield Finding(f"{named(source)}: the runs contradict each other", "fit each run alone (--hold-out the others)")
+        yield Finding(f"{named(source)}: the runs contradict each other", "check their table, or use each run alone")
     for name, shift in study.moved.items():
-        remedy = "check the load of the runs, and the campaign that the posterior is from"
+        remedy = "check the load of the runs, and what the stiffnesses and damping are from"
         yield Finding(f"{name} would have to move by {abs(shift):.1f} sigma", remedy)
     if study.held:
-        names = ", ".join(dict.fromkeys(each.channel.name.rpartition(" ")[0] for each in study.held))
+        names = ", ".join(dict.fromkeys(each.run for each in study.held))
         shares = _range(100 * max(0.0, each.explained) for each in study.held)
         rms = max((100 * (each.ratio - 1) for each in study.held), key=abs)
         yield Finding(
@@ -106,7 +106,7 @@ def _findings(study: "SourceStudy") -> Iterator[Finding]:
         )
     pairs = list(zip(study.found.estimates, study.found.makes.tolist(), strict=True))
     hidden = [named(each.source) for each, _ in pairs if not each.told]
-    if hidden and not study.doubtful:
+    if hidden and study.usable:
         most = max(MM * makes * each.interval[1] for each, makes in pairs if not each.told)
         speed, told = study.next_run
         every = "it" if len(hidden) == 1 else "all" if len(told) == len(hidden) else ", ".join(map(named, told))
@@ -144,7 +144,7 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
     )
     tests = [
         (named(source), float(wide), None if np.isnan(chance) else float(chance))
-        for source, wide, chance in zip(problem.sources, found.consistency, found.between, strict=True)
+        for source, wide, chance in zip(problem.sources, found.consistency, found.agreement, strict=True)
     ]
     yield Section(
         "Does each source explain the vibration wherever it should?",
@@ -204,10 +204,10 @@ def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:
             "kind": each.source.kind,
             "order": each.source.order,
             "amplitude": each.amplitude * unit_of(each.source),
-            "sd": each.sd * unit_of(each.source),
+            "sd": each.sd * unit_of(each.source) if study.usable else np.nan,
             "phase": each.phase[0],
-            "phase_sd": each.phase_sd[0],
-            "told": each.told,
+            "phase_sd": each.phase_sd[0] if study.usable else np.nan,
+            "told": each.told and study.usable,
         }
         for each in study.found.estimates
     ]

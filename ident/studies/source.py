@@ -32,7 +32,7 @@ MOST_DRAWS = 4000
 class SourceOptions(ArmOptions):
     """Options of `ident.source`: how well the clocks agree, and which runs are kept to test with."""
 
-    offset: float = option(0.05, "time [s] by which a recorder's clock may be off the motion's", low=0.0, high=1.0)
+    offset: float = option(0.05, "time [s] by which a recorder's clock may be off the motion's", above=0.0, high=1.0)
     hold_out: tuple[str, ...] = option(
         (), "file of a run to leave out and to predict; may be repeated", repeated=True, read=lambda texts, _: texts
     )

@@ -20,12 +20,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve, solve_toeplitz
+from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from ident.arm.arm import Arm
-from ident.arm.fields import field_of
+from ident.arm.fields import DAMPING, STIFFNESS
 from ident.arm.multibody import ExcitingOrder
+from ident.errors import InputError, Problem
 from ident.vibrate.sources import (
     Response,
     Run,
@@ -39,8 +41,9 @@ SLOW = 0.5
 """Frequency [Hz] below which a trace is left out: drift, tilt against gravity, the motion itself; assumed."""
 LAGS = 20
 """Order of the autoregressive model: 0.1 s at 200 samples a second, half a period of the lowest modes."""
-OFFSETS, THINNED = 21, 4
-"""Clock offsets that are tried before the search, on one of so many samples."""
+APART, THINNED = 5e-3, 4
+"""Step [s] of the clock offsets that are tried before the search, a tenth of a period at 20 Hz; on one of so many
+samples."""
 STEP = 1e-4
 """Relative step of differences by stiffness and damping: of a resonance with a quality of 200 they err by 2 %."""
 MOST_ROUNDS = 12
@@ -61,6 +64,9 @@ STIFFNESS_SD = 0.1
 """Standard deviation of ln(stiffness) where no posterior is given; assumed."""
 RIDGE = 1e-13
 """Added to the unit diagonal of normal equations: their rounding."""
+LARGEST, UNSEEN = 1000.0, 100.0
+"""Standard deviation [units] of a source's parts a priori, a metre or a thousand arc seconds; and that beyond which a
+source was not seen at all, as of a drive that stands still: then the arm keeps the number that it has."""
 BLOCK = 1.0
 """Length [s] of the blocks in which a source is tested: some periods of what excites."""
 CHANCE = 0.05
@@ -118,17 +124,22 @@ class Prior:
             arm: from whose numbers changes count.
             draws: of numbers of the arm, by path; without any, all stiffnesses are known within `STIFFNESS_SD`.
         """
-        stiffnesses = [f"{joint.name}.{kind}" for joint in arm.joints for kind in ("k_bend", "k_tors")]
-        known = {path: np.asarray(values) for path, values in draws.items() if _has_factor(arm, path)}
-        paths = list(known) or stiffnesses
+        stiffnesses = [f"{joint.name}.{kind}" for joint in arm.joints for kind in STIFFNESS]
+        damping = [f"{joint.name}.{kind}" for joint in arm.joints for kind in DAMPING]
+        known = {path: np.asarray(values) for path, values in draws.items() if path in (*stiffnesses, *damping)}
+        known = {path: values for path, values in known.items() if np.ptp(values) > 0}
+        if known and len(next(iter(known.values()))) < len(known) + 2:
+            got = f"{len(next(iter(known.values())))} draws of {len(known)} numbers"
+            raise InputError(Problem("posterior", got, f"at least {len(known) + 2}", "give more draws"))
+        paths = [*known, *(path for path in stiffnesses if path not in known)]
+        mean, covariance = np.zeros(len(paths)), STIFFNESS_SD**2 * np.eye(len(paths))
         if known:
+            own = slice(len(known))
             changes = np.stack([np.log(values / float(arm.get(path))) for path, values in known.items()])
-            mean, covariance = changes.mean(1), np.atleast_2d(np.cov(changes))
-            covariance += TIED * np.diag(np.diag(covariance))
-        else:
-            mean, covariance = np.zeros(len(paths)), STIFFNESS_SD**2 * np.eye(len(paths))
+            mean[own], covariance[own, own] = changes.mean(1), np.atleast_2d(np.cov(changes))
+            covariance[own, own] += TIED * np.diag(np.diag(covariance[own, own]))
         groups: dict[str, tuple[str, ...]] = {path: (path,) for path in paths}
-        for kind in ("tau_bend", "tau_tors"):
+        for kind in DAMPING:
             damped = tuple(f"{joint.name}.{kind}" for joint in arm.joints if float(getattr(joint, kind)) > 0)
             if damped and not set(damped) & set(paths):
                 groups[kind] = damped
@@ -145,11 +156,6 @@ class Prior:
             for paths, change in zip(self.groups.values(), changes.tolist(), strict=True)
             for path in paths
         }
-
-
-def _has_factor(arm: Arm, path: str) -> bool:
-    own = field_of(path)
-    return own is not None and own.has_factor(float(arm.get(path)))
 
 
 class Place(NamedTuple):
@@ -240,7 +246,7 @@ class SourceProblem:
 
     @cached_property
     def priors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Precision (n, n) and mean (n,) of all unknowns a priori; nothing is known of the sources."""
+        """Precision (n, n) and mean (n,) of all unknowns a priori; of the sources only that they are not absurd."""
         here = self.start
         sizes = [part.size for part in here]
         precision, mean = np.zeros((sum(sizes), sum(sizes))), np.zeros(sum(sizes))
@@ -248,6 +254,7 @@ class SourceProblem:
         precision[:known, :known], mean[:known] = np.linalg.inv(self.prior.covariance), self.prior.mean
         clock = np.tile([self.offset / LEVEL, CLOCK_SD], len(self.runs))
         rest = np.append(clock, np.full(sizes[2], TILT_SD))
+        rest = np.append(rest, np.full(sizes[3], LARGEST))
         places = np.arange(known, known + len(rest))
         precision[places, places] = 1 / rest**2
         return precision, mean
@@ -350,16 +357,39 @@ class Identification:
         found = []
         for k, source in enumerate(self.problem.sources):
             parts, covariances = self.place.parts[:, k], self.of_sources[:, k]
-            sizes = np.hypot(*parts.T)
-            ways = parts / np.maximum(sizes, 1e-300)[:, None]
-            along = np.einsum("gi,gij,gj->g", ways, covariances, ways)
+            sizes, ways = np.hypot(*parts.T), _ways(parts)
             turned = np.stack([-ways[:, 1], ways[:, 0]], 1)
             across = np.einsum("gi,gij,gj->g", turned, covariances, turned)
-            weights = 1 / along / (1 / along).sum()
-            size, sd = float(weights @ sizes), float((1 / along).sum() ** -0.5)
+            weights, sd, _ = self._pooled(k)
             phases = np.arctan2(parts[:, 1], parts[:, 0])
-            found.append(Estimate(source, size, sd, tuple(phases.tolist()), tuple((across**0.5 / sizes).tolist())))
+            phase_sd = across**0.5 / np.maximum(sizes, 1e-300)
+            size = float(weights @ sizes)
+            found.append(Estimate(source, size, sd, tuple(phases.tolist()), tuple(phase_sd.tolist())))
         return tuple(found)
+
+    def _pooled(self, k: int) -> tuple[np.ndarray, float, float]:
+        """Return the weights of the phase groups in a source's amplitude, its sd, and the chance that they differ."""
+        parts, (groups, count) = self.place.parts[:, k], self.place.parts.shape[:2]
+        first, ways = sum(part.size for part in self.place[:-1]), _ways(parts)
+        at = first + 2 * (count * np.arange(groups)[:, None] + k) + np.arange(2)
+        block = self.consistency[k] * self.covariance[at.ravel()[:, None], at.ravel()].reshape((groups, 2, groups, 2))
+        precision = np.linalg.inv(np.einsum("gi,gihj,hj->gh", ways, block, ways))
+        weights, sizes = precision.sum(1) / precision.sum(), np.hypot(*parts.T)
+        off = sizes - weights @ sizes
+        chance = float(chi2.sf(off @ precision @ off, groups - 1)) if groups > 1 else np.nan
+        return weights, float(precision.sum() ** -0.5), chance
+
+    @property
+    def agreement(self) -> Float[np.ndarray, "S"]:
+        """Probability that runs and phase groups differ so much in a source by chance; NaN where nothing compares."""
+        groups = np.array([self._pooled(k)[2] for k in range(len(self.problem.sources))])
+        return np.fmin(self.between, groups)
+
+    @property
+    def gain(self) -> Float[np.ndarray, "C"]:
+        """How much of the computed vibration each channel's measured one has in it: 1 where the model is right."""
+        computed = [shown - residual for shown, residual in zip(self.shown, self.residual, strict=True)]
+        return np.array([float(y @ c / max(c @ c, 1e-300)) for y, c in zip(self.shown, computed, strict=True)])
 
     @property
     def explained(self) -> Float[np.ndarray, "C"]:
@@ -378,17 +408,26 @@ class Identification:
         return self._numbers(self.place, group)
 
     def _numbers(self, place: Place, group: int) -> dict[str, float]:
+        """Return the numbers of a point: amplitudes by all phase groups, phases by one."""
         found = self.problem.prior.numbers(self.problem.arm, place.changes)
         excited = with_units(self.problem.arm, self.problem.sources)  # their masses count with the eccentricities
         masses = {f"{drive.name}.eccentric_mass": float(drive.eccentric_mass) for drive in excited.drives}
-        return found | masses | excited_by(self.problem.sources, place.parts[group])
+        pooled = np.einsum("kg,gk->k", self._weights, np.linalg.norm(place.parts, axis=2))
+        seen = [k for k, each in enumerate(self.estimates) if each.sd < UNSEEN]
+        sources, parts = [self.problem.sources[k] for k in seen], pooled[seen, None] * _ways(place.parts[group])[seen]
+        return found | masses | excited_by(sources, parts)
+
+    @cached_property
+    def _weights(self) -> np.ndarray:
+        return np.stack([self._pooled(k)[0] for k in range(len(self.problem.sources))])
 
     def draws(self, count: int, seed: int = 0, group: int = 0) -> dict[str, Float[np.ndarray, "D"]]:
         """Return draws of the same numbers, by path [SI], from the normal distribution about the point."""
         drawn = [self._numbers(place, group) for place in self.places(count, seed)]
         found = {path: np.array([each[path] for each in drawn]) for path in drawn[0]}
         middle = self.numbers(group)
-        for source in self.problem.sources:  # so that half of the phases lie on either side, whatever their turn
+        seen = (each for each in self.problem.sources if each.phase in found)
+        for source in seen:  # so that half of the phases lie on either side, whatever their turn
             turned = found[source.phase] - middle[source.phase]
             found[source.phase] = middle[source.phase] + np.angle(np.exp(1j * turned))
         return found
@@ -400,6 +439,11 @@ class Identification:
         wide[-self.place.parts.size :] = np.tile(np.repeat(np.sqrt(self.consistency), 2), groups)
         factor = wide[:, None] * np.linalg.cholesky(self.covariance)
         return [self.place.moved(factor @ rng.standard_normal(len(factor))) for _ in range(count)]
+
+
+def _ways(parts: Float[np.ndarray, "*k 2"]) -> Float[np.ndarray, "*k 2"]:
+    """Return the directions of parts, as unit vectors."""
+    return parts / np.maximum(np.linalg.norm(parts, axis=-1, keepdims=True), 1e-300)
 
 
 @dataclass(frozen=True)
@@ -492,7 +536,10 @@ def clock_offsets(
             parts = _solved(normal, right) if known is None else known
             return float(len(own) - 2 * right @ parts + parts @ normal @ parts)
 
-        clock[number, 0] = min(np.linspace(-1, 1, OFFSETS if problem.offset else 1) * problem.offset, key=left)
+        count = 2 * int(np.ceil(problem.offset / APART)) + 1
+        best = float(min(np.linspace(-problem.offset, problem.offset, count), key=left))
+        refined = minimize_scalar(left, bounds=(best - APART, best + APART), method="bounded", options={"maxiter": 12})
+        clock[number, 0] = np.clip(refined.x, -problem.offset, problem.offset)
     return clock
 
 
@@ -526,9 +573,9 @@ def _fitted(
         normal[at, at] += weight * own_normal
         right[at] += weight * own_right
         total += weight * own_total
-    found = _solved(normal, right)
+    found = _solved(normal + np.eye(len(normal)) / LARGEST**2, right)
     precision, mean = problem.priors
-    off = _flat(place) - mean
+    off = _flat(place._replace(parts=0 * place.parts)) - mean
     return place._replace(parts=found.reshape(place.parts.shape)), float(total - right @ found + off @ precision @ off)
 
 
@@ -655,13 +702,14 @@ def _consistency(problem: SourceProblem, parts: Whitened, place: Place) -> Float
 def _between(problem: SourceProblem, parts: Whitened, place: Place) -> Float[np.ndarray, "S"]:
     """Return the probability that what each run alone says of a source differs so much by chance; NaN with one run."""
     found = np.full(len(problem.sources), np.nan)
-    for k in range(len(problem.sources) if len(problem.runs) > 1 else 0):
+    freedom = 2 * (len(problem.runs) - max(problem.groups) - 1)
+    for k in range(len(problem.sources) if freedom else 0):
         information, score = np.zeros((len(problem.runs), 2, 2)), np.zeros((len(problem.runs), 2))
         for run, own, its in _blocks(problem, parts, place, k):
             information[run] += own
             score[run] += its
         statistic = sum(float(s @ np.linalg.solve(i, s)) for i, s in zip(information, score, strict=True))
-        found[k] = chi2.sf(statistic, 2 * (len(problem.runs) - max(problem.groups) - 1) or 1)
+        found[k] = chi2.sf(statistic, freedom)
     return found
 
 

@@ -29,7 +29,7 @@ RATE = 250.0
 at 10 Hz, by 1e-3 at 18 Hz."""
 UNITS = {IMBALANCE: 1e-3, ERROR: float(np.deg2rad(1 / 3600))}
 """Amplitude of a unit source: 1 mm of eccentricity, 1 arc second at the pin."""
-LIGHTEST = 1e-3
+LIGHTEST = 1.0
 """Eccentric mass [kg] that a drive without any is given: only the product with its eccentricity counts."""
 
 

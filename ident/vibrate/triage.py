@@ -88,7 +88,7 @@ class MovingTrace:
 
     Attributes:
         time: (T,) [s] uniform, on the motion's clock up to a small offset.
-        values: (T,) [any] displacement or acceleration in one direction.
+        values: (T,) [any] displacement, velocity or acceleration in one direction.
         motion: the commanded motion.
         loads: what hangs on the arm.
     """

@@ -92,7 +92,7 @@ def _of_source(path: str | Path, where: str) -> Draws:
         sound = document["verdict"] != "NOT USABLE"
     except (ValueError, KeyError, TypeError, AttributeError):
         raise InputError(Problem(where, "other contents", POSTERIOR, "give the file that ident source wrote")) from None
-    remark = "" if sound else "the runs contradict the model or each other: see ident show of that file"
+    remark = "" if sound else "the runs that it is from are not usable: see ident show of that file"
     sha256 = hashlib.sha256(read_bytes(path, POSTERIOR, LARGEST_BINARY)).hexdigest()
     return Draws(draws, where, sha256, remark, (), robot)
 
