@@ -14,7 +14,6 @@ PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 NUMBER = re.compile(r"(?<![\w.#])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?![\w.]*\d)")
 IN_MILLIMETRES = "a stiffness in N mm/deg beside the same one in N m/rad: one unit is shown, which --units chooses"
 EXCEPTIONS = {
-    "fit": dict.fromkeys(("30.6", "5.12"), "a corrected value is written with as many digits as its std. error bears"),
     "design": dict.fromkeys(
         ("1.81e+06", "4.028e+06", "4.458e+06", "4.54e+06", "5.65e+06", "6.28e+06", "7.901e+06"), IN_MILLIMETRES
     ),

@@ -115,7 +115,7 @@ def _reason(check: "CampaignCheck", i: int) -> str:
     sd, fine = check.data_sd[:, i], int(check.supported[:, i].sum())
     here = _within(sd[0]) if np.isfinite(sd[0]) else "only in combination with others"
     worse = np.isfinite(sd).all() and sd.max() > 1.3 * sd[0] and sd[0] < math.log(ENORMOUS)
-    worst = f" (at worst {_within(sd.max())})" if worse else ""
+    worst = f" (at worst {_within(sd.max())} on plausible arms)" if worse else ""
     lucky = f"; identifiable at {fine} of {check.answered} points" if 0 < fine < check.answered else ""
     return here + worst + lucky
 
@@ -162,7 +162,7 @@ def _findings(check: "CampaignCheck", *, explained: bool) -> Iterator[Finding]:
     for number, doubt in enumerate(check.labels[:MOST]):
         name = names[doubt.row]
         row = f"row {name}" if number else row_in_file(measured[doubt.row], name)
-        yield Finding(f"{row}: {'; '.join(_doubt(check, doubt))}", "compare its mode shape" * doubt.near_draw)
+        yield Finding(f"{row}: {'; '.join(_doubt(check, doubt))}", "compare its mode shape first" * doubt.near_draw)
 
 
 # -------- Details
@@ -171,8 +171,8 @@ def _findings(check: "CampaignCheck", *, explained: bool) -> Iterator[Finding]:
 def _details(check: "CampaignCheck") -> Iterator[Section]:
     meaning = (
         f"identifiable: the std. error is below a factor of {math.exp(WEAK_ABOVE):.2g} at all {check.tried} points "
-        "tried: the arm file's values and others about them, since one point may mislead. Priors do not count. not "
-        "determined: the data alone do not determine it at any of these points."
+        "tried (plausible arms): the arm file's values and others about them, since one point may mislead. Priors do "
+        "not count. not determined: the data alone do not determine it at any of these points."
     )
     yield Section("What the verdicts mean", (meaning,))
     yield from _others(check)

@@ -21,6 +21,7 @@ from ident.present.basis import (
 from ident.present.design import UNSURE, unsure_words
 from ident.present.report import Cell, Finding, Part, Report, Section, Table, Verdict, short_power
 from ident.present.resonance import caused_words, grouped, sources_words
+from ident.present.warnings import untested
 from ident.present.words import MM, beside, counted, in_shown_unit, is_stiffness, percent, rounded, sentence
 
 if TYPE_CHECKING:
@@ -87,17 +88,17 @@ def judged(diagnosis: "Diagnosis") -> Verdict:
     vibration = diagnosis.vibration
     peak, limit, within = float(vibration.peak.max()), vibration.limit, float(vibration.peak.max()) <= vibration.limit
     size = f"{beside(MM * peak, MM * limit)} mm"
-    chance = f"chance of keeping it: {chance_words(vibration.keeps)}"
+    chance = f"probability of keeping it {chance_words(vibration.keeps)} (95 % interval)"
     compared = f"{size} {'is within' if within else 'exceeds'} the limit of {MM * limit:g} mm"
     if diagnosis.identification.sampled.fitted.doubts:
-        reason = f"The fit is in doubt, and all that follows with it. With the fitted values {compared} ({chance})."
+        reason = f"The fit is in doubt, and all that follows with it. With the fitted values {compared}; {chance}."
         return Verdict("NOT DECIDED", reason, "caution")
     if vibration.accepted:
-        return Verdict("OK", f"{compared} ({chance}).", "good")
+        return Verdict("OK", f"{compared}; {chance}.", "good")
     if within:
         asked = f"{100 * CONFIDENT:g} % is required"
-        return Verdict("NOT DECIDED", f"{compared}, but not safely ({chance}; {asked}).", "caution")
-    return Verdict("NOT OK", f"{compared} ({chance}).", "bad")
+        return Verdict("NOT DECIDED", f"{compared}, but not safely: {chance}, {asked}.", "caution")
+    return Verdict("NOT OK", f"{compared}; {chance}.", "bad")
 
 
 def chance_words(estimate: "BinomialEstimate") -> str:
@@ -119,11 +120,12 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
         none = held if best.meets_limit else f"none of the {tried} remedies tried keeps the limit"
         yield "Remedy", f"{none}; the best: {change_words(best)}: {outcome}"
         return
-    yield "Remedy", f"{change_words(best)}{_numbers(diagnosis, best)}: {outcome} (verified)"
+    yield "Remedy", f"{change_words(best)}{_numbers(diagnosis, best)}: {outcome} (exact equations and fresh draws)"
     others = [each for each in diagnosis.remedies[len(diagnosis.verifications) :] if each.meets_limit]
     for other in others[:2]:
         size = f"{rounded(MM * other.largest)} mm, limit kept with probability {chance_words(other.keeps)}"
-        yield "or", f"{change_words(other)}{_numbers(diagnosis, other)}: {size} (not verified)"
+        by = "fast method and the search's own draws, not verified"
+        yield "or", f"{change_words(other)}{_numbers(diagnosis, other)}: {size} ({by})"
 
 
 def _cause(diagnosis: "Diagnosis") -> str:
@@ -144,9 +146,10 @@ def _resonant(resonance: "ResonanceAssessment", arm: "Arm") -> str:
         kind = " and ".join(kinds) or f"order {crossing.source.order:g}"
         drives.setdefault(kind, []).append(spaced(crossing.source.drive))
     who = joined([f"{kind} of {joined(names)}" for kind, names in drives.items()])
-    does = "crosses" if first.crossings else f"comes within {percent(first.relative_distance)} of"
-    when = f"{first.time:.1f} s into the motion"
-    return f"{who} {does} {first.label} ({first.natural:.2f} Hz) {when}, {caused_words(groups[0])} by itself"
+    natural = f"{first.natural:.2f} Hz"
+    off = f"excites {first.label} ({natural}, {percent(first.relative_distance)} off)"
+    does = f"({natural}) excites {first.label}" if first.crossings else off
+    return f"{who} {does} {first.time:.1f} s into the motion, {caused_words(groups[0])} by itself"
 
 
 def _numbers(diagnosis: "Diagnosis", remedy: Remedy) -> str:
@@ -184,6 +187,8 @@ def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
     basis, known = diagnosis.task.basis, diagnosis.identification.sampled.fitted.information
     for doubt in diagnosis.identification.sampled.fitted.doubts:
         yield Finding(doubt.replace("; see below", "").replace("see below", "see ident fit"), "see `ident fit`")
+    if not diagnosis.identification.sampled.fitted.doubts:
+        yield from untested(diagnosis.identification.sampled.fitted)
     if diagnosis.validation.missed:
         named = ", ".join(part.name for part in diagnosis.validation.missed)
         yield Finding(f"the other postures do not predict {named}", "check these measurements, then the arm file")

@@ -36,6 +36,7 @@ from ident.present.warnings import (
     leading_explanations,
     odd_numbers,
     untestable,
+    untested,
     weighty_assumptions,
     what_may_be_wrong,
 )
@@ -197,8 +198,8 @@ def _residuals(fit: "CampaignFit") -> str:
 def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
     yield from odd_numbers(fit.arm)
-    if (asked := asked_for(fit)) and not fit.doubts:
-        yield asked
+    if not fit.doubts:
+        yield from [asked] if (asked := asked_for(fit)) else untested(fit)
     if fit.weights is not None and fit.suspicious.any():
         names = [row_names(fit.campaign)[i] for i in np.flatnonzero(fit.suspicious).tolist()]
         yield Finding(f"robust weights: rows {', '.join(names[:LISTED])} count for less than half", "check these rows")
@@ -242,7 +243,7 @@ def _values_table(fit: "CampaignFit") -> Table:
     unit = shared_unit(items[i].name for i in own)
     what = "Stiffness" if all(is_stiffness(items[i].name) for i in own) else "Unknown"
     rows = tuple(_value_row(fit, i, with_unit=not unit) for i in own)
-    head = (what, f"value{unit}", "95 % interval", "std. error", "arm file")
+    head = (what, f"value{unit}", "95 % interval", "std. error", "arm file", "fit vs. arm file")
     return without_empty_columns(Table("", head, rows))
 
 
@@ -256,19 +257,19 @@ def _value_row(fit: "CampaignFit", i: int, *, with_unit: bool) -> tuple[Cell, ..
     interval = word or f"{written(low, digits)} to {written(high, digits)}"
     sd = float(fit.information.sd[i])
     error = "" if word else scatter(sd) if item.positive else size_in_words(item, sd)
-    return with_tied(item), written(number, "#.4g") + after, interval, error, _start(item, value)
+    return with_tied(item), written(number, "#.4g") + after, interval, error, *_start(item, value)
 
 
-def _start(item: "Parameter", value: float) -> str:
-    """Write the arm file's value, with how far the fitted one is from it: implausible outside the prior's 95 %."""
+def _start(item: "Parameter", value: float) -> tuple[str, str]:
+    """Write the arm file's value, and how far the fitted one is from it: implausible outside the prior's 95 %."""
     start = float(item.start)
     number = short_power(f"{in_shown_unit(item.name, start)[0]:.4g}")
     if not item.positive or not start:
-        return number
+        return number, ""
     wide = math.isfinite(item.prior_sd) and abs(math.log(value / start)) > half_width(0.95) * item.prior_sd
     ratio = value / start
     change = percent(ratio - 1, "+") if 0.5 < ratio < 2 else f"x {ratio:.2g}"
-    return f"{number} ({change}{', implausible' * bool(wide)})"
+    return number, f"{change}{', implausible' * bool(wide)}"
 
 
 def why_no_interval(fit: "Fit", i: int) -> str:

@@ -16,6 +16,7 @@ from ident.files import replace_file
 from ident.identify.candidates import CLOSE, PARTS, RESOLUTION, Experiment, HammerPlan
 from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
 from ident.measure import format_campaign
+from ident.present.fit import why_no_interval
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, kept, without_empty_columns
 from ident.present.warnings import drive_states
 from ident.present.words import counted, degrees, lowered, percent, scatter, unit_of
@@ -39,7 +40,7 @@ COLUMNS = 4
 
 def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Report:
     """Return all that is said of a plan."""
-    batch = _batch_table(plan, LISTED) if plan.steps else "No experiment is needed."
+    batch = _batch_table(plan, LISTED, gains=False) if plan.steps else "No experiment is needed."
     then = "add it to the campaign and fit again" if plan.fit else "then: ident fit {result}.csv --arm {arm}"
     following = "fill in {result}.csv, " + then if plan.steps else "ident validate {campaign}"
     if plan.steps and plan.fit and plan.fit.doubts:
@@ -47,7 +48,7 @@ def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Re
     return Report(
         _subject(plan),
         _verdict(plan),
-        (batch, _sd_table(plan, "Expected std. error", [0, len(plan.sd) - 1])),
+        (batch, _sd_table(plan, "Expected std. error", [0, len(plan.sd) - 1], _if_resolved(plan))),
         tuple(_findings(plan, hammer)),
         next=following,
         details=tuple(_details(plan, hammer)),
@@ -70,7 +71,8 @@ def _verdict(plan: "CampaignPlan") -> Verdict:
     reached = f"{_target(plan)} {_reached(plan)}".strip()
     if plan.fit and plan.fit.doubts:
         doubt = lowered(plan.fit.doubts[0])
-        words = f"The fit that it starts from is in doubt: {doubt}. {_target(plan) or _reached(plan)}"
+        reached = lowered(_target(plan) or _reached(plan))
+        words = f"The fit that it starts from is in doubt: {doubt}. If that is resolved, {reached}"
         return Verdict("PROVISIONAL", words, "bad")
     if plan.missed:
         return Verdict("TARGET MISSED", reached, "bad")
@@ -147,8 +149,8 @@ def _loose_findings(plan: "CampaignPlan") -> Iterator[Finding]:
         text = f"after the batch {item.name} is still known to a {scatter(sd)} only (std. error)"
         yield Finding(text, f"add {where}: {sd_in_words(item, after)}")
     if hopeless:
-        text = f"no experiment offered improves {', '.join(hopeless)} much"
-        yield Finding(text, "offer other loads (--load) or more modes (--modes)")
+        text = f"no available experiment improves {', '.join(hopeless)} much"
+        yield Finding(text, "allow other loads (--load) or more modes (--modes)")
 
 
 # -------- Tables
@@ -175,30 +177,45 @@ def sd_in_words(item: "Parameter", sd: float) -> str:
     return scatter(sd) if item.positive else f"{sd * float(item.scale):.2g} {unit_of(item.name)}"
 
 
-def _batch_table(plan: "CampaignPlan", most: int) -> Table:
-    """Return the first experiments of the batch with their costs and gains."""
+def _batch_table(plan: "CampaignPlan", most: int, *, gains: bool = True) -> Table:
+    """Return the first experiments of the batch with their costs, and their gains if asked for."""
     unit = criterion_in_words(plan)[1]
+    units = [*([unit] if unit != "nat" else []), "nat"] if gains else []
     rows: list[tuple[Cell, ...]] = []
     for number, (step, each) in enumerate(zip(plan.steps[:most], plan.batch[:most], strict=True), 1):
-        gain = () if unit == "nat" else (step.gain,)
-        rows.append((str(number), degrees(each.posture), experiment_in_words(each), step.cost, *gain, step.nats))
-    own = () if unit == "nat" else (f"gain [{unit}]",)
-    head = ("", "posture", "experiment", "time [min]", *own, "gain [nat]")
-    forms = ("", "", "", ".0f", *(".3g" for _ in own), ".3g")
+        gain = (step.gain, step.nats)[2 - len(units) :]
+        rows.append((str(number), degrees(each.posture), experiment_in_words(each), step.cost, *gain))
+    head = ("", "posture", "experiment", "time [min]", *(f"gain [{unit}]" for unit in units))
+    forms = ("", "", "", ".0f", *(".3g" for _ in units))
     note = f"and {len(plan.steps) - most} more experiments, see --details" if len(plan.steps) > most else ""
     return Table("", head, tuple(rows), forms, note)
 
 
-def _sd_table(plan: "CampaignPlan", title: str, shown: Sequence[int]) -> Table:
+def _if_resolved(plan: "CampaignPlan") -> str:
+    """Return the condition on which std. errors after experiments hold where the fit is in doubt."""
+    return ", if resolved" * bool(plan.fit and plan.fit.doubts)
+
+
+def _sd_table(plan: "CampaignPlan", title: str, shown: Sequence[int], condition: str = "") -> Table:
     """Return the std. error of each unknown after some steps of the batch, and its range over plausible arms."""
     steps = list(dict.fromkeys(shown))
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[tuple[str, ...]] = []
     for i, item in enumerate(plan.sought):
         draws = plan.at_draws[:, i]
         spread = _from_to([sd_in_words(item, float(sd)) for sd in (draws.min(), draws.max())]) if len(draws) else ""
-        rows.append((cut(item.name, 38), *(sd_in_words(item, float(plan.sd[step, i])) for step in steps), spread))
-    head = (title, *(f"after {step}" if step else "now" for step in steps), "on plausible arms")
+        cells = [sd_in_words(item, float(plan.sd[step, i])) for step in steps]
+        if unknown := _not_reported(plan, item):
+            cells[0] = unknown
+        rows.append((cut(item.name, 38), *cells, spread))
+    title += " [% or factor]" * any("factor" in cell for row in rows for cell in row[1:])
+    head = (title, *(f"after {step}{condition}" if step else "now" for step in steps), "on plausible arms")
     return without_empty_columns(Table("", head, tuple(rows)))
+
+
+def _not_reported(plan: "CampaignPlan", item: "Parameter") -> str:
+    """Return why the fit that a plan starts from has no interval of an unknown; nothing where it has, or for no fit."""
+    names = plan.fit.problem.parameters.names if plan.fit else ()
+    return why_no_interval(plan.fit, names.index(item.name)) if plan.fit and item.name in names else ""
 
 
 def _from_to(ends: Sequence[str]) -> str:
@@ -239,7 +256,9 @@ def _details(plan: "CampaignPlan", hammer: Sequence[HammerPlan]) -> Iterator[Sec
     yield from _batch(plan)
     shown = sorted({*range(min(COLUMNS, len(plan.sd))), len(plan.sd) - 1})
     note = "A 95 % interval extends 1.96 std. errors to each side, in ln(value)."
-    yield Section("Expected std. errors after each experiment", (_sd_table(plan, "unknown", shown), note))
+    yield Section(
+        f"Expected std. errors after each experiment{_if_resolved(plan)}", (_sd_table(plan, "unknown", shown), note)
+    )
     yield from _hammer(hammer)
     yield _assumptions(plan)
 
@@ -284,7 +303,6 @@ def _batch(plan: "CampaignPlan") -> Iterator[Section]:
     """Yield what each value of the batch gives."""
     if not plan.steps:
         return
-    every = [_batch_table(plan, len(plan.steps))] if len(plan.steps) > LISTED else []
     rows = tuple(
         (str(number), value, nats)
         for number in range(1, len(plan.steps) + 1)
@@ -297,7 +315,7 @@ def _batch(plan: "CampaignPlan") -> Iterator[Section]:
     table = Table("", ("experiment", "value", "gain [nat]"), rows, ("", "", ".2g"), note)
     total = sum(step.cost for step in plan.steps)
     title = f"The batch of {len(plan.steps)}, each experiment chosen after those before it: {total:.0f} min"
-    yield Section(title, (*every, table))
+    yield Section(title, (_batch_table(plan, len(plan.steps)), table))
 
 
 def _hammer(plans: Sequence[HammerPlan]) -> Iterator[Section]:

@@ -187,14 +187,16 @@ def _screen(report: Report, details: bool, width: int, colour: bool) -> Iterator
         shown = folded(f"RESULT: {word}{'.' * (word[-1] != '.')} {report.verdict.reason}", width, hang)
         paint = f"\x1b[1;{COLOURS[report.verdict.kind]}m{word}\x1b[0m"
         yield from (shown.replace(word, paint, 1) if colour else shown).splitlines()
-    for part in report.answer:
-        if not (details and isinstance(part, Table) and part.brief):
-            yield from _part(part, width, wrap=width < WIDTH)
+    parts = [part for part in report.answer if not (details and isinstance(part, Table) and part.brief)]
+    for part in parts:
+        yield from _part(part, width, wrap=width < WIDTH)
     if report.remark:
         yield from folded(report.remark, width, "  ").splitlines()
     shown_findings = report.findings if details else report.findings[:MOST]
+    listed = any(isinstance(part, Table) and part.rows and part.rows[0][0] == "1" for part in parts)
     for number, finding in enumerate(shown_findings, 1):
-        yield from folded(f"  {number}. {with_remedy(finding)}", width, "     ").splitlines()
+        mark = "-" if listed else f"{number}."  # one list of numbers on a screen
+        yield from folded(f"  {mark} {with_remedy(finding)}", width, " " * (3 + len(mark))).splitlines()
     hidden = len(report.findings) - len(shown_findings)
     further = f"{hidden} more finding{'s' * (hidden > 1)} with " if hidden else ""
     more = f"More: {further}--details" if (report.details or hidden) and not details else ""

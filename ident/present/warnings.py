@@ -3,12 +3,13 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ident.arm.plausibility import oddities
-from ident.identify.explanations import MARGIN, SLIP, Change, Explanation, Explanations, Telling
+from ident.identify.explanations import APART, MARGIN, SLIP, Change, Explanation, Explanations, Telling
 from ident.identify.fit import KINDS, Assumption, Assumptions, CampaignFit, of_kind
 from ident.identify.hypotheses import NUMBER_KINDS
 from ident.identify.problem import Ramp, row_names
@@ -24,7 +25,6 @@ from ident.present.words import (
     percent,
     place_read,
     read_unit,
-    rounded,
     sentence,
     size_in_words,
     some,
@@ -159,10 +159,8 @@ def drive_states(arm: "Arm", campaign: "Campaign") -> tuple[Finding, ...]:
 
 TITLE = "Sensitivity to modelling assumptions"
 GIVING = {
-    "base rocks": "the base is rigid",
-    "base turns": "the base is rigid",
-    "link bends": "the links are rigid",
-    "link twists": "the links are rigid",
+    **dict.fromkeys(("base rocks", "base turns"), "the base is rigid"),
+    **dict.fromkeys(("link bends", "link twists"), "the links are rigid"),
 }
 """What a fit assumes of base and links, by the kind of compliance that it leaves out."""
 SOFT = {"gives": "is soft"}
@@ -179,7 +177,7 @@ def assumption_section(fit: CampaignFit) -> Section:
     if found is None:
         return Section(TITLE, ("Not tested, as the search has not ended in an optimum.",))
     kinds = [kind for kind in KINDS if of_kind(found.items, kind)]
-    rows = tuple(_assumption_row(fit, found, of_kind(found.items, kind)) for kind in kinds)
+    rows = tuple(_assumption_row(fit, of_kind(found.items, kind)) for kind in kinds)
     head = ("assumption dropped", "assumed error", "shift", "of", "evidence in the data")
     return Section(TITLE, (Table("", head, rows), *_meaning(fit, found, kinds)))
 
@@ -194,24 +192,37 @@ def weighty_assumptions(fit: CampaignFit) -> tuple[Table, ...]:
         if items := of_kind(found.items, kind):
             _, which, moved = _most_moved(fit, items)
             if moved >= LEAST_SHIFT and fit.supported[which]:
-                heavy.append((moved, _assumption_row(fit, found, items)))
+                heavy.append((moved, _assumption_row(fit, items, in_errors=False)))
     heavy.sort(key=lambda pair: (pair[1][-1] != UNTESTABLE, -pair[0]))  # what no data test weighs most
     rows = tuple((what, size, of, shift, evidence) for _, (what, size, shift, of, evidence) in heavy[:MOST_ROWS])
-    more = len(heavy) - len(rows)
-    note = f"{more} more: --details" if more else ""
+    note = f"{len(heavy) - len(rows)} more: --details" if len(heavy) > len(rows) else ""
     head = ("Not modelled, if present", "assumed size", "would shift", "by", "evidence in the data")
     return (Table("", head, rows, note=note),) if rows else ()
 
 
 def untestable(fit: CampaignFit) -> str:
-    """Name the assumptions that move a value by more than its standard error and that the data cannot test."""
-    items_of_fit = fit.assumptions.items if fit.assumptions else ()
-    words = []
-    for kind in GIVING:
-        items = [item for item in of_kind(items_of_fit, kind) if item.test.seen and not item.test.separable]
-        if items and _most_moved(fit, items)[2] >= LEAST_SHIFT:
-            words.append(GIVING[kind])
-    return " and ".join(dict.fromkeys(words))
+    """Name the rigid parts that the data cannot test, and without which a value moves by more than its std. error."""
+    return " and ".join(_untested(fit))
+
+
+def untested(fit: CampaignFit) -> Iterator[Finding]:
+    """Yield for each of these what it may do to the value that it moves most, and how to find out."""
+    height = fit.assumptions.height if fit.assumptions else math.nan
+    for assumed, (item, which) in _untested(fit).items():
+        moved = f"{fit.information.names[which]} {_move(fit, item, which, in_errors=False)}"
+        soft_base = f"measure the motion of the foot, or fit with --soft-base {height:.2g}"
+        remedy = soft_base if item.kind.startswith("base") else CHECKS[item.kind]
+        yield Finding(f"the data cannot test whether {assumed} (if not: {moved})", remedy)
+
+
+def _untested(fit: CampaignFit) -> dict[str, tuple[Assumption, int]]:
+    """Return the compliance that moves a value most, and which value, by the rigid part that it belongs to."""
+    rigid: dict[str, list[Assumption]] = {}
+    for item in fit.assumptions.items if fit.assumptions else ():
+        if item.kind in GIVING and item.test.seen and not item.test.separable:
+            rigid.setdefault(GIVING[item.kind], []).append(item)
+    worst = {assumed: _most_moved(fit, items) for assumed, items in rigid.items()}
+    return {assumed: (item, which) for assumed, (item, which, moved) in worst.items() if moved >= LEAST_SHIFT}
 
 
 def asked_for(fit: CampaignFit) -> Finding | None:
@@ -246,33 +257,30 @@ def _most_moved(fit: CampaignFit, items: Sequence[Assumption]) -> tuple[Assumpti
     return items[worst], int(np.argmax(moves[worst])), float(moves[worst].max())
 
 
-def _assumption_row(fit: CampaignFit, found: Assumptions, items: tuple[Assumption, ...]) -> tuple[Cell, ...]:
+def _assumption_row(fit: CampaignFit, items: tuple[Assumption, ...], *, in_errors: bool = True) -> tuple[Cell, ...]:
     """Return a kind by one joint: that which the data ask for, or else that which moves a value most."""
-    asked = [item for item in found.asked_for if item in items]
+    asked = [item for item in (fit.assumptions.asked_for if fit.assumptions else ()) if item in items]
     item, which, moved = _most_moved(fit, asked[:1] or items)
-    shift, name = (_move(fit, item, which), cut(fit.information.names[which], 22)) if moved else ("none", "")
-    of = KINDS[item.kind].of
-    owner, _, field = of.partition("'s ")
+    shift, name = _move(fit, item, which, in_errors=in_errors), cut(fit.information.names[which], 22)
+    owner, _, field = KINDS[item.kind].of.partition("'s ")
     whose = f" of {owner}" if field.endswith("compliance") else " of its length" if field == "length" else ""
     size = f"{100 * item.test.amount:.0f} %{whose}"
-    return in_words(item), size, shift, name, _evidence(item, asked=bool(asked))
+    return in_words(item), size, *((shift, name) if moved else ("none", "")), _evidence(item, asked=bool(asked))
 
 
-def _move(fit: CampaignFit, item: Assumption, which: int) -> str:
-    """Write how far a value would move: in standard errors where it has an interval; else in percent or its unit."""
+def _move(fit: CampaignFit, item: Assumption, which: int, *, in_errors: bool) -> str:
+    """Write how far a value would move: in percent or its unit, or in standard errors if it has an interval."""
     shift, parameter = item.test.shift[which], fit.problem.parameters.items[which]
-    if fit.supported[which]:
+    if in_errors and fit.supported[which]:
         return f"{shift / fit.information.sd[which]:+.1f} std. errors"
-    if parameter.positive:
-        return in_percent(float(np.expm1(shift)))
-    return size_in_words(parameter, shift, "+")
+    return in_percent(float(np.expm1(shift))) if parameter.positive else size_in_words(parameter, shift, "+")
 
 
 def _evidence(item: Assumption, *, asked: bool) -> str:
     """Say what the data say against an assumption."""
     if not item.test.separable:
         return UNTESTABLE if item.test.seen else "does not affect these data"
-    return f"{'YES' if asked else 'none'} (z = {item.test.z:.1f})"
+    return f"{'YES' if asked else 'no sign'} (z = {item.test.z:.1f})"
 
 
 def _meaning(fit: CampaignFit, found: Assumptions, kinds: Sequence[str]) -> Iterator[str]:
@@ -329,6 +337,7 @@ def leading_explanations(found: Explanations | None, campaign: "Campaign") -> tu
         (str(number), _causes(item, campaign), _check(item, campaign)) for number, item in enumerate(leading, 1)
     )
     several = "Each of these would explain the data" if len(leading) > 1 else "This would explain the data"
+    several += " (+- std. error)" * any("+-" in row[1] for row in rows)
     tables = Table("", ("", several, "what to do"), rows), *discriminating(found.telling, len(leading))
     return tuple(replace(table, brief=True) for table in tables)
 
@@ -417,9 +426,9 @@ def _words(change: Change, campaign: "Campaign") -> str:
 
 
 def _to_its_sd(value: float, sd: float) -> str:
-    """Write a value with as many digits as its standard deviation bears: `31 +- 3`."""
-    decimals = max(-math.floor(math.log10(sd)), 0) if 0 < sd < math.inf else 3
-    return f"{value:.{decimals}f} +- {rounded(sd, 1)}"
+    """Write a value with as many digits as two of its standard deviation bear: `30.6 +- 3.0`."""
+    decimals = max(1 - math.floor(math.log10(sd)), 0) if 0 < sd < math.inf else 3
+    return f"{value:.{decimals}f} +- {sd:.{decimals}f}"
 
 
 def _quantity(m: "Measurement") -> str:
@@ -472,7 +481,17 @@ def discriminating(found: Sequence[Telling], leading: int) -> tuple[Table, ...]:
         which = {1.0: "lowest ", 2.0: "second "}.get(each.place, "")
         rows.append((f"{which}{describe(m)} [{unit}]", *cells, f"+- {sigma:.1g}"))
     head = ("To tell them apart, measure", *(f"if {number}" for number in numbers), "measured to")
-    return (Table("", head, tuple(rows)),)
+    note = "+-: std. error. No load unless one is named."
+    if len(found) > 1 and not any(_tells_all(each, leading) for each in found):
+        note += f" No single one separates all causes: measure {'both' if len(found) == 2 else 'all'}."
+    return (Table("", head, tuple(rows), note=note),)
+
+
+def _tells_all(each: Telling, leading: int) -> bool:
+    """Tell whether a measurement separates every two of the causes that are shown."""
+    shown = [(x, sd) for number, x, sd in zip(each.numbers, each.predicted, each.sd, strict=True) if number <= leading]
+    sigma, pairs = each.measurement.sigma, combinations(shown, 2)
+    return all(abs(x - other) >= APART * math.hypot(sd, of_other, sigma) for (x, sd), (other, of_other) in pairs)
 
 
 # -------- Hysteresis

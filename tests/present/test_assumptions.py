@@ -100,8 +100,8 @@ def test_what_the_data_do_not_contradict_and_what_they_cannot_test(fit):
         Assumption("link twists", "joint1", scored(np.nan, seen=False, apart=0.0)),
         Assumption("mass", "joint1", scored(-1.2, positive=False)),
     )
-    mass = "none (z = -1.2)"
-    assert [row[-1] for row in found] == ["none (z = -6.0)", "cannot be tested", "does not affect these data", mass]
+    mass = "no sign (z = -1.2)"
+    assert [row[-1] for row in found] == ["no sign (z = -6.0)", "cannot be tested", "does not affect these data", mass]
 
 
 def test_a_good_fit_names_the_rigid_part_that_its_data_cannot_test(fit):
@@ -109,9 +109,17 @@ def test_a_good_fit_names_the_rigid_part_that_its_data_cannot_test(fit):
     heavy, light = (scored(0.0, apart=0.0, shift=size * sd) for size in (2.0, 0.5))
     assert fit_sections(taking(fit, Assumption("base turns", "", heavy))).verdict.word == "GOOD if the base is rigid"
     assert fit_sections(taking(fit, Assumption("base turns", "", light))).verdict.word == "GOOD"
+    assert not fit_sections(taking(fit, Assumption("base turns", "", light))).findings
     both = (Assumption("base turns", "", heavy), Assumption("link bends", "joint1", heavy))
-    word = fit_sections(taking(fit, *both)).verdict.word
-    assert word == "GOOD if the base is rigid and the links are rigid"
+    report = fit_sections(taking(fit, *both))
+    assert report.verdict.word == "GOOD if the base is rigid and the links are rigid"
+    change = f"joint1.k_bend {100 * np.expm1(2.0 * sd):+.2g} %"
+    assert [each.text.partition(" (if not: ")[2] for each in report.findings] == [f"{change})"] * 2
+    assert [each.remedy for each in report.findings] == [
+        "measure the motion of the foot, or fit with --soft-base 0.5",
+        "measure deflections along the link",
+    ]
+    assert [row[3] for row in report.answer[1].rows] == [change.removeprefix("joint1.k_bend ")] * 2
 
 
 def test_a_row_speaks_of_one_joint_the_one_with_evidence_or_else_the_one_that_moves_a_value_most(fit):
@@ -122,7 +130,7 @@ def test_a_row_speaks_of_one_joint_the_one_with_evidence_or_else_the_one_that_mo
         "10 % of its joint",
         "+2.0 std. errors",
         "joint1.k_bend",
-        "none (z = -0.5)",
+        "no sign (z = -0.5)",
     )
     asked = Assumption("link bends", "joint3", scored(6.0, shift=0.1 * sd))
     row = rows(fit, *calm, asked)[0]

@@ -71,7 +71,8 @@ def test_the_verdict_is_that_of_peak_draws_and_fit(options, word, kind):
     verdict = judged(diagnosis(**options))
     assert (verdict.word, verdict.kind) == (word, kind)
     assert ("exceeds" if options.get("excess") != 0.9 else "is within") in verdict.reason
-    assert "chance of keeping it: " in verdict.reason
+    assert "probability of keeping it " in verdict.reason
+    assert "% (95 % interval)" in verdict.reason
 
 
 STIFFER = "make joint 1 50 % stiffer in torsion"
@@ -84,7 +85,7 @@ STIFFER = "make joint 1 50 % stiffer in torsion"
             True,
             (True,),
             "warn",
-            f"{STIFFER} (2e5 to 3e5 N m/rad): 0.4 mm, limit kept with probability 94 to 100 % (verified)",
+            f"{STIFFER} (2e5 to 3e5 N m/rad): 0.4 mm, limit kept with probability 94 to 100 % (exact equations and ",
         ),
         (True, (False, True), "warn", f"{STIFFER} (2e5 to 3e5 N m/rad): 0.4 mm"),
         (True, (False,), "reject", f"the one remedy verified does not hold; the best: {STIFFER}: 0.6 mm"),
@@ -105,7 +106,7 @@ def test_another_remedy_says_that_it_is_not_verified():
     words = dict(cause_and_remedies(diagnosis(True, (True,))))["or"]
     assert words.startswith("run at 5 % of full speed instead of 10 %")
     assert f"({2 * arrival:.3g} s instead of {arrival:.3g} s): 0.4 mm" in words
-    assert words.endswith("(not verified)")
+    assert words.endswith("(fast method and the search's own draws, not verified)")
 
 
 def test_a_change_that_is_too_small_has_no_word():

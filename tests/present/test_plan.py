@@ -42,7 +42,9 @@ def test_the_report_says_what_to_do_and_what_it_gives(plan):
     batch, expected = report.answer
     first = plan.experiments[plan.ranked(1)[0]]
     assert batch.rows[0][1] == degrees(first.posture)
-    assert batch.rows[0][3:] == (plan.steps[0].cost, plan.steps[0].nats)
+    assert batch.rows[0][3:] == (plan.steps[0].cost,)
+    every = next(each for each in report.details if each.title.startswith("The batch of")).parts[0]
+    assert every.rows[0][3:] == (plan.steps[0].cost, plan.steps[0].nats)
     assert [row[:2] for row in expected.rows] == [(name, "factor 2.7") for name in plan.known.names]
     assert report.details[-1].parts[0].startswith("Sigma (--sigma): 0.5 % of each frequency")
     assert not too_wide(text_of(report, details=True))
@@ -56,9 +58,13 @@ def test_a_fit_in_doubt_is_said():
         fit_campaign(loose_arm(), table, starts=2),
         settings=PlanSettings(step=math.radians(90.0), draws=1, count=1),
     )
-    verdict = plan_sections(doubtful).verdict
-    assert verdict.word == "PROVISIONAL"
-    assert "contradict each other" in verdict.reason
+    report = plan_sections(doubtful)
+    assert report.verdict.word == "PROVISIONAL"
+    assert "contradict each other" in report.verdict.reason
+    assert "If that is resolved, " in report.verdict.reason
+    expected = report.answer[1]
+    assert expected.head[:3] == ("Expected std. error [% or factor]", "now", "after 1, if resolved")
+    assert {row[1] for row in expected.rows} == {"not determined"}
 
 
 def test_the_ranking_has_each_posture_once_and_falls(plan):
