@@ -687,7 +687,8 @@ def doctor() -> None:
     from ident.programs import LIBRARIES
 
     cache = Path(jax.config.values["jax_compilation_cache_dir"] or ".").parent
-    size = sum(path.stat().st_size for path in cache.rglob("*") if path.is_file())
+    files = [Path(folder) / name for folder, _, names in os.walk(cache) for name in names]  # passes over what vanishes
+    size = sum(path.stat().st_size for path in files if path.is_file())
     devices = ", ".join(map(str, jax.devices()))
     found = {
         "system": f"Python {platform.python_version()}, {platform.platform()}, {os.cpu_count()} cores",

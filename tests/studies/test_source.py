@@ -15,7 +15,7 @@ from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.binding import loads_of
 from ident.measure.load import Load
-from ident.measure.runs import write_runs
+from ident.measure.runs import _clipped, write_runs
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 
@@ -134,6 +134,32 @@ def test_two_runs_tell_more_and_predict_a_third(folder, true_arm):
 
 
 @pytest.mark.slow
+def test_groups_that_disagree_are_no_result(folder):
+    """Runs of different phase groups share the amplitudes: one that is half as large again contradicts the other."""
+    record = np.loadtxt(folder / "run15.csv", delimiter=",", skiprows=1)
+    record[:, 1:] *= 1.5
+    np.savetxt(folder / "run15.5.csv", record, "%.6g", ",", header="time [s],y [mm],z [mm]", comments="")
+    rows = [f"run12.csv,{way},{way},12,a,\n" for way in "yz"] + [f"run15.5.csv,{way},{way},15,b,\n" for way in "yz"]
+    (folder / "groups.csv").write_text(HEAD + "".join(rows))
+    result = ident.source(folder / "groups.csv")
+    assert result.sections().verdict.word == "NOT USABLE"
+    assert result.study.contradicting
+
+
+@pytest.mark.slow
+def test_its_draws_are_a_posterior_for_itself_and_noise_makes_no_doubt(folder, result, tmp_path):
+    (file,) = result.save(tmp_path)
+    record = np.loadtxt(folder / "run15.csv", delimiter=",", skiprows=1)
+    noise = np.random.default_rng(3).standard_normal(record[:, 1:].shape)
+    record[:, 1:] += 1.3 * record[:, 1:].std(0) * noise
+    np.savetxt(folder / "run15.2.csv", record, "%.6g", ",", header="time [s],y [mm],z [mm]", comments="")
+    (folder / "noisy.csv").write_text(HEAD + "".join(f"run15.2.csv,{way},{way},15,a,\n" for way in "yz"))
+    noisy = ident.source(folder / "noisy.csv", posterior=file)
+    assert not noisy.doubtful
+    assert noisy.study.found.explained.max() < 0.5
+
+
+@pytest.mark.slow
 def test_a_run_under_another_load_is_noticed(folder, true_arm):
     result = ident.source(table(folder, (12.0, 15.0), "glass.csv", load="glass"))
     assert result.doubtful
@@ -150,6 +176,9 @@ def test_a_run_under_another_load_is_noticed(folder, true_arm):
         (("run12.csv,z,z,12,a", "run12.csv,z,z,11,a"), "that of"),
         (("a,", "a,crane"), "wrong.csv:2, load: got 'crane'"),
         (("direction", "way"), "the unknown column"),
+        ((",12,", ",,"), "neither speed nor path"),
+        (("speed [%]", "speed [rad/s]"), "% of full speed"),
+        (("group", "direction"), "the column twice"),
     ],
 )
 def test_what_is_wrong_in_the_table_is_said(folder, change, complaint):
@@ -176,6 +205,29 @@ def test_what_is_wrong_in_a_record_is_said(folder, spoil, complaint):
     (folder / "wrong.csv").write_text(HEAD + "run99.csv,y,y,12,a,\n")
     with pytest.raises(InputError, match=complaint):
         ident.source(folder / "wrong.csv")
+
+
+@pytest.mark.parametrize(
+    ("unit", "sensitivity", "complaint"),
+    [("V", "", "a file in 'V'"), ("m/s^2", "100", "a sensitivity of a file in"), ("", "", "no unit")],
+)
+def test_a_unit_that_the_file_does_not_have_is_refused(folder, unit, sensitivity, complaint):
+    text = (folder / "run12.csv").read_text()
+    (folder / "volts.csv").write_text(text.replace("y [mm]", f"y [{unit}]" if unit else "y"))
+    head, row = (
+        "file,channel,direction,speed [%],unit,sensitivity",
+        f"volts.csv,y,y,12,{unit and 'm/s^2'},{sensitivity}",
+    )
+    (folder / "wrong.csv").write_text(f"{head}\n{row}\n")
+    with pytest.raises(InputError, match=complaint):
+        ident.source(folder / "wrong.csv")
+
+
+def test_coarse_digits_are_not_taken_for_clipping():
+    time = np.arange(0.0, 2.0, 1e-3)
+    sine = np.round(20 * np.sin(2 * np.pi * 5 * time))  # forty steps from end to end
+    assert _clipped(sine) == 0
+    assert _clipped(np.clip(np.sin(2 * np.pi * 5 * time) + 1e-6 * time, -1.0, 0.5)) > 50
 
 
 def test_a_table_to_fill_in_names_all_channels(folder, tmp_path):
