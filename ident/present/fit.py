@@ -215,7 +215,7 @@ def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
             "the prior fills the rest" if np.isfinite(known.sd).all() else "the rest stays where the search stopped"
         )
         text = f"the data do not determine {len(trades)} of {len(known.directions)} combinations; {filler}"
-        yield Finding(text, "measure what `ident plan` proposes")
+        yield Finding(text, "see ident plan")
 
 
 def _competing(fit: "Fit") -> Iterator[Finding]:

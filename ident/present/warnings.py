@@ -207,12 +207,10 @@ def untestable(fit: CampaignFit) -> str:
 
 def untested(fit: CampaignFit) -> Iterator[Finding]:
     """Yield for each of these what it may do to the value that it moves most, and how to find out."""
-    height = fit.assumptions.height if fit.assumptions else math.nan
     for assumed, (item, which) in _untested(fit).items():
         moved = f"{fit.information.names[which]} {_move(fit, item, which, in_errors=False)}"
-        soft_base = f"measure the motion of the foot, or fit with --soft-base {height:.2g}"
-        remedy = soft_base if item.kind.startswith("base") else CHECKS[item.kind]
-        yield Finding(f"the data cannot test whether {assumed} (if not: {moved})", remedy)
+        remedy = "measure the foot's motion" if item.kind.startswith("base") else CHECKS[item.kind]
+        yield Finding(f"cannot be tested: {assumed} (if not, {moved})", remedy)
 
 
 def _untested(fit: CampaignFit) -> dict[str, tuple[Assumption, int]]:
