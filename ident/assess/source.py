@@ -26,6 +26,8 @@ from ident.vibrate.source_identification import (
     Prior,
     SourceProblem,
     clock_offsets,
+    explained,
+    gain,
     identified,
     slow_columns,
     with_further,
@@ -36,18 +38,18 @@ from ident.vibrate.triage import MovingTrace
 RARE = 1e-3
 """Probability of a test below which runs contradict each other; assumed."""
 TURNS = 20.0
-"""Turns of the fastest pulley that a trace and its motion have in common, at least."""
+"""Turns of the fastest pulley that a trace and its motion have in common, at least; assumed."""
 LONGEST_DWELL = 5.0
-"""Time [s] after arrival up to which a trace counts: then it has rung down."""
+"""Time [s] after arrival up to which a trace counts: it has mostly rung down by then; assumed."""
 GAINS = (0.5, 1.5)
 """Share of the computed vibration that a measured one has in it, beyond which the model is not that of the run; noise
 alone does not move it; assumed."""
 FARTHEST = 4.0
 """Standard deviations a priori by which a stiffness or a damping may move; assumed."""
 CLOCK = 0.05
-"""Time [s] by which a clock may be off where none is fitted."""
+"""Time [s] by which a clock may be off where none is fitted; assumed."""
 FURTHER = (5.0, 7.0, 10.0, 14.0, 20.0)
-"""Speeds [%] of the runs that are tried where some source is not told."""
+"""Speeds [%] of the runs that are tried where some source is not told; assumed."""
 TESTED = 100
 """Draws by which a run is predicted."""
 
@@ -72,14 +74,13 @@ class Prediction:
 
     @property
     def explained(self) -> float:
-        """Share of the mean square that the prediction explains."""
-        left = self.shown - self.computed
-        return 1 - float(left @ left) / float(self.shown @ self.shown)
+        """See `source_identification.explained`."""
+        return explained(self.shown, self.computed)
 
     @property
     def gain(self) -> float:
-        """How much of the predicted vibration the measured one has in it."""
-        return float(self.shown @ self.computed / max(self.computed @ self.computed, 1e-300))
+        """See `source_identification.gain`."""
+        return gain(self.shown, self.computed)
 
     @property
     def ratio(self) -> float:
@@ -139,7 +140,7 @@ class SourceStudy:
         """Gains of the channels that do not follow what is computed, by name; of left-out runs, too."""
         pairs = zip([channel.name for channel in self.found.problem.channels], self.found.gain.tolist(), strict=True)
         every = {**dict(pairs), **{each.channel.name: each.gain for each in self.held}}
-        return {name: gain for name, gain in every.items() if not GAINS[0] < gain < GAINS[1]}
+        return {name: share for name, share in every.items() if not GAINS[0] < share < GAINS[1]}
 
     @property
     def doubtful(self) -> bool:
@@ -183,7 +184,7 @@ def studied(
             Problem(table.path, "all runs held out", "at least one to identify with", "keep one", "hold_out")
         )
     for name in hold_out:
-        _group_of(table, name, used)
+        _same_group(table, name, used)
     prior = Prior.of(arm, draws)
     problem = _posed(arm, table, used, prior, offset)
     for name in hold_out:
@@ -213,8 +214,7 @@ def moving_traces(arm: Arm, table: Runs) -> list[MovingTrace]:
     """Return the traces of a table with the motion that each was measured in."""
     found = []
     for name in table.names:
-        traces = table.of(name)
-        traces = _from_start(arm, table, traces)
+        traces = _from_start(arm, table, table.of(name))
         motion, loads = _motion(arm, table, traces), _loads(arm, traces)
         channels = [_channel(arm, each, motion, 0, 0, CLOCK) for each in traces]
         found += [MovingTrace(each.time, each.values, motion, loads) for each in channels]
@@ -265,7 +265,8 @@ def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:
         remedy = "give a log of the joints in the column path"
         raise InputError(Problem(row.where, "no motion", "a stroke of the arm, or a path", remedy, "path"))
     else:
-        motion = stroke(arm.stroke, percent=row.speed or 0.0, retract=row.retract)
+        assert row.speed is not None  # the table has a speed where it has no path
+        motion = stroke(arm.stroke, percent=row.speed, retract=row.retract)
     beyond_limits(arm, motion)
     end = max(float(trace.time[-1]) for trace in traces)
     return motion.dwell(min(max(0.0, end - motion.arrival), LONGEST_DWELL))
@@ -297,7 +298,7 @@ def _channel(arm: Arm, trace: Trace, motion: Motion, run: int, sensor: int, offs
     return Channel(f"{trace.row.file} {trace.row.channel}", run, sensor, time, trace.values[inside])
 
 
-def _group_of(table: Runs, name: str, used: Sequence[str]) -> str:
+def _same_group(table: Runs, name: str, used: Sequence[str]) -> str:
     """Return a run that is used, of the group of one that is left out: else its pulleys' phases are not known."""
     row = table.of(name)[0].row
     same = [other for other in used if row.group and table.of(other)[0].row.group == row.group]
@@ -311,7 +312,7 @@ def _group_of(table: Runs, name: str, used: Sequence[str]) -> str:
 def _predicted(found: Identification, table: Runs, name: str, used: Sequence[str]) -> "list[Prediction]":
     """Return what sensors of a run that was left out should see, its clock alone fitted, and what they saw."""
     known = found.problem
-    group = known.groups[list(used).index(_group_of(table, name, used))]
+    group = known.groups[list(used).index(_same_group(table, name, used))]
     own = _posed(known.arm, table, [name], known.prior, known.offset)
     parts = found.place.parts[group][None]
     place = own.start._replace(changes=found.place.changes, parts=parts)

@@ -15,6 +15,7 @@ from ident.files import replace_file
 from ident.measure.channels import FRAMES, check_folder, recordings_of
 from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, read_recording
+from ident.measure.recordings.recording import SourceFile
 from ident.measure.table import (
     Findings,
     decimal_mark,
@@ -61,7 +62,6 @@ class RunRow:
         direction: (3,) [-] along which it counts.
         point: name of a point of the arm; empty for the end point.
         frame: base, or body: that which carries the point.
-        quantity: displacement, velocity or acceleration; empty to take what the unit measures.
         unit: empty to take what the file says.
         sensitivity: number of the file for one unit; None where it is in the unit already.
         speed: [%] of full speed, or of a path's own; None for a path's own.
@@ -78,7 +78,6 @@ class RunRow:
     direction: Vector
     point: str = ""
     frame: str = FRAMES[0]
-    quantity: str = ""
     unit: str = ""
     sensitivity: float | None = None
     speed: float | None = None
@@ -112,14 +111,6 @@ class Trace:
     derivative: int
     time: Float[np.ndarray, "T"]
     values: Float[np.ndarray, "T"]
-
-
-@dataclass(frozen=True)
-class SourceFile:
-    """A file that was read: where it was, and the hash of its bytes."""
-
-    path: str
-    sha256: str
 
 
 @dataclass(frozen=True)
@@ -237,13 +228,11 @@ def _row(where: str, cell: Mapping[str, str], decimal: str, second: float, mine:
     for name in ("file", "channel"):
         if not cell[name]:
             mine.append(Problem(where, "nothing", f"the {name}'s name", "fill the cell", name))
-    quantity = word("quantity", tuple(QUANTITIES)) if cell.get("quantity") else ""
     return RunRow(
         where=where,
         **{name: cell.get(name, "") for name in ("file", "channel", "point", "unit", "path", "group")},
         direction=mine.attempt(where, "direction", parse_direction, cell["direction"], decimal) or (0.0, 0.0, 1.0),
         frame=word("frame", FRAMES),
-        quantity=quantity,
         sensitivity=number("sensitivity", 0.0),
         speed=number("speed", 0.0),
         retract=word("retract", ("no", "yes")) == "yes",
@@ -321,15 +310,14 @@ def _measured(row: RunRow, said: str) -> tuple[int, float]:
     if physical and row.sensitivity is not None:
         got = f"a sensitivity of a file in {quoted(said)}"
         raise InputError(Problem("", got, "none", "leave the cell empty", "sensitivity"))
-    for derivative, (quantity, known) in enumerate(QUANTITIES.items()):
+    for derivative, known in enumerate(QUANTITIES.values()):
         factor = sensor_factor(unit, known)
-        if factor is not None and row.quantity in ("", quantity):
+        if factor is not None:
             if row.unit and said and row.sensitivity is None and sensor_factor(said, known) not in (None, factor):
                 got, remedy = quoted(row.unit), "correct it, or leave the cell empty"
                 raise InputError(Problem("", got, f"{quoted(said)}, as in the file", remedy, "unit"))
             return derivative, factor / (row.sensitivity or 1.0)
-    expected = f"a unit of {row.quantity}" if row.quantity else example
-    raise InputError(Problem("", quoted(unit), expected, "correct it, or give the unit of the sensor", "unit"))
+    raise InputError(Problem("", quoted(unit), example, "correct it, or give the unit of the sensor", "unit"))
 
 
 def _clipped(values: Float[np.ndarray, "T"]) -> int:

@@ -57,13 +57,13 @@ def _size(study: "SourceStudy", source: ExcitingOrder) -> tuple[float, str]:
     """Return what one unit of a source is in the report's unit, and that: eccentric masses count with their mass."""
     if source.of_error:
         return 2.0, "arcsec p-p"
-    return study.found.numbers()[f"{source.drive}.eccentric_mass"], "kg mm"
+    return study.found.masses[source.drive], "kg mm"
 
 
 def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...]:
     size, unit = _size(study, each.source)
     name, low, high = named(each.source), *each.interval
-    phase = _degrees(each.phase[0]) if len(each.phase) == 1 else None  # the details have those of several groups
+    phase = round(float(np.degrees(each.phase[0]))) if len(each.phase) == 1 else None  # the details have several
     estimate, vibration = f"{size * each.amplitude:.4g}", MM * makes * each.amplitude
     if not study.usable:
         return name, estimate, None, None, unit, phase, vibration
@@ -71,11 +71,6 @@ def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...
         return name, "cannot be told", None, f"up to {size * high:.3g}", unit, None, MM * makes * high
     interval = f"{size * low:.4g} .. {size * high:.4g}"
     return name, estimate, 100 * each.sd / each.amplitude, interval, unit, phase, vibration
-
-
-def _degrees(phase: float) -> int:
-    """Return whole degrees."""
-    return round(float(np.degrees(phase)))
 
 
 def _estimates(study: "SourceStudy") -> Table:
@@ -102,7 +97,7 @@ def _findings(study: "SourceStudy") -> Iterator[Finding]:
         shares = _range(100 * max(0.0, each.explained) for each in study.held)
         rms = max((100 * (each.ratio - 1) for each in study.held), key=abs)
         yield Finding(
-            f"left out and predicted: {cut(names, 40)}, {shares} % of its mean square, rms to {abs(rms):.0f} %"
+            f"left out: {cut(names, 40)}; predicted {shares} % of the mean square, and the rms to {abs(rms):.0f} %"
         )
     pairs = list(zip(study.found.estimates, study.found.makes.tolist(), strict=True))
     hidden = [named(each.source) for each, _ in pairs if not each.told]
@@ -129,9 +124,9 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
     found = study.found
     problem, place = found.problem, found.place
     phases = [
-        (named(each.source), problem_group, np.degrees(phase), np.degrees(sd))
+        (named(each.source), group, np.degrees(phase), np.degrees(sd))
         for each in found.estimates
-        for problem_group, (phase, sd) in enumerate(zip(each.phase, each.phase_sd, strict=True), 1)
+        for group, (phase, sd) in enumerate(zip(each.phase, each.phase_sd, strict=True), 1)
     ]
     of_phases = ("Source", "group", "phase [deg]", "std. error [deg]")
     yield Section(
@@ -149,8 +144,8 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
     yield Section(
         "Does each source explain the vibration wherever it should?",
         (
-            "Variance of what single seconds say, by that which noise lets expect: above 1 it widens the interval. "
-            "And the probability that the runs differ so much by chance.",
+            "Variance ratio: how much single seconds differ, by how much noise explains; above 1 it widens the "
+            "interval. p: probability that the runs differ so much by chance.",
             Table("", ("Source", "variance ratio", "p between runs"), tuple(tests), ("", ".2f", ".2g")),
         ),
     )
@@ -188,7 +183,7 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
         ]
         head = ("Trace", "predicted [%]", "rms [%]", "largest, measured", "2.5 %", "97.5 % of draws")
         table = Table("", head, tuple(predicted), ("", ".1f", "+.1f", ".4g", ".4g", ".4g"))
-        yield Section("Runs that were not used (SI; the measured one has its noise)", (table,))
+        yield Section("Runs that were left out (SI; the measured ones with their noise)", (table,))
 
 
 def _interval(each: "Prediction") -> tuple[float, float, float]:

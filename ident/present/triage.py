@@ -34,10 +34,10 @@ def triage_sections(triage: "Triage", runs: "Runs") -> Report:
     return Report(
         f"What vibrates in {counted(len(runs.traces), 'trace')} of {counted(len(runs.names), 'run')}",
         _verdict(triage),
-        (_parts(triage, runs),) if found else (),
+        (_parts(triage),) if found else (),
         tuple(_findings(triage)),
         next=following,
-        details=(_compared(triage),),
+        details=(_strongest(triage, runs), _compared(triage)),
     )
 
 
@@ -68,21 +68,26 @@ def what(part: "Part") -> str:
     return f"a line at {part.frequency[0]:.4g} Hz{mains}"
 
 
-def _parts(triage: "Triage", runs: "Runs") -> Table:
-    head = ("What it follows", "share [%]", "probability [%]", "frequency [Hz]", "strongest", "amplified by")
+def _parts(triage: "Triage") -> Table:
+    head = ("What it follows", "share [%]", "probability [%]", "frequency [Hz]", "amplified by")
     rows: list[tuple[Any, ...]] = []
     for part in triage.findings:
-        if part.kind == "unexplained":
-            rows.append((what(part), 100 * part.share, None, "", "", ""))
-            continue
-        row = runs.traces[part.trace].row
         low, high = (f"{end:.1f}" for end in part.frequency)
         frequency, modes = low if low == high else f"{low} .. {high}", ", ".join(part.modes)
-        strongest = f"{row.file} {row.channel}, {part.time:.1f} s"
-        amplified = modes if part.kind == "drive" else ""
-        rows.append((what(part), 100 * part.share, 100 * part.probability, frequency, strongest, amplified))
+        known = (100 * part.probability, frequency) if part.kind != "unexplained" else (None, "")
+        rows.append((what(part), 100 * part.share, *known, modes if part.kind == "drive" else ""))
     note = "x 2: twice the frequency of that drive's pulley; drives whose frequencies coincide stand together."
-    return Table("", head, tuple(rows), ("", ".0f", ".0f", "", "", ""), note)
+    return Table("", head, tuple(rows), ("", ".0f", ".0f", "", ""), note)
+
+
+def _strongest(triage: "Triage", runs: "Runs") -> Section:
+    rows = []
+    for part in triage.findings:
+        if part.kind != "unexplained":
+            row = runs.traces[part.trace].row
+            rows.append((what(part), f"{row.file} {row.channel}", part.time))
+    head = ("What it follows", "trace", "time [s]")
+    return Section("Where each part is strongest", (Table("", head, tuple(rows), ("", "", ".1f")),))
 
 
 def _findings(triage: "Triage") -> Iterator[Finding]:

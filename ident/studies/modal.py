@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ident.measure import Campaign
     from ident.measure.channels import ChannelTable
     from ident.measure.covariance_and_frames import Reproducibility
+    from ident.measure.recordings.recording import SourceFile
     from ident.modal.ambient import AmbientTest
     from ident.modal.frf import ModalTest, Processing
     from ident.modal.sources import FinishedTest
@@ -98,19 +99,6 @@ class ModalOptions(ProblemOptions):
         return Reproducibility.of(self.reproducibility, self.common_share)
 
 
-@dataclass(frozen=True)
-class SourceFile:
-    """A file that was read.
-
-    Attributes:
-        path: where it was.
-        sha256: hash of its bytes.
-    """
-
-    path: str
-    sha256: str
-
-
 @dataclass(frozen=True, repr=False, eq=False)
 class ModalResult(Result):
     """Frequency responses, or spectra of an ambient test, and modes.
@@ -136,7 +124,7 @@ class ModalResult(Result):
     finished: "tuple[FinishedTest, ...]" = ()
     named: "tuple[NamedModes, ...]" = ()
     campaign: "Campaign | None" = None
-    files: Mapping[str, SourceFile] = field(default_factory=dict)
+    files: "Mapping[str, SourceFile]" = field(default_factory=dict)
     options: ModalOptions = field(default_factory=ModalOptions)
     reproducibility: "Reproducibility | None" = None
 
@@ -242,6 +230,7 @@ def modal_test(
 
     from ident.assess.modal import in_base_frame, modal_campaign, observed_reproducibility, with_places
     from ident.measure.channels import ChannelTable, check_folder, read_channels, recordings_of
+    from ident.measure.recordings.recording import SourceFile
     from ident.modal.ambient import measured_tests
     from ident.modal.sources import finished_tests
 

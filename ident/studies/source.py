@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem
+from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
@@ -34,7 +35,7 @@ class SourceOptions(ArmOptions):
 
     offset: float = option(0.05, "time [s] by which a recorder's clock may be off the motion's", above=0.0, high=1.0)
     hold_out: tuple[str, ...] = option(
-        (), "file of a run to leave out and to predict; may be repeated", repeated=True, read=lambda texts, _: texts
+        (), "file of a run to leave out and to predict; may be repeated", repeated=True, read=reading.names
     )
     draws: int = option(400, "draws of what was identified, for --posterior of other commands", low=1, high=10_000)
     seed: int = option(0, "seed of these draws", low=0, high=1e18)

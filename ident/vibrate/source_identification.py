@@ -76,6 +76,7 @@ FAINT = 0.02
 WIDE = 0.5
 """Half a 95 % interval, as a share of the amplitude, beyond which a source is not told."""
 LEVEL = 1.96
+"""Half a 95 % interval, in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,11 @@ class Prior:
 
         Args:
             arm: from whose numbers changes count.
-            draws: of numbers of the arm, by path; without any, all stiffnesses are known within `STIFFNESS_SD`.
+            draws: of numbers of the arm, by path, of which stiffness and damping count; a stiffness that none is of is
+                known within `STIFFNESS_SD`.
+
+        Raises:
+            InputError: so few draws that they have no covariance.
         """
         stiffnesses = [f"{joint.name}.{kind}" for joint in arm.joints for kind in STIFFNESS]
         damping = [f"{joint.name}.{kind}" for joint in arm.joints for kind in DAMPING]
@@ -253,8 +258,7 @@ class SourceProblem:
         known = sizes[0]
         precision[:known, :known], mean[:known] = np.linalg.inv(self.prior.covariance), self.prior.mean
         clock = np.tile([self.offset / LEVEL, CLOCK_SD], len(self.runs))
-        rest = np.append(clock, np.full(sizes[2], TILT_SD))
-        rest = np.append(rest, np.full(sizes[3], LARGEST))
+        rest = np.concatenate([clock, np.full(sizes[2], TILT_SD), np.full(sizes[3], LARGEST)])
         places = np.arange(known, known + len(rest))
         precision[places, places] = 1 / rest**2
         return precision, mean
@@ -387,14 +391,13 @@ class Identification:
 
     @property
     def gain(self) -> Float[np.ndarray, "C"]:
-        """How much of the computed vibration each channel's measured one has in it: 1 where the model is right."""
-        computed = [shown - residual for shown, residual in zip(self.shown, self.residual, strict=True)]
-        return np.array([float(y @ c / max(c @ c, 1e-300)) for y, c in zip(self.shown, computed, strict=True)])
+        """See `gain`, of each channel."""
+        return np.array([gain(y, y - r) for y, r in zip(self.shown, self.residual, strict=True)])
 
     @property
     def explained(self) -> Float[np.ndarray, "C"]:
-        """Share of each channel's vibration, by its mean square, that the sources explain."""
-        return np.array([1 - (r @ r) / (y @ y) for r, y in zip(self.residual, self.shown, strict=True)])
+        """See `explained`, of each channel."""
+        return np.array([explained(y, y - r) for y, r in zip(self.shown, self.residual, strict=True)])
 
     @property
     def moved(self) -> dict[str, float]:
@@ -410,12 +413,18 @@ class Identification:
     def _numbers(self, place: Place, group: int) -> dict[str, float]:
         """Return the numbers of a point: amplitudes by all phase groups, phases by one."""
         found = self.problem.prior.numbers(self.problem.arm, place.changes)
-        excited = with_units(self.problem.arm, self.problem.sources)  # their masses count with the eccentricities
-        masses = {f"{drive.name}.eccentric_mass": float(drive.eccentric_mass) for drive in excited.drives}
         pooled = np.einsum("kg,gk->k", self._weights, np.linalg.norm(place.parts, axis=2))
         seen = [k for k, each in enumerate(self.estimates) if each.sd < UNSEEN]
         sources, parts = [self.problem.sources[k] for k in seen], pooled[seen, None] * _ways(place.parts[group])[seen]
+        weighed = [source.drive for source in sources if not source.of_error]
+        masses = {f"{drive}.eccentric_mass": self.masses[drive] for drive in weighed}
         return found | masses | excited_by(sources, parts)
+
+    @cached_property
+    def masses(self) -> dict[str, float]:
+        """Eccentric masses [kg] with which the eccentricities count, by drive."""
+        excited = with_units(self.problem.arm, self.problem.sources)
+        return {drive.name: float(drive.eccentric_mass) for drive in excited.drives}
 
     @cached_property
     def _weights(self) -> np.ndarray:
@@ -439,6 +448,17 @@ class Identification:
         wide[-self.place.parts.size :] = np.tile(np.repeat(np.sqrt(self.consistency), 2), groups)
         factor = wide[:, None] * np.linalg.cholesky(self.covariance)
         return [self.place.moved(factor @ rng.standard_normal(len(factor))) for _ in range(count)]
+
+
+def gain(measured: Float[np.ndarray, "T"], computed: Float[np.ndarray, "T"]) -> float:
+    """Return how much of a computed vibration the measured one has in it: 1 where the model is right, noise or not."""
+    return float(measured @ computed / max(computed @ computed, 1e-300))
+
+
+def explained(measured: Float[np.ndarray, "T"], computed: Float[np.ndarray, "T"]) -> float:
+    """Return the share of a measured vibration's mean square that the computed one explains."""
+    left = measured - computed
+    return 1 - float(left @ left) / float(measured @ measured)
 
 
 def _ways(parts: Float[np.ndarray, "*k 2"]) -> Float[np.ndarray, "*k 2"]:
@@ -490,6 +510,7 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
     responses = problem.responses(place)
     whitenings = [Whitening(slow_columns(channel), np.ones(1)) for channel in problem.channels]
     place = place._replace(clock=clock_offsets(problem, responses, place))
+    whitenings = _coloured(problem, responses, place, whitenings, 0)  # without sources: each channel by its own size
     place, _ = _fitted(problem, responses, place, whitenings)
     whitenings = _coloured(problem, responses, place, whitenings, 0)
     settled, rounds, coloured = False, 0, False
@@ -560,19 +581,15 @@ def _sums(y: np.ndarray, A: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
 def _fitted(
     problem: SourceProblem, responses: Sequence[Response], place: Place, whitenings: Sequence[Whitening]
 ) -> tuple[Place, float]:
-    """Return the point with the sources that fit best, all else as it is, and what is left, priors included.
-
-    Before anything is known of the noise, each channel counts by its own size.
-    """
+    """Return the point with the sources that fit best, all else as it is, and what is left, priors included."""
     groups, count = place.parts.shape[0], 2 * len(problem.sources)
     normal, right, total = np.zeros((groups * count, groups * count)), np.zeros(groups * count), 0.0
     for k, channel in enumerate(problem.channels):
         own_normal, own_right, own_total = _sums(*_rows(problem, k, responses[channel.run], place, whitenings[k]))
         at = slice(problem.groups[channel.run] * count, (problem.groups[channel.run] + 1) * count)
-        weight = 1 / own_total if np.array_equal(whitenings[k].filter, [1.0]) else 1.0
-        normal[at, at] += weight * own_normal
-        right[at] += weight * own_right
-        total += weight * own_total
+        normal[at, at] += own_normal
+        right[at] += own_right
+        total += own_total
     found = _solved(normal + np.eye(len(normal)) / LARGEST**2, right)
     precision, mean = problem.priors
     off = _flat(place._replace(parts=0 * place.parts)) - mean
@@ -655,7 +672,7 @@ def _step(problem: SourceProblem, parts: Whitened, place: Place) -> tuple[np.nda
 def _descended(
     problem: SourceProblem, place: Place, step: np.ndarray, whitenings: Sequence[Whitening], before: float
 ) -> tuple[Place, list[Response]]:
-    """Return the point after a step, shortened until less is left, with the sources that fit best there."""
+    """Return the point after a step, shortened to a tenth at most until less is left, with sources that fit best."""
     for share in (1.0, 0.5, 0.25, 0.1):
         tried = place.moved(share * step)
         responses = problem.responses(tried)
@@ -743,9 +760,6 @@ def with_further(found: Identification, run: Run, rate: float) -> Float[np.ndarr
     first = sum(part.size for part in place[:-1])
     known = np.r_[0 : sizes[0], first : first + sizes[3]]
     covariance = np.linalg.inv(np.linalg.inv(found.covariance[np.ix_(known, known)]) + told)[sizes[0] :, sizes[0] :]
-    found_sd = []
-    for k, part in enumerate(place.parts[0]):
-        way = part / max(float(np.hypot(*part)), 1e-300)
-        block = found.consistency[k] * covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
-        found_sd.append(float(np.sqrt(way @ block @ way)))
-    return np.array(found_sd)
+    blocks = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(problem.sources))]
+    along = [way @ block @ way for way, block in zip(_ways(place.parts[0]), blocks, strict=True)]
+    return np.sqrt(found.consistency * np.array(along))

@@ -209,13 +209,8 @@ def _ending_at(arm: Arm, name: str) -> Arm:
     if not chosen:
         expected = f"one of {', '.join(point.name for point in arm.points)}"
         raise InputError(Problem(arm.name, f"no point {name}", expected, "add it to the arm file, or name another"))
-    return replace_points(arm, chosen[0])
-
-
-def replace_points(arm: Arm, end: Point) -> Arm:
-    """Return an arm with its points in another order, so that one of them is the end point."""
-    others = tuple(point for point in arm.points if point.name != end.name)
-    return eqx.tree_at(lambda a: a.points, arm, (*others, end))
+    others = tuple(point for point in arm.points if point.name != name)
+    return eqx.tree_at(lambda a: a.points, arm, (*others, *chosen))
 
 
 def _directions(arm: Arm, run: Run, time: Float[np.ndarray, "T"]) -> Iterator[Float[np.ndarray, "3 T"]]:
@@ -226,14 +221,9 @@ def _directions(arm: Arm, run: Run, time: Float[np.ndarray, "T"]) -> Iterator[Fl
         if not sensor.body:
             yield np.broadcast_to(np.asarray(sensor.direction)[:, None], (3, len(time)))
             continue
-        end = Point("end", joints[sensor.point], sensor.direction)
+        end, origin = (Point("end", joints[sensor.point], place) for place in (sensor.direction, (0.0, 0.0, 0.0)))
         there, here = (
             np.asarray(at_posture(eqx.tree_at(lambda a: a.points, arm, (each,)), jnp.asarray(posture)).position)
-            for each in (end, replace_position(end))
+            for each in (end, origin)
         )
         yield (there - here)[:, 0]
-
-
-def replace_position(end: Point) -> Point:
-    """Return a point in the origin of its body."""
-    return Point("origin", end.joint, (0.0, 0.0, 0.0))

@@ -111,14 +111,15 @@ def test_it_comes_back_and_fits_a_screen(result, tmp_path):
     assert [path.name for path in result.save_figures(tmp_path)] == ["runs.source.png"]
 
 
-def test_other_commands_take_its_draws(result, tmp_path):
+def test_other_commands_take_its_draws(result, true_arm, tmp_path):
     """The peak of a run is that of the true arm; phases and imbalance count as known."""
     (file,) = result.save(tmp_path)
     simulated = ident.simulate(FILE, posterior=file, speed=12.0, draws=16, rate=200.0)
     assert not simulated.simulation.basis.unknown.phases
-    low, high = np.quantile(simulated.draws.sizes.peak[1], (0.0, 1.0))
-    measured = np.loadtxt(result.runs.files["run12.csv"].path, delimiter=",", skiprows=1)
-    assert low * 0.9 < np.abs(measured[:, 1]).max() / 1.1e3 < high * 1.1
+    true = simulate(true_arm, stroke(true_arm.stroke, percent=12.0, dwell=2.0), rate=200.0).vibration
+    peaks = simulated.draws.sizes.peak[1]
+    assert abs(np.abs(true[1]).max() - peaks.mean()) < 4 * peaks.std(ddof=1)
+    assert peaks.std(ddof=1) < 0.02 * peaks.mean()
     assert "measure the imbalance" not in simulated.report(details=True)
 
 

@@ -91,6 +91,19 @@ class Recording:
         return tuple(dict.fromkeys([*responses, *forces, *moving]))
 
 
+@dataclass(frozen=True)
+class SourceFile:
+    """A file that was read.
+
+    Attributes:
+        path: where it was.
+        sha256: hash of its bytes.
+    """
+
+    path: str
+    sha256: str
+
+
 Contents = tuple[tuple[Channel, ...], tuple[Shape, ...], dict[str, tuple[float, float, float]]]
 """What a reader returns: channels, finished modes, places of nodes."""
 
