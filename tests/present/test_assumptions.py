@@ -114,9 +114,9 @@ def test_a_good_fit_names_the_rigid_part_that_its_data_cannot_test(fit):
     report = fit_sections(taking(fit, *both))
     assert report.verdict.word == "GOOD if the base is rigid and the links are rigid"
     change = f"joint1.k_bend {100 * np.expm1(2.0 * sd):+.2g} %"
-    assert [each.text.partition(" (if not: ")[2] for each in report.findings] == [f"{change})"] * 2
+    assert [each.text.partition(" (if not, ")[2] for each in report.findings] == [f"{change})"] * 2
     assert [each.remedy for each in report.findings] == [
-        "measure the motion of the foot, or fit with --soft-base 0.5",
+        "measure the foot's motion",
         "measure deflections along the link",
     ]
     assert [row[3] for row in report.answer[1].rows] == [change.removeprefix("joint1.k_bend ")] * 2
