@@ -484,6 +484,7 @@ def diagnose_command(
     options: DiagnoseOptions,
     arm: ArmOption = None,
     path: PathOption = None,
+    runs: flag("table of runs, see ident source: traces of the moving arm, which tell what excites it") = None,  # type: ignore[valid-type]
     restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
     out: OutOption = Path("out"),
     pdf: Annotated[bool, typer.Option("--pdf", help="print the page as PDF as well, by Chromium")] = False,
@@ -498,7 +499,7 @@ def diagnose_command(
     """
     if pdf:
         check_browser()
-    result = run_diagnose(campaign, options, arm, path, restart, out, pdf=pdf)
+    result = run_diagnose(campaign, options, arm, path, runs, restart, out, pdf=pdf)
     leave(result, strict=strict)
 
 
@@ -507,6 +508,7 @@ def run_diagnose(
     options: DiagnoseOptions,
     arm: Path | None,
     path: Path | None,
+    runs: Path | None,
     restart: bool,
     out: Path,
     *,
@@ -532,6 +534,7 @@ def run_diagnose(
             measured,
             options,
             path=path,
+            runs=runs,
             folder=folder,
             restart=restart,
             progress=running.progress,

@@ -21,6 +21,7 @@ from ident.present.basis import (
 from ident.present.design import UNSURE, unsure_words
 from ident.present.report import Cell, Finding, Part, Report, Section, Table, Verdict, short_power
 from ident.present.resonance import caused_words, grouped, sources_words
+from ident.present.source import estimates, source_findings, source_verdict
 from ident.present.warnings import untested
 from ident.present.words import MM, beside, counted, in_shown_unit, is_stiffness, percent, rounded, sentence
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.assess.diagnose import Diagnosis, Identification, ResonanceAssessment
     from ident.assess.remedies import Verification, VibrationAssessment
+    from ident.assess.source import SourceStudy
     from ident.identify.compare import Validation
     from ident.vibrate.evaluator import BinomialEstimate
     from ident.vibrate.sweep import Sensitivities
@@ -70,15 +72,14 @@ SENSITIVITIES = 12
 
 def diagnose_sections(diagnosis: "Diagnosis") -> Report:
     """Return all that is said of a finished diagnosis; the details have a section for each stage."""
-    basis, fit = diagnosis.task.basis, diagnosis.identification.sampled.fitted
-    verdict = judged(diagnosis)
+    basis, verdict = diagnosis.task.basis, judged(diagnosis)
     return Report(
         f"Diagnosis of {subject(basis)}",
         verdict,
         tuple(f"{label + ':':8s} {sentence(text)}" for label, text in cause_and_remedies(diagnosis)),
         tuple(_cautions(diagnosis)),
         f"Model: {of_model(diagnosis)}.",
-        _next(diagnosis, in_doubt=bool(fit.doubts), good=verdict.kind == "good"),
+        _next(diagnosis, good=verdict.kind == "good"),
         tuple(Section(title, tuple(of(diagnosis))) for title, of in map(_DETAILS.__getitem__, diagnosis.stages)),
     )
 
@@ -90,8 +91,10 @@ def judged(diagnosis: "Diagnosis") -> Verdict:
     size = f"{beside(MM * peak, MM * limit)} mm"
     chance = f"probability of keeping it {chance_words(vibration.keeps)} (95 % interval)"
     compared = f"{size} {'is within' if within else 'exceeds'} the limit of {MM * limit:g} mm"
-    if diagnosis.identification.sampled.fitted.doubts:
-        reason = f"The fit is in doubt, and all that follows with it. With the fitted values {compared}; {chance}."
+    if diagnosis.in_doubt:
+        doubtful = bool(diagnosis.identification.sampled.fitted.doubts)
+        what = "The fit is in doubt" if doubtful else "The runs contradict the model or each other"
+        reason = f"{what}, and all that follows is in doubt. With the fitted values {compared}; {chance}."
         return Verdict("NOT DECIDED", reason, "caution")
     if vibration.accepted:
         return Verdict("OK", f"{compared}; {chance}.", "good")
@@ -169,13 +172,16 @@ def of_model(diagnosis: "Diagnosis") -> str:
     fit, validation = diagnosis.identification.sampled.fitted, diagnosis.validation
     fixed = f"{fit.information.fixed} of {len(fit.information.names)} combinations determined"
     far = f"; unmeasured postures predicted {scope_words(validation)}" if validation.told else ""
-    return f"{fixed} (chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom}){far}"
+    told = f"; {source_line(diagnosis.excited.study)}" if diagnosis.excited else ""
+    return f"{fixed} (chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom}){far}{told}"
 
 
-def _next(diagnosis: "Diagnosis", *, in_doubt: bool, good: bool) -> str:
+def _next(diagnosis: "Diagnosis", *, good: bool) -> str:
     known = diagnosis.identification.sampled.fitted.information
-    if in_doubt:
+    if diagnosis.identification.sampled.fitted.doubts:
         return "ident fit {campaign}"
+    if diagnosis.in_doubt:
+        return "ident source {runs} --arm {arm}"
     if known.fixed < len(known.names) or diagnosis.beyond or diagnosis.validation.missed:
         return "ident plan {campaign}"
     limit = f"--limit {MM * diagnosis.task.limit:g}"
@@ -189,6 +195,8 @@ def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
         yield Finding(doubt.replace("; see below", "").replace("see below", "see ident fit"), "see `ident fit`")
     if not diagnosis.identification.sampled.fitted.doubts:
         yield from untested(diagnosis.identification.sampled.fitted)
+    if diagnosis.excited:
+        yield from source_findings(diagnosis.excited.study)
     if diagnosis.validation.missed:
         named = ", ".join(part.name for part in diagnosis.validation.missed)
         yield Finding(f"the other postures do not predict {named}", "check these measurements, then the arm file")
@@ -268,6 +276,20 @@ def _stiffness(diagnosis: "Diagnosis") -> Iterator[Part]:
     note = "The chains are too short: the intervals are rough." if identified.short else ""
     note += " No interval is reported, as the fit is in doubt." * withheld
     yield Table("Posterior", ("number", "median", "95 % interval", "unit"), tuple(rows), note=note.strip())
+
+
+def source_line(study: "SourceStudy") -> str:
+    """Say in a line what the runs tell of what excites the arm."""
+    if not study.usable:
+        return "the runs are NOT USABLE"
+    runs = counted(len(study.found.problem.runs), "run")
+    return f"{study.told} of {len(study.found.estimates)} sources of vibration determined by {runs}"
+
+
+def _source(diagnosis: "Diagnosis") -> Iterator[Part]:
+    assert diagnosis.excited is not None
+    yield source_verdict(diagnosis.excited.study).reason
+    yield estimates(diagnosis.excited.study)
 
 
 def trust_line(validation: "Validation") -> str:
@@ -484,6 +506,7 @@ def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
 
 _DETAILS: Mapping[str, tuple[str, Callable[["Diagnosis"], Iterator[Part]]]] = {
     "stiffness": ("How stiff are the joints?", _stiffness),
+    "source": ("What excites the arm?", _source),
     "trust": ("How far can the model be trusted?", _trust),
     "resonance": ("Does a drive meet a natural frequency?", _resonance),
     "vibration": ("How much does the arm vibrate?", _vibration),

@@ -21,16 +21,17 @@ def source_sections(study: "SourceStudy") -> Report:
     what = f"{counted(len(problem.runs), 'run')}, {counted(len(problem.channels), 'trace')}"
     return Report(
         f"Excitation of {cut(problem.arm.name, 40)} from {what}",
-        _verdict(study),
-        (_estimates(study),),
-        tuple(_findings(study)),
+        source_verdict(study),
+        (estimates(study),),
+        tuple(source_findings(study)),
         remark=_remark(study),
         next="" if not study.usable else "ident simulate {arm} --posterior {result}.json",
         details=tuple(_details(study)),
     )
 
 
-def _verdict(study: "SourceStudy") -> Verdict:
+def source_verdict(study: "SourceStudy") -> Verdict:
+    """Say how many sources are determined, or why the runs are of no use."""
     told, count = study.told, len(study.found.estimates)
     explained = f"they explain {_range(100 * study.found.explained)} % of the mean square of each trace"
     if study.doubtful:
@@ -73,7 +74,8 @@ def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...
     return name, estimate, 100 * each.sd / each.amplitude, interval, unit, phase, vibration
 
 
-def _estimates(study: "SourceStudy") -> Table:
+def estimates(study: "SourceStudy") -> Table:
+    """Return the table of the sources."""
     head = ("Source", "estimate", "std. error [%]", "95 % interval", "unit", "phase [deg]", "vibration [mm]")
     pairs = zip(study.found.estimates, study.found.makes.tolist(), strict=True)
     rows = tuple(_row(study, each, makes) for each, makes in pairs)
@@ -81,7 +83,8 @@ def _estimates(study: "SourceStudy") -> Table:
     return Table("", head, rows, ("", "", ".1f", "", "", "d", ".3f"), note)
 
 
-def _findings(study: "SourceStudy") -> Iterator[Finding]:
+def source_findings(study: "SourceStudy") -> Iterator[Finding]:
+    """Yield what is wrong with the runs, how a left-out one is predicted, and what is not told."""
     for name, gain in study.poor.items():
         yield Finding(
             f"{name} does not follow the computed vibration (gain {gain:.2f})",

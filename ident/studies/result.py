@@ -149,11 +149,14 @@ def _file_name(text: str) -> str:
 
 def _with_what_lies_beside(inputs: Mapping[str, Any]) -> Mapping[str, Any]:
     pairs = [(name + BESIDE + word, getattr(each, word, None)) for name, each in inputs.items() for word in SIDE_FILES]
+    pairs += [("runs" + BESIDE + word, file) for word, file in getattr(inputs.get("runs"), "files", {}).items()]
     return {**inputs, **{name: source for name, source in pairs if source is not None and source.path}}
 
 
 def input_of(name: str) -> str:
     """Return the input that a file was read for: `campaign` for `campaign's covariance`."""
+    if name.startswith("runs" + BESIDE):
+        return "runs"
     return next((name.removesuffix(end) for end in (BESIDE + word for word in SIDE_FILES) if name.endswith(end)), name)
 
 

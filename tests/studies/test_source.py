@@ -1,10 +1,12 @@
 """`ident.source`: from traces of the moving arm to imbalance and transmission error, and to other commands."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from arms import DATA
+from diagnose_small import OPTIONS as SMALL_OPTIONS
 from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
 from scipy.interpolate import make_interp_spline
@@ -16,6 +18,8 @@ from ident.errors import InputError
 from ident.identify.binding import loads_of
 from ident.measure.load import Load
 from ident.measure.runs import _clipped, write_runs
+from ident.present.diagnose import diagnose_sections
+from ident.studies.saved import files_of
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 
@@ -121,6 +125,37 @@ def test_other_commands_take_its_draws(result, true_arm, tmp_path):
     assert abs(np.abs(true[1]).max() - peaks.mean()) < 4 * peaks.std(ddof=1)
     assert peaks.std(ddof=1) < 0.02 * peaks.mean()
     assert "measure the imbalance" not in simulated.report(details=True)
+
+
+def test_its_file_names_all_that_repeats_it(folder, result, tmp_path):
+    (file,) = result.save(tmp_path)
+    inputs = ident.load(file).inputs
+    assert {"runs's run12.csv", "runs", "arm"} <= set(inputs)
+    assert files_of(inputs, folder).paths == {"arm": folder / "arm.toml", "runs": folder / "runs.csv"}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_diagnosis_takes_what_excites_the_arm_from_runs(folder, result):
+    arm, campaign = folder / "arm.toml", DATA / "lcd_arm" / "campaign.csv"
+    diagnosed = ident.diagnose(arm, campaign, SMALL_OPTIONS, runs=table(folder, (12.0,)))
+    diagnosis = diagnosed.diagnosis
+    assert diagnosis.stages[:2] == ("stiffness", "source")
+    assert not diagnosed.doubtful
+    basis = diagnosis.task.basis
+    assert not basis.unknown.phases
+    strongest = basis.draws["drive2.eccentricity"] * float(basis.arm.get("drive2.eccentric_mass"))
+    truth = TRUTH["drive2.eccentricity"] * float(read_arm(FILE).arm.get("drive2.eccentric_mass"))
+    assert abs(strongest.mean() - truth) < 4 * strongest.std()
+    assert set(ident.load(diagnosed.save(folder / "out")[1]).inputs) >= {"campaign", "runs", "runs's run12.csv"}
+    report = diagnosed.report(details=True)
+    assert "What excites the arm?" in report
+    assert "drive2 imbalance" in report
+    spoilt = replace(diagnosis.excited.study.found, settled=False)
+    study = replace(diagnosis.excited.study, found=spoilt)
+    report = diagnose_sections(replace(diagnosis, excited=replace(diagnosis.excited, study=study)))
+    assert report.verdict.word == "NOT DECIDED"
+    assert report.next.startswith("ident source")
 
 
 @pytest.mark.slow
