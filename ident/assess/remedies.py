@@ -1,4 +1,4 @@
-"""Which change meets the limit: torsional stiffness first, mass centres second, both, or another speed."""
+"""Which change meets the limit: another speed, mass centres, torsional stiffness, or the last two together."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -253,8 +253,8 @@ def exact_response(evaluator: Evaluator) -> Response:
 
 # -------- Remedies
 
-KINDS = ("torsion", "mass centre", "both", "speed")
-"""Kinds of remedies in the paper's order; what it does not speak of comes last."""
+EFFORTS = {"speed": "software", "mass centre": "screwdriver", "torsion": "new part", "both": "new part"}
+"""Kinds of remedies and what each takes, the least effort first; assumed."""
 FULL = 100.0
 """Speed [%] above which none is advised."""
 CANDIDATES = 10
@@ -290,6 +290,11 @@ class Remedy:
     frequency: float
     deflection: float
     change_norm: float
+
+    @property
+    def effort(self) -> str:
+        """What it takes: software, a screwdriver, a new part."""
+        return EFFORTS[self.kind]
 
     @property
     def meets_limit(self) -> bool:
@@ -356,9 +361,9 @@ def _jobs(task: Task, aim: float) -> Iterator[Callable[[], Remedy]]:
 
 
 def _rank(remedy: Remedy) -> tuple[bool, int, float]:
-    """Sort what meets the limit by the paper's order and the change norm, then what does not by its amplitude."""
+    """Sort what meets the limit by effort and the change norm, then what does not by its amplitude."""
     if remedy.meets_limit:
-        return False, KINDS.index(remedy.kind), remedy.change_norm
+        return False, list(EFFORTS).index(remedy.kind), remedy.change_norm
     return True, 0, remedy.largest
 
 

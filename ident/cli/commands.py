@@ -492,10 +492,10 @@ def diagnose_command(
 ) -> None:
     """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
 
-    The paper's procedure: stiffnesses, natural frequencies along the motion, resonance, vibration against the limit,
-    torsional stiffness first and mass centres second. Continues an earlier run of the same inputs that was stopped.
-    Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
-    results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
+    The paper's procedure: stiffnesses, natural frequencies along the motion, resonance, vibration against the limit;
+    remedies by their effort: another speed, mass centres, torsional stiffness. Continues an earlier run of the same
+    inputs that was stopped. Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and
+    the posterior with all results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
     """
     if pdf:
         check_browser()

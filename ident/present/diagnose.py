@@ -123,12 +123,17 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
         none = held if best.meets_limit else f"none of the {tried} remedies tried keeps the limit"
         yield "Remedy", f"{none}; the best: {change_words(best)}: {outcome}"
         return
-    yield "Remedy", f"{change_words(best)}{_numbers(diagnosis, best)}: {outcome} (exact equations and fresh draws)"
-    others = [each for each in diagnosis.remedies[len(diagnosis.verifications) :] if each.meets_limit]
-    for other in others[:2]:
+    yield "Remedy", f"{_offer(diagnosis, best)}: {outcome} (exact equations and fresh draws)"
+    further = [each for each in diagnosis.remedies[len(diagnosis.verifications) :] if each.meets_limit]
+    others = {each.effort: each for each in reversed(further) if each.effort != best.effort}  # the first of each
+    for other in sorted(others.values(), key=further.index):
         size = f"{rounded(MM * other.largest)} mm, limit kept with probability {chance_words(other.keeps)}"
         by = "fast method and the search's own draws, not verified"
-        yield "or", f"{change_words(other)}{_numbers(diagnosis, other)}: {size} ({by})"
+        yield "or", f"{_offer(diagnosis, other)}: {size} ({by})"
+
+
+def _offer(diagnosis: "Diagnosis", remedy: Remedy) -> str:
+    return f"{remedy.effort}: {change_words(remedy)}{_numbers(diagnosis, remedy)}"
 
 
 def _cause(diagnosis: "Diagnosis") -> str:
@@ -184,8 +189,9 @@ def _next(diagnosis: "Diagnosis", *, good: bool) -> str:
         return "ident source {runs} --arm {arm}"
     if known.fixed < len(known.names) or diagnosis.beyond or diagnosis.validation.missed:
         return "ident plan {campaign}"
-    limit = f"--limit {MM * diagnosis.task.limit:g}"
-    return "" if good else f"ident design {{arm}} {limit}{same_motion(diagnosis.task.basis)}"
+    basis, limit = diagnosis.task.basis, f"--limit {MM * diagnosis.task.limit:g}"
+    study = "design" if basis.log else "motion"  # which no part changes, but needs the stroke
+    return "" if good else f"ident {study} {{arm}} {limit}{same_motion(basis)}"
 
 
 def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
@@ -456,15 +462,24 @@ def _remedies(diagnosis: "Diagnosis") -> Iterator[Part]:
     rows = []
     for rank, each in enumerate(diagnosis.remedies, 1):
         numbers = f"{100 * each.keeps.share:.3g} %", each.frequency, MM * each.deflection, each.change_norm
-        rows.append((str(rank), change_words(each), MM * each.largest, *numbers))
-    head = ("rank", "change", "vibration [mm]", "keeps limit", "first mode [Hz]", "deflection [mm]", "size [-]")
+        rows.append((str(rank), change_words(each), each.effort, MM * each.largest, *numbers))
+    head = (
+        "rank",
+        "change",
+        "effort",
+        "vibration [mm]",
+        "keeps limit",
+        "first mode [Hz]",
+        "deflection [mm]",
+        "size [-]",
+    )
     note = (
-        "Ranking: what keeps the limit first (torsion, then mass centres, then speed; the smallest change of each), "
-        "then what vibrates least. Size: change relative to the largest allowed; of speed, in powers of two. First "
+        "Ranking: what keeps the limit first (software, screwdriver, new part; the smallest change of each), then what "
+        "vibrates least. Size: change relative to the largest allowed; of speed, in powers of two. First "
         "mode and deflection are side effects, the worse of both ends of the motion."
     )
     strong = tuple(i for i, remedy in enumerate(diagnosis.remedies) if remedy.meets_limit)
-    yield Table("Remedies", head, tuple(rows), ("", "", ".3f", "", ".2f", ".1f", ".2f"), note, strong)
+    yield Table("Remedies", head, tuple(rows), ("", "", "", ".3f", "", ".2f", ".1f", ".2f"), note, strong)
 
 
 def verification_line(advised: Remedy, verified: "Verification") -> str:
@@ -527,6 +542,7 @@ def diagnose_rows(diagnosis: "Diagnosis") -> list[dict[str, Any]]:
         {
             "rank": rank,
             "kind": remedy.kind,
+            "effort": remedy.effort,
             "change": change_words(remedy),
             "speed_percent": remedy.percent,
             "amplitude": remedy.largest,

@@ -369,7 +369,7 @@ def diagnose(
 ) -> DiagnoseResult:
     """Diagnose an arm, step by step: posterior, resonance, vibration, sensitivities, remedies and their verification.
 
-    Torsional stiffness is changed first, mass centres second, as in the paper; then the speed.
+    Remedies by their effort: another speed, then mass centres, then torsional stiffness.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.
