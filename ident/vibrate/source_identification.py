@@ -202,11 +202,16 @@ class Whitening(NamedTuple):
 
 
 def slow_columns(channel: Channel) -> np.ndarray:
-    """Return cosines over the trace slower than `SLOW`, a constant and a line, orthonormal."""
-    share = (channel.time - channel.time[0]) / (channel.time[-1] - channel.time[0])
+    """Return cosines over the trace slower than `SLOW`, a constant and a line, orthonormal.
+
+    At the middles of even intervals cosines are orthogonal, the discrete cosine transform's: nothing is decomposed.
+    """
+    size = len(channel.time)
     count = int(2 * SLOW * (channel.time[-1] - channel.time[0]))
-    columns = [np.ones_like(share), share, *(np.cos(np.pi * k * share) for k in range(1, count + 1))]
-    return np.linalg.qr(np.stack(columns, 1))[0]
+    share = (np.arange(size) + 0.5) / size - 0.5
+    waves = np.sqrt(2 / size) * np.cos(np.pi * np.outer(share + 0.5, np.arange(1, count + 1)))
+    line = share - waves @ (waves.T @ share)
+    return np.column_stack([np.full(size, size**-0.5), line / np.linalg.norm(line), waves])
 
 
 def _colour(residual: np.ndarray, lags: int) -> np.ndarray:
