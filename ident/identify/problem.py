@@ -24,7 +24,7 @@ from ident.arm.modes import (
     vertical_share,
 )
 from ident.arm.plausibility import oddities
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import ARM_FILE, InputError, ModelError, Problem
 from ident.identify.binding import check_references
 from ident.identify.conditions import (
     BY_MODE,
@@ -407,7 +407,7 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
     doubts += _contradictions(campaign, names, trusted)
     if hopeless or (doubts and ALL not in trusted):
         first = "correct the arm file first (`ident show` draws it)"
-        odd = [Problem("arm file", each.got, each.expected, first, each.path) for each in oddities(arm)]
+        odd = [Problem(ARM_FILE, each.got, each.expected, first, each.path) for each in oddities(arm)]
         doubts = [] if ALL in trusted else doubts
         if odd and (more := len(doubts) - MOST_DOUBTS) > 0:  # a wrong arm makes every row look wrong
             rest = Problem(campaign.name, f"{more} more rows in doubt", "none", first)
