@@ -214,7 +214,7 @@ after.figures()[""]
 # estimate, and over other plausible arms; and from the fit after the experiments. The last column is the error.
 
 # %%
-print("stiffness             before   promised   at other draws          got   off by")
+print("stiffness             before   promised   at other draws          got    error")
 for name, value in after.parameters.items():
     draws = plan.sd_at_draws[name]
     was, promised, got = (in_words(sd, "factor") for sd in (before.sd[name], plan.sd[name][-1], after.sd[name]))

@@ -143,7 +143,7 @@ class ArmFile:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the arm as it is described, one line each: belts that cannot run."""
+        """Objections to the arm as it is described, one line each: belts that cannot run."""
         return tuple(map(str, belt_mismatches(self.arm)))
 
 

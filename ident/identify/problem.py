@@ -224,7 +224,7 @@ def ramps_of(campaign: Campaign, problem: InverseProblem, sd: Float[np.ndarray, 
 NEAR = 0.05
 """Relative distance of two frequencies below which their order may change in the fit; assumed."""
 NEAR_DRAW = -2 * math.log1p(-math.erfc(AMBIGUOUS / NAMING_SD / math.sqrt(2)) / 2)
-"""What speaks against a label whose mode is named by a share that is `AMBIGUOUS` from one half."""
+"""Label cost of a label whose mode is named by a share that is `AMBIGUOUS` from one half."""
 POINTS = 16
 """Points about the starting values at which labels are looked at."""
 NEARBY, FREE = 0.4, 1.0
@@ -307,7 +307,7 @@ def changing_labels(problem: InverseProblem, *, points: int = POINTS, seed: int 
 def labels_about(
     problem: InverseProblem, points: int = POINTS, spread: float = NEARBY, seed: int = 0
 ) -> tuple[Float[np.ndarray, "points D"], Float[np.ndarray, "points D"]]:
-    """Return what speaks against each label and what is predicted, by labels alone, at the starting values and about.
+    """Return the cost of each label and what is predicted, by labels alone, at the starting values and about.
 
     Args:
         problem: of an arm and a campaign.
