@@ -48,6 +48,7 @@ def test_it_is_one_screen_that_begins_with_the_verdict(path):
     text = text_of(report) if report else ""
     assert_one_screen(text + "\n".join(further), extra=lines_more(command, report) if report else 0)
     assert not without_number(text)
+    assert "…" not in text, "a cell is cut"
     if report:
         judged = command not in NO_VERDICT and not (command in ("simulate", "sweep") and "limit" not in text)
         assert bool(report.verdict) == judged
