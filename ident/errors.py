@@ -7,6 +7,8 @@ from typing import Any
 
 LONGEST = 300
 """Characters of each part of a problem that its line shows."""
+ARM_FILE = "arm file"
+"""Where a number of an arm is wrong, for who knows no file; the door of the studies names it, with the line."""
 LINES_MAX = 20
 """Problems that a message lists: who mends these will mend what is left by the same change."""
 

@@ -381,7 +381,7 @@ def jit(f: F, options: Any = SMALL_KERNELS) -> F:
 
 
 def is_traced(leaves: list[Any]) -> bool:
-    """Return whether any of these is traced, or a program is being: then what is made anew is a tracer, too."""
+    """Return whether any of these is traced, or a program is being: then what is newly made is a tracer, too."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) or isinstance(jnp.zeros(()), jax.core.Tracer)
 
 

@@ -115,13 +115,13 @@ print(check)
 # %%
 def in_words(sd: float, factor: str = "a factor of") -> str:
     """Say how well a stiffness is known: in percent, or as a factor."""
-    return f"{100 * sd:.2g} %" if sd < 0.3 else f"{factor} {np.exp(sd):.2g}"
+    return f"{100 * sd:.2g} %" if sd < 0.3 else f"{factor} {float(f'{np.exp(sd):.2g}'):g}"
 
 
-print("known by the data alone, within     at the guess      at the worst point   at the truth")
+print(f"{'known by the data alone, within':32s}{'at the guess':>20s}{'at the worst point':>20s}{'at the truth':>20s}")
 for row, at_truth in zip(check.table(), ident.check(true_arm, first).table(), strict=True):
     sds = row["data_sd"], row["worst_data_sd"], at_truth["data_sd"]
-    print(f"{row['parameter']:32s}" + "".join(f"{in_words(sd):>19s}" for sd in sds))
+    print(f"{row['parameter']:32s}" + "".join(f"{in_words(sd):>20s}" for sd in sds))
 
 # %% [markdown]
 # ### The fit agrees
@@ -214,7 +214,7 @@ after.figures()[""]
 # estimate, and over other plausible arms; and from the fit after the experiments. The last column is the error.
 
 # %%
-print("stiffness             before   promised   at other draws          got   off by")
+print("stiffness             before   promised   at other draws          got    error")
 for name, value in after.parameters.items():
     draws = plan.sd_at_draws[name]
     was, promised, got = (in_words(sd, "factor") for sd in (before.sd[name], plan.sd[name][-1], after.sd[name]))

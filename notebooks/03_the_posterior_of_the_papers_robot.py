@@ -80,8 +80,8 @@ for name, (low, median, high) in zip(names, ratios(taken_as_right), strict=True)
 #
 # Now one unknown factor multiplies every computed frequency, and another every deflection: wrong lengths and masses
 # shift all values of a kind alike. Each factor has a log-normal prior about 1 with a standard deviation of 10 %.
-# **The ten percent is an assumption**, and not a generous one: the paper's own fit is off by +10 % in the bending
-# frequency and by +20 % in the deflection.
+# **The ten percent is an assumption**, and not a generous one: the paper's own fit misses the bending
+# frequency by +10 % and the deflection by +20 %.
 
 # %%
 width = {"frequency": 0.1, "deflection": 0.1}
@@ -118,7 +118,7 @@ figures["corner"]
 # ## Two ways to the same three numbers
 
 # %%
-print("stiffness divided by the paper's, 95 %:    model right        model off by 10 %")
+print("stiffness divided by the paper's, 95 %:    model right        model 10 % wrong")
 for name, one, two in zip(names, ratios(taken_as_right), ratios(with_discrepancy), strict=True):
     print(f"  {name:34s} {one[0]:8.2f} to {one[2]:5.2f} {two[0]:13.2f} to {two[2]:5.2f}")
 
@@ -187,7 +187,7 @@ figure
 # ## Conclusions for the paper's robot
 #
 # The three numbers establish, on this arm: lengths, masses, loads or tests differ from the model. The product of
-# frequency squared and deflection is off by a fifth to a third, unless joint 3 is less than half as stiff in
+# frequency squared and deflection is wrong by a fifth to a third, unless joint 3 is less than half as stiff in
 # bending as the paper says.
 #
 # They do not establish any of the six stiffnesses, whose 95 % intervals span a factor of seven at least, nor

@@ -489,7 +489,7 @@ STIFFER = 10.0
 """Stiffness of that bushing as a multiple of joint 1's; assumed, as no published ratio of the two was found."""
 
 FAR = 10.0
-"""Height as a multiple of the arm's length above which it is taken for a slip, such as millimetres."""
+"""Height as a multiple of the arm's length above which it is taken for an entry error, such as millimetres."""
 
 
 def on_soft_base(arm: Arm, height: float) -> Arm:

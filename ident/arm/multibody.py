@@ -104,9 +104,9 @@ class Drives(eqx.Module):
     Attributes:
         ratio: (N, *batch) [-]
         rotor: (N, *batch) [kg m^2] inertia of pulley and wave generator, a part of the shaft's.
-        imbalance: (N, *batch) [kg m] turning mass times its distance from the axis.
+        imbalance: (N, *batch) [kg m] eccentric mass times its distance from the axis.
         reach: (N, *batch) [m] that distance.
-        height: (N, *batch) [m] of the turning mass above the bushing.
+        height: (N, *batch) [m] of the eccentric mass above the bushing.
         phase: (N, *batch) [rad]
         orders: of the kinematic errors that some drive has, 2 first.
         error: (N, *batch) [rad] amplitude of the kinematic error at each of them.
@@ -304,7 +304,7 @@ def multibody(
 
 
 def balanced(multibody: Multibody) -> Multibody:
-    """Return the model with all turning masses on their axes and without kinematic error: nothing excites it."""
+    """Return the model with all eccentric masses on their axes and without kinematic error: nothing excites it."""
     drives = replace(multibody.drives, imbalance=jnp.zeros_like(multibody.drives.imbalance))
     return replace(multibody, drives=drives, transmission_error=False)
 
@@ -741,7 +741,7 @@ def _newton_euler(moments: Moments, axes: Array, A: Array, acceleration: Array) 
 
 
 def imbalance(model: Multibody, at: Kinematics, pulley: Turning) -> Forces:
-    """Return the forces of the turning masses, in excess of the same masses centred on their axes.
+    """Return the forces of the eccentric masses, in excess of the same masses centred on their axes.
 
     The eccentric mass at h axis + e u turns, the same mass at h axis is taken away from the shaft, whose mass has it.
     """

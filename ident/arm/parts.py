@@ -225,8 +225,8 @@ class Drive(eqx.Module):
     """A harmonic drive on the shaft of a joint, its wave generator turned by a pulley.
 
     The pulley turns by theta = ratio * q about the joint's axis, seen from the shaft, while the pin turns by q. A
-    turning mass of the drive has its centre off the axis: at theta = 0 in the direction `phase`, counted about the axis
-    from the shaft's x axis (from y where the joint's axis is x). That mass is part of the shaft's. The pin deviates
+    eccentric mass of the drive has its centre off the axis: at theta = 0 in the direction `phase`, about the axis from
+    the shaft's x axis (from y where the joint's axis is x). That mass is part of the shaft's. The pin deviates
     from the wave generator by the kinematic error, `error` sin(2 theta + error_phase): twice a turn, since the wave
     generator is an ellipse. `errors` add to it at other orders.
 
@@ -236,7 +236,7 @@ class Drive(eqx.Module):
         ratio: () [-] turns of the wave generator for one of the joint; negative where it turns the other way.
         rotor_inertia: () [kg m^2] of pulley and wave generator about the axis; a part of the shaft's inertia, never
             added to it: the shaft's bodies weigh and turn with it, and it counts on its own only as it turns faster.
-        eccentric_mass: () [kg] the turning mass that is off its axis.
+        eccentric_mass: () [kg] the rotating mass that is off its axis.
         eccentricity: () [m] distance of its centre from the axis.
         height: () [m] of that centre above the bushing, along the axis.
         phase: () [rad] direction of that centre at pulley angle zero.

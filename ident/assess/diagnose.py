@@ -124,7 +124,7 @@ class Diagnosis:
 
     @property
     def validation(self) -> Validation:
-        """How well each posture is predicted by the others; no part where all measurements are of one."""
+        """How well each posture is predicted from the others; no part where all measurements are of one."""
         return Validation(self.identification.sampled.fitted, LEAVE, self.trust)
 
     @property

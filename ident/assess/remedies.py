@@ -206,7 +206,7 @@ class VibrationAssessment:
 def at_confidence(task: Task) -> Task:
     """Return a task whose arm is excited so that it vibrates no less than with the share of phases that is asked for.
 
-    So the arm itself stands for what nobody knows of its excitation; where all is known it stays as it is.
+    So the arm itself stands for what is unknown of its excitation; where all is known it stays as it is.
     """
     if not task.basis.unknown.phases:
         return task

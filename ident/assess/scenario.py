@@ -19,7 +19,7 @@ from ident.vibrate.motion import Motion
 from ident.vibrate.simulate import Superposition
 
 # -------- Phases
-# Phases of the turning masses that nobody knows, and kinematic errors: which they are, and draws of them.
+# Unknown phases of the imbalances, and kinematic errors: which they are, and draws of them.
 
 GUESSED = ("assumed", "calibrated", "derived", "designed", "")
 """Origins of a phase with which it is not known: it was not seen on this arm."""
@@ -29,7 +29,7 @@ IDENTIFIED = "identified"
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What nobody knows of the excitation.
+    """What is unknown of the excitation.
 
     Attributes:
         phases: paths of the phases of imbalance and kinematic error that are not known.
@@ -61,7 +61,7 @@ def unknowns(
     errors: tuple[float, float] | None = None,
     phases: bool = True,
 ) -> tuple[Arm, Unknowns]:
-    """Return an arm with the largest kinematic errors at order 2 that may be, and what nobody knows of its excitation.
+    """Return an arm with the largest kinematic errors at order 2 that may be, and what is unknown of its excitation.
 
     Args:
         arm: the arm.
@@ -120,7 +120,7 @@ class Basis:
         posterior: draws of a posterior.
         changed: numbers that were set, by path [SI].
         name: what files are called: arm, motion, percent.
-        unknown: what nobody knows of the excitation, which is drawn with the posterior.
+        unknown: what is unknown of the excitation, which is drawn with the posterior.
 
     Raises:
         InputError: the arm has loss factors, of which motion in time knows nothing.
@@ -175,7 +175,7 @@ class Basis:
 
 
 # -------- Over phases
-# What phases that nobody knows do to the vibration: its worst case, its quantiles, what makes it.
+# What unknown phases do to the vibration: its worst case, its quantiles, what makes it.
 
 DRAWS = 1000
 """Draws of phases, which take no simulation."""

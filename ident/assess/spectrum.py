@@ -197,7 +197,7 @@ class Spectra:
     def lower_order(self, name: str, order: int, block: int) -> str | None:
         """Return what turns as fast as an order of a pulley in a block, by a lower order: `1 x drive2`.
 
-        A turning mass is order 1, a drive's error order 2: of orders that can't be told apart, the lowest is the one
+        An eccentric mass is order 1, a drive's error order 2: of orders that can't be told apart, the lowest is the one
         that excites.
 
         Args:

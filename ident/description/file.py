@@ -3,7 +3,7 @@
 import hashlib
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
 from xml.etree import ElementTree
@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from ident.arm.arm import Arm, check_size, massless_joints, on_soft_base
 from ident.arm.parts import Payload, Point
 from ident.arm.plausibility import belt_mismatches
-from ident.description.problems import Source, load_toml
+from ident.description.problems import Source, lines_of, load_toml
 from ident.description.rewriting import changed_numbers, joint_text, set_inertias, set_numbers, with_first_joint
 from ident.description.robot import (
     BUSHING,
@@ -29,7 +29,7 @@ from ident.description.robot import (
     refuse_xacro,
 )
 from ident.description.schema import ArmDocument, Origin, named, uncertain_numbers
-from ident.errors import InputError, Problem
+from ident.errors import ARM_FILE, InputError, Problem
 from ident.text import decode, one_line, read_bytes
 
 # -------- Robot file
@@ -118,6 +118,7 @@ class ArmFile:
         uncertain: numbers that are not exactly known, by path, with their standard deviation as `5%` or `2mm`.
         bushings: the file of its bushings, where it is described by URDF or MJCF; None for TOML.
         notes: where the arm is not what its URDF or MJCF says: joints that are held, limits that are none, other names.
+        lines: line of TOML on which each quantity stands, by its name as `link2.com`.
     """
 
     arm: Arm
@@ -128,14 +129,21 @@ class ArmFile:
     uncertain: Mapping[str, str] = field(default_factory=dict)
     bushings: JointsFile | None = None
     notes: tuple[str, ...] = ()
+    lines: Mapping[str, int] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """Return a short table of the arm, and its file."""
         return f"{self.arm}\nfile: {one_line(self.path)}" if self.path else str(self.arm)
 
+    def placed(self, problem: Problem) -> Problem:
+        """Return a problem of one of the arm's numbers with its file and line; any other as it is."""
+        line = self.lines.get(problem.column)
+        where = one_line(self.path) + (f":{line}" if line else "")
+        return replace(problem, where=where) if problem.where == ARM_FILE and where else problem
+
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the arm as it is described, one line each: belts that cannot run."""
+        """Objections to the arm as it is described, one line each: belts that cannot run."""
         return tuple(map(str, belt_mismatches(self.arm)))
 
 
@@ -157,7 +165,7 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
         return robot_arm(path, digest)
     document = parse_document(text, where)
     parts = document.arm(), str(path), digest, document.origins(), document.extents()
-    return ArmFile(*parts, uncertain_numbers(document))
+    return ArmFile(*parts, uncertain_numbers(document), lines=lines_of(text))
 
 
 def parse_arm(text: str, where: str = "arm.toml") -> Arm:

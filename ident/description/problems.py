@@ -157,6 +157,13 @@ def _child(node: Any, step: str | int) -> Any:
     return node[step] if isinstance(node, list) and isinstance(step, int) and step < len(node) else None
 
 
+def lines_of(text: str) -> dict[str, int]:
+    """Return the line of each quantity of an `arm.toml` that is right, by its name as `link2.com`."""
+    lines, raw = _line_numbers(text), tomllib.loads(text)
+    places = {loc: name for loc, name, _ in named(raw)} | {("stroke",): "stroke"}
+    return {f"{places[loc[:-1]]}.{loc[-1]}": line for loc, line in lines.items() if loc[:-1] in places}
+
+
 @cache
 def _line_numbers(text: str) -> dict[Loc, int]:
     """Return the line of every table and key that begins a line; multi-line strings are passed over."""

@@ -430,7 +430,7 @@ class ErrorOrderTable(Table):
 class DriveTable(Table):
     """A harmonic drive; the meaning of each key is that of `Drive`'s attribute.
 
-    Pulley, wave generator and turning mass are parts of the shaft, whose bodies have their mass and their inertia.
+    Pulley, wave generator and eccentric mass are parts of the shaft, whose bodies have their mass and their inertia.
     """
 
     name: Name

@@ -296,8 +296,8 @@ def candidate_experiments(
 def whole_information(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T Q Q"]:
     """Return the information of each frequency, and last of the deflection, on the parameters and on common errors.
 
-    A value is off by sqrt(c) sigma u + sqrt(1 - c) sigma e with the common share c; u is one number for all frequencies
-    of a posture, and another one for its deflections: the last two of the Q coordinates.
+    A value is wrong by sqrt(c) sigma u + sqrt(1 - c) sigma e with the common share c; u is one number for all
+    frequencies of a posture, and another one for its deflections: the last two of the Q coordinates.
     """
     scaled = np.moveaxis(predictions.jacobian, 1, -1) / sigmas(predictions, instruments)[..., None]
     both = np.zeros((*scaled.shape[:-1], 2))

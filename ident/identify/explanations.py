@@ -1,6 +1,6 @@
 """What would reconcile data that contradict each other, or the model: a list that a person can act on.
 
-Each thing that may be otherwise than arm file and campaign say is set free by itself, all unknowns fitted anew. What
+Each thing that may be otherwise than arm file and campaign say is set free by itself, all unknowns fitted again. What
 then fits is ranked by how probable it is, what it leaves and what it takes together; where nothing fits by itself,
 pairs are tried.
 """
@@ -141,7 +141,7 @@ def _candidates(arm: Arm, campaign: Campaign) -> list[Measurement]:
 MOST_STATES = 3
 """States (posture and load) of the values farthest off, each of which is asked about by itself."""
 SLIP = 2.6
-"""Standard deviations that a slip of the pen counts as, one in a hundred campaigns; assumed."""
+"""Standard deviations that an entry error counts as, one in a hundred campaigns; assumed."""
 MARGIN = 2.0
 """By how much an explanation must score below the data as they are to be listed: less is "not worth more than a bare
 mention" (Kass, Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 1995, section 3.2)."""
@@ -185,7 +185,7 @@ class Explanation:
     Attributes:
         changes: them.
         cost: sum of squares of data and priors that is left.
-        fits: whether nothing speaks against the data any more.
+        fits: whether no contradiction of the data is left.
         wrong_sign: whether a spring would have to soften, as none does: such a one is not listed.
         linear: whether it is an estimate along a straight line from the fit, not a fit of its own.
         said: the cost of the labels with them.
@@ -399,7 +399,7 @@ def _by_cost(end: Perturbed) -> tuple[bool, float]:
 
 
 def _assumed(fit: CampaignFit, hypotheses: Hypotheses, before: Perturbed) -> Iterator[Explanation]:
-    """Yield what the fit takes for granted and no search has set free, estimated by its score."""
+    """Yield assumptions of the fit that no search has set free, estimated by its score."""
     for item in fit.assumptions.items if fit.assumptions else ():
         test = item.test
         if item.kind in ("link bends", "link twists", "servo gives") and test.separable and test.z > 1:

@@ -1,4 +1,4 @@
-"""The main job in one call: an arm and a campaign in, a fit out, with what speaks against it."""
+"""The main job in one call: an arm and a campaign in, a fit out, with its warnings."""
 
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 # -------- Slopes
-# How predictions change with what a fit takes for granted: with compliances at zero, and with given numbers.
+# How predictions change with what a fit assumes: with compliances at zero, and with given numbers.
 
 Choices = tuple[Float[Array, "m R"], Float[Array, "m n"]]
 """The modes of the named and of the unnamed values, as `mode_choice` gives them."""
@@ -183,7 +183,7 @@ def _rows(
 
 
 # -------- Assumptions
-# What a fit of an arm takes for granted: rigid base and links, given masses, a servo that holds.
+# What a fit of an arm assumes: rigid base and links, given masses, a servo that holds.
 
 ASSUMED = "assumed"
 DUMAS = f"{ASSUMED}; links are usually taken as much stiffer (Dumas et al., Robot. Comput. Integr. Manuf. 27, 2011)"
@@ -191,7 +191,7 @@ DUMAS = f"{ASSUMED}; links are usually taken as much stiffer (Dumas et al., Robo
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of thing that a fit takes for granted.
+    """A kind of assumption of a fit.
 
     Attributes:
         plausible: an amount that an engineer would not be surprised at, as a share.
@@ -221,7 +221,7 @@ five times as stiff as joint 1 at least, the softest with which rates were studi
 
 @dataclass(frozen=True)
 class Assumption:
-    """One thing that a fit takes for granted.
+    """One assumption of a fit.
 
     Attributes:
         kind: one of `KINDS`.
@@ -236,7 +236,7 @@ class Assumption:
 
 @dataclass(frozen=True)
 class Assumptions:
-    """All that a fit takes for granted.
+    """All assumptions of a fit.
 
     Attributes:
         items: each with its test.
@@ -253,10 +253,10 @@ class Assumptions:
 
 
 def assumptions(fit: Fit, posed: Posed) -> Assumptions:
-    """Say of all that a fit takes for granted how far it might move the answer, and whether the data ask for it.
+    """Say of each assumption of a fit how far its violation might move the answer, and what evidence the data give.
 
     Damping ratios are left out: they say next to nothing of a stiffness. So are shapes, and rows with a servo on, where
-    the arm has servos. An arm that has an undriven joint at its foot or within a link takes nothing for granted there.
+    the arm has servos. An arm that has an undriven joint at its foot or within a link assumes nothing there.
     What a discrepancy factor scales is scaled here as well.
 
     Args:
@@ -409,7 +409,7 @@ class CampaignFit(Fit):
     Attributes:
         arm: with the numbers of its file.
         campaign: what was measured.
-        assumptions: what it takes for granted, and what that may move; None where no optimum was reached.
+        assumptions: what it assumes, and what a violation may move; None where no optimum was reached.
         exchanges: which two values, exchanged, would make data fit that do not.
         weights: (D,) by which each value counts in a robust fit, see `ident.inference.scrutiny`; None in any other.
         explanations: what would reconcile the data, see `ident.identify.explanations`; None where that was not asked.
@@ -461,13 +461,13 @@ class CampaignFit(Fit):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
+        """Why no interval should be quoted from this fit; empty when there is no objection."""
         contradict = "the measured frequencies match other modes than their labels say: check the labels"
         return (*((contradict,) if self.mislabelled else ()), *super().doubts)
 
     @property
     def in_doubt(self) -> bool:
-        """Whether anything speaks against the fit, or the data ask to drop what it takes for granted."""
+        """Whether there is any objection to the fit, or evidence against one of its assumptions."""
         return bool(self.doubts or (self.assumptions and self.assumptions.asked_for))
 
     @property

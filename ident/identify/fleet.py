@@ -71,7 +71,7 @@ class Robot:
         prior_sd: (P,) infinite for none.
         likelihood: what its data say of theta, prior divided out.
         measurements: number of them.
-        doubts: what speaks against the fit.
+        doubts: objections to the fit.
     """
 
     name: str = ""
@@ -99,7 +99,7 @@ class Fleet:
 
     Attributes:
         robots: all, by name.
-        members: places of those whose fits make the population: they have one, and nothing speaks against it.
+        members: places of those whose fits make the population: they have one, without any objection.
         names: (P,) stiffnesses.
         population: of the logarithms of the stiffnesses; None of fewer than three members.
     """

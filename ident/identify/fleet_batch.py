@@ -24,7 +24,7 @@ from ident.measure.load import SHAPES
 from ident.programs import jit
 
 # -------- Fit many
-# Many problems that differ in their values alone: searches in batches, for those that nothing speaks against.
+# Many problems that differ in their values alone: searches in batches, for those without any objection.
 #
 # One program searches for all problems of a batch from the same starts. Where the data fit an optimum that several
 # starts have reached, and nothing that was met rivals it, that is the fit; what `fit` compares besides, kinds of data
@@ -50,7 +50,7 @@ class Many(NamedTuple):
     """Fits of many problems.
 
     Attributes:
-        sound: (R,) whether nothing speaks against this one; what else is said of it counts only there.
+        sound: (R,) whether there is no objection to this one; what else is said of it counts only there.
         theta: (R, P)
         sd: (R, P) standard deviations by data and prior.
         residuals: (R, V) [sigma] of the data; of repeated values that of their mean.
@@ -130,7 +130,7 @@ def _with(problem: InverseProblem, values: Values, r: int) -> InverseProblem:
 
 
 def _ended(problem: InverseProblem, values: Values, start: np.ndarray) -> _Ends:
-    """Search for each problem from its start, anew where another choice has become more probable."""
+    """Search for each problem from its start, again where another choice has become more probable."""
     held = jax.tree.map(lambda x: np.broadcast_to(np.asarray(x), (len(start), *np.shape(x))), problem.first_matching())
     for _ in range(TURNS):
         ends, again, ended = jax.device_get(_search_all(problem, values, start, held))
@@ -204,7 +204,7 @@ class Given(NamedTuple):
 def robots_together(
     given: Sequence[Given], unknowns: Unknowns, size: int, *, seed: int = 0, trusted: Collection[str] = ()
 ) -> Mapping[str, Robot]:
-    """Fit robots together, and return those that nothing speaks against, by name; each of the others is for itself.
+    """Fit robots together, and return those without any objection, by name; each of the others is for itself.
 
     Together are those of one arm file whose campaigns have the same rows but for their values.
 

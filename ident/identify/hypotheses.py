@@ -287,7 +287,7 @@ class Perturbed:
         sd: of these by data and priors.
         cost: sum of squares of data and priors at the optimum, without what is known of the amounts.
         label_cost: of the labels there, minus twice the logarithm of their probability.
-        fits: whether neither cost, nor a value, nor a label speaks against it.
+        fits: whether cost, values and labels all agree with it.
         theta: where: the unknowns, then all numbers that may be otherwise.
         way: how unknowns and amounts make up all these.
         covariance: of unknowns and amounts, by data and priors.
@@ -483,7 +483,7 @@ class Hypotheses:
 
     @cached_property
     def _scaled(self) -> Callable[[np.ndarray], Any]:
-        return self.problem.scaled  # looked up once: a method of a module is made anew at each look
+        return self.problem.scaled  # looked up once: a method of a module is a new object at each look
 
     @cached_property
     def _known(self) -> Parameters:

@@ -1,4 +1,4 @@
-"""Which computed mode each labelled value belongs to: found anew between the steps of a fit, held within each.
+"""Which computed mode each labelled value belongs to: found again between the steps of a fit, kept within each.
 
 Design. The label of a value is data: somebody saw how the arm moved and named it. So it has a likelihood.
 
@@ -14,7 +14,7 @@ Design. The label of a value is data: somebody saw how the arm moved and named i
    of 16 starts of a six-axis arm are lost; with it, none (tests/benchmarks/labels.py).
 4. M-step: each value stays with the shape it has, known again by the largest overlap (v' M u)^2 (modal assurance
    criterion in the mass metric), so that a step is smooth least squares; no shape is differentiated. Where an accepted
-   step leads to where another naming is more probable, the search begins anew there (`search.solve`).
+   step leads to where another naming is more probable, the search begins again there (`search.solve`).
 5. A start that finds no end so goes on with the order of the modes that the best start so far found, and at last holds
    what it has: it ends in an optimum all the same, and the fit says that its labels contradict it.
 
@@ -42,7 +42,7 @@ from ident.inference.problem import Data
 NAMING_SD = AMBIGUOUS / 2
 """Standard deviation with which a person sees a share: where a name is a near draw, two of them from one half."""
 SHARES_MOVE = 3.0
-"""By how much a share is off where the frequencies are off by so many times less, as the stiffnesses then are."""
+"""By how much a share is wrong where the frequencies are wrong by so many times less, as the stiffnesses then are."""
 FAR = 9.0
 """Most that one value may say for or against a mode, as a squared number of sigma; three sigma."""
 AT_FIRST = 0.3

@@ -24,7 +24,7 @@ from ident.arm.modes import (
     vertical_share,
 )
 from ident.arm.plausibility import oddities
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import ARM_FILE, InputError, ModelError, Problem
 from ident.identify.binding import check_references
 from ident.identify.conditions import (
     BY_MODE,
@@ -224,7 +224,7 @@ def ramps_of(campaign: Campaign, problem: InverseProblem, sd: Float[np.ndarray, 
 NEAR = 0.05
 """Relative distance of two frequencies below which their order may change in the fit; assumed."""
 NEAR_DRAW = -2 * math.log1p(-math.erfc(AMBIGUOUS / NAMING_SD / math.sqrt(2)) / 2)
-"""What speaks against a label whose mode is named by a share that is `AMBIGUOUS` from one half."""
+"""Label cost of a label whose mode is named by a share that is `AMBIGUOUS` from one half."""
 POINTS = 16
 """Points about the starting values at which labels are looked at."""
 NEARBY, FREE = 0.4, 1.0
@@ -307,7 +307,7 @@ def changing_labels(problem: InverseProblem, *, points: int = POINTS, seed: int 
 def labels_about(
     problem: InverseProblem, points: int = POINTS, spread: float = NEARBY, seed: int = 0
 ) -> tuple[Float[np.ndarray, "points D"], Float[np.ndarray, "points D"]]:
-    """Return what speaks against each label and what is predicted, by labels alone, at the starting values and about.
+    """Return the cost of each label and what is predicted, by labels alone, at the starting values and about.
 
     Args:
         problem: of an arm and a campaign.
@@ -407,7 +407,7 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
     doubts += _contradictions(campaign, names, trusted)
     if hopeless or (doubts and ALL not in trusted):
         first = "correct the arm file first (`ident show` draws it)"
-        odd = [Problem("arm file", each.got, each.expected, first, each.path) for each in oddities(arm)]
+        odd = [Problem(ARM_FILE, each.got, each.expected, first, each.path) for each in oddities(arm)]
         doubts = [] if ALL in trusted else doubts
         if odd and (more := len(doubts) - MOST_DOUBTS) > 0:  # a wrong arm makes every row look wrong
             rest = Problem(campaign.name, f"{more} more rows in doubt", "none", first)

@@ -339,7 +339,7 @@ def with_numbers(arm: Arm, loads: Loads, parameters: Mapping[str, Any], bodies: 
 
 
 def scaled_loads(loads: Loads, scale: Any) -> Loads:
-    """Return load cases whose masses, forces and moments are all off by one factor; payloads are the arm's own.
+    """Return load cases whose masses, forces and moments are all wrong by one factor; payloads are the arm's own.
 
     Args:
         loads: batch `(S, *ones)`.

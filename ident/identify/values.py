@@ -51,7 +51,7 @@ class Values:
 
     @classmethod
     def of_fit(cls, fit: "CampaignFit", arm: Arm) -> "Values":
-        """Return the fitted numbers of an arm, with what speaks against the fit.
+        """Return the fitted numbers of an arm, with the objections to the fit.
 
         Raises:
             InputError: the fit has no number of this arm.
@@ -359,7 +359,7 @@ class Draws:
         return cls(by_paths, remark="" if best.all() else BEST_ONLY, scaled=scaled, robot=robot)
 
     def doubted(self, doubts: Sequence[str]) -> "Draws":
-        """Return the same with a remark on what speaks against the fit that they started from."""
+        """Return the same with a remark on the objections to the fit that they started from."""
         return replace(self, remark="; ".join(filter(None, (doubtful(doubts), self.remark))))
 
     @property
@@ -422,7 +422,7 @@ class Identified:
         values: fitted value, or median of the draws [SI]; tied numbers each by its own path.
         intervals: 95 % interval of each [SI].
         supported: those of which the data support an interval.
-        doubts: what speaks against the fit.
+        doubts: objections to the fit.
         sources: what they were made from: a word, path and SHA-256 of each file.
     """
 

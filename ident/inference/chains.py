@@ -82,7 +82,7 @@ class Chains:
     """All draws that are kept: every step until there are too many, then every second one, every fourth, and so on."""
 
     def __init__(self, store: Store, most: int):
-        """Take up what the store has, if that is whole; else begin anew.
+        """Take up what the store has, if that is whole; else begin again.
 
         Args:
             store: where the draws go.

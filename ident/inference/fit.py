@@ -415,7 +415,7 @@ class Fit:
 
     @cached_property
     def row_tests(self) -> RowTests:
-        """Of each measurement, whether it is off by more than its error."""
+        """Of each measurement, whether its error is larger than its sigma allows."""
         return row_tests(self.problem, *self._weighed)
 
     @property
@@ -435,7 +435,7 @@ class Fit:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
+        """Why no interval should be quoted from this fit; empty when there is no objection."""
         count, limit = self.outliers.sum(), self.row_tests.limit
         fitted = int(np.isfinite(np.asarray(self.problem.sigma)).sum())
         reasons = {
@@ -569,7 +569,7 @@ def _explained(problem: InverseProblem, reached: list[Ended], lost: int, seed: i
 
 
 def with_stretch(fit: Fit) -> Fit:
-    """Return a fit whose intervals end where the cost has risen enough, for all that speaks against it otherwise."""
+    """Return a fit whose intervals end where the cost has risen enough, whatever other objections there are."""
     fit = replace(fit, stretch=None, beaten=None)
     stretch, beaten = stretches(fit.problem, fit.best, fit.end, fit.supported)
     return replace(fit, stretch=stretch, beaten=beaten)

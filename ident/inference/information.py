@@ -104,7 +104,7 @@ class Information:
     def data_share(self) -> Float[np.ndarray, "P"]:
         """Share of the data alone in what is known of each parameter, from 0 to 1.
 
-        What this and `prior_share` leave is told by the data together with the priors of other parameters.
+        What this and `prior_share` leave comes from the data together with the priors of other parameters.
         """
         with np.errstate(invalid="ignore"):
             share = np.diag(self.covariance) / self.data_sd**2
@@ -274,9 +274,9 @@ def standard_deviations(chance: float) -> float:
 
 
 # -------- Score
-# Does a fit miss something that its model takes for granted? What that would move, and whether the data ask for it.
+# Is an assumption of the model violated? What that would move, and what evidence the data give.
 #
-# A model takes for granted that a base is rigid, and that no single value is wrong: both are amounts taken to be
+# A model assumes that a base is rigid, and that no single value is wrong: both are amounts taken to be
 # zero.
 
 APART = 1e-6

@@ -26,7 +26,7 @@ def damped_minimum(
         residuals: of theta and the other arguments, and what comes with them.
         start: of theta.
         args: the other arguments: problem, what the model holds, weight.
-        options: `to_the_end`: whether it goes on where the model would choose anew.
+        options: `to_the_end`: whether it goes on where the model would choose again.
         steps: after which it is given up.
     """
     solver = _OneStepMore(rtol=TOLERANCE, atol=TOLERANCE)  # type: ignore[call-arg]  # it inherits its constructor

@@ -57,7 +57,7 @@ class Optimum:
 
     @property
     def score(self) -> float:
-        """What optima are compared by: the cost, and what speaks against labels."""
+        """What optima are compared by: the cost, and the label cost."""
         return self.cost + self.said
 
 

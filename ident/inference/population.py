@@ -1,7 +1,7 @@
 """Many posteriors, one population: who stands out in a fleet, then mean and spread of each parameter over the others.
 
-Who stands out is judged first, each robot by the others (`deviations`), with a chance of a false alarm that holds for
-the whole fleet. What stands out is off in the population, and so does not widen it. Each parameter theta_rj of robot r,
+Who stands out is judged first, each robot against the others (`deviations`), with a chance of false alarm for the
+whole fleet. What stands out is off in the population, and so does not widen it. Each parameter theta_rj of robot r,
 mostly the logarithm of a stiffness, is healthy with probability 1 - share, normal about mean_j with sd_j, or else off,
 normal about the same mean with the width `FAULT`: a fault too small to stand out does not widen the population either
 (the mixture for outliers of Hogg, Bovy and Lang, 2010, arXiv:1008.4686, equation 17).
@@ -269,7 +269,7 @@ FAR = 18.0
 
 @dataclass(frozen=True)
 class Deviations:
-    """Each robot judged by the others.
+    """Each robot judged against the others.
 
     Attributes:
         difference: (R, P) own value less the other robots' mean [theta]; 0 where its data say nothing.
@@ -457,7 +457,7 @@ def deviations(
     prior_sd: Float[np.ndarray, "P"],
     false_alarm: float = FALSE_ALARM,
 ) -> Deviations:
-    """Judge each robot by the others, and name what stands out.
+    """Judge each robot against the others, and name what stands out.
 
     Robot r's parameter j is compared with what the other robots let expect: given their spread tau_j, normal with
     the variance tau_j^2 + s_rj^2 + var(mean_j), s_rj by its own data and mean_j by theirs. Integrated over the
@@ -520,7 +520,7 @@ def _of_each_parameter(
 def _by_the_others(
     value: np.ndarray, known: np.ndarray, off: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return mean and spread of the population, (P,), and difference, sd and p of each robot by the others, (R, P).
+    """Return mean and spread of the population, (P,), and difference, sd and p of each robot against others, (R, P).
 
     Args:
         value: (R, P) own values.
@@ -616,7 +616,7 @@ class _Values(NamedTuple):
         return whole, others
 
     def _reference(self, sums: np.ndarray, off: np.ndarray) -> _Reference:
-        """Return what is told by robots of these sums, (4, ..., P, G), and some that are off, (size, P)."""
+        """Return the information of robots of these sums, (4, ..., P, G), and some that are off, (size, P)."""
         weight = np.maximum(sums[1], 1e-12)  # of a parameter that no robot's data tell of
         mean = sums[2] / weight
         log_evidence = -(sums[0] + np.log(weight) + np.maximum(sums[3] - weight * mean**2, 0.0)) / 2

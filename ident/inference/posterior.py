@@ -137,7 +137,7 @@ def _evaluate(density: Any, points: Float[Array, "P batch"]) -> Any:
 # Nuisances that act almost linearly, integrated out of a posterior and drawn again afterwards.
 
 TRIED = 8
-"""Points of the posterior at which the nuisances' derivatives are computed anew."""
+"""Points of the posterior at which the nuisances' derivatives are computed again."""
 MOVED = 0.1
 """Standard deviations by which that may move the mean of an unknown: beyond, the nuisance is sampled; assumed."""
 

@@ -425,7 +425,7 @@ NARROWEST, WIDEST = 1e-6, 1e6
 
 
 class Discrepant(eqx.Module, Choosing, Growing):
-    """A model whose predictions of one kind are all off by an unknown factor.
+    """A model whose predictions of one kind are all wrong by an unknown factor.
 
     A common factor, because geometry and masses that are taken wrong shift all values of a kind alike; scatter from
     one value to the next is noise.
@@ -495,7 +495,7 @@ def _before(data: Data, factor: Float[Array, "D *batch"]) -> Data:
 
 
 def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> InverseProblem:
-    """Return the problem in which the model may be off by a factor for each of these kinds of measurement.
+    """Return the problem in which the model may be wrong by a factor for each of these kinds of measurement.
 
     Args:
         problem: the problem.

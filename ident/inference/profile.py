@@ -1,4 +1,4 @@
-"""Profile likelihood: how far each parameter may move before data and prior object, all others fitted anew.
+"""Profile likelihood: how far each parameter may move before data and prior object, all others fitted again.
 
 An independent check of the intervals that a fit prints. Those take the cost for a parabola; a profile follows the cost
 itself, and so sees what is curved, bounded or open.

@@ -373,7 +373,7 @@ EXCLUDED = 5.0
 JOINED = 1.05
 """R-hat over the ensembles about two optima below which they have met; assumed."""
 ANEW = "explicit"
-"""Folder within the folder for the chains that begin anew, with more nuisances sampled."""
+"""Folder within the folder for the chains that begin again, with more nuisances sampled."""
 RIVAL = 30.0
 """Optima whose cost is higher by more than this, a factor of 3e-7 in density, are left out."""
 
@@ -497,7 +497,7 @@ def sample(
 
     Each optimum of the fit that matters gets ensembles of its own, as an ensemble does not cross between separated
     ones. Discrepancy factors are integrated out, and drawn given the rest; so are nuisances that act linearly, as far
-    as their derivatives at draws of the posterior tell: with one that does not, the chains begin anew. A chain depends
+    as their derivatives at draws of the posterior tell: with one that does not, the chains begin again. A chain depends
     on model, data, priors, optima, walkers and seed alone: interrupted and resumed it is the same to the bit, and a
     higher target only makes it longer.
 

@@ -19,7 +19,7 @@ from ident.inference.search import End, ended, look, solve
 # Which two values, put into each other's row, would make a fit of data that do not fit.
 
 TRIED = 4
-"""Exchanges that are fitted anew: so many of those suspected, and the best ones along a straight line."""
+"""Swaps that are fitted again: so many of those suspected, and the best ones along a straight line."""
 
 BLOCK = 1000
 """Exchanges whose matrices are in memory at once: of twenty parameters some 20 MB."""
@@ -36,8 +36,8 @@ class Exchange:
 
     Attributes:
         rows: their places.
-        chi_squared: of the data, fitted anew with the two values exchanged.
-        score: that, what the priors add, and what speaks against the labels, as of an `Optimum`.
+        chi_squared: of the data, fitted again with the two values swapped.
+        score: that, what the priors add, and the label cost, as of an `Optimum`.
     """
 
     rows: Pair
@@ -48,7 +48,7 @@ class Exchange:
 def exchanges(
     fit: Fit, pairs: Sequence[Pair], suspected: Sequence[Pair], moves: Callable[[Pair], Moves]
 ) -> tuple[Exchange, ...]:
-    """Return the exchanges after which nothing speaks against the fit any more, of the least chi-squared first.
+    """Return the swaps after which no objection to the fit is left, of the least chi-squared first.
 
     Values change places together with their sigmas, and with what their errors have in common with others. All pairs
     are compared by the least squares of the model along a straight line from the optimum; the best ones are fitted
@@ -58,7 +58,7 @@ def exchanges(
     Args:
         fit: of data that do not fit.
         pairs: which values might be exchanged.
-        suspected: those that are fitted anew wherever they come along the line, the first `TRIED` of them.
+        suspected: those that are fitted again wherever they come along the line, the first `TRIED` of them.
         moves: of all values that change places where two are exchanged.
     """
     blocks = [pairs[i : i + BLOCK] for i in range(0, len(pairs), BLOCK)]
@@ -80,7 +80,7 @@ def exchanges(
 
 
 def _fits(fit: Fit, problem: InverseProblem, end: End, chi_squared: float) -> bool:
-    """Tell whether neither chi-squared, nor a value, nor what was said of values speaks against an end."""
+    """Tell whether neither chi-squared, nor a value, nor what was said of values contradicts an end."""
     if not (np.isfinite(end.cost) and end.choice.settled):
         return False
     from scipy.special import chdtrc
@@ -128,7 +128,7 @@ def _moved(problem: InverseProblem, moves: Moves) -> InverseProblem:
 
 
 # -------- Held out
-# What a fit predicts of data that it has not seen: groups of values, left out in turn, by the others.
+# What a fit predicts of data that it has not seen: groups of values, left out in turn, from the rest.
 
 
 @dataclass(frozen=True)

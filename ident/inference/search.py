@@ -85,7 +85,7 @@ def descent(
         weigh: gives residuals and their slope there.
         start: theta.
         held: what the model holds at the first point.
-        to_the_end: whether it goes on where the model would choose anew.
+        to_the_end: whether it goes on where the model would choose again.
         steps: at most.
         ask: what is yielded of theta and what the model holds at the last point.
     """
@@ -284,7 +284,7 @@ def _is_steep(end: End) -> bool:
 
 
 def choosing(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None) -> End:
-    """Search, beginning anew wherever another choice is more probable, until one stays so or `TURNS` are over.
+    """Search, beginning again wherever another choice is more probable, until one stays so or `TURNS` are over.
 
     Then it has not ended: its choice is not settled. An example is of no use to it.
     """
@@ -356,7 +356,7 @@ def search(
     weight: Float[AnyArray, ""],
     steps: int = MAX_STEPS,
 ) -> tuple[End, Array]:
-    """Run Levenberg-Marquardt from one start, with what the model holds; to the end, or to where it would choose anew.
+    """Run Levenberg-Marquardt from one start, with what the model holds; to the end, or to where it would choose again.
 
     Returns also whether it has ended before it ran out of steps (see `minimum`). Residuals count with their weight.
 
@@ -456,7 +456,7 @@ WALL = 1e3
 ITERATIONS = 200
 """Iterations at most."""
 AGAIN = 4
-"""Times at most that a search which got stuck begins anew."""
+"""Times at most that a search which got stuck begins again."""
 
 
 def ended(problem: InverseProblem, end: End) -> tuple[End, Convergence]:
@@ -465,7 +465,7 @@ def ended(problem: InverseProblem, end: End) -> tuple[End, Convergence]:
     Gauss-Newton leaves the residuals' own bend out. Where they are large, as in a poor optimum or where two modes
     cross, its steps then take the rest of the way by a constant factor only; BFGS learns the bend from the gradients.
     Where it gets no further either, as where what the values belong to changes with every step downhill, the search
-    begins anew half the way towards the parameters' own start.
+    begins again half the way towards the parameters' own start.
     """
     stuck = here = end, convergence(problem, end)
     first = problem.parameters.theta(problem.parameters.column("start"))

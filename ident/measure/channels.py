@@ -69,7 +69,7 @@ class ChannelRow:
         full_scale: [unit] beyond which the input is overloaded; None where the file's largest numbers tell.
         rate: [Hz] of the samples; None where the file says it.
         decay: [1/s] by which the analyser's own exponential window has faded the response.
-        load: what hung on the arm, sensors included.
+        load: what the arm carried, sensors included.
         drives: what held the motors.
         harmonics: what turned, and how fast, during a test without force.
     """

@@ -67,7 +67,7 @@ class RunRow:
         speed: [%] of full speed, or of a path's own; None for a path's own.
         path: file of a log of the joints, beside the table; empty for the arm's stroke.
         retract: whether the stroke goes from unfolded to folded.
-        load: what hung on the arm, sensors included.
+        load: what the arm carried, sensors included.
         delay: [s] to add to the file's times, so that the motion, or the clock of its log, starts at 0.
         group: runs of one group share the pulleys' angles; empty for one of its own.
     """

@@ -89,7 +89,7 @@ class FinishedTest(HeldArm):
 
 
 def is_finished(recording: Recording) -> bool:
-    """Tell whether a file has modes only; functions beside them are identified anew."""
+    """Tell whether a file has modes only; functions beside them are identified again."""
     return bool(recording.shapes) and not recording.channels
 
 

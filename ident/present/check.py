@@ -115,8 +115,9 @@ def _reason(check: "CampaignCheck", i: int) -> str:
     sd, fine = check.data_sd[:, i], int(check.supported[:, i].sum())
     here = _within(sd[0]) if np.isfinite(sd[0]) else "only in combination with others"
     worse = np.isfinite(sd).all() and sd.max() > 1.3 * sd[0] and sd[0] < math.log(ENORMOUS)
-    worst = f" (at worst {_within(sd.max())} on plausible arms)" if worse else ""
     lucky = f"; identifiable at {fine} of {check.answered} points" if 0 < fine < check.answered else ""
+    where = "" if lucky else " on plausible arms"  # the points are the arm file's values and those arms
+    worst = f" (at worst {_within(sd.max())}{where})" if worse else ""
     return here + worst + lucky
 
 

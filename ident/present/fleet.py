@@ -136,7 +136,7 @@ def _next(fleet: Fleet) -> str:
     if odd:
         files = one_line(odd[0].campaign.path), "--arm", one_line(odd[0].arm.path)
         return shlex.join(["ident", "fit", *files]).replace("{", "{{").replace("}", "}}")
-    return "ident fit CAMPAIGN $(cat FLEET.fleet.prior)" if fleet.population else ""
+    return "ident fit CAMPAIGN $(cat {result}.prior)" if fleet.population else ""
 
 
 # -------- Tables

@@ -15,7 +15,9 @@ from ident.text import one_line
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
+    from ident.arm.plausibility import Oddity
     from ident.assess.show import ArmNames, ArmView
+    from ident.description.file import ArmFile
     from ident.identify.modal_analysis import ModalAnalysis
 
 
@@ -32,11 +34,16 @@ def show_sections(view: "ArmView") -> Report:
         f"{cut(view.arm.name, 60)} at {degrees(view.posture)}: {sums(view)}",
         _verdict(view),
         tuple(_modes(view)),
-        (*failed, *(Finding(str(each)) for each in odd)),
+        (*failed, *(Finding(_with_line(view.arm_file, each)) for each in odd)),
         sag,
         "" if odd or failed else f"ident plan --arm {shlex.quote(one_line(view.arm_file.path or 'ARM'))}",
         (_joints(view), numbers),
     )
+
+
+def _with_line(arm_file: "ArmFile", odd: "Oddity") -> str:
+    line = arm_file.lines.get(odd.path)
+    return f"line {line}, {odd}" if line else str(odd)
 
 
 def sums(view: "ArmView") -> str:

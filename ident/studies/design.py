@@ -213,7 +213,7 @@ def design(
     each = sensitivities(evaluator, progress=progress("sensitivities"))
     unseen = basis.drawn(fresh, seed=1) if fresh else None
     checks, aim = verify(evaluator, best.best, best.limit, unseen, progress("verification")), best.limit
-    for _ in range(TIGHTENED):  # where the fast method is off by more than the margin of the least change
+    for _ in range(TIGHTENED):  # where the fast method is wrong by more than the margin of the least change
         largest = float(checks.after.amplitude.max())
         if aim is None or best.limit is None or best.minimum_change is None or largest <= best.limit:
             break

@@ -107,7 +107,12 @@ def study(function: Callable[..., R]) -> Callable[..., R]:
             for name, each in read.items():
                 if known[name] is not None or own.parameters[name].default is inspect.Parameter.empty:
                     known[name] = each.read(known[name], known)
-            return function(*inputs.args, **inputs.kwargs)
+            try:
+                return function(*inputs.args, **inputs.kwargs)
+            except InputError as error:
+                if "arm" not in read:
+                    raise
+                raise InputError(map(known["arm"].placed, error.problems)) from None
 
     def shown(parameter: inspect.Parameter) -> inspect.Parameter:
         if parameter.name == "options":

@@ -50,7 +50,7 @@ class FitResult(FromFit):
 
     Attributes:
         arm: the arm as its file has it.
-        fit: fitted values, intervals, residuals and what speaks against them.
+        fit: fitted values, intervals, residuals and objections to them.
         options: what was asked for.
     """
 
@@ -114,7 +114,7 @@ class FitResult(FromFit):
 
     @property
     def assumptions(self) -> "Assumptions | None":
-        """What is taken for granted: how far each may move a value, and whether the data ask for it."""
+        """Assumptions: how far a violation of each may move a value, and what evidence the data give."""
         return self.fit.assumptions
 
     @property
@@ -124,7 +124,7 @@ class FitResult(FromFit):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why no interval should be quoted from this fit; empty when nothing speaks against it."""
+        """Why no interval should be quoted from this fit; empty when there is no objection."""
         return self.fit.doubts
 
     @property
@@ -151,7 +151,7 @@ class FitResult(FromFit):
 
     @property
     def doubtful(self) -> bool:
-        """Whether anything speaks against the fit, or the data ask to drop what it takes for granted."""
+        """Whether there is any objection to the fit, or evidence against one of its assumptions."""
         return self.fit.in_doubt
 
     @property

@@ -167,7 +167,7 @@ class Batch(Task):
         return self.folder / f"{hashed([member.key for member in self.members])}.robots"
 
     def results(self) -> "tuple[Robot, ...]":
-        """Fit those together of which nothing speaks against it, and each of the others by itself."""
+        """Fit those together to which there is no objection, and each of the others by itself."""
         from ident.identify.fleet_batch import robots_together
 
         options = self.members[0].options

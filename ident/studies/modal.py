@@ -109,7 +109,7 @@ class ModalResult(Result):
     Attributes:
         arm: the arm as its file has it, with the points that the channel table adds.
         tests: what was measured, by posture and load.
-        identified: modes of each test; none where they were not asked for.
+        identified: modes of each test; none where they were not wanted.
         finished: files of finished modes.
         named: their modes.
         campaign: the modes that have a name, with the correlation of their errors; None where none were asked for.

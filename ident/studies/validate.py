@@ -33,8 +33,8 @@ class ValidateOptions(FitOptions):
 class ValidateResult(Result):
     """How well a fit predicts what it has not seen.
 
-    Its table has a row for each measurement: value, prediction by the others, standard deviation [SI], and how far off
-    it is in these. Its figure compares predicted and observed quantiles, and shows what each part is off.
+    Its table has a row for each measurement: value, prediction from the others, standard deviation [SI], and error
+    in these. Its figure compares predicted and observed quantiles, and shows what each part is off.
 
     Attributes:
         arm: the arm as its file has it.

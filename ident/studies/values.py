@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def fitted_values(
     fit: "Values | FitResult | str | Path", arm: "Arm | ArmFile", options: ArmOptions | None = None
 ) -> "Values":
-    """Return fitted values, whatever they are in, with what speaks against taking them over.
+    """Return fitted values, whatever they are in, with the objections to taking them over.
 
     Args:
         fit: a result, its file, or values that were taken before, which are taken as they are.

@@ -428,12 +428,14 @@ def minimum_change(search: Search, starts: Sequence[Point], limit: float) -> Set
         return search, None, True
     size, best, closed = search.objective.change_norm, starts[0], list[bool]()
     for start in starts:
-        u: Point | None = start
-        aim = wanted
+        at, aim = start, wanted
         for left in reversed(range(LONGER + 1)):
-            u = search.minimum_change(start if u is None else u, aim)
+            u = search.minimum_change(at, aim)
+            if u is None and at is not start:  # a new cut forbids that place, and SLSQP may lose its way from there
+                u = search.minimum_change(start, aim)
             if u is None:
                 break
+            at = u
             best = min(best, _moved(search, u, starts[0], wanted), key=size)
             is_closed = size(best) <= size(u) * (1 + GAP) and (aim > wanted * (1 - PHASES_CLOSE) or not search.cuts)
             if is_closed or not left:

@@ -109,7 +109,7 @@ def refuse_curved(arm: Arm, missed: AnyArray | None) -> None:
         missed: (2 N, T, *batch) of the solution, None without curved springs, see `beyond_tangent`.
 
     Raises:
-        LeavesTangentError: some bushing's moment of vibration is off by more than `MISSED` of it at its largest.
+        LeavesTangentError: some bushing's moment of vibration is wrong by more than `MISSED` of it at its largest.
     """
     if missed is None or isinstance(missed, jax.core.Tracer):
         return

@@ -109,7 +109,7 @@ def filled_up(motion: Motion) -> Motion:
 # The quasi-static deflection of an arm along its motion, about which it vibrates.
 
 START_STEPS = 3
-"""Newton steps that take the weight of the turning masses into account."""
+"""Newton steps that take the weight of the eccentric masses into account."""
 BELT_STEPS = 3
 """Newton steps that take the stretch of belts into account; it moves the equilibrium by less than a thousandth."""
 
@@ -119,7 +119,7 @@ def quasi_static_deflection(
 ) -> Float[Array, "n *#batch"]:
     """Return the coordinates of the static equilibrium at a posture (driven, *batch) [rad]; see `kinematics`.
 
-    Differentiable. The turning masses are on their axes here: they excite the arm and do not bend it.
+    Differentiable. The eccentric masses are on their axes here: they excite the arm and do not bend it.
 
     Raises:
         ModelError: the posture does not fit the arm.
@@ -153,14 +153,14 @@ def slope(function: Any, at: Float[Array, "n *batch"]) -> Float[Array, "k n *bat
 def initial_equilibrium(
     model: Multibody, motion: Motion, balanced: Float[Array, "n"], stiffness: Float[Array, "n n"]
 ) -> Float[Array, "n"]:
-    """Return the coordinates of the static equilibrium before a motion, the weight of the turning masses included.
+    """Return the coordinates of the static equilibrium before a motion, the weight of the eccentric masses included.
 
     By steps of Newton's method with the stiffness without them, which they change by less than a thousandth.
 
     Args:
         model: gathered with `rank=1`.
         motion: at whose start the arm is at rest.
-        balanced: coordinates of the equilibrium with the turning masses on their axes.
+        balanced: coordinates of the equilibrium with the eccentric masses on their axes.
         stiffness: of that equilibrium.
     """
     posture = jnp.asarray(motion(motion.breaks[:1])[0])

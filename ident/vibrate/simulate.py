@@ -297,12 +297,12 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
 
 
 # -------- Superposition
-# The vibration as a sum over what excites it, so that it is known for all phases of the turning masses at once.
+# The vibration as a sum over what excites it, so that it is known for all phases of the imbalances at once.
 #
 # The fast method is linear: M d2x/dt2 + D dx/dt + K x = f (see `fast`), M, D and K without what excites. f is a sum of
 #
 # - what the motion itself asks for: -residual(y_r, dy_r/dt, d2y_r/dt2) without excitation;
-# - the forces of each turning mass, linear in m e u(theta + psi) = m e (u(theta) cos psi + u(theta + pi/2) sin psi);
+# - the forces of each eccentric mass, linear in m e u(theta + psi) = m e (u(theta) cos psi + u(theta + pi/2) sin psi);
 # - for each drive, `by_pin` times the deviation e sin(2 theta + chi) = e (sin 2 theta cos chi + cos 2 theta sin chi) of
 #   its pin and its two rates, each of which is linear in e; likewise at its other orders.
 #

@@ -2,7 +2,7 @@
 
 A sensor's trace is linear in the two components of each source; in stiffnesses, damping, the clock and the direction of
 the sensor it is not, and these are known a priori within limits. All are found together by Gauss-Newton steps, the
-linear ones anew at each (variable projection, Golub and Pereyra 1973). What sensors see below `SLOW`, drift and the
+linear ones again at each (variable projection, Golub and Pereyra 1973). What sensors see below `SLOW`, drift and the
 slow motion, is left out. The errors count as stationary and coloured: an autoregressive model of each channel's
 residual whitens residual and slopes (generalised least squares). So where the model errs, it errs in its own band, and
 weights there are less.
@@ -49,7 +49,7 @@ STEP = 1e-4
 MOST_ROUNDS = 12
 """Gauss-Newton rounds at most; three or four do."""
 RECOLOURED = 5
-"""Rounds up to which residuals are coloured anew: later the noise model stays, so that the search ends."""
+"""Rounds up to which residuals are coloured again: later the noise model stays, so that the search ends."""
 SETTLED = 0.02
 """Change of each unknown, in its standard deviations, at which the search ends."""
 DAMPING_SD = 0.7

@@ -35,7 +35,8 @@ def test_numbers_that_look_wrong_are_counted_and_named(run, tmp_path):
     assert "at (30, -60, 30) deg" in out
     assert_one_screen(out)
     assert "RESULT: 1 NUMBER LOOKS WRONG." in out
-    assert "1. link1.com: (2.5, 0, 0.06) m, 1.48 m beyond the ends" in out
+    line = next(n for n, words in enumerate(wrong.read_text().splitlines(), 1) if "[2.5, 0, 0.06]" in words)
+    assert f"1. line {line}, link1.com: (2.5, 0, 0.06) m, 1.48 m beyond the ends" in out
     assert files(tmp_path) == ["wrong.toml"]
 
 

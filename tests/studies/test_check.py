@@ -54,3 +54,15 @@ def test_a_remedy_names_the_option_as_python_does(result):
 def test_an_unknown_parameter_is_refused(result):
     with pytest.raises(ident.InputError, match=r"did you mean joint1\.k_bend"):
         check(result.arm, result.check.campaign, CheckOptions(fix=("joint1.kbend",)))
+
+
+def test_a_wrong_number_of_the_arm_is_named_with_the_line_of_its_file(tmp_path):
+    before = (DATA / "lcd_arm" / "arm.toml").read_text(encoding="utf-8").splitlines(keepends=True)
+    place = next(i for i, line in enumerate(before) if line.startswith("offset = { value = [1.0"))
+    arm = tmp_path / "arm.toml"
+    wrong = before[place].replace("[1.0", "[1000", 1)
+    arm.write_text("".join([*before[:place], wrong, *before[place + 1 :]]), encoding="utf-8")
+    with pytest.raises(ident.InputError) as refused:
+        check(arm, DATA / "lcd_arm" / "table1.csv")
+    assert str(refused.value.problems[0]).startswith(f"{arm}:{place + 1}, joint2.offset: got 1000 m, expected at most")
+    assert ident.show(arm).sections().findings[0].text.startswith(f"line {place + 1}, joint2.offset: 1000 m")

@@ -9,9 +9,9 @@ SCREEN = 25
 """Lines of a first screen."""
 
 
-def too_wide(report):
-    """Return the lines that leave a terminal of 100 columns."""
-    return [line for line in report.splitlines() if sum(map(_columns, line.split(" "))) + line.count(" ") > WIDTH]
+def too_wide(report, width=WIDTH):
+    """Return the lines that leave a terminal, by default of 100 columns."""
+    return [line for line in report.splitlines() if sum(map(_columns, line.split(" "))) + line.count(" ") > width]
 
 
 def without_number(report):

@@ -149,6 +149,20 @@ def test_the_least_change_is_one_answer_that_keeps_the_limit(toys: None, off: fl
     np.testing.assert_allclose(u, exact, atol=0.02)
 
 
+class Straying(Toy):
+    """A search that finds nothing from where phases are too loud that it sees."""
+
+    def minimum_change(self, start: np.ndarray, limit: float) -> np.ndarray | None:
+        return super().minimum_change(start, limit) if self.largest(start) <= limit else None
+
+
+def test_a_search_that_loses_its_way_begins_again_at_its_start(toys: None) -> None:
+    _, u, is_settled = minimum_change(Straying(seen=(1,)), [QUIET], 0.6)
+    _, right, _ = minimum_change(Toy(seen=(1,)), [QUIET], 0.6)
+    assert is_settled
+    np.testing.assert_allclose(u, right, atol=1e-3)
+
+
 def test_a_search_that_learns_nothing_keeps_the_limit_and_is_not_settled(toys: None) -> None:
     _, u, is_settled = minimum_change(Toy(learns=False), [QUIET], 0.6)
     assert not is_settled

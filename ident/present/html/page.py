@@ -114,7 +114,7 @@ class Page:
         summary: what stands with the verdict, each with its label: Cause, Remedy, Caution.
         sections: the parts, in order.
         inputs: what went in, as a table: name, file, hash.
-        assumptions: what was taken for granted, a sentence each.
+        assumptions: what was assumed, a sentence each.
         provenance: names and values that say how the page came about: versions, options, seeds.
         above: words and relative address of the page that led here; empty for none.
     """

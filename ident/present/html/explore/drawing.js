@@ -1,4 +1,4 @@
-// Drawings as SVG, made anew for each width so that letters keep their size. All words go through textContent.
+// Drawings as SVG, made again for each width so that letters keep their size. All words go through textContent.
 
 const SVG = "http://www.w3.org/2000/svg";
 const TALLEST = 340;  // pixels of a view of the arm; on paper less

@@ -65,7 +65,7 @@ function frame(now) {
 
 const stale = () => places.some((place) => place.stale);
 
-// Places are computed anew where something has changed that their modes depend on: not by speed or along the stroke.
+// Places are computed again where something has changed that their modes depend on: not by speed or along the stroke.
 function renewPlaces() {
   const cause = JSON.stringify([state.k, state.mass, state.sweep, state.q && state.q.filter((_, i) => i !== state.sweep)]);
   if (cause !== renewed) {

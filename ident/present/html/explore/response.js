@@ -1,4 +1,4 @@
-// What the arm does at a posture: modes, static deflection, steady response to its turning masses.
+// What the arm does at a posture: modes, static deflection, steady response to its eccentric masses.
 
 const MODES_SHOWN = 6, CANDIDATES = 4;
 
@@ -124,7 +124,7 @@ function movement(chain, at, v) {
   return [...centres, ...points];
 }
 
-// Phasors of the torques of the turning masses about all bushings, pulleys turning forwards: real and imaginary parts
+// Phasors of the torques of the eccentric masses about all bushings, pulleys turning forwards: real and imaginary parts
 // of the pull over the square of the rate, and of the weight's moment.
 function harmonicTorques(model, chain, at) {
   return model.drives.map((drive) => {
