@@ -58,7 +58,7 @@ MAIN: Mapping[str, str] = {
     "sweep": "vary grid limit speed fit posterior",
     "motion": "limit time speed fit posterior errors",
     "design": "limit change speed fit posterior",
-    "diagnose": "limit speed path fix restart pdf",
+    "diagnose": "limit speed path fix restart",
     "explore": "speed load fit posterior payload",
     "fleet": "workers dask fix free strict",
     "modal": "init channels no_modes reproducibility",

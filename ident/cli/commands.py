@@ -39,7 +39,6 @@ from ident.studies.design import design
 from ident.studies.diagnose import (
     DiagnoseOptions,
     DiagnoseResult,
-    check_browser,
     diagnose,
     discard_stages,
     part_folder,
@@ -486,7 +485,6 @@ def diagnose_command(
     path: PathOption = None,
     restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
     out: OutOption = Path("out"),
-    pdf: Annotated[bool, typer.Option("--pdf", help="print the page as PDF as well, by Chromium")] = False,
     strict: StrictOption = False,
 ) -> None:
     """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
@@ -496,9 +494,7 @@ def diagnose_command(
     Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
     results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
     """
-    if pdf:
-        check_browser()
-    result = run_diagnose(campaign, options, arm, path, restart, out, pdf=pdf)
+    result = run_diagnose(campaign, options, arm, path, restart, out)
     leave(result, strict=strict)
 
 
@@ -509,8 +505,6 @@ def run_diagnose(
     path: Path | None,
     restart: bool,
     out: Path,
-    *,
-    pdf: bool = False,
 ) -> DiagnoseResult:
     """Diagnose an arm, name each finished stage on standard error, then print and write the result."""
     measured, arm_file = running.read(campaign, arm)
@@ -542,7 +536,7 @@ def run_diagnose(
         raise typer.Exit(130) from None
     tell(result)
     output().document = result.document
-    write(result, out, [lambda folder: (result.save_pdf(folder),)] if pdf else [])
+    write(result, out)
     running.discard_unless_taken(folder, discard_stages)
     return result
 

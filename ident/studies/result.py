@@ -38,7 +38,7 @@ LONGEST_TEXT = 5_000_000
 """Bytes up to which it does; of a longer one it holds path and hash."""
 
 SHOWING = (
-    *("sections", "figures", "html", "save_pdf", "save_figures"),
+    *("sections", "figures", "html", "save_figures"),
     *("frequency_figure", "path_figure", "animation", "_write"),
 )
 """Methods that show stiffnesses to people."""
