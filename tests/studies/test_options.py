@@ -270,5 +270,5 @@ def test_another_unit_is_refused_and_the_flag_may_omit_blanks(run, tmp_path):
     with pytest.raises(InputError, match=r"units: got 'N m/turn', expected one of N m/rad, N mm/deg, N m/arcmin"):
         ident.PredictOptions(units="N m/turn")
     shutil.copy(DATA / "lcd_arm" / "arm.toml", tmp_path)
-    code, out, _ = run("predict", "arm.toml", "--json", "--units", "Nm/arcmin")
+    _, out, _ = run("predict", "arm.toml", "--json", "--units", "Nm/arcmin")
     assert json.loads(out)["options"]["units"] == "N m/arcmin"
