@@ -266,6 +266,47 @@ def test_identities_of_unfinished_runs(tmp_path):
     assert 0.5 < share_refused([*texts, *documents], read) < 1
 
 
+DEFAULTS = """starts = 1
+no-figure = true
+out = "results"
+robust = "t"
+prior-sd = 0.5
+[fit]
+fix = ["joint1.k_bend"]
+seed = 3
+[predict]
+posture = "30,-60,30"
+"""
+VALUES_OF_FLAGS = (
+    *("5", "-5", "1.5", "true", "nan", "1e400", "9" * 400, "'x'", "''", "[]", "[1]", "[[1]]", "{}", "{a = 1}"),
+    *("1979-05-27", "07:32:00", '"\\u0000"', "'a=b'", "['a=b', 'a=c']", "[true]", "[{a = 1}]"),
+)
+
+
+def broken_defaults(rng, count):
+    """Yield files of defaults: texts with mistakes, and good TOML with other values, tables and lists of tables."""
+    yield from broken_texts(rng, DEFAULTS, count // 2)
+    names = ("fit", "predict", "starts", "fix", "seed", "out", "arm", "tie", "robust", "no-figure", "help", "json")
+    for _ in range(count // 2):
+        table = pick(rng, ("", "", "[fit]", "[[fit]]", "[fit.fix]", "[predict]", "[a.b]"))
+        pairs = {pick(rng, names): pick(rng, VALUES_OF_FLAGS) for _ in range(rng.integers(1, 3))}
+        yield "\n".join([table, *(f"{name} = {value}" for name, value in pairs.items())]).encode()
+
+
+def test_defaults(run, tmp_path):
+    """With a campaign that is not there to stop at."""
+    refused_ones = 0
+    for text in broken_defaults(np.random.default_rng(19), 30):
+        (tmp_path / "ident.toml").write_bytes(text)
+        code, out, err = run("fit", tmp_path / "nowhere.csv")
+        assert code == 2, text
+        assert out == "" or out.startswith("defaults from"), text
+        assert all(line.startswith("ident: ") for line in err.splitlines()), text
+        refused_ones += "nowhere.csv" not in err
+    assert 10 < refused_ones < 30
+    assert [path.name for path in tmp_path.iterdir()] == ["ident.toml"]
+
+
 @pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
 def test_posteriors(tmp_path):
     arm, path = lcd_arm(), tmp_path / "bad.nc"

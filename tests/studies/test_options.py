@@ -266,9 +266,13 @@ def test_one_unit_of_stiffness_for_all_media(units, name, k, tmp_path):
     assert f'"name":"{name}"' in page
 
 
-def test_another_unit_is_refused_and_the_flag_may_omit_blanks(run, tmp_path):
+def test_another_unit_is_refused_and_the_defaults_file_may_choose(run, tmp_path):
     with pytest.raises(InputError, match=r"units: got 'N m/turn', expected one of N m/rad, N mm/deg, N m/arcmin"):
         ident.PredictOptions(units="N m/turn")
     shutil.copy(DATA / "lcd_arm" / "arm.toml", tmp_path)
-    _, out, _ = run("predict", "arm.toml", "--json", "--units", "Nm/arcmin")
+    (tmp_path / "ident.toml").write_text('units = "N mm/deg"')
+    code, out, _ = run("predict", "arm.toml", "--json")
+    assert code == 0
+    assert json.loads(out)["options"]["units"] == "N mm/deg"
+    code, out, _ = run("predict", "arm.toml", "--json", "--units", "Nm/arcmin")
     assert json.loads(out)["options"]["units"] == "N m/arcmin"
