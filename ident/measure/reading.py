@@ -416,7 +416,10 @@ def write_campaign(
     """
     text = campaign_text(campaign, header_comments=header_comments, relative_sigma=relative_sigma)
     data, beside = text.encode("utf-8", errors="backslashreplace"), covariance_path(path)
-    groups = _groups(campaign)
+    # the groups of the campaign's rows as they are numbered when they are read again
+    names = dict.fromkeys(m.group for m in campaign if m.group)
+    several = {campaign.measurements[places[0]].group: matrix for places, matrix in campaign.correlated}
+    groups = [Group(name, several.get(name, ((1.0,),))) for name in names]
     correlations = covariance_text(groups, Path(path).name).encode() if groups else None
     frames = setups_text(campaign.setups.each, Path(path).name).encode() if campaign.setups.each else None
     parse_campaign(data, path, correlations, frames)
@@ -432,13 +435,6 @@ def _write_beside(path: Path, content: bytes | None) -> None:
         remove_file(path)
     else:
         replace_file(path, lambda file: file.write(content))
-
-
-def _groups(campaign: Campaign) -> list[Group]:
-    """Return the groups of the campaign's rows as they are numbered when they are read again."""
-    names = dict.fromkeys(m.group for m in campaign if m.group)
-    several = {campaign.measurements[places[0]].group: matrix for places, matrix in campaign.correlated}
-    return [Group(name, several.get(name, ((1.0,),))) for name in names]
 
 
 def campaign_text(campaign: Campaign, *, header_comments: Iterable[str] = (), relative_sigma: bool = False) -> str:

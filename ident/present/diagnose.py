@@ -108,7 +108,8 @@ def chance_words(estimate: "BinomialEstimate") -> str:
 
 def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
     """Yield what makes most of the vibration and what helps, each with its label: Cause, Remedy, or."""
-    yield "Cause", _cause(diagnosis)
+    itself = "the motion itself; no drive comes near a natural frequency"
+    yield "Cause", _resonant(diagnosis.resonance, diagnosis.task.basis.arm) or contribution_words(diagnosis) or itself
     best, verified = diagnosis.advised, diagnosis.verified
     if best is None or verified is None:
         return
@@ -126,11 +127,6 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
         size = f"{rounded(MM * other.largest)} mm, limit kept with probability {chance_words(other.keeps)}"
         by = "fast method and the search's own draws, not verified"
         yield "or", f"{change_words(other)}{_numbers(diagnosis, other)}: {size} ({by})"
-
-
-def _cause(diagnosis: "Diagnosis") -> str:
-    itself = "the motion itself; no drive comes near a natural frequency"
-    return _resonant(diagnosis.resonance, diagnosis.task.basis.arm) or contribution_words(diagnosis) or itself
 
 
 def _resonant(resonance: "ResonanceAssessment", arm: "Arm") -> str:

@@ -278,7 +278,7 @@ def _in(place: str, source: Any) -> Path:
 
 def _is_there(place: str, source: Any) -> bool:
     path = _in(place, source)
-    return bool(source.path) and os.path.isfile(path) and _sha256(path) == source.sha256
+    return bool(source.path) and os.path.isfile(path) and hashlib.sha256(path.read_bytes()).hexdigest() == source.sha256
 
 
 def _missing(name: str, source: Any, places: Sequence[str]) -> Problem:
@@ -290,7 +290,3 @@ def _missing(name: str, source: Any, places: Sequence[str]) -> Problem:
         where, remedy = one_line(str(there[0])), "put back the one it was"
         return Problem(where, "a file that has changed since", expected, remedy)
     return Problem(one_line(str(source.path)), "no such file", expected, "put it there, or beside the result")
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

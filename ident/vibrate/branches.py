@@ -455,7 +455,10 @@ def branches(arm: Arm, motion: Motion, *, count: int = 3, times: Any = None, loa
     check(arm, motion, count)
     path, computed = path_of(motion, time), min(count + MORE, 3 * len(arm.joints))
     along, track = tracked(nominal(arm), path, loads, count, computed)
-    track = _lowest(track, count)
+    # the branches that are among the lowest anywhere, ascending at the last posture
+    lowest = np.flatnonzero((track.place < count).any(1))
+    lowest = lowest[np.argsort(track.place[lowest, -1])]
+    track = Track(track.place[lowest], track.mac[lowest], track.shape[:, lowest], track.mixed)
     if arm.batch:
         frequency, damping, mac = followed(arm, path, loads, along, track, computed)
         likeness = (mac > MATCHED).reshape(len(mac), -1).mean(1)
@@ -495,13 +498,6 @@ def check(arm: Arm, motion: Motion, count: int = 1) -> None:
         raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
     if count < 1:
         raise InputError(Problem("count", f"{count}", "at least 1", "ask for one or more natural frequencies"))
-
-
-def _lowest(track: Track, count: int) -> Track:
-    """Return the branches that are among the lowest anywhere, ascending at the last posture."""
-    lowest = np.flatnonzero((track.place < count).any(1))
-    lowest = lowest[np.argsort(track.place[lowest, -1])]
-    return Track(track.place[lowest], track.mac[lowest], track.shape[:, lowest], track.mixed)
 
 
 def _labels(along: ModesAlongPath, track: Track) -> list[list[Label]]:
