@@ -24,7 +24,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from ident.errors import IdentError, InputError, Problem
+from ident.errors import IdentError, refusal
 from ident.files import claimed, replace_file
 from ident.text import one_line
 
@@ -380,4 +380,4 @@ def _compare(folder: Path, claimed: Mapping[str, str], wanted: Mapping[str, str]
         remedy = (
             "take the inputs and options of that run, or start again (`restart`), or choose another folder (`folder`)"
         )
-        raise InputError(Problem(one_line(str(folder)), got, "those of this run", remedy))
+        raise refusal(one_line(str(folder)), got, "those of this run", remedy)

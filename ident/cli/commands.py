@@ -31,7 +31,7 @@ from ident.cli.command import (
     write,
 )
 from ident.cli.output import FOLDED, SHORT
-from ident.errors import InputError, Problem
+from ident.errors import InputError, refusal
 from ident.studies.arm import KINDS
 from ident.studies.check import check
 from ident.studies.compare import compare
@@ -153,7 +153,7 @@ def plan_command(
     elif arm is not None:
         finish(plan(read_arm(arm), None, options), out, no_figure)
     else:
-        raise InputError(Problem("", "neither campaign nor arm", "one of them", "as ident plan --arm arm.toml"))
+        raise refusal("", "neither campaign nor arm", "one of them", "as ident plan --arm arm.toml")
 
 
 def stop_if_interrupted(result: SimulateResult) -> None:
@@ -374,12 +374,12 @@ def show(
     if is_result(file):
         for flag, given in (("--posture", posture is not None), ("--names", names)):
             if given:
-                raise InputError(Problem(flag, "it for a result", "an arm", "leave it out"))
+                raise refusal(flag, "it for a result", "an arm", "leave it out")
         _show_result(file)
         return
     if names:
         if posture is not None:
-            raise InputError(Problem("--posture", "it with --names", "one of them", "drop one"))
+            raise refusal("--posture", "it with --names", "one of them", "drop one")
         _list_names(file)
         return
     running.check_folder(out)
@@ -449,12 +449,11 @@ def new(
     if robot is not None and folder is None:
         folder = Path(kind)
     elif robot is not None:
-        remedy = "as ident new my_robot --robot robot.urdf"
-        raise InputError(Problem("", "a kind and --robot", "one of them", remedy))
+        raise refusal("", "a kind and --robot", "one of them", "as ident new my_robot --robot robot.urdf")
     if tip is not None and robot is None:
-        raise InputError(Problem("--tip", "a tip without --robot", "a robot description that has it", "leave it out"))
+        raise refusal("--tip", "a tip without --robot", "a robot description that has it", "leave it out")
     if folder is None:
-        raise InputError(Problem("", "no folder", "the folder to make", f"as ident new {KINDS[0]} my_robot"))
+        raise refusal("", "no folder", "the folder to make", f"as ident new {KINDS[0]} my_robot")
     running.check_folder(folder)
     if robot is None:
         made = study.new(kind, folder)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ident.cli.output import output
-from ident.errors import InputError, Problem
+from ident.errors import InputError, refusal
 from ident.text import one_line
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def check_folder(out: Path) -> None:
         got = f"no place to write ({(getattr(error, 'strerror', None) or str(error)).lower()})"
     if got:
         where = one_line(str(there)[:LONGEST_PATH])
-        raise InputError(Problem(where, got, "a folder that can be written", "choose another (`folder`)"))
+        raise refusal(where, got, "a folder that can be written", "choose another (`folder`)")
 
 
 def discard_unless_taken(folder: Path, discard: Callable[[Path], None]) -> None:

@@ -25,11 +25,10 @@ from ident.description.robot import (
     beside,
     check_joints,
     read_joints,
-    refusal,
     refuse_xacro,
 )
 from ident.description.schema import ArmDocument, Origin, named, uncertain_numbers
-from ident.errors import InputError, Problem
+from ident.errors import InputError, refusal
 from ident.text import decode, one_line, read_bytes
 
 # -------- Robot file
@@ -151,7 +150,7 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
     data = read_bytes(path, expected)
     text = decode(data, where)
     if not text.strip():
-        raise InputError(Problem(where, "an empty file", expected, "check the path"))
+        raise refusal(where, "an empty file", expected, "check the path")
     digest = hashlib.sha256(data).hexdigest()
     if text.lstrip().startswith("<"):  # XML, and so no TOML
         return robot_arm(path, digest)

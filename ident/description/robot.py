@@ -30,7 +30,7 @@ from ident.description.schema import (
     Table,
     Time,
 )
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.text import NAME, NAME_RULE, decode, did_you_mean, one_line, read_bytes
 
 Pair = tuple[float, ...]
@@ -40,11 +40,6 @@ TIP = "tip"
 MOST_NAMED = 8
 """Names of a list that a line repeats."""
 Node = TypeVar("Node", bound=Hashable)
-
-
-def refusal(where: str, got: str, expected: str, remedy: str) -> InputError:
-    """Return the error of one problem."""
-    return InputError(Problem(where, got, expected, remedy))
 
 
 @contextmanager

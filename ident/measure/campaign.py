@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import Problem, refusal, refuse
 from ident.measure.covariance_and_frames import NO_SETUPS, Correlated, Covariance, Setups, correlated
 from ident.measure.load import (
     AXES,
@@ -179,10 +179,10 @@ class Measurement:
     def __post_init__(self) -> None:
         if self.setup and not re.fullmatch(NAME, self.setup):
             got, expected = quoted(self.setup), "a name such as tracker or tracker-2"
-            raise InputError(Problem(self.where, got, expected, "use letters, digits, _ and -", "setup"))
+            raise refusal(self.where, got, expected, "use letters, digits, _ and -", "setup")
         if self.kind not in KINDS:
             expected = f"one of {', '.join(KINDS)}"
-            raise InputError(Problem(self.where, quoted(self.kind), expected, "correct the kind", "kind"))
+            raise refusal(self.where, quoted(self.kind), expected, "correct the kind", "kind")
         for name, value in _normalised(self).items():
             object.__setattr__(self, name, value)
         given = {name: str(getattr(self, name)) for name in ROLE_FIELDS if getattr(self, name)}

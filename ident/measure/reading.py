@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.files import remove_file, replace_file, together
 from ident.measure.campaign import Campaign, Measurement, load_problems, role_problems, value_problems
 from ident.measure.covariance_and_frames import (
@@ -135,8 +135,7 @@ def read_header(record: Record, findings: Findings) -> Header:
 def _angle_factor(cell: str) -> float:
     unit = cell.partition("[")[2].removesuffix("]").strip()
     if not unit:
-        remedy = "write the unit in square brackets"
-        raise InputError(Problem("", "no unit", "an angle unit, as in 'q1 [deg]'", remedy))
+        raise refusal("", "no unit", "an angle unit, as in 'q1 [deg]'", "write the unit in square brackets")
     return si_factor(unit, "angle")
 
 
@@ -228,10 +227,10 @@ def _covariance(measurements: Iterable[Measurement], path: str | Path, data: byt
     where = one_line(str(beside))
     if data is not None and not sizes:
         got, remedy = "correlations of no row", "name each row's group in a column group, or remove this file"
-        raise InputError(Problem(where, got, f"rows of {one_line(Path(path).name)} in groups", remedy))
+        raise refusal(where, got, f"rows of {one_line(Path(path).name)} in groups", remedy)
     if sizes and data is None:
         remedy = "write it (group,i,j,correlation), or empty the column group"
-        raise InputError(Problem(where, "no such file", "the correlations of the rows in groups", remedy))
+        raise refusal(where, "no such file", "the correlations of the rows in groups", remedy)
     return None if data is None else parse_covariance(data, beside, sizes)
 
 
@@ -246,7 +245,7 @@ def _setups(measurements: Iterable[Measurement], path: str | Path, data: bytes |
         return NO_SETUPS
     if not names:
         got, remedy = "frames of no row", "name each row's setup in a column setup, or remove this file"
-        raise InputError(Problem(one_line(str(beside)), got, f"rows of {one_line(Path(path).name)} in them", remedy))
+        raise refusal(one_line(str(beside)), got, f"rows of {one_line(Path(path).name)} in them", remedy)
     return parse_setups(data, beside, names)
 
 
@@ -325,7 +324,7 @@ def _known_kind(text: str) -> str:
     if text.lower() not in KINDS:
         suggestion = nearest(text, KINDS)
         remedy = f"write {suggestion}" if suggestion else "correct the kind"
-        raise InputError(Problem("", quoted(text), f"one of {', '.join(KINDS)}", remedy))
+        raise refusal("", quoted(text), f"one of {', '.join(KINDS)}", remedy)
     return text.lower()
 
 
@@ -368,11 +367,11 @@ def _positive(text: str, decimal: str, what: str) -> float:
     if text.endswith("%"):
         remedy = "give it in that unit" if what == "resolution" else "use the column relative_sigma for percent"
         expected = "resolution in the value's unit" if what == "resolution" else "sigma in the value's unit"
-        raise InputError(Problem("", quoted(text), expected, remedy))
+        raise refusal("", quoted(text), expected, remedy)
     number = parse_number(text, decimal)
     if number <= 0:
         remedy = "leave the cell empty" if what == "resolution" else "state how far the value may be off"
-        raise InputError(Problem("", quoted(text), f"a {what} above 0", remedy))
+        raise refusal("", quoted(text), f"a {what} above 0", remedy)
     return number
 
 

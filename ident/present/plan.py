@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.arm.arm import ANYWHERE
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.files import replace_file
 from ident.identify.candidates import CLOSE, PARTS, RESOLUTION, Experiment, HammerPlan
 from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
@@ -411,4 +411,4 @@ def _refuse_filled(path: Path) -> None:
         return
     if any((row.get("value") or "").strip() for row in csv.DictReader(lines)):
         got, remedy = "a form that has been filled in", "move it away, or choose another folder (`folder`)"
-        raise InputError(Problem(one_line(str(path)), got, "none, or an empty one", remedy))
+        raise refusal(one_line(str(path)), got, "none, or an empty one", remedy)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
@@ -249,7 +249,7 @@ def modal_test(
     used = {name for test in measured for name in test.files} | {name for test in finished for name in test.files}
     files |= {name: SourceFile(each.path, each.sha256) for name, each in recordings.items() if name in used}
     if not measured and not finished:
-        raise InputError(Problem(table.path, "no row of a response", "at least one", "fill in the column role", "role"))
+        raise refusal(table.path, "no row of a response", "at least one", "fill in the column role", "role")
     identified, named = _identified(placed, (measured, finished), options)
     result = ModalResult(replace(arm, arm=placed), measured, identified, finished, named, None, files, options)
     if options.no_modes:
@@ -308,5 +308,5 @@ def new_channels(
     joints = len(as_file(source).arm.driven) if source else 1
     path = Path(channels) if channels else folder / CHANNELS
     if os.path.isdir(path):
-        raise InputError(Problem(str(path), "a folder", "a file to write", "name the table"))
+        raise refusal(str(path), "a folder", "a file to write", "name the table")
     return path, write_template(folder, path, joints)

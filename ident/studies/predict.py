@@ -6,7 +6,7 @@ from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import Problem, refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
@@ -139,7 +139,7 @@ class PredictResult(Result):
         chosen = joint or next(iter(turning), names[0])
         if chosen not in names:
             remedy = did_you_mean(chosen, names, "correct the name")
-            raise InputError(Problem("joint", quoted(chosen), f"one of {', '.join(names)}", remedy))
+            raise refusal("joint", quoted(chosen), f"one of {', '.join(names)}", remedy)
         return frequency_figure(self.predictions, names.index(chosen))
 
     def _inputs(self) -> Mapping[str, Any]:
@@ -175,9 +175,9 @@ def predict(
     changed = with_numbers(arm.arm, fit or posterior, options.set)
     draws, load = posterior.without(options.set) if posterior else {}, Load.parse(options.load)
     if posterior and next(iter(posterior.values.values())).size < 2:
-        raise InputError(Problem("posterior", "one draw", "two at least, for a band", "sample longer"))
+        raise refusal("posterior", "one draw", "two at least, for a band", "sample longer")
     if posterior and not draws:
-        raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
+        raise refusal("set", "every number of the posterior", "one that is drawn", "drop one of them")
     postures = [tuple(map(radians, angles)) for angles in options.posture] or [(0.0,) * len(changed.driven)]
     analyses = [modal_analysis(changed, posture, load, options.modes, options.drives) for posture in postures]
     predictions = tuple(predict_draws(each, draws) if draws else Prediction(each) for each in analyses)

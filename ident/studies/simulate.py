@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
@@ -281,4 +281,4 @@ def _check_time(at: float | None, basis: "Basis") -> None:
     first, last = float(basis.motion.breaks[0]), float(basis.motion.breaks[-1])
     if at is not None and not first <= at <= last:
         remedy = "hold the arm longer (`dwell`)" if at > last else "correct it"
-        raise InputError(Problem("at", f"{at:g} s", f"a time from {first:g} to {last:.4g} s", remedy))
+        raise refusal("at", f"{at:g} s", f"a time from {first:g} to {last:.4g} s", remedy)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import Problem, refusal
 from ident.studies import ranges
 from ident.studies.amplitudes import AmplitudeOptions
 from ident.studies.door import DEFAULT, study
@@ -168,5 +168,5 @@ def _axes(basis: "Basis", options: SweepOptions) -> "list[Axis]":
         first, second = (len(axis.values) for axis in axes)
         if first * second > MOST_ON_MAP:
             got, expected = f"{first} x {second} = {first * second} points", f"at most {MOST_ON_MAP}"
-            raise InputError(Problem("grid", got, expected, "give smaller counts (`vary` PATH=LOW:HIGH:COUNT)"))
+            raise refusal("grid", got, expected, "give smaller counts (`vary` PATH=LOW:HIGH:COUNT)")
     return axes

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, refusal
 from ident.files import leads_away, replace_file
 from ident.present.report import Finding, Report, Section, Table, Verdict, written
 from ident.text import LARGEST_BINARY, one_line, quoted, read_bytes, study_of
@@ -80,7 +80,7 @@ def read_document(path: str | Path, expected: str) -> dict[str, Any]:
             raise ValueError
     except (ValueError, RecursionError):
         remedy = "give the file that ident wrote"
-        raise InputError(Problem(where, "other contents", expected, remedy)) from None
+        raise refusal(where, "other contents", expected, remedy) from None
     return document
 
 
@@ -111,7 +111,7 @@ def read_record(path: str | Path) -> dict[str, Any]:
                 check_version(root, study_of(root), where)
                 beside = one_line(Path(path).with_suffix(".json").name)
                 got, remedy = f"the arrays of a result ({root})", f"load {beside} beside it"
-                raise InputError(Problem(where, got, EXPECTED, remedy))
+                raise refusal(where, got, EXPECTED, remedy)
             data = read_group(file, RECORD, mask_and_scale=False)
             record: dict[str, Any] = json.loads(data[RECORD].values.tobytes().decode("utf-8", "surrogatepass"))
             form = str(record["format"])
@@ -141,7 +141,7 @@ def check_version(form: str, study: str, where: str, expected: str = EXPECTED) -
     remedy = f"give the file that ident {study} wrote"
     if known:
         remedy = "update ident" if int(number) > NEWEST else f"run ident {study} again: files of this age are not read"
-    raise InputError(Problem(where, f"the format {quoted(form)}", expected, remedy))
+    raise refusal(where, f"the format {quoted(form)}", expected, remedy)
 
 
 def plain(value: Any, instead: Callable[[float], str | None] = lambda number: None) -> Any:
@@ -296,7 +296,7 @@ def whole(path: str | Path, got: str, expected: str, remedy: str) -> Iterator[No
     except InputError:
         raise
     except Exception:
-        raise InputError(Problem(one_line(str(path)), got, expected, remedy)) from None
+        raise refusal(one_line(str(path)), got, expected, remedy) from None
 
 
 # -------- PNG
