@@ -16,7 +16,6 @@ from ident.errors import Problem
 from ident.inference.optima import Ending, Point
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
-from ident.inference.scrutiny import Exchange
 from ident.measure import Load
 from ident.studies.predict import PredictOptions
 
@@ -256,11 +255,3 @@ def test_other_fields_are_those_of_another_version():
     del document["more"], document["sd"]
     with pytest.raises(CodecError, match="another version"):
         decode(document)
-
-
-def test_a_field_that_came_after_a_file_was_written_has_its_default():
-    document = encode(Exchange((1, 2), 3.0, 4.0))
-    del document["score"]
-    found = decode(document)
-    assert (found.rows, found.chi_squared) == ((1, 2), 3.0)
-    assert math.isnan(found.score)

@@ -115,11 +115,8 @@ def sample_command(
 
     measured, described = running.read(campaign, arm)
     folder = out / f"{measured.name}.sample.part"
-    try:
+    with running.kept(folder):
         result = sample(described, measured, options, folder=folder, restart=restart, progress=running.progress)
-    except KeyboardInterrupt:
-        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
-        raise typer.Exit(130) from None
     finish(result, out, no_figure)
     if result.enough:
         running.discard_unless_taken(folder, discard_checkpoints)
@@ -311,13 +308,10 @@ def rerun(
 
     folder = (out or file.parent) / f"{file.name}.rerun.part"
     try:
-        with written_to(None if force else out):
+        with written_to(None if force else out), running.kept(folder):
             repeated = repeat(file, folder=folder, progress=running.progress)
     except InputError as error:
         raise InputError(renamed(Options, problem) for problem in error.problems) from None
-    except KeyboardInterrupt:
-        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
-        raise typer.Exit(130) from None
     tell(repeated)
     output().document = repeated.document
     if out is not None:
@@ -519,7 +513,7 @@ def run_diagnose(
             gc.collect()
         running.glibc("malloc_trim", 0)  # with few heaps (`running.start`) 1.0 instead of 1.3 GB
 
-    try:
+    with running.kept(folder):
         result = diagnose(
             arm_file,
             measured,
@@ -530,9 +524,6 @@ def run_diagnose(
             progress=running.progress,
             on_stage=finished,
         )
-    except KeyboardInterrupt:
-        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
-        raise typer.Exit(130) from None
     tell(result)
     output().document = result.document
     write(result, out)
@@ -618,11 +609,8 @@ def fleet_command(
     for the next robot) and .png into the folder given by --out. Exit status 3 where a robot failed.
     """
     folder = out / f"{robots.absolute().name}.fleet.robots"
-    try:
+    with running.kept(folder):
         result = fleet(robots, arm, options, folder=folder, progress=running.progress)
-    except KeyboardInterrupt:
-        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
-        raise typer.Exit(130) from None
     finish(result, out, no_figure)
     output().say(f"kept {folder}: fits of robots whose files have not changed are taken from there")
     leave(result, strict=strict)

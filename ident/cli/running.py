@@ -8,7 +8,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sized
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -107,6 +107,16 @@ def check_folder(out: Path) -> None:
     if got:
         where = one_line(str(there)[:LONGEST_PATH])
         raise refusal(where, got, "a folder that can be written", "choose another (`folder`)")
+
+
+@contextmanager
+def kept(folder: Path) -> Iterator[None]:
+    """Say, where the user interrupts, what is kept to go on from, and end with the code of an interruption."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
+        raise typer.Exit(130) from None
 
 
 def discard_unless_taken(folder: Path, discard: Callable[[Path], None]) -> None:

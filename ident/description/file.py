@@ -5,6 +5,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os import PathLike
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -19,7 +20,6 @@ from ident.arm.plausibility import belt_mismatches
 from ident.description.problems import Source, load_toml
 from ident.description.rewriting import changed_numbers, joint_text, set_inertias, set_numbers, with_first_joint
 from ident.description.robot import (
-    BUSHING,
     JointsFile,
     Robot,
     beside,
@@ -27,7 +27,7 @@ from ident.description.robot import (
     read_joints,
     refuse_xacro,
 )
-from ident.description.schema import ArmDocument, Origin, named, uncertain_numbers
+from ident.description.schema import BUSHING, ArmDocument, Origin, named, uncertain_numbers
 from ident.errors import InputError, refusal
 from ident.text import decode, one_line, read_bytes
 
@@ -131,6 +131,11 @@ class ArmFile:
     def __str__(self) -> str:
         """Return a short table of the arm, and its file."""
         return f"{self.arm}\nfile: {one_line(self.path)}" if self.path else str(self.arm)
+
+    @property
+    def name(self) -> str:
+        """What results are called after: the file, or else the arm."""
+        return Path(self.path).stem or self.arm.name
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -167,7 +167,7 @@ class ArmPicture(Reported):
     @property
     def name(self) -> str:
         """What its picture is called, without the end."""
-        return f"{Path(self.view.arm_file.path).stem or self.view.arm.name}.show"
+        return f"{self.view.arm_file.name}.show"
 
     @property
     def oddities(self) -> tuple[str, ...]:

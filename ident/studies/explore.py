@@ -72,18 +72,9 @@ class ExploreResult(Result):
     posterior: "Values | None" = None
 
     form = "ident-explore/1"
+    subject = "arm.name"
     suffix = ".html"
-    shown = ("exploration", "fit", "posterior", "changed")
-
-    @property
-    def name(self) -> str:
-        """The arm file's name and what was done with it."""
-        return f"{Path(self.arm.path).stem or self.arm.arm.name}.explore"
-
-    @property
-    def changed(self) -> Mapping[str, float]:
-        """The numbers that were set, by path [SI]."""
-        return self.options.set
+    shown = ("exploration", "fit", "posterior", "options.set")
 
     def figures(self) -> "dict[str, Figure]":
         """Return none: the page draws them."""

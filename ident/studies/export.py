@@ -235,7 +235,7 @@ def _mjcf(asked: Exported) -> Mapping[Path, bytes]:
 
 def _urdf(asked: Exported) -> Mapping[Path, bytes]:
     from ident.description.mjcf_writing import with_comment
-    from ident.description.robot import BUSHING
+    from ident.description.schema import BUSHING
     from ident.text import read_bytes
 
     path, own, arm = asked.path, asked.own, asked.arm

@@ -109,7 +109,7 @@ def basis_of(
     described = with_numbers(arm.arm, fit or posterior, options.set)
     _check(options, path is not None)
     motion, percent = _motion(described, options, path)
-    name = f"{Path(arm.path).stem or arm.arm.name}.{_name(described, options, path, percent)}"
+    name = f"{arm.name}.{_name(described, options, path, percent)}"
     load = Load.parse(options.load)
     taken = [path for values in (fit, posterior) if values for path in values.values]
     described, unknown = options.unknown(described, {**arm.origins, **dict.fromkeys(taken, IDENTIFIED)})

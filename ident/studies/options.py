@@ -82,6 +82,11 @@ def option(default: Any, help: str, **more: Any) -> Any:
     return field(default=default, metadata=spec)
 
 
+def seed_of_draws() -> Any:
+    """Return the option that chooses draws of a posterior at random."""
+    return option(None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """Options of a study; checked when they are made.

@@ -3,13 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import radians
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import Problem, refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
-from ident.studies.options import option
+from ident.studies.options import option, seed_of_draws
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, is_angle, with_numbers
 from ident.text import did_you_mean, quoted
@@ -38,9 +37,7 @@ class PredictOptions(ArmOptions):
     modes: int = option(6, "number of modes", low=1, high=1000)
     drives: str = option("brake", "what holds the motors: brake, or servo of the arm file", choices=("brake", "servo"))
     draws: int = option(200, "draws of the posterior", low=2, high=100_000)
-    seed: int | None = option(
-        None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18
-    )
+    seed: int | None = seed_of_draws()
 
     def problems(self) -> list[Problem]:
         """Return a negative mass or stiffness, or a posture that is none."""
@@ -70,14 +67,10 @@ class PredictResult(Result):
     posterior: "Values | None" = None
 
     form = "ident-predict/10"
-    shown = ("predictions", "fit", "posterior", "changed")
+    subject = "arm.name"
+    shown = ("predictions", "fit", "posterior", "options.set")
     numbers = ("frequencies", "deflections")
     summary = ("deflections", "deflection_bands")
-
-    @property
-    def name(self) -> str:
-        """The arm file's name and what was done with it."""
-        return f"{Path(self.arm.path).stem or self.arm.arm.name}.predict"
 
     @property
     def analyses(self) -> "tuple[ModalAnalysis, ...]":
@@ -110,11 +103,6 @@ class PredictResult(Result):
     def deflections(self) -> "tuple[Mapping[str, np.ndarray], ...]":
         """Static deflection at each posture by point name, (3,) [m] in the base frame."""
         return tuple(analysis.deflection for analysis in self.analyses)
-
-    @property
-    def changed(self) -> Mapping[str, float]:
-        """The numbers that were set, by path [SI]."""
-        return self.options.set
 
     def figures(self) -> "dict[str, Figure]":
         """Return one figure a posture, `2` the second's: the modes from the side and from above."""

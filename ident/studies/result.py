@@ -434,7 +434,7 @@ class Result(Reported):
         study = study_of(self.form)
         path = ("ident.present", medium, SHARED_FILES[medium].get(study, study))
         module = import_module(".".join(filter(None, path)))
-        return getattr(module, f"{study}_{what}")(*(getattr(self, name) for name in self.shown))
+        return getattr(module, f"{study}_{what}")(*(attrgetter(name)(self) for name in self.shown))
 
     def _beside(self, path: Path, suffix: str) -> Path:
         """Return the path of a further file: its name ends in the study's, so that it takes no other file's place."""

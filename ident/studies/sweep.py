@@ -10,7 +10,7 @@ from ident.studies import ranges
 from ident.studies.amplitudes import AmplitudeOptions
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import basis_of
-from ident.studies.options import option
+from ident.studies.options import option, seed_of_draws
 from ident.studies.result import Progress, Result, check_place, silent
 
 if TYPE_CHECKING:
@@ -43,9 +43,7 @@ class SweepOptions(AmplitudeOptions):
     )
     grid: bool = option(False, "both of two parameters together, as a map")
     draws: int = option(50, "draws of the posterior", low=1, high=10_000)
-    seed: int | None = option(
-        None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18
-    )
+    seed: int | None = seed_of_draws()
 
     def problems(self) -> list[Problem]:
         """Refuse ranges that are none, and what is no map."""

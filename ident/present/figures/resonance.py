@@ -48,15 +48,14 @@ def resonance_figure(
     figure = titled(SIZE, cut(title or "Natural and pulley frequencies", 90), (0.06, 0.05))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(5, 1))
     top = 1.15 * float(branches.band()[1].max() if branches.batch_size else branches.median.max())
-    upper.set_ylim(0, top)
-    upper.set_xlim(branches.time[0], branches.time[-1])
+    upper.set(ylim=(0, top), xlim=(branches.time[0], branches.time[-1]))
     _shades(upper, branches, excitation, crossings)
     _branches(upper, branches)
     _pulleys(upper, branches, excitation, top)
     _numbers(upper, crossings)
     _postures(lower, branches)
-    upper.set_ylabel("frequency [Hz]", fontsize=9)
-    lower.set_xlabel("time [s]", fontsize=9)
+    upper.set(ylabel="frequency [Hz]")
+    lower.set(xlabel="time [s]")
     plain(upper, grid=True)
     plain(lower)
     names = {f"{name.direction} {name.kind}" for b in range(len(branches.labels)) for name, *_ in _spans(branches, b)}
@@ -180,7 +179,7 @@ def _postures(axes: Axes, branches: "Branches") -> None:
     for group, value in zip(groups, _spread(first, axes), strict=True):
         name = ", ".join(f"q{j + 1}" for j in group)
         _write(axes, name, (0.0, value), GREY, (4, 0), axes.get_yaxis_transform())
-    axes.set_ylabel("angle [deg]", fontsize=9)
+    axes.set(ylabel="angle [deg]")
 
 
 def _spread(values: Float[np.ndarray, "n"], axes: Axes) -> Float[np.ndarray, "n"]:
