@@ -215,8 +215,6 @@ class Campaign:
         name: what the campaign is called; the file's name without its ending.
         path: the file it was read from; empty for a campaign made in code.
         sha256: hash of the file's bytes.
-        delimiter: the file's column delimiter.
-        decimal: the file's decimal mark.
         measurements: in the file's order, all with the same number of joints.
         covariance: how the errors of the groups' rows are correlated; None where no row is in a group.
         setups: the frames of the setups that rows name.
@@ -225,8 +223,6 @@ class Campaign:
     name: str = field(default="", compare=False)
     path: str = field(default="", compare=False)
     sha256: str = field(default="", compare=False)
-    delimiter: str = field(default=",", compare=False)
-    decimal: str = field(default=".", compare=False)
     measurements: tuple[Measurement, ...] = ()
     covariance: Covariance | None = None
     setups: Setups = NO_SETUPS

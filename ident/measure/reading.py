@@ -197,14 +197,13 @@ def parse_campaign(
         expected, remedy = "a header and a row for each measurement", "see data/README.md for the columns"
         raise InputError([*findings, Problem(file, "only one row" if records else "no row", expected, remedy)])
     header = read_header(records[0], findings)
-    rows, decimal = _rows(records[1:], header, delimiter, findings)
-    read = [_read_row(row, header) for row in rows]
+    read = [_read_row(row, header) for row in _rows(records[1:], header, delimiter, findings)]
     measurements = _numbered(measurement for measurement in read if measurement is not None)
     findings += _duplicate_problems(measurements) if not header.broken else ()
     refuse(p for p in findings if p.where == header.where or p.column not in header.broken)
     sha256 = hashlib.sha256(data).hexdigest()
     correlated, frames = _covariance(measurements, path, covariance), _setups(measurements, path, setups)
-    return Campaign(Path(path).stem, str(path), sha256, delimiter, decimal, measurements, correlated, frames)
+    return Campaign(Path(path).stem, str(path), sha256, measurements, correlated, frames)
 
 
 def _numbered(measurements: Iterable[Measurement]) -> tuple[Measurement, ...]:
@@ -268,13 +267,13 @@ class _Row:
         self.findings.extend(replace(problem, where=self.where) for problem in problems)
 
 
-def _rows(records: list[Record], header: Header, delimiter: str, findings: Findings) -> tuple[list[_Row], str]:
-    """Return the rows that fit the header, and their decimal mark."""
+def _rows(records: list[Record], header: Header, delimiter: str, findings: Findings) -> list[_Row]:
+    """Return the rows that fit the header."""
     rows = fitting(records, len(header.names), delimiter, findings)
     table = [(where, dict(zip(header.names, cells, strict=True))) for where, cells in rows]
     numeric = [name for name in header.names if name in header.angles or name in NUMERIC_COLUMNS]
     decimal = decimal_mark(delimiter, (cells[name] for _, cells in table for name in numeric))
-    return [_Row(where, cells, decimal, findings) for where, cells in table], decimal
+    return [_Row(where, cells, decimal, findings) for where, cells in table]
 
 
 def _read_row(row: _Row, header: Header) -> Measurement | None:
