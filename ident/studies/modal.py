@@ -175,15 +175,11 @@ class ModalResult(Result):
         words = ["" if i == 1 else str(i) for i in range(1, len(self.tests) + 1)]
         found = self.identified or (None,) * len(self.tests)
         figures = {word: measured_figure(test, each) for word, test, each in zip(words, self.tests, found, strict=True)}
-        diagrams = {
-            f"modes{word}": stabilisation_figure(test, each)
+        return figures | {
+            f"{kind}{word}": draw(test, each)
+            for kind, draw in (("modes", stabilisation_figure), ("shapes", argand_figure))
             for word, test, each in zip(words, self.tests, self.identified, strict=False)
         }
-        planes = {
-            f"shapes{word}": argand_figure(test, each)
-            for word, test, each in zip(words, self.tests, self.identified, strict=False)
-        }
-        return figures | diagrams | planes
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.present.files.document import write_netcdf
