@@ -162,13 +162,13 @@ def mode_figure(analysis: "ModalAnalysis") -> Figure:
         for axes, (view, across, up) in zip(panels[i], VIEWS, strict=True):
             _draw(axes, rest[[across, up]], color=PALEST, size=6.0)
             _draw(axes, shapes[i][[across, up]], color=colour_of(label), size=2.0)
+            plain(axes)
             axes.set(xlim=frame[across], ylim=frame[up], aspect="equal")
             axes.set_ylabel(f"{'xyz'[up]} [m]", fontsize=8)
             axes.set_xlabel(f"{'xyz'[across]} [m]" if i == count - 1 else "", fontsize=8)
             doubt = " (a near draw)" if analysis.ambiguous[i] else ""
             name = f"{i + 1}: {label}{doubt}, {analysis.modes.frequency[i]:.2f} Hz, {view}"
             axes.set_title(name, fontsize=9, loc="left")
-            plain(axes)
     return figure
 
 

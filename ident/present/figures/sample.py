@@ -369,6 +369,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: "CampaignPlan") -> None
     shown = main_joints(postures, gain) if workspace.line is None else [int(np.flatnonzero(workspace.line)[0])]
     names = [plan.arm.driven[i].name for i in shown]
     angles = np.rad2deg(postures[:, shown])
+    plain(axes)
     if listed:
         places = _bars(axes, plan, gain)
     elif len(shown) == 1:
@@ -376,13 +377,12 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: "CampaignPlan") -> None
     else:
         drawn = _map(axes, angles, gain, sampled=scattered)
         colour_bar(figure, axes, drawn, _gain_label(plan)).outline.set_visible(False)
-        axes.set_ylabel(f"{cut(names[1], 30)} [deg]", parse_math=False)
+        axes.set_ylabel(f"{cut(names[1], 30)} [deg]", fontsize=10, parse_math=False)
         places = {i: tuple(np.rad2deg(q[shown])) for i, q in enumerate(plan.predictions.postures)}
     if not listed:
-        axes.set_xlabel(f"{cut(names[0], 30)} [deg]", parse_math=False)
+        axes.set_xlabel(f"{cut(names[0], 30)} [deg]", fontsize=10, parse_math=False)
         for axis, of_joint in zip((axes.xaxis, axes.yaxis), angles.T, strict=False):
             axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not scattered else MaxNLocator(9))
-    plain(axes)
     _mark(axes, plan, places)
     entries: dict[str, Any] = {"chosen, in this order; from 2 on for what is not yet known then": BADGE}
     if plan.measured.any():
