@@ -70,7 +70,7 @@ from ident.arm.rotations import (
     turn_about,
     turned,
 )
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.programs import AnyArray
 
 # -------- Losses
@@ -92,7 +92,7 @@ def refuse_losses(arm: Arm) -> None:
         expected = "damping times, as loss factors hold for harmonic motion only"
         time = given[0].replace("loss", "tau")
         remedy = f"take them out, and give {time} = loss factor / (2 pi f) instead, which is exact at one frequency f"
-        raise InputError(Problem(arm.name, got, expected, remedy))
+        raise refusal(arm.name, got, expected, remedy)
 
 
 # -------- Multibody
@@ -280,7 +280,7 @@ def multibody(
     loads = (no_loads(arm) if loads is None else loads).lifted(rank)
     if loads.moment is not None:
         remedy = "take two forces at two points of the body"
-        raise InputError(Problem(arm.name, "a moment", "payloads, masses and forces in motion", remedy, "load"))
+        raise refusal(arm.name, "a moment", "payloads, masses and forces in motion", remedy, "load")
     axis, (shaft, link) = axes(arm, rank), moments(arm, loads, rank)
     bend, tors, damping = bushings(arm, axis)
     return Multibody(

@@ -10,7 +10,7 @@ from scipy.stats import binomtest
 
 from ident.assess.effort import DiagnosisEffort
 from ident.assess.scenario import Basis, OverPhases, Unknowns, at_share, over_phases
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.vibrate.design_search import Point, Requirements, Search, settled, with_cut
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, Variable, binomial_estimate, side_by_side
 from ident.vibrate.exact import Progress
@@ -139,7 +139,7 @@ def keeping(
     """
     if evaluator.size == 1:
         remedy = "take a posterior's draws: the arm alone says nothing of a probability"
-        raise InputError(Problem("`evaluator`", "no draws", "at least one", remedy))
+        raise refusal("`evaluator`", "no draws", "at least one", remedy)
     parts, keeps = list(looks(evaluator.size - 1)), np.zeros(0, bool)
     for k in progress(range(len(parts))):
         draws = {path: values[parts[k]] for path, values in evaluator.draws.items()}

@@ -111,7 +111,8 @@ def chance_words(estimate: "BinomialEstimate") -> str:
 
 def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
     """Yield what makes most of the vibration and what helps, each with its label: Cause, Remedy, or."""
-    yield "Cause", _cause(diagnosis)
+    itself = "the motion itself; no drive comes near a natural frequency"
+    yield "Cause", _resonant(diagnosis.resonance, diagnosis.task.basis.arm) or contribution_words(diagnosis) or itself
     best, verified = diagnosis.advised, diagnosis.verified
     if best is None or verified is None:
         return
@@ -134,11 +135,6 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
 
 def _offer(diagnosis: "Diagnosis", remedy: Remedy) -> str:
     return f"{remedy.effort}: {change_words(remedy)}{_numbers(diagnosis, remedy)}"
-
-
-def _cause(diagnosis: "Diagnosis") -> str:
-    itself = "the motion itself; no drive comes near a natural frequency"
-    return _resonant(diagnosis.resonance, diagnosis.task.basis.arm) or contribution_words(diagnosis) or itself
 
 
 def _resonant(resonance: "ResonanceAssessment", arm: "Arm") -> str:

@@ -295,24 +295,6 @@ class DiagnoseResult(FromFit):
 
         return render(self._page(self.head))
 
-    def save_pdf(self, folder: str | Path) -> Path:
-        """Print the page as PDF into a folder, under the result's name, by Chromium; return its path.
-
-        Raises:
-            InputError: there is no such browser on the PATH, or the file can't be written.
-            ModelError: the browser fails.
-        """
-        from tempfile import TemporaryDirectory
-
-        from ident.present.files.document import write_pdf
-
-        path = Path(folder) / f"{self.name}.pdf"
-        with TemporaryDirectory() as part:
-            page = Path(part) / "page.html"
-            page.write_text(self.html(), encoding="utf-8")
-            write_pdf(page, path)
-        return path
-
     def _page(self, head: Mapping[str, Any]) -> "Page":
         from ident.assess.show import arm_view
         from ident.present.html.diagnose import diagnose_page
@@ -411,17 +393,6 @@ def diagnose(
                 Store.discard(folder / CHAINS)
                 Store.empty(folder)
             raise
-
-
-def check_browser() -> None:
-    """Refuse to print where there is nothing to print with.
-
-    Raises:
-        InputError: there is no Chromium on the PATH.
-    """
-    from ident.present.files.document import find_browser
-
-    find_browser()
 
 
 def part_folder(folder: Path, campaign: "Campaign") -> Path:

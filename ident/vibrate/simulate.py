@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from ident.arm.arm import Arm, nominal
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, exciting_orders, has_transmission_error, multibody
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import ModelError, refusal
 from ident.programs import RUNS_ONCE, AnyArray, jit, library
 from ident.text import did_you_mean, quoted
 from ident.vibrate import exact, fast
@@ -166,7 +166,7 @@ def _refuse_many(motion: Motion, samples: float, rate: float) -> None:
     else:
         column, got, remedy = "speed", f"a motion of {moving:.4g} s", "let it be faster (`speed`)"
     got += f", {samples:.4g} samples in all"
-    raise InputError(Problem("", got, f"at most {MOST_SAMPLES:,} samples".replace(",", " "), remedy, column))
+    raise refusal("", got, f"at most {MOST_SAMPLES:,} samples".replace(",", " "), remedy, column)
 
 
 def _refuse_short(seconds: float, step: float, needed: bool) -> None:
@@ -176,24 +176,23 @@ def _refuse_short(seconds: float, step: float, needed: bool) -> None:
     got = f"steps of {step:.3g} s" + (", as its drives and frequencies ask for" if needed else "")
     got += f", {seconds / step:.3g} in all"
     remedy = "correct the arm's ratios and stiffnesses" if needed else "leave it out for one that fits"
-    expected = f"at most {MOST_STEPS:,} steps".replace(",", " ")
-    raise InputError(Problem("", got, expected, remedy, "" if needed else "step"))
+    raise refusal("", got, f"at most {MOST_STEPS:,} steps".replace(",", " "), remedy, "" if needed else "step")
 
 
 def _check_method(method: str, batch: tuple[int, ...]) -> None:
     if method not in ("fast", "exact"):
-        raise InputError(Problem("method", f"'{method}'", "fast or exact", "choose one"))
+        raise refusal("method", f"'{method}'", "fast or exact", "choose one")
     if method == "exact" and batch:
-        raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
+        raise refusal("method", "exact for several sets", "one set", "simulate them one by one")
 
 
 def _check(arm: Arm, rate: float, step: float | None) -> None:
     if not 1.0 <= rate <= 1e6:
-        raise InputError(Problem("rate", f"{rate:g} samples a second", "1 to 1e6", "choose a rate as 500"))
+        raise refusal("rate", f"{rate:g} samples a second", "1 to 1e6", "choose a rate as 500")
     if step is not None and not 0 < step < np.inf:
-        raise InputError(Problem("step", f"{step:g} s", "a time above 0", "leave it out for one that fits"))
+        raise refusal("step", f"{step:g} s", "a time above 0", "leave it out for one that fits")
     if not arm.points:
-        raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
+        raise refusal(arm.name, "no named point", "an end point", "add a [[point]] to the arm file")
 
 
 def refuse_jumps(arm: Arm, motion: Motion) -> None:
@@ -205,7 +204,7 @@ def refuse_jumps(arm: Arm, motion: Motion) -> None:
         name = arm.driven[joint].name if joint < len(arm.driven) else f"joint {joint + 1}"
         got = f"a jump of {name}'s speed by {np.rad2deg(jumps[piece, joint]):.4g} deg/s at {motion.breaks[piece]:.4g} s"
         remedy = "let a path begin at rest, and smooth a log (`smoothing`)"
-        raise InputError(Problem(motion.name, got, "a motion from rest without such jumps", remedy))
+        raise refusal(motion.name, got, "a motion from rest without such jumps", remedy)
 
 
 def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
@@ -286,13 +285,12 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
     """Return a measure for a motion sampled at a rate."""
     if measure not in MEASURES:
         remedy = did_you_mean(measure, MEASURES, "choose one of them")
-        raise InputError(Problem("", quoted(measure), f"one of {', '.join(MEASURES)}", remedy, "measure"))
+        raise refusal("", quoted(measure), f"one of {', '.join(MEASURES)}", remedy, "measure")
     time, first = sample_times(motion, rate), 0
     if measure == "residual":
         first = int(np.searchsorted(time, motion.arrival - 1e-9))
         if first > len(time) - 2:
-            got = "a motion that ends at its arrival"
-            raise InputError(Problem("", got, "time after it", "hold the arm (`dwell`)", "measure"))
+            raise refusal("", "a motion that ends at its arrival", "time after it", "hold the arm (`dwell`)", "measure")
     return Amplitude(measure, np.asarray(first), np.asarray(len(time)), max(1, round(WINDOW * rate)))
 
 
