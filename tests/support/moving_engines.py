@@ -8,6 +8,7 @@ that nothing of ident is used to judge ident.
 """
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -289,7 +290,15 @@ class MujocoMoving(MovingArm):
 
     w_first = True
 
-    def __init__(self, arm: Arm, loads: Loads | None = None, *, elastic: bool = False):
+    def __init__(
+        self,
+        arm: Arm,
+        loads: Loads | None = None,
+        *,
+        elastic: bool = False,
+        added: Mapping[str, Sequence[tuple[float, complex, float]]] | None = None,
+    ):
+        """`added`: mass, place across the axis at pulley angle 0 as a complex number, height of bodies on drives."""
         super().__init__(arm, loads, elastic=elastic)
         spec = mujoco.MjSpec()
         spec.option.gravity = np.asarray(arm.gravity)
@@ -306,7 +315,12 @@ class MujocoMoving(MovingArm):
             else:
                 weigh(shaft, lumped([*self.shaft_parts(n), *self.link_parts(n)]))
             if drive is not None:
-                weigh(hinged(shaft, drive.name, axis), turning_part(drive, axis, self.bulk)[0])
+                first, second = across(axis)
+                bodies = [
+                    Lump(mass, height * axis + place.real * first + place.imag * second, np.zeros((3, 3)))
+                    for mass, place, height in (added or {}).get(drive.name, ())
+                ]
+                weigh(hinged(shaft, drive.name, axis), lumped([turning_part(drive, axis, self.bulk)[0], *bodies]))
             for point in arm.points:
                 if point.joint == joint.name:
                     parent.add_site(name=point.name, pos=np.asarray(point.position))
