@@ -29,6 +29,7 @@ from ident.assess.scenario import Basis
 from ident.assess.source import CHANCE, NEAR, Tried
 from ident.vibrate.fast import FastMethod, numbers_of, vibrations
 from ident.vibrate.simulate import fast_method, refuse_collapse
+from ident.vibrate.source_identification import LEVEL
 
 RATE = 200.0
 """Samples a second: the peak of a vibration of 8 Hz is 0.8 % lower at most between two of them."""
@@ -230,10 +231,10 @@ class Rotor:
     @property
     def state(self) -> str:
         """What is to be done: `balance`, or why nothing is."""
+        if self.share * (1.0 if self.told else 1 + LEVEL * self.sd) < WORTH:
+            return "not worth it"
         if not self.told:
             return "cannot be told"
-        if self.share < WORTH:
-            return "not worth it"
         if self.calibration.state == "contradicting":
             return "trials contradict"
         return "balance" if max(body.mass for body in self.bodies) <= self.pulley.most else "does not fit"

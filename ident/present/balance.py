@@ -42,13 +42,11 @@ def _verdict(balance: "Balance") -> Verdict:
         most = 100 * max(each.share for each in balance.rotors)
         return Verdict("NO GAIN", f"No imbalance makes more than {most:.0f} % of the vibration's peak.", "caution")
     if not done:
-        word = {"does not fit": "DOES NOT FIT", "cannot be told": "NOT TOLD"}.get(states[0], "CONTRADICTING")
-        reason = {
-            "DOES NOT FIT": f"{_needs(next(each for each in balance.rotors if each.state == 'does not fit'))}.",
-            "NOT TOLD": "The runs do not tell the imbalances that matter.",
-            "CONTRADICTING": "The trial masses contradict each other: no mass is recommended.",
-        }[word]
-        return Verdict(word, reason, "bad")
+        if (large := next((each for each in balance.rotors if each.state == "does not fit"), None)) is not None:
+            return Verdict("DOES NOT FIT", f"{_needs(large)}.", "bad")
+        if "trials contradict" in states:
+            return Verdict("CONTRADICTING", "The trial masses contradict each other: no mass is recommended.", "bad")
+        return Verdict("NOT TOLD", "The runs do not tell the imbalances that matter.", "bad")
     before, after = (MM * float(np.abs(part).max()) for part in (balance.before, balance.after))
     names = some([each.drive.name for each in done])
     falls = f"Masses on {names}: the vibration falls from {before:.3f} to {after:.3f} mm, {_left(balance.left)} is left"
@@ -155,7 +153,7 @@ def _details(balance: "Balance") -> Iterator[Section]:
         for each in balance.rotors
     ]
     head = (
-        *("Rotor", "turns a joint's turn", "at most [Hz]", "e omega [mm/s]", "rotor [kg]", "left, 95 % [mm/s]"),
+        *("Rotor", "ratio", "at most [Hz]", "e omega [mm/s]", "rotor [kg]", "left, 95 % [mm/s]"),
         *("couple left [g mm^2]", "phase sd [deg]"),
     )
     table = [(*a, *b) for a, b in zip(rows, more, strict=True)]
@@ -163,8 +161,8 @@ def _details(balance: "Balance") -> Iterator[Section]:
         "Rotors",
         (
             "Grades of ISO 21940-11 by eccentricity times angular speed, as one plane, at the motion's highest speed. "
-            "A negative ratio: the rotor turns against its joint. A joint that is off by 1 deg turns the mark by as "
-            "many degrees. The couple is in the prediction.",
+            "Ratio: turns for one of the joint, negative where the rotor turns against it; with a joint 1 deg off 0, "
+            "its mark is as many degrees away. The couple is in the prediction.",
             Table("", head, tuple(table), ("", "g", ".2f", ".3g", ".3g", ".3g", ".3g", ".1f")),
         ),
     )

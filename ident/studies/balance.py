@@ -1,7 +1,7 @@
 """Balance the joint drives' rotors by what `ident source` has identified: which mass goes where, and what it brings."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import radians
 from pathlib import Path
@@ -38,8 +38,17 @@ MOST = 50.0
 
 FEWEST = 3
 """Holes around a pulley, of which two neighbours hold any correction."""
-EACH: Any = {"repeated": True, "read": reading.by_name}
-"""How an option is read that may differ between drives: 40 is for all, drive2=40 for one."""
+
+
+def by_drive(texts: Sequence[str], flag: str) -> dict[str, float]:
+    """Read DRIVE=NUMBER, each drive once; a number alone, of the empty name, is that of all others."""
+    parts = [part.strip() for text in texts for part in text.split(",")]
+    alone = [("", reading.number(part, f"{flag} {part}")) for part in parts if "=" not in part]
+    return reading.once(flag, [*alone, *reading.numbers([p for p in parts if "=" in p], flag).items()])
+
+
+EACH: Any = {"repeated": True, "read": by_drive}
+"""How an option is read that may differ between drives."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +107,11 @@ class BalanceResult(Result):
     subject = "found.basis.name"
     shown = ("found",)
     summary = ("left", "imbalance_left")
+
+    @classmethod
+    def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the result of ident source, which names its arm, and the path."""
+        return {name: path for name, path in inputs.items() if name != "arm"}
 
     @property
     def left(self) -> 'Float[ndarray, "3"]':

@@ -47,13 +47,6 @@ def numbers(texts: Sequence[str], flag: str) -> dict[str, float]:
     return once(flag, [(name, number(value, f"{flag} {text}")) for text, name, value in pairs])
 
 
-def by_name(texts: Sequence[str], flag: str) -> dict[str, float]:
-    """Read NAME=NUMBER, each name once; a number alone, of the empty name, is that of all others."""
-    parts = [part.strip() for text in texts for part in text.split(",")]
-    alone = [number(part, f"{flag} {part}") for part in parts if "=" not in part]
-    return once(flag, [*(("", each) for each in alone), *numbers([p for p in parts if "=" in p], flag).items()])
-
-
 def shares(texts: Sequence[str], flag: str) -> dict[str, float]:
     """Read NAME=NUMBER, with commas between several, each name once; a number alone is of frequencies."""
     parts = [part.strip() for text in texts for part in text.split(",")]
