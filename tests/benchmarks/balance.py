@@ -3,10 +3,9 @@
 `python tests/benchmarks/balance.py [--sets 20] [--seed 0] [--error 3] [--resume FILE]`
 
 Each set is an arm of `source.py` (stiffnesses 1.5 % off, random phases, transmission errors of `--error` arc seconds
-peak to peak), moved by MuJoCo with masses as bodies on its pulleys. Runs at 10 and 13 % of full speed, one at 10 % with a
-trial mass on drive 2 as stated, one with a correction in the wrong hole, 30 degrees aside; y and z of the tip, white
-noise of 5 % of the peak, clocks off. Then the masses that are found are mounted on a turned pulley with 12 holes, 20 mm
-above the imbalance.
+peak to peak), moved by MuJoCo with masses as bodies on its pulleys. Runs at 10 and 13 % of full speed, one at 10 % with
+a trial mass on drive 2 as stated, one with a correction in the wrong hole, 30 degrees aside; y and z of the tip, white
+noise of 5 % of the peak, clocks off. Then the masses that are found are mounted in 12 holes, 20 mm above the imbalance.
 """
 
 import argparse

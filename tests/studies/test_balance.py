@@ -2,6 +2,9 @@
 
 import json
 import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +13,25 @@ from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
 from source_runs import FILE, HEAD, imbalance_of, measure, true_arm, with_mass
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+from mujoco_arm import MujocoTransient
+
 import ident
-from ident.assess.balance import Pulley, calibrated, complex_least_squares, grade, repeatability
+from ident.assess.balance import (
+    Pulley,
+    Rotor,
+    balanced,
+    calibrated,
+    complex_least_squares,
+    grade,
+    repeatability,
+)
+from ident.assess.scenario import Basis
 from ident.assess.source import Tried
-from ident.description.file import read_arm
+from ident.description.file import ArmFile, read_arm
 from ident.errors import InputError
+from ident.identify.values import Values
 from ident.measure.runs import TrialMass
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
@@ -76,7 +93,7 @@ def test_a_trial_mass_acts_as_stated_or_where_it_sits(identified):
 
 def test_masses_are_opposite_the_imbalance_and_leave_what_is_predicted(result):
     """Against the true arm with these masses, which nothing but the traces has told."""
-    arm = balanced = true_arm()
+    arm = corrected = true_arm()
     assert [rotor.drive.name for rotor in result.found.balanced] == ["drive2", "drive3"]
     for rotor in result.found.balanced:
         name, (size, turn) = rotor.drive.name, rotor.wanted_sd
@@ -85,9 +102,9 @@ def test_masses_are_opposite_the_imbalance_and_leave_what_is_predicted(result):
         off = mounted / -imbalance_of(arm, name) - 1
         assert abs(off.real) < 4 * size < 0.2
         assert abs(off.imag) < 4 * turn < 0.2
-        balanced = with_mass(balanced, name, mounted)
+        corrected = with_mass(corrected, name, mounted)
     motion = stroke(arm.stroke, percent=12.0, dwell=2.0)
-    peaks = [np.abs(np.asarray(simulate(each, motion, rate=200.0).vibration)).max() for each in (arm, balanced)]
+    peaks = [np.abs(np.asarray(simulate(each, motion, rate=200.0).vibration)).max() for each in (arm, corrected)]
     _, low, high = result.left
     assert low - 0.01 < peaks[1] / peaks[0] < high + 0.01
     assert peaks[1] < 0.7 * peaks[0]
@@ -188,6 +205,31 @@ def test_a_body_against_the_imbalance_balances_the_rotor_in_another_engine(drive
         made, left = np.abs(at[0] - at[1]).max(), np.abs(at[2] - at[3]).max()
         assert left < 0.02 * made
         assert np.abs(at[4] - at[3]).max() > 0.1 * made
+
+
+@pytest.mark.slow
+def test_a_correction_at_another_height_leaves_what_another_engine_leaves():
+    """Over a whole stroke, by MuJoCo with the bodies on the pulley: the couple, which no quick test has."""
+    arm = true_arm().replace({f"drive{k}.error": 0.0 for k in (1, 2, 3)})
+    motion, unbalanced, height = stroke(arm.stroke, percent=12.0, dwell=1.0), imbalance_of(arm, "drive2"), 0.3
+    count = 2
+    same = {path: np.full(count, float(arm.get(path))) for path in ("joint1.k_tors", "drive2.phase")}
+    basis = Basis(ArmFile(arm, "", "", {}), arm, motion, 12.0, posterior=Values("", "", same))
+    pulley = Pulley(0.09, height, 1.0, 0.5, 12, 0.2)
+    draws = np.full(count, unbalanced)
+    ours = Rotor(arm.drives[1], pulley, unbalanced, draws, True, 0.01, np.nan, calibrated([], count), 8.0)
+    after = [balanced(basis, [replace(ours, pulley=replace(pulley, height=h))], [], {}).after for h in (height, 0.05)]
+    bodies = [(body.mass, 0.09 * np.exp(1j * body.angle), height) for body in ours.bodies]
+
+    def table(time):
+        return tuple(np.asarray(part) for part in motion(time))
+
+    theirs = MujocoTransient(arm, table, float(motion.breaks[-1]) - 5e-3, added={"drive2": bodies}).run(1e-3, 5)
+    count = theirs.displacement.shape[1]
+    vibration = theirs.displacement - np.asarray(simulate(arm, motion, rate=200.0).quasi_static)[:, :count]
+    off = [np.abs(part[:, :count] - vibration).max() for part in after]
+    assert off[0] < 0.02 * np.abs(vibration).max()
+    assert off[1] > 0.2 * np.abs(vibration).max()  # without the couple
 
 
 def test_two_holes_make_what_is_wanted():
