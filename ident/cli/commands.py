@@ -33,6 +33,7 @@ from ident.cli.command import (
 from ident.cli.output import FOLDED, SHORT
 from ident.errors import InputError, refusal
 from ident.studies.arm import KINDS
+from ident.studies.balance import balance
 from ident.studies.check import check
 from ident.studies.compare import compare
 from ident.studies.design import design
@@ -255,6 +256,16 @@ def source_command(
     result = source(runs, arm, options, posterior=posterior, progress=running.progress)
     finish(result, out, no_figure)
     leave(result, strict=strict)
+
+
+offer(
+    balance,
+    """Balance the drives' rotors by what ident source has identified: masses, angles, and what is left.
+
+    Writes ARM.MOTION.balance.json and .png into the folder given by --out.
+    """,
+    source=Annotated[Path, typer.Argument(metavar="source", help="result of ident source (.source.json)")],
+)
 
 
 offer(

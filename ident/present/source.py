@@ -11,7 +11,7 @@ from ident.present.words import MM, counted
 from ident.vibrate.sources import unit_of
 
 if TYPE_CHECKING:
-    from ident.assess.source import Prediction, SourceStudy
+    from ident.assess.source import Prediction, SourceStudy, Tried
     from ident.vibrate.source_identification import Estimate
 
 
@@ -95,6 +95,10 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
     for name, shift in study.moved.items():
         remedy = "check the load of the runs, and what the stiffnesses and damping are from"
         yield Finding(f"{name} would have to move by {abs(shift):.1f} sigma", remedy)
+    for each in study.tried():
+        if not each.right:
+            remedy = "check mass, radius, angle and mark; ident balance allows for it"
+            yield Finding(f"{each.run}: the mass on {each.drive} acts {acting(each)}", remedy)
     if study.held:
         names = ", ".join(dict.fromkeys(each.run for each in study.held))
         shares = _range(100 * max(0.0, each.explained) for each in study.held)
@@ -180,6 +184,8 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
         ]
         table = Table("", head, tuple(rows), ("", *(".1f",) * len(study.further)))
         yield Section("Std. error [%] of each amplitude with a further run, by its speed", (table,))
+    if tried := study.tried():
+        yield tried_section(tried)
     if study.held:
         predicted = [
             (each.channel.name, 100 * each.explained, 100 * (each.ratio - 1), *_interval(each)) for each in study.held
@@ -192,6 +198,27 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
 def _interval(each: "Prediction") -> tuple[float, float, float]:
     low, high = np.quantile(each.peaks, (0.025, 0.975))
     return float(np.abs(each.shown).max()), float(low), float(high)
+
+
+def acting(tried: "Tried") -> str:
+    """Say how a mass acts: `as 1.02 of it, 60 deg further`."""
+    turn = float(np.degrees(np.angle(tried.factor)))
+    return f"as {abs(tried.factor):.2f} of it" + (f", {abs(turn):.0f} deg {'further' if turn > 0 else 'back'}")
+
+
+def tried_section(every: "Iterable[Tried]") -> Section:
+    """Return what masses did that were added for runs."""
+    rows = [
+        (
+            *(each.run, each.drive, 1e6 * abs(each.stated), float(np.degrees(np.angle(each.stated)))),
+            *(abs(each.factor), each.sd[0], float(np.degrees(np.angle(each.factor))), float(np.degrees(each.sd[1]))),
+            each.chance,
+        )
+        for each in every
+    ]
+    head = ("Run", "drive", "stated [g mm]", "at [deg]", "acts as", "error", "turned [deg]", "error [deg]", "p that 1")
+    forms = ("", "", ".0f", ".0f", ".3f", ".3f", "+.1f", ".1f", ".2g")
+    return Section("Masses that were added for runs", (Table("", head, tuple(rows), forms),))
 
 
 def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:

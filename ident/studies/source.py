@@ -63,7 +63,7 @@ class SourceResult(Result):
 
     form = "ident-source/10"
     shown = ("study",)
-    summary = ("parameters", "draws")
+    summary = ("parameters", "draws", "phases", "trials")
 
     @property
     def name(self) -> str:
@@ -79,6 +79,28 @@ class SourceResult(Result):
     def draws(self) -> Mapping[str, Any]:
         """Draws of the same."""
         return self.study.found.draws(self.options.draws, self.options.seed)
+
+    @property
+    def phases(self) -> Mapping[str, tuple[Any, Any]]:
+        """Of each drive, the phase of its imbalance in each phase group and its standard deviation [rad]."""
+        found = [each for each in self.study.found.estimates if not each.source.of_error]
+        return {each.source.drive: (each.phase, each.phase_sd) for each in found}
+
+    @cached_property
+    def trials(self) -> list[dict[str, Any]]:
+        """Masses that were added for a run: imbalance as stated [kg m], factor by which it acts [-], draws of that.
+
+        Complex numbers as real and imaginary part.
+        """
+        import numpy as np
+
+        found = self.study.tried(self.options.draws, self.options.seed)
+        return [
+            {"run": each.run, "drive": each.drive}
+            | {name: (x.real, x.imag) for name, x in (("stated", each.stated), ("factor", each.factor))}
+            | {"draws": np.stack([each.draws.real, each.draws.imag])}
+            for each in found
+        ]
 
     @property
     def short(self) -> bool:

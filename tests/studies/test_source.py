@@ -5,59 +5,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import source_runs
 from arms import DATA
 from diagnose_small import OPTIONS as SMALL_OPTIONS
 from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
-from scipy.interpolate import make_interp_spline
+from source_runs import FILE, HEAD, TRUTH, measure, table
 
 import ident
 from ident.arm.arm import stiffness_paths
 from ident.description.file import read_arm
 from ident.errors import InputError
-from ident.identify.binding import loads_of
-from ident.measure.load import Load
 from ident.measure.runs import _clipped, write_runs
 from ident.present.diagnose import diagnose_sections
 from ident.studies.saved import files_of
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 
-FILE = DATA / "lcd_arm" / "arm.toml"
-HEAD = "file,channel,direction,speed [%],group,load\n"
-SECOND = np.deg2rad(1 / 3600)
-TRUTH = {
-    **{f"drive{k}.eccentricity": e for k, e in ((1, 8e-3), (2, 8e-3), (3, 2e-3))},
-    **{f"drive{k}.error": 1.5 * SECOND for k in (1, 2, 3)},
-    **{f"drive{k}.phase": phase for k, phase in ((1, 0.5), (2, 3.1), (3, -2.0))},
-    **{f"drive{k}.error_phase": phase for k, phase in ((1, -1.0), (2, 2.5), (3, 0.2))},
-}
-
-
-def measure(folder, arm, speed, load="", offset=0.01, seed=0):
-    """Write a run of an arm as a recorder would: 100 samples a second, noise of 5 % of the peak, another clock."""
-    motion = stroke(arm.stroke, percent=speed, dwell=1.0)
-    response = simulate(arm, motion, loads=loads_of(arm, Load.parse(load)), rate=200.0)
-    curve = make_interp_spline(response.time, 1e3 * np.asarray(response.vibration).T, k=5)
-    time = np.arange(0.1, float(response.time[-1]) - 0.1, 0.01)
-    values = curve(time + offset)[:, 1:]
-    values += 0.05 * np.abs(values).max(0) * np.random.default_rng(seed).standard_normal(values.shape)
-    table = np.column_stack([time, values])
-    np.savetxt(folder / f"run{speed:g}.csv", table, "%.6g", ",", header="time [s],y [mm],z [mm]", comments="")
-
-
-def table(folder, speeds, name="runs.csv", load=""):
-    rows = [f"run{speed:g}.csv,{way},{way},{speed:g},a,{load}\n" for speed in speeds for way in "yz"]
-    (folder / name).write_text(HEAD + "".join(rows))
-    return folder / name
-
 
 @pytest.fixture(scope="module")
 def true_arm():
-    arm = read_arm(FILE).arm
-    rng = np.random.default_rng(5)
-    stiffer = {path: float(arm.get(path)) * np.exp(0.015 * rng.standard_normal()) for path in stiffness_paths(arm)}
-    return arm.replace(TRUTH | stiffer)
+    return source_runs.true_arm()
 
 
 @pytest.fixture(scope="module")
