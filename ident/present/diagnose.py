@@ -125,6 +125,8 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
         yield "Remedy", f"{none}; the best: {change_words(best)}: {outcome}"
         return
     yield "Remedy", f"{_offer(diagnosis, best)}: {outcome} (exact equations and fresh draws)"
+    if best.kind == "speed" and not diagnosis.task.basis.log:
+        yield "or", f"{best.effort}: slower only where it matters, which takes less time: see ident motion"
     further = [each for each in diagnosis.remedies[len(diagnosis.verifications) :] if each.meets_limit]
     others = {each.effort: each for each in reversed(further) if each.effort != best.effort}  # the first of each
     for other in sorted(others.values(), key=further.index):
