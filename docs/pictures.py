@@ -94,7 +94,7 @@ def run(words: list[str], folder: Path) -> str:
 def in_full(words: list[str], printed: str, folder: Path) -> str:
     """Return what a command prints with its details: out of its result where it has written one."""
     wrote = [line.split()[-1] for line in printed.splitlines() if line.startswith("wrote ")]
-    results = [path for end in (".nc", f"{words[1]}.json") for path in wrote if path.endswith(end)]
+    results = [path for end in (f"{words[1]}.json", ".nc") for path in wrote if path.endswith(end)]
     return run(["ident", "show", results[0], "--details"] if results else [*words, "--details"], folder)
 
 
