@@ -368,10 +368,13 @@ class Result(Reported):
         inputs = self.inputs
         arm, campaign, trace = (getattr(inputs.get(name), "path", "") for name in ("arm", "campaign", "trace"))
         beside = not (arm and campaign) or Path(arm) == Path(campaign).parent / "arm.toml"
-        files = (arm or "ARM", campaign or "CAMPAIGN", trace or "TRACE", str(FOLDER.get() / self.name))
-        arm, campaign, trace, result = (shlex.quote(one_line(path)) for path in files)
+        files = (arm or "ARM", campaign or "CAMPAIGN", trace or "TRACE")
+        arm, campaign, trace = (shlex.quote(one_line(path)) for path in files)
         campaign = campaign if beside else f"{campaign} --arm {arm}"
-        filled = words.format(arm=arm, campaign=campaign, trace=trace, result=result)
+        ends = dict.fromkeys(re.findall(r"(?<!\{)\{result\}([.\w]*)", words))
+        results = {end: shlex.quote(one_line(str(FOLDER.get() / self.name)) + end) for end in ends}
+        named = re.sub(r"(?<!\{)\{result\}([.\w]*)", r"{results[\1]}", words)
+        filled = named.format(arm=arm, campaign=campaign, trace=trace, results=results)
         posed = any(getattr(vars(self)["options"], name, None) for name in SAME_PROBLEM)
         again = "{campaign}" in words or "{result}.csv" in words
         return f"{filled}  (with the same options)" if posed and again else filled

@@ -192,6 +192,10 @@ def test_python_replaces(tmp_path):
 
 def test_the_next_command_names_files_in_the_folder_that_is_written():
     result, words = SimpleNamespace(inputs={}, name="an arm.design", options=None), "ident simulate {result}.toml"
-    assert Result._command(result, words) == "ident simulate 'out/an arm.design'.toml"
+    assert Result._command(result, words) == "ident simulate 'out/an arm.design.toml'"
     with kept_in(Path("new")):
-        assert Result._command(result, words) == "ident simulate 'new/an arm.design'.toml"
+        assert Result._command(result, words) == "ident simulate 'new/an arm.design.toml'"
+    both = SimpleNamespace(inputs={}, name="arm.plan", options=None)
+    assert (
+        Result._command(both, "fill in {result}.csv, then: {{x}}, {arm}") == "fill in out/arm.plan.csv, then: {x}, ARM"
+    )
