@@ -90,7 +90,7 @@ class Task:
         return Evaluator(basis.arm, basis.motion, variables, draws=draws, loads=basis.loads, rate=RATE, step=self.step)
 
     def over_phases(self, evaluator: Evaluator) -> Evaluator:
-        """Return the same over all phases that are not known, with the highest kinematic errors that may be."""
+        """Return the same over all phases that are not known, with the highest transmission errors that may be."""
         unknown = self.basis.unknown
         return replace(evaluator, arm=evaluator.arm.replace(unknown.highest), unknown=unknown.phases)
 
@@ -169,7 +169,7 @@ class VibrationAssessment:
     Attributes:
         response: by the exact equations.
         amplitude: (3,) [m] of the arm itself, with the excitation of `at_confidence`, which the response has as well.
-        draws: (3, D) [m], each with phases and kinematic errors of its own.
+        draws: (3, D) [m], each with phases and transmission errors of its own.
         keeps: probability that the limit is kept in all directions, by the draws.
         limit: [m]
         phases: the arm itself over the phases that are not known; None where all are known.

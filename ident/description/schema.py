@@ -433,7 +433,7 @@ class PayloadTable(BodyTable):
 
 
 class ErrorOrderTable(Table):
-    """A further kinematic error of a drive; the meaning of each key is that of `ErrorOrder`'s attribute."""
+    """A further transmission error of a drive; the meaning of each key is that of `ErrorOrder`'s attribute."""
 
     order: Annotated[float, AfterValidator(_possible_order)]
     amplitude: AngleAmplitude

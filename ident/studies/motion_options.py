@@ -69,7 +69,7 @@ class HeldMotionOptions(MovingOptions):
     )
     errors: tuple[float, float] | None = option(
         None,
-        "kinematic error of each drive at twice a turn, LOW:HIGH [arc seconds, peak to peak], as 30:60; "
+        "transmission error of each drive at twice a turn, LOW:HIGH [arc seconds, peak to peak], as 30:60; "
         "default: the arm file's",
         read=reading.peak_to_peak,
     )
@@ -80,7 +80,7 @@ class HeldMotionOptions(MovingOptions):
         return self.dwell
 
     def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
-        """Return the arm with the largest kinematic errors, and what is unknown of its excitation."""
+        """Return the arm with the largest transmission errors, and what is unknown of its excitation."""
         from ident.assess.scenario import unknowns
 
         return unknowns(arm, origins, self.set, errors=self.errors, phases=self.phases == "unknown")

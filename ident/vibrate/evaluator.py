@@ -352,7 +352,7 @@ class Evaluator:
         variables: what is changed.
         measure: of the vibration, see `simulate.MEASURES`.
         draws: of some of the arm's numbers, by path; a change acts on each draw, see `Variable`. Where no drive of the
-            arm has a kinematic error, none of a draw has.
+            arm has a transmission error, none of a draw has.
         loads: the load case.
         elastic_belts: whether belts stretch.
         rate: samples a second.

@@ -32,7 +32,7 @@ class Source:
         drive: name of the drive.
         joint: name of its joint.
         pulley: its number, that of the joint among the driven ones, from 1.
-        order: multiple of the turning frequency: 1 the eccentric mass, 2 and those of `Drive.errors` kinematic errors.
+        order: multiple of the turning frequency: 1 the eccentric mass, 2 and `Drive.errors` transmission errors.
     """
 
     drive: str
@@ -68,7 +68,7 @@ def excitation(arm: Arm, motion: Motion, *, times: Any = None, orders: Sequence[
         arm: the arm; of a batch the median.
         motion: of its driven joints.
         times: (T,) [s] ascending; 1001 over the motion when None.
-        orders: multiples of every pulley's turning frequency; when None, 1, and those of each drive's kinematic errors.
+        orders: multiples of every pulley's turning frequency; when None, 1 and its transmission errors'.
     """
     time = motion_times(motion, times)
     check(arm, motion)
@@ -406,7 +406,7 @@ def with_amplitudes(
     """Return resonance crossings with the vibration that each causes, the largest first, each times its probability.
 
     While the pulley is near and the mode swells: the largest sqrt(c^2 + s^2) of its imbalance (order 1) and its
-    kinematic error of that order, see `superposition`, along the way in which the mode moves the end point. Other modes
+    transmission error of that order, see `superposition`, in the direction in which the mode moves the end. Other modes
     that the pulley excites meanwhile are in it as far as they move that way.
 
     Args:

@@ -311,7 +311,7 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
 # - of m e^2 all but the moment of inertia about the axis, which is there whatever the phase, and part of v0;
 # - the end point's arc, of x^2 over the length of the arm: 1e-4 of the vibration and less.
 #
-# The fast method itself leaves out, for any phases, what is of second order in the kinematic error:
+# The fast method itself leaves out, for any phases, what is of second order in the transmission error:
 #
 # - in the error's slope s = dq_pin/dtheta ratio = 1 + 2 ratio e cos(2 theta + chi), the square of s - 1 in centrifugal
 #   terms, which is e [rad] of the term of the acceleration, 4 ratio^2 e (dq/dt)^2 (of another order, o for 2 and o^2
@@ -323,7 +323,7 @@ TOGETHER = 32
 """Sets of phases for which the vibration is computed together."""
 
 Phases = Float[np.ndarray, "U *K"]
-"""Phases [rad] of some drives' imbalance or kinematic error."""
+"""Phases [rad] of some drives' imbalance or transmission error."""
 
 
 @dataclass(frozen=True)
@@ -332,8 +332,8 @@ class Superposition:
 
     Attributes:
         time: (T,) [s]
-        unknown: paths of the U phases of imbalance and kinematic error that are not known.
-        of_error: (U,) which of them are a kinematic error's.
+        unknown: paths of the U phases of imbalance and transmission error that are not known.
+        of_error: (U,) which of them are a transmission error's.
         sure: (3, T) [m] whatever they are: by the motion itself, and by what excites with known phases.
         cosine: (U, 3, T) [m] what each adds with its phase at 0,
         sine: (U, 3, T) [m] and at 90 degrees.
@@ -358,7 +358,7 @@ class Superposition:
 
     @property
     def division(self) -> Float[np.ndarray, "3 3"]:
-        """What is sure, imbalance and kinematic error (first axis) make of the worst in each direction [m]."""
+        """What is sure, imbalance and transmission error (first axis) make of the worst in each direction [m]."""
         each = np.hypot(self.cosine, self.sine)
         parts = np.stack([np.abs(self.sure), each[~self.of_error].sum(0), each[self.of_error].sum(0)])
         return np.take_along_axis(parts, self.envelope.argmax(1)[None, :, None], 2)[..., 0]
@@ -408,7 +408,7 @@ def superposition(
     Args:
         arm: the arm, without batch axes.
         motion: the commanded motion, its pauses included.
-        unknown: paths of the phases of imbalance and kinematic error that are not known.
+        unknown: paths of the phases of imbalance and transmission error that are not known.
         loads: what hangs on the arm.
         elastic_belts: whether belts stretch.
         rate: samples a second.

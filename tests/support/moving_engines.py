@@ -139,7 +139,7 @@ class MovingArm:
         raise NotImplementedError
 
     def turns(self, command: np.ndarray, *deviation: np.ndarray) -> tuple[Turn, Turn]:
-        """Turn the pins, by command, deviation of the loose ones and kinematic error, and the pulleys; at any times."""
+        """Turn the pins, by command, deviation and transmission error, and the pulleys; at any times."""
         total = np.zeros((3, len(self.names), *command.shape[2:]))
         total[:, self.pinned] = command
         for row, part in zip(total, deviation, strict=False):
@@ -154,7 +154,7 @@ class MovingArm:
         return 1 + self.error(q)[1]
 
     def error(self, q: np.ndarray) -> np.ndarray:
-        """The kinematic error of each drive, its slope and its curvature over q, (3, N, ...)."""
+        """The transmission error of each drive, its slope and its curvature over q, (3, N, ...)."""
         return np.stack([error_at(*each) for each in zip(self.errors, self.ratio, q, strict=True)], 1)
 
     def split(self, *flat: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -365,7 +365,7 @@ class MujocoMoving(MovingArm):
 
 
 def waves(drive: Drive) -> list[tuple[float, float, float]]:
-    """Order, amplitude and phase of each of a drive's kinematic errors."""
+    """Order, amplitude and phase of each of a drive's transmission errors."""
     further = [(e.order, float(e.amplitude), float(e.phase)) for e in drive.errors]
     return [(2, float(drive.error), float(drive.error_phase)), *further]
 
