@@ -80,7 +80,7 @@ class Calibration:
     Attributes:
         draws: (D,) of f.
         mirrored: whether angles were counted in the other sense.
-        odd: trial masses that do not act as the others.
+        odd: trial masses that do not act as stated, or as the others.
         state: empty where it is known; `one trial` that does not act as stated, or `contradicting` ones.
     """
 
@@ -114,7 +114,7 @@ def calibrated(tried: Sequence[Tried], count: int) -> Calibration:
     if not tried or any(each.right for each in tried):
         return Calibration(np.ones(count, complex), odd=tuple(each for each in tried if not each.right))
     if len(tried) == 1:
-        return Calibration(tried[0].draws, state="one trial")
+        return Calibration(tried[0].draws, odd=tuple(tried), state="one trial")
     stated = np.array([each.stated for each in tried])
     effect = np.array([each.factor for each in tried]) * stated
     drawn = np.stack([each.draws for each in tried]) * stated[:, None]

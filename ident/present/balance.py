@@ -107,16 +107,14 @@ def _findings(balance: "Balance") -> Iterator[Finding]:
             radius = MM * each.pulley.radius * mass / each.pulley.most
             remedy = f"mount at {radius:.0f} mm (--radius {name}={radius:.0f}), or allow more (--most)"
             yield Finding(f"{_needs(each)} ({1e3 * each.pulley.most:g} g at most)", remedy)
-        if calibration.state == "one trial":
-            one = next(tried for tried in balance.tried if tried.drive == name)
-            text = f"{one.run}: the mass on {name} acts {acting(one)}"
-            yield Finding(text, "check it; a second trial at another angle tells a wrong mark from a wrong sense")
         if calibration.mirrored:
             yield Finding(f"{name}: the trial masses' angles count the other way round", "so do those above")
         for odd in calibration.odd:
             turn = np.degrees(np.angle(odd.factor)) / (360 / (each.pulley.holes or 360))
             hole = f", {abs(turn):.0f} of {each.pulley.holes} holes" if each.pulley.holes else ""
-            yield Finding(f"{odd.run}: the mass on {name} acts {acting(odd)}{hole}", "check where and what it is")
+            second = "; a second trial at another angle tells a wrong mark from a wrong sense"
+            remedy = "check where and what it is" + second * (calibration.state == "one trial")
+            yield Finding(f"{odd.run}: the mass on {name} acts {acting(odd)}{hole}", remedy)
         if each.state == "cannot be told" and each.share > 0:
             yield Finding(f"{name}'s imbalance cannot be told", "see ident source: which run would tell it")
     scatter = [each for each in balance.balanced if each.repeats > 0]

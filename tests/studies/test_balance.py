@@ -33,6 +33,8 @@ from ident.description.file import ArmFile, read_arm
 from ident.errors import InputError
 from ident.identify.values import Values
 from ident.measure.runs import TrialMass
+from ident.present.balance import balance_sections
+from ident.present.report import text_of
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 
@@ -129,9 +131,29 @@ def test_what_does_not_fit_says_so(file):
     assert "drive2 needs 13" in part.report()
     assert "at 30 mm: does not fit (50 g at most)" in part.report()
     assert_one_screen(part.report(), files=2)
-    none = ident.balance(file, speed=12.0, draws=32, most={"": 10})
-    assert none.sections().verdict.word == "DOES NOT FIT"
-    assert none.left.tolist() == [1, 1, 1]
+
+
+def test_each_verdict_has_its_case(result):
+    def word(**change):
+        rotors = tuple(replace(each, **change) for each in result.found.rotors)
+        report = balance_sections(replace(result.found, rotors=rotors))
+        assert_one_screen(text_of(report, details=False), files=2)
+        return report.verdict.word
+
+    draws = result.found.rotors[0].draws
+    assert word(share=0.01) == "NO GAIN"
+    assert word(pulley=replace(result.found.rotors[0].pulley, most=1e-3), share=0.5) == "DOES NOT FIT"
+    assert word(told=False, share=0.5) == "NOT TOLD"
+    assert word(calibration=calibrated([tried(1e-3, 1.3j)], len(draws)), share=0.5) == "TRY AGAIN"
+    several = [tried(1e-3, 1.3j), tried(1j, 0.8 - 0.5j, 1), tried(1 + 1j, 2.0 + 0j, 2)]
+    assert word(calibration=calibrated(several, len(draws)), share=0.5) == "CONTRADICTING"
+    peaks = np.stack([np.ones(len(draws)), np.tile([1.2, 0.9], len(draws) // 2)])
+    assert balance_sections(replace(result.found, peaks=peaks)).verdict.word == "NO GAIN"
+
+
+def test_it_is_made_again_from_its_file(result, tmp_path):
+    again = ident.rerun(result.save(tmp_path)[0])
+    assert again.same
 
 
 @pytest.mark.parametrize(
