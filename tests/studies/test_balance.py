@@ -308,7 +308,7 @@ def test_what_trial_masses_tell_of_mark_sense_and_model():
 
 
 def test_influence_coefficients_of_a_published_case():
-    """Two planes, as printed in the README of hsbalance 0.5, whose numbers are of a Bruel & Kjaer application note."""
+    """Two planes, as printed in the README of the package hsbalance 0.5."""
 
     def polar(*pairs):
         return np.array([size * np.exp(1j * DEGREE * angle) for size, angle in pairs])
