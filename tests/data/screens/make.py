@@ -41,6 +41,8 @@ OWN = [
     "diagnose robot/campaign.csv --limit 0.5",
 ]
 """What is run on an example, in this order: later ones read what earlier ones wrote."""
+NEEDS = {"export": "fit", "rerun": "fit", "spectrum": "simulate"}
+"""Commands that read what another one wrote."""
 WEAK = ["--fix=joint4.k_tors", "--fix=joint5.*", "--fix=joint6.*"]
 LESS = {
     "sample": ["--steps=500", "--walkers=26", "--ensembles=2", "--starts=1"],
@@ -88,11 +90,12 @@ def main(names: list[str]) -> None:
     """Run the commands of each arm in a folder of their own, each in a process of its own."""
     kinds = ("lcd_arm", "scara", "six-axis")
     only = {*names} - {*kinds}
+    only |= {NEEDS[name] for name in only if name in NEEDS} | ({"new"} if only else set())
     for kind in [kind for kind in kinds if kind in names] or kinds:
         with tempfile.TemporaryDirectory() as folder:
             Path(folder, "data").symlink_to(ROOT / "data")
             for i, line in enumerate(SHIPPED if kind == "lcd_arm" else OWN):
-                if only and line.split()[0] not in {"new", "fit", "simulate", *only}:  # these write what others read
+                if only and line.split()[0] not in only:
                     continue
                 words = shlex.split(line.format(kind=kind, motion=motion_of(Path(folder))))
                 words += LESS.get(words[0], []) if kind == "six-axis" else []
@@ -118,7 +121,7 @@ def more_robots(kind: str, folder: Path) -> None:
         sys.path.append(str(ROOT / "data" / "fleet"))
         from generate import generate
 
-        generate(folder / "robots", robots=8, faulty=1)
+        generate(folder / "robots", robots=8, faulty=1, seed=1)  # as docs/commands/fleet.md
         return
     rng, robots = np.random.default_rng(20261126), folder / "robots"
     robots.mkdir()
