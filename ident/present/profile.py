@@ -69,10 +69,11 @@ def _intervals_table(profiles: Sequence[Profile]) -> Table:
         ends = (interval_text(profile, interval) for interval in (profile.widest, profile.linear_interval))
         pairs = zip(profile.halves, profile.widest.endings, strict=True)
         halves = ("open" if ending is Ending.OPEN else f"{half:.2f}" if half else "closed" for half, ending in pairs)
-        rows.append((with_tied(profile.item), fitted, *ends, ", ".join(halves), "" if profile.linear else "differs"))
+        rows.append((with_tied(profile.item), fitted, *ends, ", ".join(halves), "" if profile.linear else "*"))
     level = level_in_words(profiles[0].widest.level)
-    head = ("Unknown", f"fitted{shared}", f"{level} by profile", "linear", "profile / linear", "")
-    return without_empty_columns(Table("", head, tuple(rows)))
+    head = (f"Unknown{shared}", "fitted", f"{level} by profile", "linear", "profile / linear", "")
+    note = "" if all(profile.linear for profile in profiles) else f"*: they differ by more than {percent(LINEAR)}."
+    return without_empty_columns(Table("", head, tuple(rows), note=note))
 
 
 def _findings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Finding]:
@@ -114,7 +115,7 @@ def _details(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Section]
         f"Each unknown is moved in steps and all others are fitted again at each step. {level_in_words(level)}: "
         f"chi-squared rises by {threshold(level):.3g} (one degree of freedom). Chi-squared counts data and priors, as "
         f"in the fit; its minimum is {fit.best.cost:.4g}. profile / linear: lower and upper half of the profile's "
-        f"interval, each over the half of the linear interval; differs: by more than {percent(LINEAR)}."
+        f"interval, each over the half of the linear interval; *: they differ by more than {percent(LINEAR)}."
     )
     if any(0.0 in profile.halves for profile in profiles):
         method += " closed: the profile has an end there, the linear interval has none."

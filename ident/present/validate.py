@@ -93,8 +93,8 @@ def _parts_table(validation: "Validation", absolute: Collection[str], *, few: bo
         order = sorted(range(len(parts)), key=lambda i: (np.nan_to_num(parts[i].p_value, nan=2.0), i))[:most]
         parts, caption = tuple(parts[i] for i in sorted(order)), f"The {most} of {len(parts)} parts predicted worst"
     rows = [row for part in parts for row in _part_rows(validation, part, absolute, part.name in missed)]
-    head = ("Left out", "values", "of", "rms error", "largest", "expected rms", "p", "")
-    return without_empty_columns(Table(caption, head, tuple(rows), ("", "d", "", "", "", "", ".2g", "")))
+    head = ("Left out", "values", "rms error", "largest", "expected rms", "p", "")
+    return without_empty_columns(Table(caption, head, tuple(rows), ("", "", "", "", "", ".2g", "")))
 
 
 def _part_rows(
@@ -103,7 +103,7 @@ def _part_rows(
     """Yield the relative errors of a part, and the absolute ones of each kind that has values near zero."""
     if not part.told:
         why = "not determined by the rest" if part.ended else "no optimum without it"
-        yield cut(part.name, 32), len(part.places), "", "-", "-", "-", None, why
+        yield cut(part.name, 40), str(len(part.places)), "-", "-", "-", None, why
         return
     kinds = np.array([validation.fit.campaign.measurements[place].kind for place in part.places])
     own = [kind for kind in dict.fromkeys(kinds.tolist()) if kind in absolute]
@@ -114,9 +114,8 @@ def _part_rows(
         errors = (np.sqrt(np.nanmean(off**2)), np.nanmax(off), np.sqrt(np.nanmean(sd**2)))
         others = kind or ", ".join(dict.fromkeys(kinds[chosen].tolist())) if own else ""
         yield (
-            "" if number else cut(part.name, 32),
-            int(chosen.sum()),
-            others.replace("_", " "),
+            "" if number else cut(part.name, 40),
+            f"{chosen.sum()} {others.replace('_', ' ')}".rstrip(),
             *(_size(kind, absolute, float(error)) for error in errors),
             "" if number else part.p_value,
             "too far off" * (is_missed and not number),

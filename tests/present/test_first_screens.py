@@ -9,12 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from numbers_in_text import same_text
 from reports import SCREEN, assert_one_screen, too_wide, without_number
 
 from ident.present.files.document import report_of
 from ident.present.report import MOST, Report, Table, table_lines, text_of
 
 SCREENS = sorted((Path(__file__).parents[1] / "data" / "screens").glob("*/*.json"))
+PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 COMMANDS = (
     *("fit", "check", "profile", "sample", "validate", "plan", "compare", "predict", "resonance", "simulate"),
     *("spectrum", "sweep", "design", "diagnose", "explore", "fleet", "new", "show", "export", "rerun"),
@@ -69,6 +71,14 @@ def test_the_cells_of_its_tables_do_not_touch(path):
         body = list(table_lines(replace(table, caption="", note="")))[-len(table.rows) or None :]
         for line, cells in zip(body, table.texts, strict=True):
             assert len(re.split(" {2,}", line.strip())) == sum(bool(cell.strip()) for cell in cells), line
+
+
+@pytest.mark.parametrize("command", [name for name in (*COMMANDS, "modal") if (PICTURES / f"{name}.txt").exists()])
+def test_it_is_what_the_manual_shows(command):
+    """The manual's answers are compared with the commands' in the slow tier, so that no stored screen grows old."""
+    printed = (PICTURES / f"{command}.txt").read_text(encoding="utf-8")
+    same = [read(path) for path in SCREENS if path.parent.name == "lcd_arm" and path.stem.endswith(f".{command}")]
+    assert any(same_text("\n".join([text_of(report), *further]), printed) for _, report, further in same)
 
 
 def test_every_command_is_there_for_each_arm():

@@ -41,6 +41,25 @@ OWN = [
     "diagnose robot/campaign.csv --limit 0.5",
 ]
 """What is run on an example, in this order: later ones read what earlier ones wrote."""
+NEEDS = {"export": "fit", "rerun": "fit", "spectrum": "simulate"}
+"""Commands that read what another one wrote."""
+WEAK = ["--fix=joint4.k_tors", "--fix=joint5.*", "--fix=joint6.*"]
+LESS = {
+    "sample": ["--steps=500", "--walkers=26", "--ensembles=2", "--starts=1"],
+    "fleet": ["--starts=1", *WEAK],
+    "diagnose": ["--starts=1", *WEAK],
+}
+"""What is added for six axes, on which these take an hour otherwise: fewer numbers, the same screen."""
+EFFORT = {
+    "steps": 500,
+    "draws": 30,
+    "band_draws": 4,
+    "assessment_draws": 10,
+    "values": 5,
+    "screened": 4,
+    "iterations": 2,
+}
+"""What a diagnosis of six axes computes, for which the command has no flag."""
 SHIPPED = [
     "new my_robot --robot data/ur10/arm.urdf",
     "show data/lcd_arm/arm.toml",
@@ -71,13 +90,15 @@ def main(names: list[str]) -> None:
     """Run the commands of each arm in a folder of their own, each in a process of its own."""
     kinds = ("lcd_arm", "scara", "six-axis")
     only = {*names} - {*kinds}
+    only |= {NEEDS[name] for name in only if name in NEEDS} | ({"new"} if only else set())
     for kind in [kind for kind in kinds if kind in names] or kinds:
         with tempfile.TemporaryDirectory() as folder:
             Path(folder, "data").symlink_to(ROOT / "data")
             for i, line in enumerate(SHIPPED if kind == "lcd_arm" else OWN):
-                if only and line.split()[0] not in {"new", "fit", "simulate", *only}:  # these write what others read
+                if only and line.split()[0] not in only:
                     continue
                 words = shlex.split(line.format(kind=kind, motion=motion_of(Path(folder))))
+                words += LESS.get(words[0], []) if kind == "six-axis" else []
                 path = HERE / kind / f"{i:02d}.{words[0]}.json"
                 path.parent.mkdir(exist_ok=True)
                 command = [sys.executable, __file__, "--one", str(path), *words]
@@ -100,7 +121,7 @@ def more_robots(kind: str, folder: Path) -> None:
         sys.path.append(str(ROOT / "data" / "fleet"))
         from generate import generate
 
-        generate(folder / "robots", robots=8, faulty=1)
+        generate(folder / "robots", robots=8, faulty=1, seed=1)  # as docs/commands/fleet.md
         return
     rng, robots = np.random.default_rng(20261126), folder / "robots"
     robots.mkdir()
@@ -120,6 +141,7 @@ def more_robots(kind: str, folder: Path) -> None:
 def keep(path: Path, words: list[str]) -> None:
     """Run a command in this process, and keep its report and the lines it printed besides."""
     from ident import cli
+    from ident.assess.effort import DiagnosisEffort
     from ident.present.files.document import report_data
     from ident.present.report import text_of
     from ident.studies.result import Reported
@@ -131,6 +153,8 @@ def keep(path: Path, words: list[str]) -> None:
         return report(self, **how)
 
     Reported.report = heard
+    if path.parent.name == "six-axis":
+        DiagnosisEffort.__init__.__kwdefaults__.update(EFFORT)
     sys.argv, printed = ["ident", *words], io.StringIO()
     try:
         with redirect_stdout(printed):
