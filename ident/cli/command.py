@@ -207,6 +207,7 @@ MAIN: Mapping[str, str] = {
     "sweep": "vary grid limit speed fit posterior",
     "motion": "limit time speed fit posterior errors",
     "design": "limit change speed fit posterior",
+    "balance": "radius holes height most speed path",
     "diagnose": "limit speed path runs fix restart",
     "explore": "speed load fit posterior payload",
     "fleet": "workers dask fix free strict",

@@ -487,17 +487,17 @@ def diagnose_command(
     options: DiagnoseOptions,
     arm: ArmOption = None,
     path: PathOption = None,
-    runs: flag("table of runs, see ident source: traces of the moving arm, which tell what excites it") = None,  # type: ignore[valid-type]
+    runs: flag("table of runs, as of ident source: what excites the arm") = None,  # type: ignore[valid-type]
     restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
     out: OutOption = Path("out"),
     strict: StrictOption = False,
 ) -> None:
     """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
 
-    The paper's procedure: stiffnesses, natural frequencies along the motion, resonance, vibration against the limit;
-    remedies by their effort: another speed, mass centres, torsional stiffness. Continues an earlier run of the same
-    inputs that was stopped. Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and
-    the posterior with all results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
+    Stiffnesses, natural frequencies along the motion, resonance, vibration against the limit; remedies by their effort:
+    another speed, mass centres, torsional stiffness. Continues an earlier run of the same inputs that was stopped.
+    Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
+    results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
     """
     result = run_diagnose(campaign, options, arm, path, runs, restart, out)
     leave(result, strict=strict)
