@@ -242,11 +242,9 @@ def studied(
     for name in hold_out:
         _same_group(table, name, used)
     prior = Prior.of(arm, draws)
-    problem = _posed(arm, table, used, prior, offset)
+    problem = posed(arm, table, used, prior, offset=offset)
     for name in hold_out:
         _posed(arm, table, [name], prior, offset)
-    for name in used:
-        _refuse_alone(table, name, used)
     found = identified(problem, progress)
     for run, (clock, _) in zip(problem.runs, found.place.clock.tolist(), strict=True):
         if abs(clock) > offset * (1 - 1e-9):
@@ -284,6 +282,23 @@ def _loads(arm: Arm, traces: Sequence[Trace]) -> Loads:
         return loads_of(arm, traces[0].row.load)
     except InputError as error:
         raise InputError(replace(each, where=traces[0].row.where) for each in error.problems) from None
+
+
+def posed(
+    arm: Arm, table: Runs, names: Sequence[str] = (), prior: Prior | None = None, *, offset: float
+) -> SourceProblem:
+    """Return runs as a problem; all of a table where none are named.
+
+    Raises:
+        InputError: see `studied`; an arm that no drive excites.
+    """
+    if not arm.drives:
+        raise InputError(Problem(arm.name, "no drive", "drives that excite the arm", "add its [[drive]]"))
+    used = list(names or table.names)
+    problem = _posed(arm, table, used, prior or Prior.of(arm, {}), offset)
+    for name in used:
+        _refuse_alone(table, name, used)
+    return problem
 
 
 def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: float) -> SourceProblem:

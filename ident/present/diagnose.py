@@ -92,9 +92,9 @@ def judged(diagnosis: "Diagnosis") -> Verdict:
     chance = f"probability of keeping it {chance_words(vibration.keeps)} (95 % interval)"
     compared = f"{size} {'is within' if within else 'exceeds'} the limit of {MM * limit:g} mm"
     if diagnosis.in_doubt:
-        doubtful = bool(diagnosis.identification.sampled.fitted.doubts)
-        what = "The fit is in doubt" if doubtful else "The runs contradict the model or each other"
-        reason = f"{what}, and all that follows is in doubt. With the fitted values {compared}; {chance}."
+        doubtful, excited = bool(diagnosis.identification.sampled.fitted.doubts), diagnosis.excited
+        what = "The fit is in doubt." if doubtful or not excited else source_verdict(excited.study).reason
+        reason = f"{what} All that follows is in doubt: with the fitted values {compared}; {chance}."
         return Verdict("NOT DECIDED", reason, "caution")
     if vibration.accepted:
         return Verdict("OK", f"{compared}; {chance}.", "good")
@@ -125,14 +125,19 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
         yield "Remedy", f"{none}; the best: {change_words(best)}: {outcome}"
         return
     yield "Remedy", f"{_offer(diagnosis, best)}: {outcome} (exact equations and fresh draws)"
-    if best.kind == "speed" and not diagnosis.task.basis.log:
-        yield "or", f"{best.effort}: slower only where it matters, which takes less time: see ident motion"
+    if best.kind == "speed" and best.percent < best.percent_before and _has_schedule(diagnosis):
+        yield "or", f"{best.effort}: slower only where it matters, to lose less time (not computed): see ident motion"
     further = [each for each in diagnosis.remedies[len(diagnosis.verifications) :] if each.meets_limit]
     others = {each.effort: each for each in reversed(further) if each.effort != best.effort}  # the first of each
     for other in sorted(others.values(), key=further.index):
         size = f"{rounded(MM * other.largest)} mm, limit kept with probability {chance_words(other.keeps)}"
         by = "fast method and the search's own draws, not verified"
         yield "or", f"{_offer(diagnosis, other)}: {size} ({by})"
+
+
+def _has_schedule(diagnosis: "Diagnosis") -> bool:
+    """Tell whether `ident motion` takes the motion: a stroke of an arm that drives excite."""
+    return not diagnosis.task.basis.log and bool(diagnosis.task.basis.arm.drives)
 
 
 def _offer(diagnosis: "Diagnosis", remedy: Remedy) -> str:
@@ -188,7 +193,7 @@ def _next(diagnosis: "Diagnosis", *, good: bool) -> str:
     if known.fixed < len(known.names) or diagnosis.beyond or diagnosis.validation.missed:
         return "ident plan {campaign}"
     basis, limit = diagnosis.task.basis, f"--limit {MM * diagnosis.task.limit:g}"
-    study = "design" if basis.log else "motion"  # which no part changes, but needs the stroke
+    study = "motion" if _has_schedule(diagnosis) else "design"  # the one changes no part
     return "" if good else f"ident {study} {{arm}} {limit}{same_motion(basis)}"
 
 
@@ -200,7 +205,7 @@ def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
     if not diagnosis.identification.sampled.fitted.doubts:
         yield from untested(diagnosis.identification.sampled.fitted)
     if diagnosis.excited:
-        yield from source_findings(diagnosis.excited.study)
+        yield from _of_runs(diagnosis, diagnosis.excited.study)
     if diagnosis.validation.missed:
         named = ", ".join(part.name for part in diagnosis.validation.missed)
         yield Finding(f"the other postures do not predict {named}", "check these measurements, then the arm file")
@@ -227,6 +232,16 @@ def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
             remedy = f"measure {each.paths[strongest]} first (vibration {share:+.2g} % per percent)"
         yield Finding(text, remedy)
     yield from transmission_finding(basis)
+
+
+def _of_runs(diagnosis: "Diagnosis", study: "SourceStudy") -> Iterator[Finding]:
+    yield from source_findings(study)
+    known = diagnosis.identification.sampled.fitted.problem.parameters.names
+    if held := [name for name in known if name not in study.found.problem.prior.groups]:
+        yield Finding(f"with runs {', '.join(held)} counts as exact, at its median")
+    if len(study.found.place.parts) == 1:
+        remedy = "add a run after homing again, as another group"
+        yield Finding("one group of runs: whether the pulleys keep their angles is not known", remedy)
 
 
 # -------- Stages

@@ -72,7 +72,7 @@ def _intervals_table(profiles: Sequence[Profile]) -> Table:
         rows.append((with_tied(profile.item), fitted, *ends, ", ".join(halves), "" if profile.linear else "*"))
     level = level_in_words(profiles[0].widest.level)
     head = (f"Unknown{shared}", "fitted", f"{level} by profile", "linear", "profile / linear", "")
-    note = "" if all(profile.linear for profile in profiles) else f"*: they differ by more than {percent(LINEAR)}."
+    note = "" if all(profile.linear for profile in profiles) else f"*: not within {percent(LINEAR)} of 1."
     return without_empty_columns(Table("", head, tuple(rows), note=note))
 
 
@@ -115,7 +115,7 @@ def _details(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Section]
         f"Each unknown is moved in steps and all others are fitted again at each step. {level_in_words(level)}: "
         f"chi-squared rises by {threshold(level):.3g} (one degree of freedom). Chi-squared counts data and priors, as "
         f"in the fit; its minimum is {fit.best.cost:.4g}. profile / linear: lower and upper half of the profile's "
-        f"interval, each over the half of the linear interval; *: they differ by more than {percent(LINEAR)}."
+        f"interval, each over the half of the linear interval; *: not within {percent(LINEAR)} of 1."
     )
     if any(0.0 in profile.halves for profile in profiles):
         method += " closed: the profile has an end there, the linear interval has none."

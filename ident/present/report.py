@@ -24,8 +24,6 @@ WIDTH = 100
 """Columns of a terminal that every report fits."""
 KEPT = "\u00a0"
 """Stands for a space at which no line is broken, until lines are."""
-LONG_PATH = re.compile(r"\S*/\S{40,}")
-"""What may leave the terminal, so that a command remains one line to copy."""
 MOST = 3
 """Findings on the first screen, at most."""
 GAP = "  "
@@ -205,9 +203,7 @@ def _screen(report: Report, details: bool, width: int, colour: bool) -> Iterator
     following = f"Next: {report.next}" if report.next else ""
     if following or more:
         both = f"{following}     {more}" if following and more else following or more
-        paths = sum(map(len, LONG_PATH.findall(following)))
-        broken = following if len(following) - paths <= width else folded(following, width, "      ")
-        yield from [both] if len(both) <= width else [*broken.splitlines(), more]
+        yield from [both] if len(both) <= width else filter(None, [following, more])  # a command is copied whole
 
 
 def with_remedy(finding: Finding) -> str:

@@ -78,9 +78,7 @@ class Job:
             "campaign": _hash(measurements),
             "arm file": _hash((self.arm.arm, self.arm.origins, self.arm.extents)),
             "path": _hash((self.log.time, self.log.angles)) if self.log else "",
-            "runs": _hash([replace(each, row=replace(each.row, where="")) for each in self.runs.traces])
-            if self.runs
-            else "",
+            "runs": _hash([self.runs.sha256, *(each.sha256 for each in self.runs.files.values())]) if self.runs else "",
             "set of options": _hash(replace(self.options, units=USUAL)),
             "version of ident": version("ident-arm"),
         }
@@ -188,6 +186,7 @@ def _excited(job: Job, runs: "Runs", identified: "Identification") -> "Excited":
     """Identify what excites the arm from its runs; what they do not tell stays at the posterior's median."""
     import numpy as np
 
+    from ident.arm.multibody import possible_orders
     from ident.assess.diagnose import Excited
     from ident.assess.source import studied
     from ident.identify.values import Draws, Values
@@ -199,6 +198,9 @@ def _excited(job: Job, runs: "Runs", identified: "Identification") -> "Excited":
     study = studied(arm, runs, known.without(options.set), offset=SourceOptions().offset, progress=progress)
     middle = {path: np.full(count, value) for path, value in known.medians.items()}
     drawn = {**middle, **study.found.draws(count, options.seed)}
+    if len(study.found.place.parts) > 1:  # each group has phases of its own, and so has the next motion
+        phases = {each.phase for each in possible_orders(arm)}
+        drawn = {path: values for path, values in drawn.items() if path not in phases}
     return Excited(study, _task(job, Values.of_arm({(path,): values for path, values in drawn.items()}, job.arm.arm)))
 
 
@@ -370,6 +372,7 @@ def diagnose(
             which another run is at work.
         ModelError: the model has no answer: no optimum, or an arm that collapses.
     """
+    from ident.assess.source import posed
     from ident.codec import Store
     from ident.files import claimed
     from ident.identify.binding import loads_of
@@ -379,6 +382,8 @@ def diagnose(
     basis = basis_of(arm, options, path=path)
     refuse_jumps(basis.arm, basis.motion)  # what can be refused is refused before the posterior is sampled
     loads_of(basis.arm, basis.load)
+    if runs is not None:
+        posed(basis.arm, runs, offset=SourceOptions().offset)
     check_place(_name(campaign), {"arm": arm, "campaign": campaign, "path": path, "runs": runs})
     job = Job(arm, campaign, options, path, runs, folder, progress)
     if restart and folder is not None:

@@ -362,19 +362,20 @@ class Result(Reported):
         return replace(report, next=self._command(report.next))
 
     def _command(self, words: str) -> str:
-        """Return the next command with files for `{arm}`, `{campaign}`, `{trace}` and, without its end, `{result}`."""
+        """Return the next command with files for `{arm}`, `{campaign}`, `{trace}`, `{runs}` and `{result}`."""
         if not words:
             return ""
         inputs = self.inputs
-        arm, campaign, trace = (getattr(inputs.get(name), "path", "") for name in ("arm", "campaign", "trace"))
+        kinds = ("arm", "campaign", "trace", "runs")
+        arm, campaign, trace, runs = (getattr(inputs.get(name), "path", "") for name in kinds)
         beside = not (arm and campaign) or Path(arm) == Path(campaign).parent / "arm.toml"
-        files = (arm or "ARM", campaign or "CAMPAIGN", trace or "TRACE")
-        arm, campaign, trace = (shlex.quote(one_line(path)) for path in files)
+        files = (arm or "ARM", campaign or "CAMPAIGN", trace or "TRACE", runs or "RUNS")
+        arm, campaign, trace, runs = (shlex.quote(one_line(path)) for path in files)
         campaign = campaign if beside else f"{campaign} --arm {arm}"
         ends = dict.fromkeys(re.findall(r"(?<!\{)\{result\}([.\w]*)", words))
         results = {end: shlex.quote(one_line(str(FOLDER.get() / self.name)) + end) for end in ends}
         named = re.sub(r"(?<!\{)\{result\}([.\w]*)", r"{results[\1]}", words)
-        filled = named.format(arm=arm, campaign=campaign, trace=trace, results=results)
+        filled = named.format(arm=arm, campaign=campaign, trace=trace, runs=runs, results=results)
         posed = any(getattr(vars(self)["options"], name, None) for name in SAME_PROBLEM)
         again = "{campaign}" in words or "{result}.csv" in words
         return f"{filled}  (with the same options)" if posed and again else filled

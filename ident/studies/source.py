@@ -6,7 +6,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
@@ -161,8 +160,6 @@ def source(
     arm = arm or as_file(Path(runs.path).parent / ARM, options.soft_base)
     drawn = drawn_values(posterior, arm, MOST_DRAWS, None, options)
     described = with_numbers(arm.arm, drawn, options.set)
-    if not described.drives:
-        raise InputError(Problem(described.name, "no drive", "drives that excite the arm", "add its [[drive]]"))
     check_place(f"{Path(runs.path).stem}.source", {"arm": arm, "runs": runs, "posterior": drawn})
     draws = drawn.without(options.set) if drawn else {}
     found = studied(

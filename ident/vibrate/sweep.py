@@ -362,7 +362,7 @@ class Sensitivities:
         paths: the numbers.
         present: (P,) [SI] as they are.
         amplitude: (3,) [m] as it is.
-        elasticity: (P, 3) [-] percent of amplitude per percent of the number, in each direction.
+        elasticity: (P, 3) [-] percent of amplitude per percent of the number, in each direction; 0 where nothing moves.
         unsure: (P, 3) whether its sign is another for nearby arms: with draws, for more than 5 % of them; without,
             where `NEARBY` more or less of the number itself changes the amplitude the other way.
         draws: (P, 3, D) of the draws; None without.
@@ -473,7 +473,8 @@ def _elasticities(
     amplitude = np.take_along_axis(parts, worst, 1)[:, 0]
     slope = np.take_along_axis(slopes, worst[None], 2)[:, :, 0]
     scale = np.array([variable.present(arm) if variable.shifted else 1.0 for variable in variables])
-    return slope / amplitude * scale[:, None, None]
+    still = np.broadcast_to(amplitude == 0, slope.shape)  # an arm that moves in a plane: across it nothing vibrates
+    return np.where(still, 0.0, slope / np.where(amplitude == 0, 1.0, amplitude)) * scale[:, None, None]
 
 
 # -------- Trend

@@ -1,10 +1,12 @@
 """Which remedy is advised, by what the verification says of those that should meet the limit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ident.assess.diagnose import chosen
-from ident.assess.remedies import Remedy, Verification, verify_in_turn
+from ident.assess.remedies import Remedy, Verification, _rank, verify_in_turn
 from ident.vibrate.evaluator import binomial_estimate
 
 LIMIT = 5e-4
@@ -36,6 +38,17 @@ def test_remedies_are_verified_in_turn_until_one_holds(meets, holds, verified, a
     verifications = verify_in_turn(ranked, lambda one: verification(verdicts[id(one)]))
     assert len(verifications) == verified
     assert chosen(verifications) == advised
+
+
+def test_what_takes_less_effort_comes_first_among_what_meets_the_limit():
+    kinds = ("both", "torsion", "speed", "mass centre")
+    every = [replace(remedy(meets), kind=kind) for meets in (True, False) for kind in kinds]
+    every.append(replace(remedy(True), kind="torsion", change_norm=0.1))
+    ranked = sorted(every, key=_rank)
+    assert [each.kind for each in ranked[:5]] == ["speed", "mass centre", "torsion", "torsion", "both"]
+    assert ranked[2].change_norm == 0.1
+    assert not any(each.meets_limit for each in ranked[5:])
+    assert [each.effort for each in ranked[:3]] == ["software", "screwdriver", "new part"]
 
 
 def test_a_remedy_holds_by_the_exact_equations_and_by_the_draws():

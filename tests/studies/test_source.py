@@ -16,8 +16,9 @@ import ident
 from ident.arm.arm import stiffness_paths
 from ident.description.file import read_arm
 from ident.errors import InputError
-from ident.measure.runs import _clipped, write_runs
-from ident.present.diagnose import diagnose_sections
+from ident.measure.runs import _clipped, read_runs, write_runs
+from ident.studies.diagnose import Job
+from ident.studies.result import silent
 from ident.studies.saved import files_of
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
@@ -120,10 +121,31 @@ def test_a_diagnosis_takes_what_excites_the_arm_from_runs(folder, result):
     assert "What excites the arm?" in report
     assert "drive2 imbalance" in report
     spoilt = replace(diagnosis.excited.study.found, settled=False)
-    study = replace(diagnosis.excited.study, found=spoilt)
-    report = diagnose_sections(replace(diagnosis, excited=replace(diagnosis.excited, study=study)))
+    excited = replace(diagnosis.excited, study=replace(diagnosis.excited.study, found=spoilt))
+    useless = replace(diagnosed, diagnosis=replace(diagnosis, excited=excited))
+    assert useless.doubtful
+    report = useless.sections()
     assert report.verdict.word == "NOT DECIDED"
-    assert report.next.startswith("ident source")
+    assert "did not settle" in report.verdict.reason
+    assert report.next == f"ident source {folder / 'runs.csv'} --arm {arm}"
+
+
+def test_a_diagnosis_is_of_the_contents_of_its_runs(folder, tmp_path):
+    """An unfinished one goes on with the same recordings alone, wherever they are; what is wrong comes first."""
+    shutil.copytree(folder, tmp_path / "copy")
+    campaign, arm = ident.read_campaign(DATA / "lcd_arm" / "campaign.csv"), ident.read_arm(FILE)
+
+    def identity(place):
+        return Job(arm, campaign, SMALL_OPTIONS, None, read_runs(table(place, (12.0,))), None, silent).identity["runs"]
+
+    assert identity(folder) == identity(tmp_path / "copy")
+    record = (tmp_path / "copy" / "run12.csv").read_text()
+    (tmp_path / "copy" / "run12.csv").write_text(record.rstrip() + "1\n")
+    assert identity(folder) != identity(tmp_path / "copy")
+    (folder / "far.csv").write_text(HEAD + "run12.csv,y,y,12,a,crane\n")
+    with pytest.raises(InputError, match="crane"):
+        ident.diagnose(FILE, campaign, SMALL_OPTIONS, runs=folder / "far.csv", folder=tmp_path / "part")
+    assert not (tmp_path / "part").exists()
 
 
 @pytest.mark.slow

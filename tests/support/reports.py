@@ -10,8 +10,9 @@ SCREEN = 25
 
 
 def too_wide(report, width=WIDTH):
-    """Return the lines that leave a terminal, by default of 100 columns."""
-    return [line for line in report.splitlines() if sum(map(_columns, line.split(" "))) + line.count(" ") > width]
+    """Return the lines that leave a terminal, by default of 100 columns; the next command is one line, to be copied."""
+    lines = [line for line in report.splitlines() if not line.startswith("Next: ")]
+    return [line for line in lines if sum(map(_columns, line.split(" "))) + line.count(" ") > width]
 
 
 def without_number(report):

@@ -11,7 +11,7 @@ from ident.errors import InputError
 from ident.vibrate.evaluator import Evaluator, Variable
 from ident.vibrate.response import peak
 from ident.vibrate.simulate import simulate
-from ident.vibrate.sweep import axis, sweep, sweeps
+from ident.vibrate.sweep import _elasticities, axis, sweep, sweeps
 
 pytestmark = pytest.mark.slow
 
@@ -138,3 +138,11 @@ def test_values_that_a_number_cannot_have():
         axis(ARM, ["fingers.com.x"], np.array([np.nan, 1.0]), 10.0)
     with pytest.raises(InputError, match=r"did you mean fingers\.com\.x"):
         axis(ARM, ["finger.com.x"], np.array([0.0, 1.0]), 10.0)
+
+
+def test_a_direction_without_vibration_depends_on_nothing():
+    """An arm that moves in a plane has none across it: percent of nothing are no number."""
+    parts = np.array([[1.0, 2.0], [0.0, 0.0], [3.0, 1.0]])[..., None]
+    slopes = np.array([[[0.5, 1.0], [np.nan, 0.0], [6.0, 0.0]]])[..., None]
+    variable = Variable(("joint1.k_tors",), -np.inf, np.inf)
+    np.testing.assert_array_equal(_elasticities(lcd_arm(), [variable], parts, slopes)[..., 0], [[0.5, 0.0, 2.0]])

@@ -223,7 +223,7 @@ def _numbers(axes: Axes, study: DesignStudy, d: int, shown: list[int]) -> None:
         side, align = (-3, "right") if value < 0 else (3, "left")
         mark = f" {UNSURE}" if each.unsure[shown[place], d] else ""
         note(axes, f"{value:+.2f}{mark}", (end, place), (side, 0), ha=align, va="center", fontsize=7)
-    room = 0.24 * (max(ends.max(), 0.0) - min(ends.min(), 0.0))
+    room = 0.24 * (max(ends.max(), 0.0) - min(ends.min(), 0.0)) or 1.0  # of a direction in which nothing vibrates
     axes.set(xlim=(min(ends.min(), 0.0) - room, max(ends.max(), 0.0) + room))
 
 

@@ -45,8 +45,9 @@ NEEDS = {"export": "fit", "rerun": "fit", "spectrum": "simulate"}
 """Commands that read what another one wrote."""
 WEAK = ["--fix=joint4.k_tors", "--fix=joint5.*", "--fix=joint6.*"]
 LESS = {
-    "sample": ["--steps=500", "--walkers=26", "--ensembles=2", "--starts=1"],
+    "sample": ["--steps=500", "--walkers=14", "--starts=1", *WEAK],
     "fleet": ["--starts=1", *WEAK],
+    "design": ["--starts=1", "--no-curve", "--change=joint2.k_tors"],
     "diagnose": ["--starts=1", *WEAK],
 }
 """What is added for six axes, on which these take an hour otherwise: fewer numbers, the same screen."""
