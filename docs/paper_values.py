@@ -87,7 +87,7 @@ def spectrum_beyond(trace: np.ndarray) -> np.ndarray:
 
 
 def allowed_errors(arm: Arm) -> tuple[float, float]:
-    """Return which kinematic errors of all drives, peak to peak [arc s], Figures 5 to 7 allow beside the imbalance.
+    """Return which transmission errors of all drives, peak to peak [arc s], Figures 5 to 7 allow beside the imbalance.
 
     The largest with which, at 10 %, the largest vibration in no direction exceeds that by imbalance alone by `SIMILAR`,
     whatever the phases; and with which no line beyond 8.5 Hz is `VISIBLE` beside the highest from 3.5 to 8.5 Hz, in the

@@ -26,6 +26,7 @@ In the order of use; every study is one function that returns one frozen result.
     sweep           how the vibration depends on numbers of the arm, or on its speed
     triage          what makes a measured vibration: a drive, a mode, a fixed line
     source          what excites the moving arm: imbalance and transmission error of each drive
+    balance         which mass on which pulley balances the drives, and what is left of the vibration
     motion          how fast to go along the path so that the arm keeps a limit, no part changed
     design          what to change so that the arm vibrates least
     explore         a page with sliders: what the arm does when a number is changed
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from ident.description.urdf import read_urdf
     from ident.measure import Campaign, Load, Log, Measurement, Trace, read_campaign, read_log, read_trace
     from ident.studies.arm import ArmPicture, show
+    from ident.studies.balance import BalanceOptions, BalanceResult, balance
     from ident.studies.check import CheckOptions, CheckResult, check
     from ident.studies.compare import CompareOptions, CompareResult, compare
     from ident.studies.design import DesignOptions, DesignResult, design

@@ -16,7 +16,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path, PurePath
 from typing import Any
@@ -24,7 +24,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from ident.errors import IdentError, InputError, Problem
+from ident.errors import IdentError, refusal
 from ident.files import claimed, replace_file
 from ident.text import one_line
 
@@ -201,11 +201,9 @@ class _Reader:
 
     def thing(self, plain: dict[str, Any]) -> Any:
         kind, written = _class(plain["class"]), plain.keys() - {"class", "as"}
-        names, later = _field_names(kind), _defaults(kind)
-        if names is None or written - set(names) or set(names) - written - later.keys():
+        if written != set(_field_names(kind) or ()):
             raise CodecError(f"{plain['class']} of another version of ident")
-        values = {name: default for name, default in later.items() if name not in written}
-        values |= {name: self.value(plain[name]) for name in plain if name in written}
+        values = {name: self.value(plain[name]) for name in plain if name in written}
         value = kind(**values) if issubclass(kind, tuple) else _restored(kind, values)
         if "as" in plain:
             self.shared[plain["as"]] = value
@@ -257,14 +255,6 @@ def _field_names(kind: type) -> list[str] | None:
     if is_dataclass(kind):
         return [field.name for field in fields(kind)]
     return list(kind._fields) if issubclass(kind, tuple) and hasattr(kind, "_fields") else None
-
-
-def _defaults(kind: type) -> dict[str, Any]:
-    """Return the fields that may be missing in a file, as it was written before they came, with what they are then."""
-    if not is_dataclass(kind):
-        return {}
-    made = {f.name: f.default_factory() for f in fields(kind) if f.default_factory is not MISSING}
-    return made | {f.name: f.default for f in fields(kind) if f.default is not MISSING}
 
 
 def _name(kind: type) -> str:
@@ -380,4 +370,4 @@ def _compare(folder: Path, claimed: Mapping[str, str], wanted: Mapping[str, str]
         remedy = (
             "take the inputs and options of that run, or start again (`restart`), or choose another folder (`folder`)"
         )
-        raise InputError(Problem(one_line(str(folder)), got, "those of this run", remedy))
+        raise refusal(one_line(str(folder)), got, "those of this run", remedy)

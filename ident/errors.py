@@ -65,6 +65,11 @@ class InputError(IdentError):
         return type(self), (self.problems,)
 
 
+def refusal(where: str, got: str, expected: str, remedy: str, column: str = "") -> InputError:
+    """Return the error of one thing wrong, see `Problem`."""
+    return InputError(Problem(where, got, expected, remedy, column))
+
+
 @contextmanager
 def noted(problems: list[Problem]) -> Iterator[None]:
     """Add the problems of an InputError to others, so that all are reported at once."""

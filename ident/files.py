@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 from uuid import uuid4
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, refusal
 from ident.text import LOG, one_line
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ def remove_file(path: Path) -> None:
 def _not_written(path: Path, error: OSError | ValueError) -> InputError:
     remedy = "choose a folder that can be written to (--out)"
     reason = "a folder" if os.path.isdir(path) else (getattr(error, "strerror", None) or str(error)).lower()
-    return InputError(Problem(one_line(str(path)), reason, "a file to write", remedy))
+    return refusal(one_line(str(path)), reason, "a file to write", remedy)
 
 
 @contextmanager
@@ -178,11 +178,11 @@ def claimed(folder: Path | None) -> Iterator[None]:
     except BlockingIOError:
         got = f"a folder in which another run is at work{_process(folder)}"
         remedy = "wait until it has ended, or choose another folder (`folder`)"
-        raise InputError(Problem(one_line(str(folder)), got, "one run at a time", remedy)) from None
+        raise refusal(one_line(str(folder)), got, "one run at a time", remedy) from None
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower()
         remedy = "choose a folder that can be written to (`folder`)"
-        raise InputError(Problem(one_line(str(folder)), reason, "a folder to write to", remedy)) from None
+        raise refusal(one_line(str(folder)), reason, "a folder to write to", remedy) from None
     try:
         yield
     finally:

@@ -157,16 +157,14 @@ class Programs:
         try:
             with self.lock:
                 if key not in self.loaded and hash(key) not in self.refused:
-                    self._take(key, self._program(args, more))
+                    program = self._program(args, more)
+                    if program:
+                        self.loaded[key] = program
+                    else:
+                        self.refused.add(hash(key))
                 return self.loaded.get(key)
         except TypeError:  # a static value that has no hash, or what the function itself will raise again
             return None
-
-    def _take(self, key: Any, program: Callable[[list[Any]], Any] | None) -> None:
-        if program:
-            self.loaded[key] = program
-        else:
-            self.refused.add(hash(key))
 
     def _program(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> Callable[[list[Any]], Any] | None:
         """Read a program from its file, or trace it and write it there."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from os import PathLike
 from pathlib import Path
 
-from ident.errors import InputError, Problem, one_line
+from ident.errors import one_line, refusal
 
 LOG = logging.getLogger("ident")
 """Says what is read, compiled and written, where logging is switched on."""
@@ -77,15 +77,15 @@ def read_bytes(path: str | PathLike[str], expected: str, largest: int = LARGEST_
         status = Path(path).stat()
         if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
             remedy = "save what it holds as a file, and name that"
-            raise InputError(Problem(where, "a pipe, a device or a socket", f"{expected} in a regular file", remedy))
+            raise refusal(where, "a pipe, a device or a socket", f"{expected} in a regular file", remedy)
         if stat.S_ISREG(status.st_mode) and status.st_size > largest:
             got, most = f"a file of {status.st_size / 1e6:.0f} MB", f"at most {largest / 1e6:.0f} MB"
-            raise InputError(Problem(where, got, f"{expected} of {most}", "name another file, or split this one"))
+            raise refusal(where, got, f"{expected} of {most}", "name another file, or split this one")
         LOG.info("read %s, %d bytes", where, status.st_size)
         return Path(path).read_bytes()
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower()
-        raise InputError(Problem(where, reason, expected, "check the path and its permissions")) from None
+        raise refusal(where, reason, expected, "check the path and its permissions") from None
 
 
 def decode(data: bytes, file: str) -> str:
@@ -96,11 +96,11 @@ def decode(data: bytes, file: str) -> str:
     """
     if b"\0" in data or data.startswith((b"\xff\xfe", b"\xfe\xff")):
         remedy = "save the file as text in UTF-8"
-        raise InputError(Problem(file, "UTF-16 or a binary file", "a text file in UTF-8", remedy))
+        raise refusal(file, "UTF-16 or a binary file", "a text file in UTF-8", remedy)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         before, byte = error.object[: error.start], error.object[error.start]
         line = len((before + b".").splitlines())
         got, remedy = f"the byte 0x{byte:02x}, which is no UTF-8", "save the file as UTF-8"
-        raise InputError(Problem(f"{file}:{line}", got, "text in UTF-8", remedy)) from None
+        raise refusal(f"{file}:{line}", got, "text in UTF-8", remedy) from None

@@ -20,7 +20,7 @@
 # Three explanations, each simulated on the nominal arm (`docs/nominal_arm.md`) along the real motion:
 #
 # - **the third mode of the folded arm**, at 9.2 Hz: does the arm have this peak by itself?
-# - **kinematic error** of the harmonic drives on that mode, at twice the turning frequency of the wave generator,
+# - **transmission error** of the harmonic drives on that mode, at twice the turning frequency of the wave generator,
 #   which is an ellipse (Tuttle and Seering 1996; Ghorbel, Gandhi and Alpeter 2001);
 # - **a flexible finger**, which the paper takes as rigid.
 #
@@ -190,7 +190,7 @@ assert upwards[2] < 0.05 * upwards[1]
 # A knock upwards excites the second mode, at 8.2 Hz: its vertical motion at the finger's end is five times that of
 # the third. So a knock does not give a vertical peak at 9.2 Hz *alone*: a larger one at 8.2 Hz would accompany it.
 #
-# ## Kinematic error on the third mode
+# ## Transmission error on the third mode
 #
 # 30 arc seconds peak to peak: the order of magnitude of catalogues, assumed and not looked up for any type. On all
 # drives, on one at a time, at three speeds:
@@ -198,7 +198,7 @@ assert upwards[2] < 0.05 * upwards[1]
 
 # %%
 def with_error(arm, peak_to_peak, drives=(1, 2, 3)):
-    """Return the arm with a kinematic error [arcsec] of some drives."""
+    """Return the arm with a transmission error [arcsec] of some drives."""
     amplitude = np.radians(peak_to_peak / 2 / 3600)
     return arm.replace({f"drive{j}.error": amplitude for j in drives})
 
@@ -404,7 +404,7 @@ assert np.ptp([each.frequency for each in line.values()]) < 0.8
 #
 # ## How to tell them apart
 #
-# | | third mode, folded | kinematic error on it | flexible finger, excited by an error |
+# | | third mode, folded | transmission error on it | flexible finger, excited by an error |
 # |---|---|---|---|
 # | Z peak near 9.5 Hz along the real motion | no, nothing excites it | no, a hundredth of 4 to 8 Hz | yes |
 # | X there | no | more than Z | no more than without the finger |
@@ -427,7 +427,7 @@ assert np.ptp([each.frequency for each in line.values()]) < 0.8
 # hardly started and no pulley is near it: along the real motion it gives no peak in Z. A knock at the start would
 # excite it, but upwards the second mode more, at 8.2 Hz.
 #
-# Kinematic error on that mode is not the answer either: near 9.5 Hz it acts on Y and X before Z.
+# Transmission error on that mode is not the answer either: near 9.5 Hz it acts on Y and X before Z.
 #
 # A flexible finger is the only one of the three with a peak in Z and none of its own in X, if something excites it
 # at 9 to 10 Hz. The error that does so here moves the arm sideways by millimetres, which the paper's text does not

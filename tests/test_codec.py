@@ -11,14 +11,11 @@ import pytest
 from arms import lcd_arm
 
 from ident.codec import CodecError, decode, encode
-from ident.description.file import ArmFile
 from ident.errors import Problem
 from ident.inference.optima import Ending, Point
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
-from ident.inference.scrutiny import Exchange
 from ident.measure import Load
-from ident.studies.predict import PredictOptions
 
 
 def through_json(value, arrays=None):
@@ -231,23 +228,6 @@ def test_only_classes_of_values_that_are_ours_are_made(name):
         decode({"class": name})
 
 
-def test_a_field_that_came_later_and_holds_nothing_may_be_missing():
-    document = encode(ArmFile(lcd_arm(), "arm.toml", "0", {}, notes=("held",)))
-    assert decode(document).notes == ("held",)
-    del document["notes"]
-    assert decode(document).notes == ()
-
-
-def test_options_of_an_earlier_version_lack_what_is_new():
-    document = encode(PredictOptions(modes=3))
-    del document["force"], document["set"]
-    assert decode(document) == PredictOptions(modes=3)
-    del document["modes"]
-    assert decode(document) == PredictOptions()
-    with pytest.raises(CodecError, match="another version"):
-        decode({**document, "later": 1})
-
-
 def test_other_fields_are_those_of_another_version():
     document = encode(Prior(1.0, 2.0, 0.5))
     document["more"] = 1
@@ -256,11 +236,3 @@ def test_other_fields_are_those_of_another_version():
     del document["more"], document["sd"]
     with pytest.raises(CodecError, match="another version"):
         decode(document)
-
-
-def test_a_field_that_came_after_a_file_was_written_has_its_default():
-    document = encode(Exchange((1, 2), 3.0, 4.0))
-    del document["score"]
-    found = decode(document)
-    assert (found.rows, found.chi_squared) == ((1, 2), 3.0)
-    assert math.isnan(found.score)

@@ -32,7 +32,7 @@ from ident.arm.parts import (
     Stroke,
     inertia_problems,
 )
-from ident.errors import InputError, Problem, refuse
+from ident.errors import Problem, refusal, refuse
 from ident.programs import library
 from ident.text import did_you_mean, one_line, quoted, table_lines
 from ident.units import stiffness_unit
@@ -290,7 +290,7 @@ class Arm(eqx.Module):
         names = [part.name for part in self.parts()]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise InputError(Problem(self.name, f"{twice[0]} twice", "unique names", "rename one of them"))
+            raise refusal(self.name, f"{twice[0]} twice", "unique names", "rename one of them")
         check_drives(self)
         refuse(_spring_problems(self))
         self._check_workspace()
@@ -415,19 +415,19 @@ class Arm(eqx.Module):
     def _check_workspace(self) -> None:
         count, where = len(self.driven), self.workspace
         if where.line is not None and where.postures:
-            raise InputError(Problem("workspace", "line and postures", "one of them", "drop one", "postures"))
+            raise refusal("workspace", "line and postures", "one of them", "drop one", "postures")
         given = [("line", where.line)] if where.line is not None else [("postures", each) for each in where.postures]
         for column, angles in given:
             if len(angles) != count:
                 got, expected = f"{len(angles)} numbers", f"{count}, one for each driven joint"
-                raise InputError(Problem("workspace", got, expected, "give one for each joint", column))
+                raise refusal("workspace", got, expected, "give one for each joint", column)
         for posture in where.postures:
             for joint, angle in zip(self.driven, posture, strict=True):
                 low, high = map(math.degrees, joint.limits)
                 if not low <= math.degrees(angle) <= high:
                     got = f"{joint.name} at {math.degrees(angle):.4g} deg"
                     expected, remedy = f"{low:.4g} to {high:.4g} deg, its limits", "correct the posture or the limits"
-                    raise InputError(Problem("workspace", got, expected, remedy, "postures"))
+                    raise refusal("workspace", got, expected, remedy, "postures")
 
     def _places(self) -> Iterator[tuple[str, Any, str, tuple[int, ...]]]:
         for part in self.parts():
@@ -443,7 +443,7 @@ class Arm(eqx.Module):
                 if rest == field.name + end:
                     return name, field.name, component
         remedy = did_you_mean(path, self.paths(), "see `Arm.paths()`")
-        raise InputError(Problem("", path or "no name", f"a number of the arm {self.name}", remedy))
+        raise refusal("", path or "no name", f"a number of the arm {self.name}", remedy)
 
 
 def stiffness_paths(arm: Arm) -> tuple[str, ...]:
@@ -513,13 +513,13 @@ def on_soft_base(arm: Arm, height: float) -> Arm:
             return arm
         remedy = "drop `soft_base`, or take that joint out of the arm file"
         got = f"{arm.name}, whose first joint {first.name} is undriven"
-        raise InputError(Problem("soft_base", got, "an arm on a rigid base", remedy))
+        raise refusal("soft_base", got, "an arm on a rigid base", remedy)
     ends = [np.linalg.norm(point.position) for point in arm.points]
     length = float(sum(np.linalg.norm(joint.offset) for joint in arm.joints[1:]) + max(ends, default=0.0))
     longest = FAR * length
     if height > longest > 0:
         expected = f"a height below bushing 1 of {longest:.2g} m at most, {FAR:g} times the arm's length"
-        raise InputError(Problem("soft_base", f"{height:g} m", expected, "give it in metres"))
+        raise refusal("soft_base", f"{height:g} m", expected, "give it in metres")
     up = jnp.array([0.0, 0.0, height])
     mass = float(sum(body.mass for body in arm.bodies)) / len(arm.joints)
     square = (height / 4) ** 2
@@ -531,7 +531,7 @@ def on_soft_base(arm: Arm, height: float) -> Arm:
     raised = eqx.tree_at(lambda joint: joint.offset, first, up)
     for part in arm.parts():
         if part.name in (BASE, PEDESTAL):
-            raise InputError(Problem("soft_base", f"a part {part.name}", "that name for the base", "rename the part"))
+            raise refusal("soft_base", f"a part {part.name}", "that name for the base", "rename the part")
     return eqx.tree_at(lambda arm: arm.joints, arm, (base, raised, *arm.joints[1:]))
 
 
@@ -550,7 +550,7 @@ def check_size(joints: int, where: str) -> None:
     """
     if joints > MOST_JOINTS:
         remedy = "leave out joints that hardly give: time and memory grow with the square of their number"
-        raise InputError(Problem(where, f"{joints} joints", f"at most {MOST_JOINTS}", remedy))
+        raise refusal(where, f"{joints} joints", f"at most {MOST_JOINTS}", remedy)
 
 
 def massless_joints(joints: Sequence[Joint]) -> Iterator[tuple[int, str, str]]:

@@ -155,20 +155,13 @@ def _inverse_iteration(d: Array, e: Array, mu: Array) -> Array:
     start = np.random.default_rng(0).standard_normal((n, count))
     Y = jnp.broadcast_to(start.reshape(start.shape + (1,) * (mu.ndim - 1)), (n, *mu.shape))
     tiny = jnp.finfo(mu.dtype).eps * jnp.max(mu, 0)
-    shift = _outside_clusters(mu, tiny, n)
-    Y = jax.lax.fori_loop(0, 3, lambda _, Y: _orthonormalize(_solve_shifted(d, e, shift, Y, tiny)), Y)
-    return _orthonormalize(Y)
-
-
-def _outside_clusters(mu: Array, tiny: Array, n: int) -> Array:
-    """Return the shifts: an eigenvalue itself where it is alone, else one a little above its cluster.
-
-    A shift that meets one eigenvalue of a cluster far better than the others drowns their vectors in that one's.
-    """
+    # the shifts: an eigenvalue itself where it is alone, else one a little above its cluster
     close, no = mu[:-1] - mu[1:] < n * tiny, jnp.zeros(mu[:1].shape, bool)
     follows, leads = jnp.concatenate([no, close]), jnp.concatenate([close, no])
     highest = jax.lax.cummin(jnp.where(follows, jnp.inf, mu))
-    return jnp.where(follows | leads, highest + n / 2 * tiny, mu)
+    shift = jnp.where(follows | leads, highest + n / 2 * tiny, mu)
+    Y = jax.lax.fori_loop(0, 3, lambda _, Y: _orthonormalize(_solve_shifted(d, e, shift, Y, tiny)), Y)
+    return _orthonormalize(Y)
 
 
 def _solve_shifted(d: Array, e: Array, mu: Array, B: Array, tiny: Array) -> Array:

@@ -457,7 +457,9 @@ def _with_motors(motors: Motors, phi: Phi, M: Matrix, C: Matrix, H: Matrix) -> t
     squares = matmul(transpose(spins), motors.rotor[:, None] * spins)
     whole = matmul(matmul(transpose(ways), mass_matrix(free, rest)), ways) + cross + transpose(cross) + squares
     stiffness = matmul(matmul(transpose(ways), potential_derivatives(free, rest)[1]), ways)
-    apart = _apart(M, H)
+    # an eigenvalue above all of M and H
+    W = inverse_cholesky_factor(jax.lax.stop_gradient(M))
+    apart = ABOVE * (matmul(W, jax.lax.stop_gradient(H)) * W).sum((0, 1))
     mass = jnp.where(motors.on > 0, whole, _beside(M, jnp.ones_like(motors.stiffness)))
     servos = _beside(jnp.zeros_like(H), motors.stiffness)
     return (
@@ -465,12 +467,6 @@ def _with_motors(motors: Motors, phi: Phi, M: Matrix, C: Matrix, H: Matrix) -> t
         _beside(C, motors.damping * motors.on),
         jnp.where(motors.on > 0, stiffness + servos, _beside(H, apart * jnp.ones_like(motors.stiffness))),
     )
-
-
-def _apart(M: Matrix, H: Matrix) -> Float[Array, "*#batch"]:
-    """Return an eigenvalue above all of M and H."""
-    W = inverse_cholesky_factor(jax.lax.stop_gradient(M))
-    return ABOVE * (matmul(W, jax.lax.stop_gradient(H)) * W).sum((0, 1))
 
 
 def _beside(A: Matrix, diagonal: Float[Array, "A *#batch"]) -> Float[Array, "k k *#batch"]:

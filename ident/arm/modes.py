@@ -223,14 +223,10 @@ def all_damped_modes(system: Linearized) -> tuple[Array, Array, Array, Array]:
     one_by_one = jnp.moveaxis(state.reshape((2 * n, 2 * n, -1)), -1, 0)
     s, right, left = (jnp.moveaxis(out, 0, -1).reshape(out.shape[1:] + batch) for out in jax.lax.map(_eig, one_by_one))
     x, y = matmul(transpose(W), right[:n]), matmul(transpose(W), left[n:])
-    return s, x, y, _nearest_in_shape(system, s, x)
-
-
-def _nearest_in_shape(system: Linearized, s: Array, x: Array) -> Array:
-    """Return for each undamped mode the index of the eigenvalue in whose vector it has the largest share."""
+    # for each undamped mode the index of the eigenvalue in whose vector it has the largest share
     shapes = lowest_modes(system.H, system.M, system.M.shape[0])[1]
     share = jnp.abs(matmul(matmul(transpose(shapes), system.M), x)) ** 2
-    return jnp.argmax(jnp.where(s.imag < 0, -1.0, share / share.sum(0)), 1)
+    return s, x, y, jnp.argmax(jnp.where(s.imag < 0, -1.0, share / share.sum(0)), 1)
 
 
 def _eig(A: Inexact[Array, "k k"]) -> tuple[Array, Array, Array]:

@@ -12,7 +12,7 @@ each pulley, (T_u + T_l) cos(beta) along the line of centres and (T_u - T_l) sin
 counted from the command, on which the belts run without stretch, and forces from the assembled arm: the bushings were
 aligned under pretension.
 
-Rigid belts (xi = 0) are not the limit of stiff ones. Those force s to zero, with gamma = 0 and without kinematic error
+Rigid belts (xi = 0) are not the limit of stiff ones. Those force s to zero: with gamma = 0 and no error
 
     r2 (N2 xi2 + phi2) = r1 (N1 - 1) xi1
 
@@ -70,7 +70,7 @@ from ident.arm.rotations import (
     turn_about,
     turned,
 )
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.programs import AnyArray
 
 # -------- Losses
@@ -92,7 +92,7 @@ def refuse_losses(arm: Arm) -> None:
         expected = "damping times, as loss factors hold for harmonic motion only"
         time = given[0].replace("loss", "tau")
         remedy = f"take them out, and give {time} = loss factor / (2 pi f) instead, which is exact at one frequency f"
-        raise InputError(Problem(arm.name, got, expected, remedy))
+        raise refusal(arm.name, got, expected, remedy)
 
 
 # -------- Multibody
@@ -108,8 +108,8 @@ class Drives(eqx.Module):
         reach: (N, *batch) [m] that distance.
         height: (N, *batch) [m] of the eccentric mass above the bushing.
         phase: (N, *batch) [rad]
-        orders: of the kinematic errors that some drive has, 2 first.
-        error: (N, *batch) [rad] amplitude of the kinematic error at each of them.
+        orders: of the transmission errors that some drive has, 2 first.
+        error: (N, *batch) [rad] amplitude of the transmission error at each of them.
         error_phase: (N, *batch) [rad] likewise.
         across: (3, 2, N, *batch) unit vectors across the axis, from the first of which the phase counts.
     """
@@ -165,7 +165,7 @@ class Multibody(eqx.Module):
         carrier: joint that carries each named point.
         driven: joints that have a pin.
         elastic: whether the belts stretch, so that the pins that they drive deviate from the command.
-        transmission_error: whether some drive may have a kinematic error; if not, none is computed, whatever `drives`.
+        transmission_error: whether some drive may have one; if not, none is computed, whatever `drives`.
     """
 
     axis: Float[Array, "3 N *#batch"]
@@ -223,7 +223,7 @@ class ExcitingOrder(NamedTuple):
 
     @property
     def of_error(self) -> bool:
-        """Whether it is a kinematic error."""
+        """Whether it is a transmission error."""
         return self.kind == ERROR
 
 
@@ -241,7 +241,7 @@ def exciting_orders(arm: Arm) -> list[ExcitingOrder]:
 
 
 def orders_of(arm: Arm, drive: str) -> list[float]:
-    """Return the orders at which a drive excites its arm: 1 in any case, and those of its kinematic errors."""
+    """Return the orders at which a drive excites its arm: 1 in any case, and those of its transmission errors."""
     return sorted({1, *(each.order for each in exciting_orders(arm) if each.drive == drive and each.of_error)})
 
 
@@ -251,7 +251,7 @@ def may_differ_from_zero(number: Array) -> bool:
 
 
 def has_transmission_error(arm: Arm) -> bool:
-    """Tell whether some drive may have a kinematic error."""
+    """Tell whether some drive may have a transmission error."""
     return any(each.of_error for each in exciting_orders(arm))
 
 
@@ -270,7 +270,7 @@ def multibody(
         loads: the load case; its own weight when None.
         rank: number of batch axes of times and states; those of the arm's numbers come last among them.
         elastic_belts: whether belts stretch.
-        transmission_error: whether some drive may have a kinematic error; by the arm's numbers when None.
+        transmission_error: whether some drive may have a transmission error; by the arm's numbers when None.
 
     Raises:
         ModelError: the arm has more batch axes than `rank`.
@@ -280,7 +280,7 @@ def multibody(
     loads = (no_loads(arm) if loads is None else loads).lifted(rank)
     if loads.moment is not None:
         remedy = "take two forces at two points of the body"
-        raise InputError(Problem(arm.name, "a moment", "payloads, masses and forces in motion", remedy, "load"))
+        raise refusal(arm.name, "a moment", "payloads, masses and forces in motion", remedy, "load")
     axis, (shaft, link) = axes(arm, rank), moments(arm, loads, rank)
     bend, tors, damping = bushings(arm, axis)
     return Multibody(
@@ -304,7 +304,7 @@ def multibody(
 
 
 def balanced(multibody: Multibody) -> Multibody:
-    """Return the model with all eccentric masses on their axes and without kinematic error: nothing excites it."""
+    """Return the model with all eccentric masses on their axes and without transmission error: nothing excites it."""
     drives = replace(multibody.drives, imbalance=jnp.zeros_like(multibody.drives.imbalance))
     return replace(multibody, drives=drives, transmission_error=False)
 
@@ -373,7 +373,7 @@ def stretch(model: "Multibody", phi: Array, xi: Array, error: Array) -> Spans:
         model: the multibody model.
         phi: (3, N, *batch) [rad] rotation vectors of the bushings.
         xi: (N, *batch) [rad] deviation of each pin from its command.
-        error: (N, *batch) [rad] kinematic error of each drive.
+        error: (N, *batch) [rad] transmission error of each drive.
     """
     belts = model.belts
     driver, driven = (np.asarray(ends, int) for ends in zip(*belts.ends, strict=True))
@@ -400,7 +400,7 @@ def tensions(model: "Multibody", e: Spans, e_dot: Spans) -> Spans:
 def belt_forces(
     model: "Multibody", position: tuple[Array, Array, Array], rate: tuple[Array, Array, Array]
 ) -> tuple[Float[Array, "3 N *#batch"], Float[Array, "N *#batch"], Float[Array, "N *#batch"]]:
-    """Return the moments [N m] on bushings, wave generators and kinematic errors that the belts ask for.
+    """Return the moments [N m] on bushings, wave generators and transmission errors that the belts ask for.
 
     Args:
         model: the multibody model.
@@ -465,10 +465,10 @@ class Pins(eqx.Module):
     """How pins and pulleys turn.
 
     Attributes:
-        pin: of the link against the shaft, kinematic error included.
+        pin: of the link against the shaft, transmission error included.
         pulley: of the pulley against the shaft.
         slope: (N, *batch) [-] turn of the pin for one of the wave generator divided by the ratio.
-        error: (N, *batch) [rad] kinematic error.
+        error: (N, *batch) [rad] transmission error.
     """
 
     pin: Turning
@@ -499,7 +499,7 @@ def pins(model: Multibody, command: Command, xi: Turning) -> Pins:
 
 
 def transmission_error(model: Multibody, turning: Pins) -> Turning:
-    """Return by how much the pins deviate from their wave generators: the kinematic error and its rates."""
+    """Return by how much the pins deviate from their wave generators: the transmission error and its rates."""
     exact = [part / model.drives.ratio for part in turning.pulley]
     return Turning(*(pin - wave for pin, wave in zip(turning.pin, exact, strict=True)))
 

@@ -184,12 +184,12 @@ ORDER_MAX = 1000
 
 
 def order_name(drive: str, order: float) -> str:
-    """Return the name of a drive's kinematic error at an order, `drive1_order0p5`: a name has no point."""
+    """Return the name of a drive's transmission error at an order, `drive1_order0p5`: a name has no point."""
     return f"{drive}_order{f'{order:g}'.replace('.', 'p')}"
 
 
 def order_problems(name: str, order: float) -> Iterator[Problem]:
-    """Yield what is wrong with the order of a further kinematic error."""
+    """Yield what is wrong with the order of a further transmission error."""
     if not 0 < order <= ORDER_MAX:
         remedy = "give the periods of the error in a turn of the wave generator"
         yield Problem(name, f"{order:g}", f"an order above 0, {ORDER_MAX} at most", remedy, "order")
@@ -199,7 +199,7 @@ def order_problems(name: str, order: float) -> Iterator[Problem]:
 
 
 class ErrorOrder(eqx.Module):
-    """A further kinematic error of a drive at its pin: amplitude sin(order theta + phase), theta the pulley's angle.
+    """A further transmission error of a drive at its pin: amplitude sin(order theta + phase), theta the pulley's angle.
 
     Attributes:
         name: made of the drive's and the order, see `order_name`.
@@ -227,7 +227,7 @@ class Drive(eqx.Module):
     The pulley turns by theta = ratio * q about the joint's axis, seen from the shaft, while the pin turns by q. A
     eccentric mass of the drive has its centre off the axis: at theta = 0 in the direction `phase`, about the axis from
     the shaft's x axis (from y where the joint's axis is x). That mass is part of the shaft's. The pin deviates
-    from the wave generator by the kinematic error, `error` sin(2 theta + error_phase): twice a turn, since the wave
+    from the wave generator by the transmission error, `error` sin(2 theta + error_phase): twice a turn, since the wave
     generator is an ellipse. `errors` add to it at other orders.
 
     Attributes:
@@ -240,9 +240,9 @@ class Drive(eqx.Module):
         eccentricity: () [m] distance of its centre from the axis.
         height: () [m] of that centre above the bushing, along the axis.
         phase: () [rad] direction of that centre at pulley angle zero.
-        error: () [rad] amplitude of the kinematic error at the pin.
-        error_phase: () [rad] phase of the kinematic error.
-        errors: further kinematic errors, at other orders than 2.
+        error: () [rad] amplitude of the transmission error at the pin.
+        error_phase: () [rad] phase of the transmission error.
+        errors: further transmission errors, at other orders than 2.
 
     References:
         Tuttle, Seering, "A nonlinear model of a harmonic drive gear transmission", IEEE T-RA 12(3), 1996 (kinematic

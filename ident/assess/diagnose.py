@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.assess.remedies import Remedy, Task, Verification, VibrationAssessment
+from ident.assess.source import SourceStudy
 from ident.identify.compare import CampaignSample, Validation, parts_of
 from ident.identify.fit import CampaignFit
 from ident.inference.draws import quantiles
@@ -18,8 +19,8 @@ from ident.vibrate.resonance import Excitation, ResonanceCrossing, excitation, r
 from ident.vibrate.sweep import Sensitivities
 
 Verdict = Literal["accept", "warn", "reject"]
-STAGES = ("stiffness", "trust", "resonance", "vibration", "sensitivities", "remedies", "verification")
-"""The stages in order, by the names under which their values are kept."""
+STAGES = ("stiffness", "source", "trust", "resonance", "vibration", "sensitivities", "remedies", "verification")
+"""The stages in order, by the names under which their values are kept; "source" where there are runs."""
 LEAVE = "posture"
 """What is left out at a time, to see how well the others predict it."""
 TIMES, NEAR = 500, np.radians(2.0)
@@ -53,6 +54,19 @@ class Identification:
 
 
 @dataclass(frozen=True)
+class Excited:
+    """What traces of the moving arm tell of what excites it, and what is asked of the arm so excited.
+
+    Attributes:
+        study: sources, stiffness and damping by the runs, with the posterior of the measurements as the prior.
+        task: what is asked, of the arm with the medians of draws of these.
+    """
+
+    study: SourceStudy
+    task: Task
+
+
+@dataclass(frozen=True)
 class ResonanceAssessment:
     """Natural frequencies along the motion and what excites the arm.
 
@@ -79,6 +93,7 @@ class Diagnosis:
         sensitivities: which numbers of the arm matter most.
         remedies: what can be done, the best first; none where the vibration is accepted.
         verifications: those of the first remedies, in their order.
+        excited: what excites the arm; None where no runs were given.
     """
 
     identification: Identification
@@ -88,16 +103,24 @@ class Diagnosis:
     sensitivities: Sensitivities
     remedies: tuple[Remedy, ...] = ()
     verifications: tuple[Verification, ...] = ()
+    excited: Excited | None = None
 
     @property
     def stages(self) -> tuple[str, ...]:
         """The stages that were carried out: where the vibration is accepted, no remedy is sought."""
-        return STAGES if self.verifications else STAGES[:-2]
+        own = stages_of(runs=self.excited is not None)
+        return own if self.verifications else own[:-2]
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the fit contradicts itself, or the runs the model."""
+        contradicting = self.excited is not None and not self.excited.study.usable
+        return bool(self.identification.sampled.fitted.doubts) or contradicting
 
     @property
     def task(self) -> Task:
         """What is asked."""
-        return self.identification.task
+        return (self.excited or self.identification).task
 
     @property
     def validation(self) -> Validation:
@@ -130,6 +153,11 @@ class Diagnosis:
         if self.advised is None or self.verified is None:
             return "accept"
         return "warn" if self.advised.meets_limit and self.verified.holds else "reject"
+
+
+def stages_of(*, runs: bool) -> tuple[str, ...]:
+    """Return the stages of a diagnosis, with or without runs."""
+    return STAGES if runs else tuple(stage for stage in STAGES if stage != "source")
 
 
 def assess_trust(fitted: CampaignFit) -> tuple[HeldOut, ...]:

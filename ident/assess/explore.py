@@ -13,7 +13,7 @@ from jaxtyping import Float
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Moments
 from ident.arm.multibody import Multibody, multibody
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.identify.binding import loads_of
 from ident.measure import Campaign, Load
 from ident.measure.load import Vector
@@ -173,17 +173,17 @@ def _mass(load: Load, carried: Carried) -> float:
 def _check(arm: Arm, payload: str, measured: Campaign | None) -> None:
     if not arm.points:
         remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
-        raise InputError(Problem(arm.name, "no point", "at least one", remedy))
+        raise refusal(arm.name, "no point", "at least one", remedy)
     if arm.springs:
         got, remedy = f"a curved spring ({arm.springs[0].name})", "take its table out: k_bend and k_tors stay"
-        raise InputError(Problem(arm.name, got, "straight springs, as the page computes with no others", remedy))
+        raise refusal(arm.name, got, "straight springs, as the page computes with no others", remedy)
     names = [*(each.body.name for each in arm.payloads if float(each.body.mass) > 0), *(p.name for p in arm.points)]
     if payload and payload not in names:
         expected = f"one of {', '.join(names)}"
-        raise InputError(Problem("payload", quoted(payload), expected, did_you_mean(payload, names, "correct it")))
+        raise refusal("payload", quoted(payload), expected, did_you_mean(payload, names, "correct it"))
     if measured and measured.joints != len(arm.driven):
         got, expected = f"{measured.joints} joint angles", f"{len(arm.driven)}, one for each driven joint of {arm.name}"
-        raise InputError(Problem(measured.path or measured.name, got, expected, "give the campaign of this arm"))
+        raise refusal(measured.path or measured.name, got, expected, "give the campaign of this arm")
 
 
 def _carried(arm: Arm, load: Load, name: str) -> Carried:

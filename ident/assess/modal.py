@@ -13,7 +13,7 @@ from jaxtyping import Complex, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.parts import Point
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.identify.mode_names import Measured, ModeLabels, label_modes
 from ident.inference.parameters import Parameters
 from ident.measure import DEFINITIONS, Campaign, Measurement
@@ -83,8 +83,7 @@ def identify_modes(
     near = near or {}
     for number in near:
         if not 1 <= number <= len(tests):
-            remedy = "postures are numbered as in the report"
-            raise InputError(Problem("modes", f"posture {number}", f"1 to {len(tests)}", remedy))
+            raise refusal("modes", f"posture {number}", f"1 to {len(tests)}", "postures are numbered as in the report")
     every = [_modes(test, near.get(number)) for number, test in enumerate(tests, 1)]
     hammer = iter(together([modes for modes in every if isinstance(modes, Modes)]))
     modes = [next(hammer) if isinstance(each, Modes) else each for each in every]
@@ -302,7 +301,7 @@ def in_base_frame(arm: Arm, table: ChannelTable) -> ChannelTable:
     for row in table.rows:
         if row.counts and len(row.posture) != len(arm.driven):
             got, expected = f"{len(row.posture)} joint angles", f"{len(arm.driven)}, as {arm.name} has"
-            raise InputError(Problem(row.where, got, expected, "add or remove columns q1, q2, ...", "q1"))
+            raise refusal(row.where, got, expected, "add or remove columns q1, q2, ...", "q1")
     turned = [i for i, row in enumerate(table.rows) if row.counts and row.frame == BODY]
     rows = list(table.rows)
     for posture in dict.fromkeys(rows[i].posture for i in turned):

@@ -1,4 +1,4 @@
-"""Which change meets the limit: torsional stiffness first, mass centres second, both, or another speed."""
+"""Which change meets the limit: another speed, mass centres, torsional stiffness, or the last two together."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,7 +10,7 @@ from scipy.stats import binomtest
 
 from ident.assess.effort import DiagnosisEffort
 from ident.assess.scenario import Basis, OverPhases, Unknowns, at_share, over_phases
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.vibrate.design_search import Point, Requirements, Search, settled, with_cut
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, Variable, binomial_estimate, side_by_side
 from ident.vibrate.exact import Progress
@@ -90,7 +90,7 @@ class Task:
         return Evaluator(basis.arm, basis.motion, variables, draws=draws, loads=basis.loads, rate=RATE, step=self.step)
 
     def over_phases(self, evaluator: Evaluator) -> Evaluator:
-        """Return the same over all phases that are not known, with the highest kinematic errors that may be."""
+        """Return the same over all phases that are not known, with the highest transmission errors that may be."""
         unknown = self.basis.unknown
         return replace(evaluator, arm=evaluator.arm.replace(unknown.highest), unknown=unknown.phases)
 
@@ -139,7 +139,7 @@ def keeping(
     """
     if evaluator.size == 1:
         remedy = "take a posterior's draws: the arm alone says nothing of a probability"
-        raise InputError(Problem("`evaluator`", "no draws", "at least one", remedy))
+        raise refusal("`evaluator`", "no draws", "at least one", remedy)
     parts, keeps = list(looks(evaluator.size - 1)), np.zeros(0, bool)
     for k in progress(range(len(parts))):
         draws = {path: values[parts[k]] for path, values in evaluator.draws.items()}
@@ -169,7 +169,7 @@ class VibrationAssessment:
     Attributes:
         response: by the exact equations.
         amplitude: (3,) [m] of the arm itself, with the excitation of `at_confidence`, which the response has as well.
-        draws: (3, D) [m], each with phases and kinematic errors of its own.
+        draws: (3, D) [m], each with phases and transmission errors of its own.
         keeps: probability that the limit is kept in all directions, by the draws.
         limit: [m]
         phases: the arm itself over the phases that are not known; None where all are known.
@@ -253,8 +253,8 @@ def exact_response(evaluator: Evaluator) -> Response:
 
 # -------- Remedies
 
-KINDS = ("torsion", "mass centre", "both", "speed")
-"""Kinds of remedies in the paper's order; what it does not speak of comes last."""
+EFFORTS = {"speed": "software", "mass centre": "screwdriver", "torsion": "new part", "both": "new part"}
+"""Kinds of remedies and what each takes, the least effort first; assumed."""
 FULL = 100.0
 """Speed [%] above which none is advised."""
 CANDIDATES = 10
@@ -290,6 +290,11 @@ class Remedy:
     frequency: float
     deflection: float
     change_norm: float
+
+    @property
+    def effort(self) -> str:
+        """What it takes: software, a screwdriver, a new part."""
+        return EFFORTS[self.kind]
 
     @property
     def meets_limit(self) -> bool:
@@ -356,9 +361,9 @@ def _jobs(task: Task, aim: float) -> Iterator[Callable[[], Remedy]]:
 
 
 def _rank(remedy: Remedy) -> tuple[bool, int, float]:
-    """Sort what meets the limit by the paper's order and the change norm, then what does not by its amplitude."""
+    """Sort what meets the limit by effort and the change norm, then what does not by its amplitude."""
     if remedy.meets_limit:
-        return False, KINDS.index(remedy.kind), remedy.change_norm
+        return False, list(EFFORTS).index(remedy.kind), remedy.change_norm
     return True, 0, remedy.largest
 
 

@@ -19,7 +19,7 @@ from ident.vibrate.motion import Motion
 from ident.vibrate.simulate import Superposition
 
 # -------- Phases
-# Unknown phases of the imbalances, and kinematic errors: which they are, and draws of them.
+# Unknown phases of the imbalances, and transmission errors: which they are, and draws of them.
 
 GUESSED = ("assumed", "calibrated", "derived", "designed", "")
 """Origins of a phase with which it is not known: it was not seen on this arm."""
@@ -32,8 +32,8 @@ class Unknowns:
     """What is unknown of the excitation.
 
     Attributes:
-        phases: paths of the phases of imbalance and kinematic error that are not known.
-        errors: lowest and highest amplitude [rad] of the kinematic errors that are not known, by path; each between is
+        phases: paths of the phases of imbalance and transmission error that are not known.
+        errors: lowest and highest amplitude [rad] of transmission errors that are not known, by path; each between is
             as likely as any other. The arm itself has the highest.
     """
 
@@ -42,7 +42,7 @@ class Unknowns:
 
     @property
     def highest(self) -> dict[str, float]:
-        """The highest kinematic errors, by path [rad]."""
+        """The highest transmission errors, by path [rad]."""
         return {path: high for path, (_, high) in self.errors.items()}
 
     def draws(self, count: int, seed: int = 0) -> dict[str, Float[np.ndarray, "K"]]:
@@ -61,13 +61,13 @@ def unknowns(
     errors: tuple[float, float] | None = None,
     phases: bool = True,
 ) -> tuple[Arm, Unknowns]:
-    """Return an arm with the largest kinematic errors at order 2 that may be, and what is unknown of its excitation.
+    """Return an arm with the largest transmission errors at order 2 that may be, and what is unknown of its excitation.
 
     Args:
         arm: the arm.
         origins: of its numbers, by path.
         given: numbers that the user has set.
-        errors: lowest and highest kinematic error [arc seconds, peak to peak], twice the amplitude; None for the arm's.
+        errors: lowest and highest transmission error [arc seconds, peak to peak], twice the amplitude; None: the arm's.
         phases: whether phases are unknown.
     """
     bounds: dict[str, tuple[float, float]] = {}
@@ -92,7 +92,7 @@ def unknown_phases(arm: Arm, origins: Mapping[str, str], given: Collection[str])
 def unknown_errors(
     arm: Arm, origins: Mapping[str, str], given: Collection[str], low: float, high: float
 ) -> dict[str, tuple[float, float]]:
-    """Return the kinematic errors that are not known, with their bounds [rad], by path; see `unknown_phases`."""
+    """Return the transmission errors that are not known, with their bounds [rad], by path; see `unknown_phases`."""
     paths = [f"{drive.name}.error" for drive in arm.drives]
     return {path: (low, high) for path in paths if _guessed(path, origins, given)}
 
@@ -188,7 +188,7 @@ class OverPhases:
     Attributes:
         peaks: (3, K) [m] peak with each of K draws of these phases.
         envelope: (3, T) [m] the largest magnitude over all of them at each time.
-        division: (3, 3) [m] what motion and all that is known, imbalance and kinematic error (first axis) make of the
+        division: (3, 3) [m] what motion and all known, imbalance and transmission error (first axis) make of the
             largest peak in each direction.
     """
 
@@ -221,7 +221,7 @@ def at_share(arm: Arm, whole: Superposition, unknown: Unknowns, share: float) ->
     """Return numbers of an excitation, by path, whose largest peak a share of all that may be does not exceed.
 
     Args:
-        arm: has the highest kinematic errors.
+        arm: has the highest transmission errors.
         whole: its vibration.
         unknown: what may be.
         share: of all that may be.
@@ -250,5 +250,5 @@ def _drawn(
 
 
 def _size(phase: str) -> str:
-    """Return the path of the kinematic error at order 2 whose phase it is; of another phase the path of no error."""
+    """Return the path of the transmission error at order 2 whose phase it is; of another phase the path of no error."""
     return phase.removesuffix("_phase")

@@ -1,19 +1,20 @@
 """From a table of runs to what excites the arm, how sure that is, and how well other runs are predicted."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
+from scipy.stats import chi2
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Loads
-from ident.arm.multibody import ExcitingOrder, possible_orders
+from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders
 from ident.errors import InputError, Problem
 from ident.identify.binding import loads_of
 from ident.measure import Log, read_log
-from ident.measure.runs import Runs, Trace
+from ident.measure.runs import RunRow, Runs, Trace
 from ident.vibrate.motion import Motion, beyond_limits, stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.source_identification import (
@@ -25,6 +26,7 @@ from ident.vibrate.source_identification import (
     Identification,
     Prior,
     SourceProblem,
+    Trial,
     clock_offsets,
     explained,
     gain,
@@ -32,7 +34,7 @@ from ident.vibrate.source_identification import (
     slow_columns,
     with_further,
 )
-from ident.vibrate.sources import Run, Sensor
+from ident.vibrate.sources import UNITS, Run, Sensor, with_units
 from ident.vibrate.triage import MovingTrace
 
 RARE = 1e-3
@@ -52,6 +54,11 @@ FURTHER = (5.0, 7.0, 10.0, 14.0, 20.0)
 """Speeds [%] of the runs that are tried where some source is not told; assumed."""
 TESTED = 100
 """Draws by which a run is predicted."""
+
+CHANCE = 0.01
+"""Probability below which a trial mass does not act as stated, or trial masses contradict each other; assumed."""
+NEAR = 0.05
+"""Deviation of a trial mass's factor that is none: the correction would leave as much of the imbalance; assumed."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +96,43 @@ class Prediction:
 
 
 @dataclass(frozen=True)
+class Tried:
+    """What a mass did that was added to a drive for a run: a trial, or a correction as it was mounted.
+
+    Attributes:
+        run: its name.
+        drive: name of the drive.
+        stated: [kg m] its imbalance as the table of runs has it.
+        factor: by which it acts: 1 where table and model are right.
+        draws: (D,) of that.
+    """
+
+    run: str
+    drive: str
+    stated: complex
+    factor: complex
+    draws: Complex[np.ndarray, "D"]
+
+    @property
+    def sd(self) -> tuple[float, float]:
+        """Standard deviation of the factor's size [-], and of its turn [rad]."""
+        off = self.draws / self.factor
+        return float(abs(self.factor) * off.real.std()), float(off.imag.std())
+
+    @property
+    def chance(self) -> float:
+        """Probability that the factor is 1 and differs so much by chance."""
+        off = np.array([self.factor.real - 1, self.factor.imag])
+        spread = np.cov(self.draws.real, self.draws.imag)
+        return float(chi2.sf(off @ np.linalg.solve(spread, off), 2))
+
+    @property
+    def right(self) -> bool:
+        """Whether it acts as stated."""
+        return abs(self.factor - 1) < NEAR or self.chance > CHANCE
+
+
+@dataclass(frozen=True)
 class SourceStudy:
     """What excites the arm, and how well runs that were not used are predicted.
 
@@ -118,6 +162,18 @@ class SourceStudy:
 
         best = max(self.further, key=worth, default=0.0)
         return (best, told(best)) if best and told(best) else (0.0, [])
+
+    def tried(self, count: int = TESTED, seed: int = 0) -> list[Tried]:
+        """Return what masses did that were added for runs, with draws."""
+        problem, factors = self.found.problem, self.found.place.factors @ (1, 1j)
+        if not problem.trials:
+            return []
+        drawn, every = self.found.factors(count, seed) @ (1, 1j), list[Tried]()
+        for k, trial in enumerate(problem.trials):
+            drive = problem.sources[trial.source].drive
+            stated = complex(*trial.parts) * self.found.masses[drive] * UNITS[IMBALANCE]
+            every.append(Tried(problem.runs[trial.run].name, drive, stated, complex(factors[k]), drawn[:, k]))
+        return every
 
     @property
     def told(self) -> int:
@@ -189,6 +245,8 @@ def studied(
     problem = _posed(arm, table, used, prior, offset)
     for name in hold_out:
         _posed(arm, table, [name], prior, offset)
+    for name in used:
+        _refuse_alone(table, name, used)
     found = identified(problem, progress)
     for run, (clock, _) in zip(problem.runs, found.place.clock.tolist(), strict=True):
         if abs(clock) > offset * (1 - 1e-9):
@@ -240,7 +298,22 @@ def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: fl
     words = [table.of(name)[0].row.group or name for name in names]
     order = list(dict.fromkeys(words))
     groups = tuple(order.index(word) for word in words)
-    return SourceProblem(arm, tuple(runs), groups, tuple(channels), tuple(possible_orders(arm)), prior, offset)
+    sources, trials = tuple(possible_orders(arm)), list[Trial]()
+    for number, name in enumerate(names):
+        trials += _trials(arm, sources, number, table.of(name)[0].row)
+    return SourceProblem(arm, tuple(runs), groups, tuple(channels), sources, prior, offset, tuple(trials))
+
+
+def _trials(arm: Arm, sources: Sequence[ExcitingOrder], run: int, row: RunRow) -> Iterator[Trial]:
+    """Yield what the masses that were added for a run do to the imbalance of each drive."""
+    masses = {drive.name: float(drive.eccentric_mass) for drive in with_units(arm, sources).drives}
+    at = {each.drive: k for k, each in enumerate(sources) if each.kind == IMBALANCE}
+    if wrong := [each.drive for each in row.trial if each.drive not in at]:
+        raise InputError(Problem(row.where, wrong[0], f"one of {', '.join(at)}", "name a drive of the arm", "trial"))
+    for drive in dict.fromkeys(each.drive for each in row.trial):
+        added = sum(each.imbalance for each in row.trial if each.drive == drive)
+        parts = added / (masses[drive] * UNITS[IMBALANCE])
+        yield Trial(run, at[drive], (parts.real, parts.imag))
 
 
 def _from_start(arm: Arm, table: Runs, traces: Sequence[Trace]) -> tuple[Trace, ...]:
@@ -309,16 +382,26 @@ def _same_group(table: Runs, name: str, used: Sequence[str]) -> str:
     return same[0]
 
 
+def _refuse_alone(table: Runs, name: str, used: Sequence[str]) -> None:
+    """Refuse a trial mass that no run of its group is without: what it does is the difference of both."""
+    row = table.of(name)[0].row
+    others = [table.of(other)[0].row for other in used if row.group and table.of(other)[0].row.group == row.group]
+    for drive in {each.drive for each in row.trial}:
+        if all(drive in {each.drive for each in other.trial} for other in others):
+            expected = f"a run of the same group without a mass on {drive}"
+            raise InputError(Problem(row.where, "a trial mass alone", expected, "add one, name its group", "trial"))
+
+
 def _predicted(found: Identification, table: Runs, name: str, used: Sequence[str]) -> "list[Prediction]":
     """Return what sensors of a run that was left out should see, its clock alone fitted, and what they saw."""
     known = found.problem
     group = known.groups[list(used).index(_same_group(table, name, used))]
     own = _posed(known.arm, table, [name], known.prior, known.offset)
-    parts = found.place.parts[group][None]
-    place = own.start._replace(changes=found.place.changes, parts=parts)
-    responses = own.responses(place)
+    place = own.start._replace(changes=found.place.changes, parts=found.place.parts[group][None])
+    responses, parts = own.responses(place), own.parts_of(0, place)
     place = place._replace(clock=clock_offsets(own, responses, place, parts.ravel()))
-    drawn = np.stack([each.parts[group].ravel() for each in found.places(TESTED)], 1)
+    places = [place._replace(parts=each.parts[group][None]) for each in found.places(TESTED)]
+    drawn = np.stack([own.parts_of(0, each).ravel() for each in places], 1)
     result = []
     for k, channel in enumerate(own.channels):
         slow = slow_columns(channel)

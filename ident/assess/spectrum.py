@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.assess.simulate import alike, grouped
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.identify.binding import loads_of
 from ident.identify.modal_analysis import modal_analysis
 from ident.measure import Load, Log, Pulley, Trace
@@ -100,7 +100,7 @@ def marked_along(arm: Arm, log: Log, span: tuple[float, float], load: Load) -> M
     (start, end), time = span, log.time
     if start < time[0] - ROUNDING or end > time[-1] + ROUNDING:
         got, expected = f"{time[0]:.4g} to {time[-1]:.4g} s", f"the span of the trace, {start:.4g} to {end:.4g} s"
-        raise InputError(Problem(log.path, got, expected, "cut the trace to it (`start`, `end`)", "path"))
+        raise refusal(log.path, got, expected, "cut the trace to it (`start`, `end`)", "path")
     at = np.linspace(start, end, min(POSTURES, len(time)))
     angles = np.stack([np.interp(at, time, log.angles[joint.name]) for joint in arm.driven])
     found = branches(arm, replay(at, angles), count=MODES, times=at - at[0], loads=loads_of(arm, load))
@@ -222,7 +222,7 @@ def cut(trace: Trace, pulleys: Mapping[str, Pulley], start: float | None, end: f
     high = len(time) if end is None else int(np.searchsorted(time, end + 1e-9))
     if high - low < 2:
         got, expected = f"{max(high - low, 0)} samples up to `end`", f"a span within {time[0]:.4g} to {time[-1]:.4g} s"
-        raise InputError(Problem("start", got, expected, "widen it"))
+        raise refusal("start", got, expected, "widen it")
     inside = slice(low, high)
     part = replace(trace, time=time[inside], values={d: values[inside] for d, values in trace.values.items()})
     parts = {name: [x if x is None else x[inside] for x in (p.frequency, p.angle)] for name, p in pulleys.items()}
@@ -235,9 +235,9 @@ def common_directions(traces: Mapping[str, Trace], wanted: Sequence[str] | None)
     for direction in wanted or ():
         if direction not in common:
             expected = f"some of {', '.join(common)}" if common else "a direction that both traces have"
-            raise InputError(Problem("direction", quoted(direction), expected, "the traces have no other in common"))
+            raise refusal("direction", quoted(direction), expected, "the traces have no other in common")
     if not common:
-        raise InputError(Problem("against", "a trace of other directions", "one in common", "give another trace"))
+        raise refusal("against", "a trace of other directions", "one in common", "give another trace")
     return tuple(dict.fromkeys(wanted or common))
 
 

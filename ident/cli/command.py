@@ -28,7 +28,7 @@ from ident.cli.output import (
     speaking,
     tell,
 )
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.files import together
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result, kept_in, written_to
@@ -135,7 +135,7 @@ def _read(file: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(decode(read_bytes(file, "defaults as TOML"), where))
     except (ValueError, RecursionError) as error:
-        raise InputError(Problem(where, str(error).lower(), "defaults as TOML", "correct the syntax")) from None
+        raise refusal(where, str(error).lower(), "defaults as TOML", "correct the syntax") from None
 
 
 def _unknown(context: typer.Context, document: Mapping[str, Any], where: str) -> Iterator[Problem]:
@@ -207,7 +207,8 @@ MAIN: Mapping[str, str] = {
     "sweep": "vary grid limit speed fit posterior",
     "motion": "limit time speed fit posterior errors",
     "design": "limit change speed fit posterior",
-    "diagnose": "limit speed path fix restart pdf",
+    "balance": "radius holes height most speed path",
+    "diagnose": "limit speed path runs fix restart",
     "explore": "speed load fit posterior payload",
     "fleet": "workers dask fix free strict",
     "modal": "init channels no_modes reproducibility",

@@ -31,15 +31,15 @@ from ident.cli.command import (
     write,
 )
 from ident.cli.output import FOLDED, SHORT
-from ident.errors import InputError, Problem
+from ident.errors import InputError, refusal
 from ident.studies.arm import KINDS
+from ident.studies.balance import balance
 from ident.studies.check import check
 from ident.studies.compare import compare
 from ident.studies.design import design
 from ident.studies.diagnose import (
     DiagnoseOptions,
     DiagnoseResult,
-    check_browser,
     diagnose,
     discard_stages,
     part_folder,
@@ -116,11 +116,8 @@ def sample_command(
 
     measured, described = running.read(campaign, arm)
     folder = out / f"{measured.name}.sample.part"
-    try:
+    with running.kept(folder):
         result = sample(described, measured, options, folder=folder, restart=restart, progress=running.progress)
-    except KeyboardInterrupt:
-        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
-        raise typer.Exit(130) from None
     finish(result, out, no_figure)
     if result.enough:
         running.discard_unless_taken(folder, discard_checkpoints)
@@ -154,7 +151,7 @@ def plan_command(
     elif arm is not None:
         finish(plan(read_arm(arm), None, options), out, no_figure)
     else:
-        raise InputError(Problem("", "neither campaign nor arm", "one of them", "as ident plan --arm arm.toml"))
+        raise refusal("", "neither campaign nor arm", "one of them", "as ident plan --arm arm.toml")
 
 
 def stop_if_interrupted(result: SimulateResult) -> None:
@@ -262,6 +259,16 @@ def source_command(
 
 
 offer(
+    balance,
+    """Balance the drives' rotors by what ident source has identified: masses, angles, and what is left.
+
+    Writes ARM.MOTION.balance.json and .png into the folder given by --out.
+    """,
+    source=Annotated[Path, typer.Argument(metavar="source", help="result of ident source (.source.json)")],
+)
+
+
+offer(
     sweep,
     """Vary numbers of the arm, or its speed: how the vibration over a motion depends on them (Figures 9 and 10).
 
@@ -312,13 +319,10 @@ def rerun(
 
     folder = (out or file.parent) / f"{file.name}.rerun.part"
     try:
-        with written_to(None if force else out):
+        with written_to(None if force else out), running.kept(folder):
             repeated = repeat(file, folder=folder, progress=running.progress)
     except InputError as error:
         raise InputError(renamed(Options, problem) for problem in error.problems) from None
-    except KeyboardInterrupt:
-        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
-        raise typer.Exit(130) from None
     tell(repeated)
     output().document = repeated.document
     if out is not None:
@@ -375,12 +379,12 @@ def show(
     if is_result(file):
         for flag, given in (("--posture", posture is not None), ("--names", names)):
             if given:
-                raise InputError(Problem(flag, "it for a result", "an arm", "leave it out"))
+                raise refusal(flag, "it for a result", "an arm", "leave it out")
         _show_result(file)
         return
     if names:
         if posture is not None:
-            raise InputError(Problem("--posture", "it with --names", "one of them", "drop one"))
+            raise refusal("--posture", "it with --names", "one of them", "drop one")
         _list_names(file)
         return
     running.check_folder(out)
@@ -450,12 +454,11 @@ def new(
     if robot is not None and folder is None:
         folder = Path(kind)
     elif robot is not None:
-        remedy = "as ident new my_robot --robot robot.urdf"
-        raise InputError(Problem("", "a kind and --robot", "one of them", remedy))
+        raise refusal("", "a kind and --robot", "one of them", "as ident new my_robot --robot robot.urdf")
     if tip is not None and robot is None:
-        raise InputError(Problem("--tip", "a tip without --robot", "a robot description that has it", "leave it out"))
+        raise refusal("--tip", "a tip without --robot", "a robot description that has it", "leave it out")
     if folder is None:
-        raise InputError(Problem("", "no folder", "the folder to make", f"as ident new {KINDS[0]} my_robot"))
+        raise refusal("", "no folder", "the folder to make", f"as ident new {KINDS[0]} my_robot")
     running.check_folder(folder)
     if robot is None:
         made = study.new(kind, folder)
@@ -484,21 +487,19 @@ def diagnose_command(
     options: DiagnoseOptions,
     arm: ArmOption = None,
     path: PathOption = None,
+    runs: flag("table of runs, as of ident source: what excites the arm") = None,  # type: ignore[valid-type]
     restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
     out: OutOption = Path("out"),
-    pdf: Annotated[bool, typer.Option("--pdf", help="print the page as PDF as well, by Chromium")] = False,
     strict: StrictOption = False,
 ) -> None:
     """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
 
-    The paper's procedure: stiffnesses, natural frequencies along the motion, resonance, vibration against the limit,
-    torsional stiffness first and mass centres second. Continues an earlier run of the same inputs that was stopped.
+    Stiffnesses, natural frequencies along the motion, resonance, vibration against the limit; remedies by their effort:
+    another speed, mass centres, torsional stiffness. Continues an earlier run of the same inputs that was stopped.
     Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
     results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
     """
-    if pdf:
-        check_browser()
-    result = run_diagnose(campaign, options, arm, path, restart, out, pdf=pdf)
+    result = run_diagnose(campaign, options, arm, path, runs, restart, out)
     leave(result, strict=strict)
 
 
@@ -507,10 +508,9 @@ def run_diagnose(
     options: DiagnoseOptions,
     arm: Path | None,
     path: Path | None,
+    runs: Path | None,
     restart: bool,
     out: Path,
-    *,
-    pdf: bool = False,
 ) -> DiagnoseResult:
     """Diagnose an arm, name each finished stage on standard error, then print and write the result."""
     measured, arm_file = running.read(campaign, arm)
@@ -526,23 +526,21 @@ def run_diagnose(
             gc.collect()
         running.glibc("malloc_trim", 0)  # with few heaps (`running.start`) 1.0 instead of 1.3 GB
 
-    try:
+    with running.kept(folder):
         result = diagnose(
             arm_file,
             measured,
             options,
             path=path,
+            runs=runs,
             folder=folder,
             restart=restart,
             progress=running.progress,
             on_stage=finished,
         )
-    except KeyboardInterrupt:
-        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
-        raise typer.Exit(130) from None
     tell(result)
     output().document = result.document
-    write(result, out, [lambda folder: (result.save_pdf(folder),)] if pdf else [])
+    write(result, out)
     running.discard_unless_taken(folder, discard_stages)
     return result
 
@@ -625,11 +623,8 @@ def fleet_command(
     for the next robot) and .png into the folder given by --out. Exit status 3 where a robot failed.
     """
     folder = out / f"{robots.absolute().name}.fleet.robots"
-    try:
+    with running.kept(folder):
         result = fleet(robots, arm, options, folder=folder, progress=running.progress)
-    except KeyboardInterrupt:
-        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
-        raise typer.Exit(130) from None
     finish(result, out, no_figure)
     output().say(f"kept {folder}: fits of robots whose files have not changed are taken from there")
     leave(result, strict=strict)

@@ -8,7 +8,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sized
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ident.cli.output import output
-from ident.errors import InputError, Problem
+from ident.errors import InputError, refusal
 from ident.text import one_line
 
 if TYPE_CHECKING:
@@ -106,7 +106,17 @@ def check_folder(out: Path) -> None:
         got = f"no place to write ({(getattr(error, 'strerror', None) or str(error)).lower()})"
     if got:
         where = one_line(str(there)[:LONGEST_PATH])
-        raise InputError(Problem(where, got, "a folder that can be written", "choose another (`folder`)"))
+        raise refusal(where, got, "a folder that can be written", "choose another (`folder`)")
+
+
+@contextmanager
+def kept(folder: Path) -> Iterator[None]:
+    """Say, where the user interrupts, what is kept to go on from, and end with the code of an interruption."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
+        raise typer.Exit(130) from None
 
 
 def discard_unless_taken(folder: Path, discard: Callable[[Path], None]) -> None:

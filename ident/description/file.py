@@ -5,6 +5,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -19,17 +20,15 @@ from ident.arm.plausibility import belt_mismatches
 from ident.description.problems import Source, lines_of, load_toml
 from ident.description.rewriting import changed_numbers, joint_text, set_inertias, set_numbers, with_first_joint
 from ident.description.robot import (
-    BUSHING,
     JointsFile,
     Robot,
     beside,
     check_joints,
     read_joints,
-    refusal,
     refuse_xacro,
 )
-from ident.description.schema import ArmDocument, Origin, named, uncertain_numbers
-from ident.errors import ARM_FILE, InputError, Problem
+from ident.description.schema import BUSHING, ArmDocument, Origin, named, uncertain_numbers
+from ident.errors import ARM_FILE, InputError, Problem, refusal
 from ident.text import decode, one_line, read_bytes
 
 # -------- Robot file
@@ -142,6 +141,11 @@ class ArmFile:
         return replace(problem, where=where) if problem.where == ARM_FILE and where else problem
 
     @property
+    def name(self) -> str:
+        """What results are called after: the file, or else the arm."""
+        return Path(self.path).stem or self.arm.name
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Objections to the arm as it is described, one line each: belts that cannot run."""
         return tuple(map(str, belt_mismatches(self.arm)))
@@ -159,7 +163,7 @@ def read_arm(path: str | PathLike[str]) -> ArmFile:
     data = read_bytes(path, expected)
     text = decode(data, where)
     if not text.strip():
-        raise InputError(Problem(where, "an empty file", expected, "check the path"))
+        raise refusal(where, "an empty file", expected, "check the path")
     digest = hashlib.sha256(data).hexdigest()
     if text.lstrip().startswith("<"):  # XML, and so no TOML
         return robot_arm(path, digest)

@@ -29,13 +29,12 @@ from ident.description.robot import (
     is_sane,
     limits_note,
     listed,
-    refusal,
     renamed_note,
     serial_chain,
     told_at,
     unclear_branch,
 )
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.text import did_you_mean, one_line, read_bytes
 
 ENDS = ("tors", "bend_1", "bend_2")

@@ -25,8 +25,8 @@ from ident.arm.parts import Body, Joint
 from ident.arm.rotations import matmul, rotation, rotation_vector
 from ident.description.mjcf import ENDS, Tree, moved, names_of_bodies, numbers, own_masses, tree_of, wrapped
 from ident.description.rewriting import changed_bodies, changed_numbers
-from ident.description.robot import body_names, refusal
-from ident.errors import InputError, Problem
+from ident.description.robot import body_names
+from ident.errors import refusal
 from ident.programs import jit
 from ident.text import one_line, read_bytes
 
@@ -56,7 +56,7 @@ def tendons(turns: Mapping[str, Any], arm: Arm, posture: tuple[float, ...]) -> A
     phi, frame = (np.asarray(x) for x in _working_point(arm, jnp.asarray(posture)))
     if not np.isfinite(phi).all():
         got, expected = "no stable equilibrium under the arm's weight", "a posture in which the arm stands"
-        raise InputError(Problem("posture", got, expected, "choose another one"))
+        raise refusal("posture", got, expected, "choose another one")
     section = ElementTree.Element("tendon")
     for n, joint in enumerate(arm.joints):
         k = np.array([joint.k_tors, joint.k_bend, joint.k_bend])

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from ident.description import schema as document
 from ident.description.schema import Box, Cylinder, Direction, Loc, Lump, Origin, Quantity, Table, as_written, named
-from ident.errors import InputError, Problem
+from ident.errors import Problem, refusal
 from ident.text import NAME_RULE, did_you_mean
 
 # -------- Explanations
@@ -211,5 +211,5 @@ def load_toml(text: str, where: str) -> dict[str, Any]:
             line = str(text.count("\n") + 1)
         place, column = f"{where}:{line}" if line else where, f"column {column}" if column else ""
         if where.lower().endswith(".csv"):
-            raise InputError(Problem(where, "a table", "an arm description as TOML", "name the arm's file")) from None
-        raise InputError(Problem(place, what.lower(), "TOML", "correct the syntax", column)) from None
+            raise refusal(where, "a table", "an arm description as TOML", "name the arm's file") from None
+        raise refusal(place, what.lower(), "TOML", "correct the syntax", column) from None

@@ -12,7 +12,7 @@ from ident.arm.arm import GRAVITY, Arm
 from ident.arm.fields import COMPONENTS, DAMPING, LOSS, STIFFNESS
 from ident.arm.parts import Body, Joint
 from ident.description.schema import Origin, si
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.text import one_line
 
 NEAR = 1e-9
@@ -97,7 +97,7 @@ def _slot(tables: Mapping[str, Any], path: str, where: str) -> tuple[Any, Any, A
             holder, key = holder[key], step
         float(holder[key])
     except (KeyError, IndexError, TypeError, ValueError):
-        raise InputError(Problem(where, path, "a number of this file", "see `Arm.paths()`")) from None
+        raise refusal(where, path, "a number of this file", "see `Arm.paths()`") from None
     return entry, holder, key
 
 
@@ -162,7 +162,7 @@ def with_first_joint(text: str, table: str, where: str) -> str:
     first = re.search(r"^[ \t]*\[\[[ \t]*joint[ \t]*\]\]", text, re.MULTILINE)
     if first is None:
         got, remedy = "joints that are no tables", "write each as [[joint]]"
-        raise InputError(Problem(where, got, "a table [[joint]], before which the base stands", remedy))
+        raise refusal(where, got, "a table [[joint]], before which the base stands", remedy)
     return text[: first.start()] + table + text[first.start() :]
 
 

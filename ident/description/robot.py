@@ -20,17 +20,14 @@ from ident.arm.parts import Body, Joint, Payload, Point
 from ident.description.problems import TABLES, Source, load_toml
 from ident.description.rewriting import bushing_text, changed_numbers, set_inertias, set_numbers, with_first_joint
 from ident.description.schema import (
-    UNDAMPED,
-    LossFactor,
-    Name,
+    BUSHING,
+    BushingTable,
     Origin,
     PayloadTable,
     PointTable,
-    Stiffness,
     Table,
-    Time,
 )
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.text import NAME, NAME_RULE, decode, did_you_mean, one_line, read_bytes
 
 Pair = tuple[float, ...]
@@ -40,11 +37,6 @@ TIP = "tip"
 MOST_NAMED = 8
 """Names of a list that a line repeats."""
 Node = TypeVar("Node", bound=Hashable)
-
-
-def refusal(where: str, got: str, expected: str, remedy: str) -> InputError:
-    """Return the error of one problem."""
-    return InputError(Problem(where, got, expected, remedy))
 
 
 @contextmanager
@@ -312,24 +304,6 @@ def _in_range(pair: Any, what: str) -> bool:
 # Each number is written as in `arm.toml`, with unit and origin.
 
 SUFFIX = ".joints.toml"
-BUSHING = ("k_bend", "k_tors", "tau_bend", "tau_tors", *LOSS)
-"""What belongs to a bushing."""
-
-
-class BushingTable(Table):
-    """The bushing of a joint; the meaning of each key is that of `Joint`'s attribute."""
-
-    name: Name
-    k_bend: Stiffness
-    k_tors: Stiffness
-    tau_bend: Time = UNDAMPED
-    tau_tors: Time = UNDAMPED
-    loss_bend: LossFactor | None = None
-    loss_tors: LossFactor | None = None
-
-    def bushing(self) -> dict[str, Any]:
-        """Return what `Joint` takes."""
-        return {key: quantity.number for key in BUSHING if (quantity := getattr(self, key)) is not None}
 
 
 class JointsDocument(Table):

@@ -374,18 +374,31 @@ UPRIGHT = Direction.model_construct(value=[0.0, 0.0, 1.0], origin="assumed")
 STANDARD = Acceleration.model_construct(value=list(GRAVITY), unit="m/s^2", origin="assumed")
 
 
-class JointTable(Table):
-    """A joint with its bodies; the meaning of each key is that of `Joint`'s attribute."""
+BUSHING = ("k_bend", "k_tors", "tau_bend", "tau_tors", *LOSS)
+"""What a joint's bushing has."""
+
+
+class BushingTable(Table):
+    """The bushing of a joint; the meaning of each key is that of `Joint`'s attribute."""
 
     name: Name
-    axis: Direction = UPRIGHT
-    offset: Position
     k_bend: Stiffness
     k_tors: Stiffness
     tau_bend: Time = UNDAMPED
     tau_tors: Time = UNDAMPED
     loss_bend: LossFactor | None = None
     loss_tors: LossFactor | None = None
+
+    def bushing(self) -> dict[str, Any]:
+        """Return what `Joint` takes."""
+        return {key: quantity.number for key in BUSHING if (quantity := getattr(self, key)) is not None}
+
+
+class JointTable(BushingTable):
+    """A joint with its bodies."""
+
+    axis: Direction = UPRIGHT
+    offset: Position
     limits: Limits | None = None
     driven: bool = True
     shaft: list[BodyTable] = Field(default_factory=list)
@@ -393,11 +406,11 @@ class JointTable(Table):
 
     def joint(self) -> Joint:
         """Return the joint as a value."""
-        quantities = ("axis", "offset", "k_bend", "k_tors", "tau_bend", "tau_tors")
         return Joint(
             self.name,
-            **{key: getattr(self, key).number for key in quantities},
-            **_given(self, LOSS),
+            axis=self.axis.number,
+            offset=self.offset.number,
+            **self.bushing(),
             shaft=tuple(body.body() for body in self.shaft),
             link=tuple(body.body() for body in self.link),
             driven=self.driven,
@@ -420,7 +433,7 @@ class PayloadTable(BodyTable):
 
 
 class ErrorOrderTable(Table):
-    """A further kinematic error of a drive; the meaning of each key is that of `ErrorOrder`'s attribute."""
+    """A further transmission error of a drive; the meaning of each key is that of `ErrorOrder`'s attribute."""
 
     order: Annotated[float, AfterValidator(_possible_order)]
     amplitude: AngleAmplitude

@@ -29,14 +29,13 @@ from ident.description.robot import (
     is_sane,
     limits_note,
     listed,
-    refusal,
     refuse_xacro,
     renamed_note,
     serial_chain,
     told_at,
     unclear_branch,
 )
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.text import NAME_RULE, did_you_mean, one_line, read_bytes
 
 # -------- Chain of a URDF file
@@ -88,7 +87,7 @@ def parse(data: bytes, where: str) -> Any:
         refuse_xacro(data, None, where)
         place, column = f"{where}:{error.position[0]}", f"column {error.position[1] + 1}"
         got = str(error).partition(":")[0]
-        raise InputError(Problem(place, got, "XML", "correct the syntax", column)) from None
+        raise refusal(place, got, "XML", "correct the syntax", column) from None
     refuse_xacro(data, root, where)
     if root.tag != "robot":
         raise refusal(f"{where}:1", f"<{root.tag}>", "<robot>", "give a URDF file, not xacro or SDF")

@@ -13,7 +13,7 @@ from ident.arm.arm import Arm
 from ident.arm.mechanics import equilibrium
 from ident.arm.parts import DIRECTIONS, CubicSpring, Spring
 from ident.arm.rotations import matvec
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.identify.conditions import Conditions
 from ident.identify.predict import chains
 from ident.identify.problem import (
@@ -197,7 +197,7 @@ def check_campaign(
         if checked.blind:
             got = "no measurement that depends on any of the unknowns"
             remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
-            raise InputError(Problem(campaign.path, got, "some information on one at least", remedy))
+            raise refusal(campaign.path, got, "some information on one at least", remedy)
         compared = posed.with_unknowns(unknowns.with_prior).problem
         start = np.asarray(compared.parameters.theta(compared.parameters.column("start")))
         return CampaignCheck(

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import stiffness_paths
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.identify.fit import CampaignFit
 from ident.inference.change import Change, Estimate, change, independent_change
 from ident.inference.draws import PosteriorPredictive, Weights, check_weighable, posterior_predictive, weigh
@@ -155,11 +155,11 @@ def _changing(names: Sequence[str], same: Collection[str]) -> list[str]:
     """
     if unknown := [name for name in same if name not in names]:
         remedy = did_you_mean(unknown[0], names, "name one of them")
-        raise InputError(Problem("same", quoted(unknown[0]), f"one of {', '.join(names)}", remedy))
+        raise refusal("same", quoted(unknown[0]), f"one of {', '.join(names)}", remedy)
     changing = [name for name in names if name not in same]
     if not changing:
         got, expected = "no stiffness that both have fitted", "one or more that may have changed"
-        raise InputError(Problem("second", got, expected, "fit both campaigns with the same unknowns"))
+        raise refusal("second", got, expected, "fit both campaigns with the same unknowns")
     return changing
 
 
@@ -356,14 +356,14 @@ def validate_fit(
     parts = parts_of(fit.campaign, leave, seed)
     if len(parts) < 2:
         got, remedy = f"{leave}, of which the campaign has {len(parts)}", "leave out something else"
-        raise InputError(Problem("leave", got, "two parts or more", remedy))
+        raise refusal("leave", got, "two parts or more", remedy)
     return Validation(fit, leave, held_out(fit, parts, progress))
 
 
 def parts_of(campaign: Campaign, leave: str, seed: int = 0) -> Mapping[str, list[int]]:
     """Return the places of the measurements in each part of a campaign, by the part's name."""
     if leave not in LEAVE:
-        raise InputError(Problem("leave", quoted(leave), f"one of {', '.join(LEAVE)}", did_you_mean(leave, LEAVE, "")))
+        raise refusal("leave", quoted(leave), f"one of {', '.join(LEAVE)}", did_you_mean(leave, LEAVE, ""))
     count, parts = len(campaign), dict[str, list[int]]()
     fold = np.random.default_rng(seed).permutation(np.arange(count) % min(FOLDS, count))
     for place, m in enumerate(campaign):

@@ -13,7 +13,7 @@ from scipy.stats import multivariate_t
 
 from ident.arm.arm import Arm
 from ident.arm.fields import STIFFNESS, field_of
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import InputError, ModelError, Problem, refusal
 from ident.identify.fit import CampaignFit
 from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
@@ -253,7 +253,7 @@ def fleet(robots: Iterable[Robot], *, seed: int = 0, redraw: Redraw | None = Non
     """
     robots = tuple(sorted(robots, key=lambda robot: robot.name))
     if twice := [name for name, times in Counter(robot.name for robot in robots).items() if times > 1]:
-        raise InputError(Problem(twice[0], "two robots of this name", "a name for each", "rename a file or a folder"))
+        raise refusal(twice[0], "two robots of this name", "a name for each", "rename a file or a folder")
     most = Counter(robot.names for robot in robots if not robot.failed).most_common(1)
     names = most[0][0] if most else ()
     robots = tuple(_of_the_fleet(robot, names) for robot in robots)

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.mechanics import forward_kinematics, point_positions
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.measure import OWN_WEIGHT, Campaign, Load
 from ident.measure.covariance_and_frames import COMMON
 from ident.programs import jit
@@ -55,9 +55,9 @@ class Instruments:
         object.__setattr__(self, "loads", tuple(dict.fromkeys(self.loads)))
         if not 0 <= self.common <= MOST_COMMON:
             expected = f"a share from 0 to {MOST_COMMON:g}"
-            raise InputError(Problem("common_share", f"{self.common:g}", expected, "0.5 for half of the variance"))
+            raise refusal("common_share", f"{self.common:g}", expected, "0.5 for half of the variance")
         if self.modes < 1:
-            raise InputError(Problem("modes", f"{self.modes}", "at least one", "ask for more"))
+            raise refusal("modes", f"{self.modes}", "at least one", "ask for more")
 
 
 def relative_sigma(campaign: Campaign, given: Mapping[str, float] | None = None) -> dict[str, float]:
@@ -89,10 +89,10 @@ def _complete(what: str, given: Mapping[str, float], known: Mapping[str, float],
     for name, value in given.items():
         if name not in known:
             remedy = did_you_mean(name, known, "name one of them")
-            raise InputError(Problem(what, f"'{name}'", f"one of {', '.join(known)}", remedy))
+            raise refusal(what, f"'{name}'", f"one of {', '.join(known)}", remedy)
         if not above < value < np.inf:
             expected = "a finite number above 0" if above == 0 else "a finite number >= 0"
-            raise InputError(Problem(what, f"{name}={value:g}", expected, "correct it"))
+            raise refusal(what, f"{name}={value:g}", expected, "correct it")
     return {**known, **given}
 
 
@@ -120,7 +120,7 @@ def posture_grid(arm: Arm, step: float = STEP, *, seed: int = 0) -> tuple[Float[
     admitted = postures[may_be_held(arm, postures)]
     if not len(admitted):
         expected, remedy = "one posture at least", "check limits and [workspace], or take a smaller step (`step`)"
-        raise InputError(Problem(arm.name, "no posture that may be held", expected, remedy, "workspace"))
+        raise refusal(arm.name, "no posture that may be held", expected, remedy, "workspace")
     return admitted, sampled
 
 
@@ -132,13 +132,13 @@ def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G
     """
     if not 0 < step <= 2 * math.pi:
         got = f"a step of {math.degrees(step):g} deg"
-        raise InputError(Problem("", got, "a step above 0 and up to 360 deg", "give another step"))
+        raise refusal("", got, "a step above 0 and up to 360 deg", "give another step")
     # the angles worth looking at: within the limits, one full turn at most
     spans = [(max(low, -math.pi), min(high, math.pi)) for low, high in (joint.limits for joint in arm.driven)]
     for joint, (low, high) in zip(arm.driven, spans, strict=True):
         if low > high:
             got = f"limits of {joint.name} that leave -180 to 180 deg out"
-            raise InputError(Problem(arm.name, got, "limits about zero", "shift the zero of the joint", "limits"))
+            raise refusal(arm.name, got, "limits about zero", "shift the zero of the joint", "limits")
     listed, line = arm.workspace.postures, arm.workspace.line
     if listed:
         return np.array(listed), False
@@ -165,7 +165,7 @@ def _on_line(spans: Sequence[tuple[float, float]], line: Sequence[float], step: 
     low, high = max(low for low, _ in pairs), min(high for _, high in pairs)
     if high - low > MOST * step:
         got = f"a step of {math.degrees(step):g} deg, {(high - low) / step:.3g} postures on the line"
-        raise InputError(Problem("", got, f"{MOST} postures at most", "give a larger step", "step"))
+        raise refusal("", got, f"{MOST} postures at most", "give a larger step", "step")
     return _multiples(low, high, step)
 
 

@@ -15,7 +15,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Chain, Loads, at_posture
 from ident.arm.mechanics import Phi, deflection, forward_kinematics, motion_of, point_positions, static_equilibrium
 from ident.arm.modes import Label, Modes, damped_eigenvalues, is_ambiguous, linearize, mode_labels, modes_about
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import ModelError, refusal
 from ident.identify.binding import bind_loads, in_base_axes
 from ident.measure import DRIVE_STATES, OWN_WEIGHT, Load
 from ident.programs import jit
@@ -96,16 +96,16 @@ def modal_analysis(
     if len(posture) != len(arm.driven):
         expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
         got = f"{len(posture)} joint angle" + "s" * (len(posture) != 1)
-        raise InputError(Problem("", got, expected, "give one angle for each joint", "posture"))
+        raise refusal("", got, expected, "give one angle for each joint", "posture")
     if not arm.points:
         remedy = "add a [[point]] at the arm's end: modes are named by how it moves"
-        raise InputError(Problem(arm.name, "no point", "at least one", remedy))
+        raise refusal(arm.name, "no point", "at least one", remedy)
     if drives != DRIVE_STATES[0] and not arm.servos:
         remedy = "describe what holds the motors in the arm file, as [[servo]]"
-        raise InputError(Problem("", drives, "brake, as the arm has no servo", remedy, "drives"))
+        raise refusal("", drives, "brake, as the arm has no servo", remedy, "drives")
     if not all(map(math.isfinite, posture)):
         angles = ", ".join(f"{math.degrees(angle):g}" for angle in posture)
-        raise InputError(Problem("", f"({angles}) deg", "finite angles", "correct the posture", "posture"))
+        raise refusal("", f"({angles}) deg", "finite angles", "correct the posture", "posture")
     posture = tuple(map(float, posture))
     solved = jax.tree.map(lambda x: x[..., 0], modal_solution(arm, posture, load, drives))
     solution = jax.device_get(solved)

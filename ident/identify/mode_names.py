@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from ident.arm.arm import Arm
 from ident.arm.modes import Label, labels_of_shares, torsion_share, vertical_share
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.identify.modal_analysis import modal_solution
 from ident.inference.parameters import Parameters
 from ident.measure import OWN_WEIGHT, Load
@@ -201,7 +201,7 @@ def label_modes(
         if not np.isfinite(log).any():
             got, expected = "no draw of the prior that stands in all postures of the tests", "one at least"
             remedy = "check postures and loads of the tests, and the arm's stiffnesses"
-            raise InputError(Problem(one_line(arm.name), got, expected, remedy))
+            raise refusal(one_line(arm.name), got, expected, remedy)
         share, first = shares(log), first or compared
         if sd == FREQUENCY_SD[-1] and enough(log):
             break
@@ -254,7 +254,7 @@ def _directions(arm: Arm, places: Sequence[Place]) -> Float[np.ndarray, "O P 3"]
     unknown = sorted({place.point for place in places} - set(names))
     if unknown:
         remedy = "add it to the arm, or correct the name of the place"
-        raise InputError(Problem("", f"no point {unknown[0]}", f"one of {', '.join(names)}", remedy, "responses"))
+        raise refusal("", f"no point {unknown[0]}", f"one of {', '.join(names)}", remedy, "responses")
     out = np.zeros((len(places), len(names), 3))
     for row, place in zip(out, places, strict=True):
         row[names.index(place.point)] = place.direction

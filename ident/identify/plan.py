@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ident.arm.arm import Arm
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.identify.binding import bind_loads
 from ident.identify.candidates import (
     CandidatePredictions,
@@ -77,7 +77,7 @@ class PlanSettings:
 
     def __post_init__(self) -> None:
         if self.count < 1:
-            raise InputError(Problem("count", f"{self.count}", "at least one experiment", "ask for more"))
+            raise refusal("count", f"{self.count}", "at least one experiment", "ask for more")
         self.instruments(Campaign())
 
     def instruments(self, campaign: Campaign) -> Instruments:
@@ -323,7 +323,7 @@ def plan_campaign(
     """
     if not arm.points:
         remedy = "add a [[point]] at the arm's end: there deflection is read, and modes are named by how it moves"
-        raise InputError(Problem(arm.name, "no point", "at least one", remedy))
+        raise refusal(arm.name, "no point", "at least one", remedy)
     instruments = settings.instruments(fit.campaign if fit else Campaign())
     loads = bind_loads(arm, instruments.loads)
     postures, sampled = posture_grid(arm, settings.step, seed=settings.seed)

@@ -24,7 +24,7 @@ from ident.arm.mechanics import (
 )
 from ident.arm.modes import Modes, damped_eigenvalues, linearize, lowest_eigenpairs, modes_about, to_hertz
 from ident.arm.rotations import identity, matmul, matvec, rotation, rotation_vector, transpose
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.identify.conditions import (
     Conditions,
     Readings,
@@ -304,7 +304,7 @@ def _aligned(
         got = f"the setup {name}, of which it is not known how it is turned, and rows that do not tell"
         expected = "two different vectors at least, each read along three directions"
         where = campaign.setups.path or campaign.path
-        raise InputError(Problem(where, got, expected, "say how it is turned (data/README.md), or measure more"))
+        raise refusal(where, got, expected, "say how it is turned (data/README.md), or measure more")
     weight = np.where(placed, size.ravel() / size.max(), 1.0)
     own, base = (np.where(placed[:, None], x, x / size) for x in (own, base))
     return Rotation.align_vectors(base, own, weights=np.maximum(weight, 1e-12))[0].as_matrix()

@@ -24,7 +24,7 @@ from ident.arm.modes import (
     vertical_share,
 )
 from ident.arm.plausibility import oddities
-from ident.errors import ARM_FILE, InputError, ModelError, Problem
+from ident.errors import ARM_FILE, InputError, ModelError, Problem, refusal
 from ident.identify.binding import check_references
 from ident.identify.conditions import (
     BY_MODE,
@@ -134,7 +134,7 @@ def pose(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> Pose
         states, rows = conditions.posture.shape[1], len(campaign)
         got = f"{conditions.count} different values in {states} states (posture and load case), {rows} rows"
         remedy = "fit a part of it, or hold the same postures again: repeated rows cost next to nothing"
-        raise InputError(Problem(campaign.path, got, f"at most {MOST_VALUES} different values", remedy))
+        raise refusal(campaign.path, got, f"at most {MOST_VALUES} different values", remedy)
     model = ArmModel(arm, conditions, frames=frames_of(arm, campaign, conditions))
     return _posed(campaign, model, unknowns or Unknowns())
 
@@ -386,7 +386,7 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
     names = row_names(campaign)
     if unknown := [row for row in trusted if row not in {*names, ALL}]:
         expected, remedy = f"rows of the campaign ({names[0]} to {names[-1]}), or {ALL}", "correct the number"
-        raise InputError(Problem("trust_values", quoted(unknown[0]), expected, remedy))
+        raise refusal("trust_values", quoted(unknown[0]), expected, remedy)
     predicted, missing = _by_labels(posed, names)
     friction = _by_friction(campaign, predicted)
     doubts: list[Problem] = []
@@ -584,5 +584,4 @@ def _beyond_limits(m: Measurement, arm: Arm, row: str) -> Iterator[Problem]:
         if not low - SLACK <= angle <= high + SLACK:
             got = f"{joint.name} at {math.degrees(angle):.4g} deg"
             expected = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg, its limits in the arm file"
-            remedy = f"check the angle and its unit, or {_right(row)}"
-            yield Problem(m.where, got, expected, remedy, "posture")
+            yield Problem(m.where, got, expected, f"check the angle and its unit, or {_right(row)}", "posture")

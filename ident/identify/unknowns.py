@@ -15,7 +15,7 @@ from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Loads
 from ident.arm.fields import DAMPING, LOSS, field_of
 from ident.arm.parts import Body
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
 from ident.text import did_you_mean, quoted
@@ -61,24 +61,22 @@ def parameter(
     if prior is not None:
         if not positive:
             got = f"a prior on ln({paths[0]}), which may be negative"
-            raise InputError(
-                Problem("", got, "a number that is fitted as its logarithm", "free it (`free`) with a width")
-            )
+            raise refusal("", got, "a number that is fitted as its logarithm", "free it (`free`) with a width")
         centre, prior_sd = math.sqrt(prior.low * prior.high), prior.sd
         flat = math.log(prior.high / prior.low) / 2
     if positive and not (start > 0 and centre > 0):
         remedy = f"give {paths[0]} a positive value in the arm file, or keep it (`fix`)"
-        raise InputError(Problem("", f"{min(start, centre):g}", "a value > 0", remedy, paths[0]))
+        raise refusal("", f"{min(start, centre):g}", "a value > 0", remedy, paths[0])
     least = NARROWEST if positive else 0.0
     if not (least <= prior_sd <= WIDEST and prior_sd > 0) and prior_sd != math.inf:  # as good as fixed, or as none
         expected = f"a width from {least:g} to {WIDEST:g}" if positive else f"a width > 0, at most {WIDEST:g} in SI"
         remedy = "keep it (`fix`), or drop its prior" if prior_sd > 0 else "correct it"
-        raise InputError(Problem("", f"a prior width of {prior_sd:g}", expected, remedy, paths[0]))
+        raise refusal("", f"a prior width of {prior_sd:g}", expected, remedy, paths[0])
     off = max(prior.low / start, start / prior.high) if prior is not None else 1.0
     if prior is not None and off > ELSEWHERE:  # an error of units
         got = f"a prior from {prior.low:.4g} to {prior.high:.4g}, a factor of {off:.2g} from the arm's {start:.4g}"
         remedy = "check its unit, which is SI, or correct the arm file"
-        raise InputError(Problem("", got, f"a factor of {ELSEWHERE:g} at most", remedy, paths[0]))
+        raise refusal("", got, f"a factor of {ELSEWHERE:g} at most", remedy, paths[0])
     scale = 1.0 if positive else (prior_sd if math.isfinite(prior_sd) else LENGTH_SCALE)
     return Parameter(paths, positive, start, centre, prior_sd / scale, scale, flat)
 
@@ -160,7 +158,7 @@ def _fitting(pattern: str, paths: Sequence[str]) -> list[str]:
         return []
     if not (fitting := [path for path in paths if fnmatchcase(path, pattern)]):
         remedy = did_you_mean(pattern, paths, "see `ident show ARM --names`")
-        raise InputError(Problem("", f"the pattern {quoted(pattern)}", "one that fits a number of the arm", remedy))
+        raise refusal("", f"the pattern {quoted(pattern)}", "one that fits a number of the arm", remedy)
     return fitting
 
 
@@ -189,21 +187,21 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
     for path in taken:
         if taken.count(path) > 1:
             remedy = "name it once among the fixed and the tied"
-            raise InputError(Problem("", f"{path} twice", "each parameter once", remedy))
+            raise refusal("", f"{path} twice", "each parameter once", remedy)
     for path in set(unknowns.free).intersection(fixed):
-        raise InputError(Problem("", f"{path} fixed and freed", "one of the two", "drop it from `fix` or from `free`"))
+        raise refusal("", f"{path} fixed and freed", "one of the two", "drop it from `fix` or from `free`")
     for group in groups:
         units = {path: field.unit for path in group if (field := field_of(path))}
         if len(set(units.values())) > 1:
             got = ", ".join(f"{path} [{unit}]" for path, unit in units.items())
             remedy = "tie only what can be equal (`tie`)"
-            raise InputError(Problem("", f"a tie of {got}", "numbers of one unit", remedy))
+            raise refusal("", f"a tie of {got}", "numbers of one unit", remedy)
     if unknowns.uncertain and unknowns.discrepancy:
         remedy = "leave out `discrepancy`, or `uncertain`"
-        raise InputError(Problem("", "uncertain numbers beside a discrepancy", "one of both", remedy))
+        raise refusal("", "uncertain numbers beside a discrepancy", "one of both", remedy)
     for path in {*widths, *taken}.intersection(unknowns.uncertain):
         remedy = "drop it from `uncertain`, or from `free`, `fix` and `tie`"
-        raise InputError(Problem("", f"{path} uncertain and an unknown, fixed or tied", "one of them", remedy))
+        raise refusal("", f"{path} uncertain and an unknown, fixed or tied", "one of them", remedy)
     if damping:
         whole = _damping(arm)
         groups += [rest for group in whole if (rest := tuple(path for path in group if path not in taken))]
@@ -213,14 +211,14 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
     for group in groups:
         if group not in unknown:
             got, remedy = "=".join(group), "free one of them too"
-            raise InputError(Problem("", got, "at least one unknown among them", remedy))
+            raise refusal("", got, "at least one unknown among them", remedy)
     if not unknown:
-        raise InputError(Problem("", "no unknown", "at least one", "fix fewer parameters"))
+        raise refusal("", "no unknown", "at least one", "fix fewer parameters")
     for path in unknowns.priors:
         if not any(path in group for group in unknown):
             known = [path for group in unknown for path in group]
             remedy = did_you_mean(path, known, "free it, or drop its prior")
-            raise InputError(Problem("", f"a prior for {path}, which is not fitted", "an unknown", remedy))
+            raise refusal("", f"a prior for {path}, which is not fitted", "an unknown", remedy)
     items = []
     for group in unknown:
         width = next(widths[path] for path in group if path in widths)
@@ -312,13 +310,13 @@ def _parameter(arm: Arm, path: str, text: str) -> Parameter:
     found = width(text, unit)
     if found is None:
         expected = f"a width > 0, as a share (5%){f' or in a unit such as {unit}' if unit else ''}"
-        raise InputError(Problem("uncertain", said, expected, "correct it"))
+        raise refusal("uncertain", said, expected, "correct it")
     if value == 0 and (found.share or positive):
-        raise InputError(Problem("uncertain", f"{said} of a value of zero", "a value", "give it one"))
+        raise refusal("uncertain", f"{said} of a value of zero", "a value", "give it one")
     sd = found.size * abs(value) if found.share else found.size
     if positive and not NUISANCE_NARROWEST <= sd / abs(value) <= NUISANCE_WIDEST:
         expected = f"a width from {NUISANCE_NARROWEST:.0e} to {NUISANCE_WIDEST:g} of its value"
-        raise InputError(Problem("uncertain", said, expected, "free it (`free`), or drop it"))
+        raise refusal("uncertain", said, expected, "free it (`free`), or drop it")
     if positive and value > 0:
         return Parameter((path,), True, value, value, sd / value, nuisance=True)
     return Parameter((path,), False, value, value, 1.0, sd, nuisance=True)
@@ -353,5 +351,4 @@ def check_measurable(widths: Mapping[str, str], loads: Loads) -> None:
     """Refuse a scale of loads where nothing was loaded but by payloads."""
     measured = (loads.mass, loads.force, loads.moment)
     if LOAD in widths and not any(np.any(part) for part in measured if part is not None):
-        got = "load, and no row with a mass, force or moment"
-        raise InputError(Problem("uncertain", got, "one at least", "drop it"))
+        raise refusal("uncertain", "load, and no row with a mass, force or moment", "one at least", "drop it")

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ident.arm.arm import BASE, Arm
 from ident.arm.fields import COMPONENTS, EXPECTED, STIFFNESS, field_of, fields_in
 from ident.arm.parts import Joint
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.text import one_line
 
 if TYPE_CHECKING:
@@ -84,10 +84,9 @@ class Values:
         left_out = tuple(name for names in by_paths for name in names if name not in own)
         if not values:
             got = f"only {', '.join(left_out[:3])}" if left_out else "no variable"
-            raise InputError(Problem(path, got, f"numbers of {arm.name}", "give the result of a fit of this arm"))
+            raise refusal(path, got, f"numbers of {arm.name}", "give the result of a fit of this arm")
         if based := [name for name in left_out if name.startswith(f"{BASE}.")]:
-            remedy = "give `soft_base` as it was given there"
-            raise InputError(Problem(path, based[0], f"{arm.name} on such a base", remedy))
+            raise refusal(path, based[0], f"{arm.name} on such a base", "give `soft_base` as it was given there")
         if problems := [problem for name, value in values.items() for problem in _impossible(path, name, value, arm)]:
             raise InputError(problems)
         return cls(path, sha256, values, left_out, remark)
@@ -267,7 +266,7 @@ def of_this_robot(
         remedy = f"leave it out, set the designed values, too (`set`), {insist}"
     if got and not force:
         expected = f"those of {one_line(own.name)} as it is described now"
-        raise InputError(Problem(one_line(values.path) or "result", got, expected, remedy))
+        raise refusal(one_line(values.path) or "result", got, expected, remedy)
     if apart and not beyond:
         values = values.remarked(f"identified before ident design changed {_few(list(apart))}")
     elif other_file and not got:

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.inference.fit import Fit
 from ident.inference.parameters import Parameters
 from ident.inference.problem import InverseProblem
@@ -187,8 +187,7 @@ class Experiments:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.cost).all() and (self.cost > 0).all()):
-            got = f"an experiment that costs {self.cost.min():g}"
-            raise InputError(Problem("", got, "a cost > 0", "raise its costs"))
+            raise refusal("", f"an experiment that costs {self.cost.min():g}", "a cost > 0", "raise its costs")
 
     @cached_property
     def information(self) -> Float[np.ndarray, "C T P P"]:
@@ -247,7 +246,7 @@ def criterion(name: str, names: Sequence[str]) -> Gain:
         return {D_OPTIMAL: information_gain, A_OPTIMAL: variance_gain}[name.lower()]
     if name not in names:
         remedy = did_you_mean(name, names, "name one of the unknowns")
-        raise InputError(Problem("criterion", quoted(name), "d, a, or a parameter's name", remedy))
+        raise refusal("criterion", quoted(name), "d, a, or a parameter's name", remedy)
     place = list(names).index(name)
     return lambda before, after: np.log(sds(before)[..., place] / sds(after)[..., place])
 

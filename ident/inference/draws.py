@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.inference.information import Direction, alone
 from ident.inference.parameters import Parameters
 from ident.inference.posterior import Marginal, Posterior, evaluate
@@ -91,8 +91,7 @@ def check_installed() -> None:
         InputError: it is not.
     """
     if find_spec("dynesty") is None:
-        got, remedy = "optima to weigh without the package dynesty", "pip install dynesty"
-        raise InputError(Problem("weights", got, "it installed", remedy))
+        raise refusal("weights", "optima to weigh without the package dynesty", "it installed", "pip install dynesty")
 
 
 def check_weighable(posterior: Posterior) -> None:
@@ -105,7 +104,7 @@ def check_weighable(posterior: Posterior) -> None:
     if not parameters.proper.all():
         names = ", ".join(np.array(parameters.names)[~parameters.proper])
         remedy = "give it (`prior`), or leave the optima unweighed"
-        raise InputError(Problem("", f"no prior for {names}", "a prior for each unknown", remedy))
+        raise refusal("", f"no prior for {names}", "a prior for each unknown", remedy)
 
 
 _from_uniform = jit(Parameters.from_uniform)

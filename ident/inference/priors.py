@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, refusal
 from ident.text import quoted
 
 SHOULDER = 0.01
@@ -30,7 +30,7 @@ class Prior:
     def __post_init__(self) -> None:
         if not (0 < self.low <= self.high < math.inf and 0 < self.sd < math.inf):
             got = f"a prior from {self.low:g} to {self.high:g} of width {self.sd:g}"
-            raise InputError(Problem("", got, "0 < low <= high, width > 0, all finite", f"give {FORMS}"))
+            raise refusal("", got, "0 < low <= high, width > 0, all finite", f"give {FORMS}")
 
     @classmethod
     def log_normal(cls, median: float, sd: float) -> "Prior":
@@ -45,7 +45,7 @@ class Prior:
             InputError: nothing lies between the ends.
         """
         if low == high:
-            raise InputError(Problem("", f"log-uniform from {low:g} to {high:g}", "low < high", "give two ends"))
+            raise refusal("", f"log-uniform from {low:g} to {high:g}", "low < high", "give two ends")
         return cls(low, high, SHOULDER)
 
     @classmethod
@@ -74,7 +74,7 @@ class Prior:
         except ValueError:
             numbers = []
         if make is None or len(numbers) not in count:
-            raise InputError(Problem("prior", quoted(text), FORMS, "correct it"))
+            raise refusal("prior", quoted(text), FORMS, "correct it")
         try:
             return make(*numbers)
         except InputError as error:

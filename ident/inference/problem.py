@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.inference.parameters import AnyArray, Parameter, Parameters, library
 from ident.text import did_you_mean
 
@@ -168,14 +168,12 @@ def _block(rows: np.ndarray, R: np.ndarray, counts: np.ndarray) -> Block:
         L = np.linalg.cholesky(np.where(both, R, np.eye(R.shape[-1])))
     except np.linalg.LinAlgError:
         expected = "a positive definite correlation in each group"
-        raise InputError(
-            Problem("", "errors that can't be so correlated", expected, "correct the covariance")
-        ) from None
+        raise refusal("", "errors that can't be so correlated", expected, "correct the covariance") from None
     own = np.diagonal(L, axis1=1, axis2=2)
     if (least := own.min(initial=1.0)) < OWN_MIN:
         got = f"an error that the others of its group fix to {least:.2g} of its standard deviation"
         remedy = "leave out the value that the others repeat, or correct the covariance"
-        raise InputError(Problem("", got, f"at least {OWN_MIN:g}", remedy))
+        raise refusal("", got, f"at least {OWN_MIN:g}", remedy)
     log_det = np.log(own).sum(1)
     return Block(rows, R, np.where(both, np.linalg.inv(L), 0.0), log_det)
 
@@ -507,10 +505,10 @@ def with_discrepancy(problem: InverseProblem, widths: Mapping[str, float]) -> In
     for kind, width in widths.items():
         if kind not in problem.kinds:
             remedy = did_you_mean(kind, sorted(set(problem.kinds)), "name a kind of the campaign")
-            raise InputError(Problem("", f"a discrepancy of {kind}", "a kind that was measured", remedy))
+            raise refusal("", f"a discrepancy of {kind}", "a kind that was measured", remedy)
         if not NARROWEST <= width <= WIDEST:
             expected, remedy = f"a width from {NARROWEST:g} to {WIDEST:g}", f"as {kind}:0.1 for ten percent"
-            raise InputError(Problem("", f"a discrepancy of width {width:g}", expected, remedy))
+            raise refusal("", f"a discrepancy of width {width:g}", expected, remedy)
     more = tuple(Parameter((DISCREPANCY_PREFIX + kind,), True, 1.0, 1.0, width) for kind, width in widths.items())
     if not more:
         return problem

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.inference.fit import Fit
 from ident.inference.information import half_width
 from ident.inference.optima import BETTER, LINEAR, REACH, ConstrainedFit, Ending, Side, profile_path
@@ -196,18 +196,18 @@ def check(
         InputError: no such parameter, a level that is none, or no reach.
     """
     if not 1 < reach < math.inf:
-        raise InputError(Problem("reach", f"{reach:g}", "a finite factor > 1", "correct it"))
+        raise refusal("reach", f"{reach:g}", "a finite factor > 1", "correct it")
     for level in levels:
         if not 0 < level < 1:
-            raise InputError(Problem("", f"a level of {level:g}", "a level between 0 and 1, as 0.95", "correct it"))
+            raise refusal("", f"a level of {level:g}", "a level between 0 and 1, as 0.95", "correct it")
     if not len(levels):
-        raise InputError(Problem("", "no level", "at least one, as 0.95", "name one"))
+        raise refusal("", "no level", "at least one, as 0.95", "name one")
     place_of = {path: i for i, item in enumerate(parameters.items) for path in item.paths}
     names = tuple(names or ())
     for name in names:
         if name not in place_of:
             remedy = did_you_mean(name, list(place_of), "name one of the unknowns")
-            raise InputError(Problem("", f"{one_line(name)}, which is not fitted", "an unknown", remedy))
+            raise refusal("", f"{one_line(name)}, which is not fitted", "an unknown", remedy)
     return tuple(sorted({place_of[name] for name in names or place_of}))
 
 

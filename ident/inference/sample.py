@@ -16,7 +16,7 @@ from emcee.moves.red_blue import RedBlueMove
 from jaxtyping import Bool, Float, Int
 
 from ident.codec import Store
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import ModelError, refusal
 from ident.inference.chains import Chains, Diagnosis, Draws, Walkers, diagnose, identity
 from ident.inference.fit import Fit
 from ident.inference.information import information
@@ -606,12 +606,12 @@ def _walker_count(fit: Fit, target: Marginal | LinearMarginal, settings: Setting
     walkers = settings.walkers or (8 if curved else 4) * count
     if walkers < 2 * count or walkers % SPLITS:
         expected, remedy = f"an even number, at least {2 * count} for {count} unknowns", "correct `walkers`"
-        raise InputError(Problem("", f"{walkers} walkers", expected, remedy))
+        raise refusal("", f"{walkers} walkers", expected, remedy)
     if settings.ensembles < LEAST_ENSEMBLES:
         expected, remedy = f"at least {LEAST_ENSEMBLES}: R-hat compares them", "correct `ensembles`"
-        raise InputError(Problem("", f"{settings.ensembles} ensembles", expected, remedy))
+        raise refusal("", f"{settings.ensembles} ensembles", expected, remedy)
     if settings.max_steps < BLOCK:
-        raise InputError(Problem("", f"{settings.max_steps} steps", f"at least {BLOCK}", "correct `max_steps`"))
+        raise refusal("", f"{settings.max_steps} steps", f"at least {BLOCK}", "correct `max_steps`")
     return walkers
 
 
@@ -622,13 +622,13 @@ def _check_bounded(fit: Fit, posterior: Posterior) -> None:
     if open_ones.any():
         names = ", ".join(np.array(fit.information.names)[open_ones])
         remedy = "give each a prior (`prior`), or fix it (`fix`)"
-        raise InputError(Problem("", f"neither data nor a prior that bound {names}", "one of them", remedy))
+        raise refusal("", f"neither data nor a prior that bound {names}", "one of them", remedy)
     if not fit.information.rank:
         remedy = "measure what depends on them (see `ident check`), or fix fewer"
-        raise InputError(Problem("", "no measurement that depends on any of the unknowns", "at least one", remedy))
+        raise refusal("", "no measurement that depends on any of the unknowns", "at least one", remedy)
     beyond = np.abs(np.asarray(fit.problem.parameters.prior_residuals(jnp.asarray(fit.best.theta))[0]))
     if beyond.max() > EXCLUDED and not posterior.noise.items:
         worst = int(np.argmax(beyond))
         name, value = fit.information.names[worst], fit.best.values[worst]
         got = f"a prior of {name} that excludes the data: they pull it to {value:.4g}, {beyond[worst]:.1f} sd beyond"
-        raise InputError(Problem("", got, "a prior that they may agree with", "widen it, or check units (`prior`)"))
+        raise refusal("", got, "a prior that they may agree with", "widen it, or check units (`prior`)")

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import Problem, refusal, refuse
 from ident.measure.covariance_and_frames import NO_SETUPS, Correlated, Covariance, Setups, correlated
 from ident.measure.load import (
     AXES,
@@ -179,10 +179,10 @@ class Measurement:
     def __post_init__(self) -> None:
         if self.setup and not re.fullmatch(NAME, self.setup):
             got, expected = quoted(self.setup), "a name such as tracker or tracker-2"
-            raise InputError(Problem(self.where, got, expected, "use letters, digits, _ and -", "setup"))
+            raise refusal(self.where, got, expected, "use letters, digits, _ and -", "setup")
         if self.kind not in KINDS:
             expected = f"one of {', '.join(KINDS)}"
-            raise InputError(Problem(self.where, quoted(self.kind), expected, "correct the kind", "kind"))
+            raise refusal(self.where, quoted(self.kind), expected, "correct the kind", "kind")
         for name, value in _normalised(self).items():
             object.__setattr__(self, name, value)
         given = {name: str(getattr(self, name)) for name in ROLE_FIELDS if getattr(self, name)}
@@ -215,8 +215,6 @@ class Campaign:
         name: what the campaign is called; the file's name without its ending.
         path: the file it was read from; empty for a campaign made in code.
         sha256: hash of the file's bytes.
-        delimiter: the file's column delimiter.
-        decimal: the file's decimal mark.
         measurements: in the file's order, all with the same number of joints.
         covariance: how the errors of the groups' rows are correlated; None where no row is in a group.
         setups: the frames of the setups that rows name.
@@ -225,8 +223,6 @@ class Campaign:
     name: str = field(default="", compare=False)
     path: str = field(default="", compare=False)
     sha256: str = field(default="", compare=False)
-    delimiter: str = field(default=",", compare=False)
-    decimal: str = field(default=".", compare=False)
     measurements: tuple[Measurement, ...] = ()
     covariance: Covariance | None = None
     setups: Setups = NO_SETUPS

@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.files import replace_file
 from ident.measure.campaign import word_problems
 from ident.measure.load import DRIVE_STATES, OWN_WEIGHT, Load, Vector, parse_direction
@@ -200,7 +200,7 @@ class _Header:
 def _factor(unit: str, name: str, quantity: str) -> float:
     if not unit:
         example = f"'{name} [{'deg' if quantity == 'angle' else 'mm'}]'"
-        raise InputError(Problem("", "no unit", f"a unit, as in {example}", "write the unit in square brackets"))
+        raise refusal("", "no unit", f"a unit, as in {example}", "write the unit in square brackets")
     return si_factor(unit, quantity)
 
 
@@ -244,7 +244,7 @@ def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str
 def _number(text: str, decimal: str, above: float | None) -> float:
     value = parse_number(text, decimal)
     if above is not None and not value > above:
-        raise InputError(Problem("", quoted(text), f"a number above {above:g}", "correct it, or leave the cell empty"))
+        raise refusal("", quoted(text), f"a number above {above:g}", "correct it, or leave the cell empty")
     return value
 
 
@@ -253,7 +253,7 @@ def _volts(match: re.Match[str], unit: str, decimal: str) -> tuple[float, str]:
     own = match["unit"].strip("() ")
     if unit and unit != own:
         remedy = "leave the cell `unit` empty, or write the same one"
-        raise InputError(Problem("", quoted(match[0]), f"volts for one {quoted(unit)}, as in the column unit", remedy))
+        raise refusal("", quoted(match[0]), f"volts for one {quoted(unit)}, as in the column unit", remedy)
     return _number(match["number"], decimal, 0.0) * VOLTAGES[match["volts"]], own
 
 
@@ -261,7 +261,7 @@ def _position(text: str, decimal: str, factors: Mapping[str, float]) -> Vector:
     parts = text.split()
     if len(parts) != 3:
         remedy = "give its coordinates in the body's frame, separated by blanks"
-        raise InputError(Problem("", quoted(text), "three numbers", remedy))
+        raise refusal("", quoted(text), "three numbers", remedy)
     x, y, z = (parse_number(part, decimal) * factors["position"] for part in parts)
     return x, y, z
 
@@ -348,7 +348,7 @@ def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, 
 def check_folder(folder: Path) -> None:
     """Refuse what is no folder."""
     if not os.path.isdir(folder):
-        raise InputError(Problem(one_line(str(folder)), "no such folder", "a folder of recordings", "correct the path"))
+        raise refusal(one_line(str(folder)), "no such folder", "a folder of recordings", "correct the path")
 
 
 def is_table(path: Path) -> bool:
@@ -378,7 +378,7 @@ def write_template(folder: Path, path: Path, joints: int) -> int:
     """
     if os.path.exists(path):
         remedy = "move it away, or name another by --channels"
-        raise InputError(Problem(one_line(str(path)), "a file that is there", "none", remedy))
+        raise refusal(one_line(str(path)), "a file that is there", "none", remedy)
     recordings = recordings_of(folder)
     rows = [row for name, recording in recordings.items() for row in _rows(name, recording)]
     passed = [f"Passed over: {one_line(name)}, {each.holds}." for name, each in recordings.items() if each.holds]

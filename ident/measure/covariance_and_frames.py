@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.measure.load import Vector
 from ident.measure.table import Findings, fitting, parse_number, records_of
 from ident.text import did_you_mean, nearest, quoted
@@ -102,13 +102,13 @@ class Reproducibility:
             if kind not in REPRODUCIBILITY:
                 expected = f"one of {', '.join(REPRODUCIBILITY)}"
                 remedy = did_you_mean(kind, REPRODUCIBILITY, "name one of them")
-                raise InputError(Problem("reproducibility", quoted(kind), expected, remedy))
+                raise refusal("reproducibility", quoted(kind), expected, remedy)
             if not 0 <= share < 1:
                 expected, remedy = "a share from 0, below 1", "as frequency=0.002 for 0.2 %"
-                raise InputError(Problem("reproducibility", f"{kind}={share:g}", expected, remedy))
+                raise refusal("reproducibility", f"{kind}={share:g}", expected, remedy)
         if not 0 <= self.common <= 1:
             remedy = "0.5 for half of the variance"
-            raise InputError(Problem("common", f"{self.common:g}", "a share from 0 to 1", remedy))
+            raise refusal("common", f"{self.common:g}", "a share from 0 to 1", remedy)
 
     @classmethod
     def of(cls, said: Mapping[str, float], common: float = COMMON) -> "Reproducibility":
@@ -180,8 +180,7 @@ def parse_covariance(data: bytes, path: Path, sizes: Mapping[str, int]) -> Covar
     made = {name: [[float(i == j) for j in range(n)] for i in range(n)] for name, n in sizes.items() if n <= LARGEST}
     for name, n in sizes.items():
         if n > LARGEST:
-            got = f"a group {quoted(name)} of {n} rows"
-            findings.append(Problem(file, got, f"at most {LARGEST}", "split it"))
+            findings.append(Problem(file, f"a group {quoted(name)} of {n} rows", f"at most {LARGEST}", "split it"))
     said: set[tuple[str, int, int]] = set()
     for where, cells in fitting(records[1:], len(COVARIANCE_COLUMNS), delimiter, findings):
         if pair := _pair(where, cells, sizes, findings):
@@ -221,14 +220,14 @@ def _pair(
 def _place(text: str, rows: int) -> int:
     if not (text.isascii() and text.isdigit() and len(text) < 10 and 1 <= int(text) <= rows):
         expected = f"the place of a row in its group, 1 to {rows}"
-        raise InputError(Problem("", quoted(text), expected, "count the group's rows in the campaign"))
+        raise refusal("", quoted(text), expected, "count the group's rows in the campaign")
     return int(text) - 1
 
 
 def _correlation(text: str) -> float:
     value = parse_number(text, ".")
     if not -1 <= value <= 1:
-        raise InputError(Problem("", quoted(text), "a number from -1 to 1", "give a correlation, not a covariance"))
+        raise refusal("", quoted(text), "a number from -1 to 1", "give a correlation, not a covariance")
     return value
 
 
@@ -338,7 +337,7 @@ def _setup(row: dict[str, str], names: Collection[str]) -> Setup:
     if name not in names:
         near = nearest(name, list(names))
         remedy = f"write {near}" if near else "correct the name, or delete the row"
-        raise InputError(Problem("", quoted(name), "a setup that rows of the campaign name", remedy, "setup"))
+        raise refusal("", quoted(name), "a setup that rows of the campaign name", remedy, "setup")
     origin, sigma = _placed(row, ("x", "y", "z"), "unit", "sigma", "length")
     turn, turn_sigma = _placed(row, ("rx", "ry", "rz"), "turn_unit", "turn_sigma", "angle")
     return Setup(name, origin, turn, sigma, turn_sigma)
@@ -353,14 +352,14 @@ def _placed(
         return None, math.inf
     if len(given) < 3:
         missing = next(name for name in names if not row[name])
-        raise InputError(Problem("", "nothing", f"a number, as {sigma} is not {FREE}", "give all three", missing))
+        raise refusal("", "nothing", f"a number, as {sigma} is not {FREE}", "give all three", missing)
     factor = _in(unit, si_factor, row[unit], quantity)
     x, y, z = (factor * _in(name, parse_number, row[name], ".") for name in names)
     if row[sigma].lower() == FREE:
         return (x, y, z), math.inf
     number = _in(sigma, parse_number, row[sigma], ".")
     if number < 0:
-        raise InputError(Problem("", quoted(row[sigma]), f"a number, 0 for known, or {FREE}", "correct it", sigma))
+        raise refusal("", quoted(row[sigma]), f"a number, 0 for known, or {FREE}", "correct it", sigma)
     return (x, y, z), factor * number
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.measure.table import format_number, parse_number
 from ident.text import NAME, quoted
 from ident.units import to_si
@@ -44,7 +44,7 @@ def unit_vector(vector: Iterable[float]) -> Vector:
     length = math.hypot(*components)
     if len(components) != 3 or not 0 < length < math.inf:
         got = "the zero vector" if length == 0 else quoted(" ".join(map(str, components)))
-        raise InputError(Problem("", got, "a direction", "give one of x, -z, ... or three numbers", "direction"))
+        raise refusal("", got, "a direction", "give one of x, -z, ... or three numbers", "direction")
     x, y, z = components if abs(length - 1) < 1e-15 else (component / length for component in components)
     return x, y, z
 
@@ -60,7 +60,7 @@ def parse_direction(text: str, decimal: str = ".") -> Vector:
     if axis is None and len(parts) != 3:
         expected = "x, -z, ... or three numbers like '0 0.6 -0.8'"
         remedy = "correct the direction; its components are those of the base frame"
-        raise InputError(Problem("", quoted(text), expected, remedy, "direction"))
+        raise refusal("", quoted(text), expected, remedy, "direction")
     return axis or unit_vector(parse_number(part, decimal) for part in parts)
 
 

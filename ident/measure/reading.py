@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.files import remove_file, replace_file, together
 from ident.measure.campaign import Campaign, Measurement, load_problems, role_problems, value_problems
 from ident.measure.covariance_and_frames import (
@@ -135,8 +135,7 @@ def read_header(record: Record, findings: Findings) -> Header:
 def _angle_factor(cell: str) -> float:
     unit = cell.partition("[")[2].removesuffix("]").strip()
     if not unit:
-        remedy = "write the unit in square brackets"
-        raise InputError(Problem("", "no unit", "an angle unit, as in 'q1 [deg]'", remedy))
+        raise refusal("", "no unit", "an angle unit, as in 'q1 [deg]'", "write the unit in square brackets")
     return si_factor(unit, "angle")
 
 
@@ -198,14 +197,13 @@ def parse_campaign(
         expected, remedy = "a header and a row for each measurement", "see data/README.md for the columns"
         raise InputError([*findings, Problem(file, "only one row" if records else "no row", expected, remedy)])
     header = read_header(records[0], findings)
-    rows, decimal = _rows(records[1:], header, delimiter, findings)
-    read = [_read_row(row, header) for row in rows]
+    read = [_read_row(row, header) for row in _rows(records[1:], header, delimiter, findings)]
     measurements = _numbered(measurement for measurement in read if measurement is not None)
     findings += _duplicate_problems(measurements) if not header.broken else ()
     refuse(p for p in findings if p.where == header.where or p.column not in header.broken)
     sha256 = hashlib.sha256(data).hexdigest()
     correlated, frames = _covariance(measurements, path, covariance), _setups(measurements, path, setups)
-    return Campaign(Path(path).stem, str(path), sha256, delimiter, decimal, measurements, correlated, frames)
+    return Campaign(Path(path).stem, str(path), sha256, measurements, correlated, frames)
 
 
 def _numbered(measurements: Iterable[Measurement]) -> tuple[Measurement, ...]:
@@ -228,10 +226,10 @@ def _covariance(measurements: Iterable[Measurement], path: str | Path, data: byt
     where = one_line(str(beside))
     if data is not None and not sizes:
         got, remedy = "correlations of no row", "name each row's group in a column group, or remove this file"
-        raise InputError(Problem(where, got, f"rows of {one_line(Path(path).name)} in groups", remedy))
+        raise refusal(where, got, f"rows of {one_line(Path(path).name)} in groups", remedy)
     if sizes and data is None:
         remedy = "write it (group,i,j,correlation), or empty the column group"
-        raise InputError(Problem(where, "no such file", "the correlations of the rows in groups", remedy))
+        raise refusal(where, "no such file", "the correlations of the rows in groups", remedy)
     return None if data is None else parse_covariance(data, beside, sizes)
 
 
@@ -246,7 +244,7 @@ def _setups(measurements: Iterable[Measurement], path: str | Path, data: bytes |
         return NO_SETUPS
     if not names:
         got, remedy = "frames of no row", "name each row's setup in a column setup, or remove this file"
-        raise InputError(Problem(one_line(str(beside)), got, f"rows of {one_line(Path(path).name)} in them", remedy))
+        raise refusal(one_line(str(beside)), got, f"rows of {one_line(Path(path).name)} in them", remedy)
     return parse_setups(data, beside, names)
 
 
@@ -269,13 +267,13 @@ class _Row:
         self.findings.extend(replace(problem, where=self.where) for problem in problems)
 
 
-def _rows(records: list[Record], header: Header, delimiter: str, findings: Findings) -> tuple[list[_Row], str]:
-    """Return the rows that fit the header, and their decimal mark."""
+def _rows(records: list[Record], header: Header, delimiter: str, findings: Findings) -> list[_Row]:
+    """Return the rows that fit the header."""
     rows = fitting(records, len(header.names), delimiter, findings)
     table = [(where, dict(zip(header.names, cells, strict=True))) for where, cells in rows]
     numeric = [name for name in header.names if name in header.angles or name in NUMERIC_COLUMNS]
     decimal = decimal_mark(delimiter, (cells[name] for _, cells in table for name in numeric))
-    return [_Row(where, cells, decimal, findings) for where, cells in table], decimal
+    return [_Row(where, cells, decimal, findings) for where, cells in table]
 
 
 def _read_row(row: _Row, header: Header) -> Measurement | None:
@@ -325,7 +323,7 @@ def _known_kind(text: str) -> str:
     if text.lower() not in KINDS:
         suggestion = nearest(text, KINDS)
         remedy = f"write {suggestion}" if suggestion else "correct the kind"
-        raise InputError(Problem("", quoted(text), f"one of {', '.join(KINDS)}", remedy))
+        raise refusal("", quoted(text), f"one of {', '.join(KINDS)}", remedy)
     return text.lower()
 
 
@@ -368,11 +366,11 @@ def _positive(text: str, decimal: str, what: str) -> float:
     if text.endswith("%"):
         remedy = "give it in that unit" if what == "resolution" else "use the column relative_sigma for percent"
         expected = "resolution in the value's unit" if what == "resolution" else "sigma in the value's unit"
-        raise InputError(Problem("", quoted(text), expected, remedy))
+        raise refusal("", quoted(text), expected, remedy)
     number = parse_number(text, decimal)
     if number <= 0:
         remedy = "leave the cell empty" if what == "resolution" else "state how far the value may be off"
-        raise InputError(Problem("", quoted(text), f"a {what} above 0", remedy))
+        raise refusal("", quoted(text), f"a {what} above 0", remedy)
     return number
 
 
@@ -416,7 +414,10 @@ def write_campaign(
     """
     text = campaign_text(campaign, header_comments=header_comments, relative_sigma=relative_sigma)
     data, beside = text.encode("utf-8", errors="backslashreplace"), covariance_path(path)
-    groups = _groups(campaign)
+    # the groups of the campaign's rows as they are numbered when they are read again
+    names = dict.fromkeys(m.group for m in campaign if m.group)
+    several = {campaign.measurements[places[0]].group: matrix for places, matrix in campaign.correlated}
+    groups = [Group(name, several.get(name, ((1.0,),))) for name in names]
     correlations = covariance_text(groups, Path(path).name).encode() if groups else None
     frames = setups_text(campaign.setups.each, Path(path).name).encode() if campaign.setups.each else None
     parse_campaign(data, path, correlations, frames)
@@ -432,13 +433,6 @@ def _write_beside(path: Path, content: bytes | None) -> None:
         remove_file(path)
     else:
         replace_file(path, lambda file: file.write(content))
-
-
-def _groups(campaign: Campaign) -> list[Group]:
-    """Return the groups of the campaign's rows as they are numbered when they are read again."""
-    names = dict.fromkeys(m.group for m in campaign if m.group)
-    several = {campaign.measurements[places[0]].group: matrix for places, matrix in campaign.correlated}
-    return [Group(name, several.get(name, ((1.0,),))) for name in names]
 
 
 def campaign_text(campaign: Campaign, *, header_comments: Iterable[str] = (), relative_sigma: bool = False) -> str:

@@ -1,6 +1,8 @@
 """The table of runs: what each channel of each file measured while the arm moved, and how it moved."""
 
 import hashlib
+import re
+from cmath import rect
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from math import inf
@@ -25,23 +27,25 @@ from ident.measure.table import (
     read_table,
     records_of,
 )
-from ident.text import did_you_mean, one_line, quoted
-from ident.units import sensor_factor, si_factor
+from ident.text import NAME, did_you_mean, one_line, quoted
+from ident.units import sensor_factor, si_factor, to_si
 
 QUANTITIES = {"displacement": "length", "velocity": "velocity", "acceleration": "acceleration"}
 """What a channel may measure, by derivatives of a displacement."""
 REQUIRED = ("file", "channel", "direction")
 HEAD = (
     *("file", "channel", "point", "direction", "frame", "unit", "sensitivity", "speed [%]", "path", "retract"),
-    *("load", "delay [s]", "group", "note"),
+    *("load", "delay [s]", "group", "trial", "note"),
 )
 COMMENTS = (
     "A row for each channel that counts: point (default: the end point), direction (x, -z, 0 0.6 -0.8), frame (base or",
     "body), unit (mm, m/s, m/s^2, g_0; or that of the file), sensitivity (numbers of the file for one unit); how the",
     "arm moved: speed [%] of the stroke, or path (a log with time [s], joint1 [deg], ...), retract (yes or no), load",
     "(glass + 0.2 kg @ tip); delay [s] to add to the file's times, so that motion (or log) starts at 0;",
-    "group: runs of one group have kept the pulleys' angles between them. Displacements and velocities are of the",
-    "vibration alone, accelerations have the motion itself in them. Rows without direction are left out.",
+    "group: runs of one group have kept the pulleys' angles between them; trial: masses added to drives for this run,",
+    "12 g @ drive2 40 mm 90 deg + ... (radius; angle about the joint's axis at joint angle 0). Displacements and",
+    "velocities are of the vibration alone, accelerations have the motion itself in them. Rows without direction are",
+    "left out.",
 )
 RATE = 250.0
 """Samples a second to which faster recordings are brought: what drives excite lies below 25 Hz."""
@@ -49,6 +53,52 @@ SLOWEST = 50.0
 """Least samples a second: six of a vibration of 8 Hz."""
 CLIPPED = 4
 """Samples in a row at the largest value, and how many times those elsewhere, that count as clipped; assumed."""
+_PART = r"([+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*([^\W\d_]+)"
+_TRIAL = re.compile(rf"{_PART}\s*@\s*({NAME})\s+{_PART}\s+{_PART}")
+"""A mass on a drive, as `12 g @ drive2 40 mm 90 deg`."""
+
+
+@dataclass(frozen=True)
+class TrialMass:
+    """A mass that was added to a drive's pulley, to see what it does, or as a correction.
+
+    Attributes:
+        drive: its name.
+        mass: [kg]
+        radius: [m] of its mass centre from the axis.
+        angle: [rad] about the joint's axis at joint angle 0, from where phases of imbalance count.
+    """
+
+    drive: str
+    mass: float
+    radius: float
+    angle: float
+
+    @property
+    def imbalance(self) -> complex:
+        """Mass times radius [kg m], its argument the angle."""
+        return rect(self.mass * self.radius, self.angle)
+
+    @classmethod
+    def parse(cls, text: str, decimal: str = ".") -> "tuple[TrialMass, ...]":
+        """Read masses such as `12 g @ drive2 40 mm 90 deg + 5 g @ drive3 30 mm -20 deg`; none of a blank text.
+
+        Raises:
+            InputError: the text does not follow the syntax.
+        """
+        found = []
+        for term in filter(None, " ".join(text.split()).split(" + ")):
+            expected, remedy = "terms like '12 g @ drive2 40 mm 90 deg', joined by ' + '", "correct it"
+            match = _TRIAL.fullmatch(term)
+            if not match:
+                raise InputError(Problem("", quoted(term), expected, remedy))
+            mass, of_mass, drive, radius, of_radius, angle, of_angle = match.groups()
+            pairs = (mass, of_mass, "mass"), (radius, of_radius, "length"), (angle, of_angle, "angle")
+            sizes = [to_si(parse_number(number, decimal), unit, quantity) for number, unit, quantity in pairs]
+            if min(sizes[:2]) <= 0:
+                raise InputError(Problem("", quoted(term), "a mass and a radius above 0", remedy))
+            found.append(cls(drive, *sizes))
+        return tuple(found)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +120,7 @@ class RunRow:
         load: what the arm carried, sensors included.
         delay: [s] to add to the file's times, so that the motion, or the clock of its log, starts at 0.
         group: runs of one group share the pulleys' angles; empty for one of its own.
+        trial: masses that were added to drives for this run.
     """
 
     where: str
@@ -86,11 +137,12 @@ class RunRow:
     load: Load = OWN_WEIGHT
     delay: float = 0.0
     group: str = ""
+    trial: tuple[TrialMass, ...] = ()
 
     @property
     def motion(self) -> tuple[Any, ...]:
         """How the arm moved: what all rows of a file must have in common."""
-        return self.speed, self.path, self.retract, self.load, self.delay, self.group
+        return self.speed, self.path, self.retract, self.load, self.delay, self.group, self.trial
 
 
 COLUMNS = (*(f.name for f in fields(RunRow) if f.name != "where"), "note")
@@ -238,6 +290,7 @@ def _row(where: str, cell: Mapping[str, str], decimal: str, second: float, mine:
         retract=word("retract", ("no", "yes")) == "yes",
         load=mine.attempt(where, "load", Load.parse, cell.get("load", ""), decimal=decimal) or OWN_WEIGHT,
         delay=(number("delay") or 0.0) * second,
+        trial=mine.attempt(where, "trial", TrialMass.parse, cell.get("trial", ""), decimal) or (),
     )
 
 
@@ -248,7 +301,7 @@ def _unequal(rows: list[RunRow]) -> Iterator[Problem]:
     for row in rows:
         if row.motion != first.setdefault(row.file, row).motion:
             got, expected = f"another motion of {quoted(row.file)}", f"that of {first[row.file].where}"
-            remedy = "give all rows of a file the same speed, path, retract, load, delay and group"
+            remedy = "give all rows of a file the same speed, path, retract, load, delay, group and trial"
             yield Problem(row.where, got, expected, remedy)
         if (row.file, row.channel) in seen:
             got = f"{quoted(row.channel)} of {quoted(row.file)} twice"

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.measure.table import (
     Findings,
     Record,
@@ -173,15 +173,15 @@ def _measured(unit: str, name: str, quantities: tuple[str, ...]) -> tuple[str, f
     expected = " or ".join(QUANTITIES[quantity].expected for quantity in quantities)
     if not unit:
         remedy = "write the unit in square brackets"
-        raise InputError(Problem("", "no unit", f"{expected}, as in '{name} [{EXAMPLES[quantities[0]]}]'", remedy))
+        raise refusal("", "no unit", f"{expected}, as in '{name} [{EXAMPLES[quantities[0]]}]'", remedy)
     for quantity in quantities:
         try:
             return quantity, si_factor(unit, quantity)
         except InputError as error:
-            refusal = error.problems[0]
+            problem = error.problems[0]
     gravity = unit == "g" and "acceleration" in quantities
-    remedy = "write g_0 for standard gravity, g is gram" if gravity else refusal.remedy
-    raise InputError(Problem("", refusal.got, expected, remedy))
+    remedy = "write g_0 for standard gravity, g is gram" if gravity else problem.remedy
+    raise refusal("", problem.got, expected, remedy)
 
 
 def _columns(
@@ -200,7 +200,7 @@ def _columns(
 def _number(text: str, decimal: str, factor: float) -> float:
     number = parse_number(text, decimal) * factor
     if math.isinf(number):
-        raise InputError(Problem("", f"'{text}'", "a finite number", "correct the number or its unit"))
+        raise refusal("", f"'{text}'", "a finite number", "correct the number or its unit")
     return number
 
 
@@ -476,8 +476,8 @@ def parse_speeds(text: str, decimal: str = ".") -> tuple[Speed, ...]:
 def _speed(term: str, decimal: str) -> Speed:
     match = _TERM.fullmatch(term.strip())
     if not match:
-        raise InputError(Problem("", quoted(term), SYNTAX, "correct it, or leave the cell empty"))
+        raise refusal("", quoted(term), SYNTAX, "correct it, or leave the cell empty")
     value = to_si(parse_number(match["value"], decimal), match["unit"], "frequency")
     if not value > 0:
-        raise InputError(Problem("", quoted(term), "a speed above 0", "correct it, or leave the cell empty"))
+        raise refusal("", quoted(term), "a speed above 0", "correct it, or leave the cell empty")
     return Speed(match["name"].strip(), value)

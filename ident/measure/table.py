@@ -12,7 +12,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.text import LARGEST_TEXT, decode, one_line, quoted, read_bytes
 
 # -------- Spreadsheet
@@ -35,13 +35,13 @@ def sheet_text(data: bytes, file: str) -> str:
         from openpyxl import load_workbook
     except ImportError:
         remedy = "pip install openpyxl, or save the sheet as CSV"
-        raise InputError(Problem(file, "an Excel sheet without the package openpyxl", EXPECTED, remedy)) from None
+        raise refusal(file, "an Excel sheet without the package openpyxl", EXPECTED, remedy) from None
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
         if size > LARGEST:
             got, most = f"{size / 1e6:.0f} MB when unpacked", f"at most {LARGEST / 1e6:.0f} MB"
-            raise InputError(Problem(file, got, most, "keep one sheet, or save it as CSV"))
+            raise refusal(file, got, most, "keep one sheet, or save it as CSV")
         values, formulas = (
             _rows(load_workbook(io.BytesIO(data), read_only=True, data_only=computed)) for computed in (True, False)
         )
@@ -49,7 +49,7 @@ def sheet_text(data: bytes, file: str) -> str:
         raise
     except Exception as error:  # openpyxl lets KeyError, ValueError, zip and XML errors of damaged files through
         got = f"a damaged file, or another archive ({type(error).__name__})"
-        raise InputError(Problem(file, got, EXPECTED, "save it again")) from None
+        raise refusal(file, got, EXPECTED, "save it again") from None
     _check_formulas(values, formulas, file)
     lines = [[_written(value) for value in row] for row in values]
     for cells in lines:
@@ -155,7 +155,7 @@ def read_table(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
         remedy = f"export it as CSV{sheet}; data/README.md shows the columns"
         if kind == FOREIGN[".toml"]:
             remedy = "name the measurements instead"
-        raise InputError(Problem(one_line(str(path)), kind, "a table as CSV", remedy))
+        raise refusal(one_line(str(path)), kind, "a table as CSV", remedy)
     return read_bytes(path, "a readable CSV file", largest)
 
 
@@ -225,8 +225,7 @@ def misfit(where: str, fields: int, columns: int, delimiter: str) -> Problem:
     remedy = "quote text that contains the delimiter, and keep a delimiter for every empty cell"
     if delimiter == "," and fields > columns:
         remedy = "if these are decimal commas, write decimal points or separate the columns by semicolons"
-    got = f"{fields} fields, so that no cell was read"
-    return Problem(where, got, f"{columns}, as in the header", remedy)
+    return Problem(where, f"{fields} fields, so that no cell was read", f"{columns}, as in the header", remedy)
 
 
 def decimal_mark(delimiter: str, numbers: Iterable[str]) -> str:
@@ -272,7 +271,7 @@ def parse_number(text: str, decimal: str = ".") -> float:
         raise InputError(_not_a_number(text, decimal))
     number = float(text.replace(",", "."))
     if math.isinf(number):
-        raise InputError(Problem("", quoted(text), "a finite number", "correct the number"))
+        raise refusal("", quoted(text), "a finite number", "correct the number")
     return number
 
 
@@ -282,7 +281,7 @@ def parse_fraction(text: str, decimal: str = ".") -> float:
     fraction = parse_number(text.removesuffix("%").rstrip(), decimal) / (100 if percent else 1)
     if not 0 < fraction < 1:
         remedy = "write 2% if percent is meant, or give an absolute sigma"
-        raise InputError(Problem("", quoted(text), "a fraction between 0 and 1", remedy))
+        raise refusal("", quoted(text), "a fraction between 0 and 1", remedy)
     return fraction
 
 

@@ -12,7 +12,7 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import csd, detrend, resample_poly
 from scipy.special import chdtri
 
-from ident.errors import InputError, Problem, noted, refuse
+from ident.errors import Problem, noted, refusal, refuse
 from ident.measure.channels import ChannelTable
 from ident.measure.recordings import Recording
 from ident.measure.series import Speed
@@ -379,10 +379,10 @@ def _check_alike(group: Sequence[Record]) -> None:
         ):
             if not alike:
                 got, remedy = f"other {name} than {quoted(first.file)}", "measure all of a posture at one time"
-                raise InputError(Problem(one_line(record.file), got, "the same in files of one posture", remedy))
+                raise refusal(one_line(record.file), got, "the same in files of one posture", remedy)
         if not np.isclose(record.step, first.step, rtol=1e-6):
             got, expected = f"a rate of {1 / record.step:.6g} Hz", f"{1 / first.step:.6g} Hz, as of {first.file}"
-            raise InputError(Problem(one_line(record.file), got, expected, "resample one of them"))
+            raise refusal(one_line(record.file), got, expected, "resample one of them")
 
 
 def _check_length(first: Record, parts: Sequence[tuple[Record, np.ndarray]], step: float) -> None:
@@ -392,7 +392,7 @@ def _check_length(first: Record, parts: Sequence[tuple[Record, np.ndarray]], ste
     if duration < needed or min(part.shape[1] for _, part in parts) < 8 * ROWS:
         got = f"{duration:.4g} s of responses without a force"
         remedy = "record for longer, or give the channel of the hammer the role force"
-        raise InputError(Problem(one_line(first.file), got, f"at least {needed:.4g} s without a break", remedy, "role"))
+        raise refusal(one_line(first.file), got, f"at least {needed:.4g} s without a break", remedy, "role")
 
 
 def _density(records: Sequence[np.ndarray], step: float, high: float) -> SpectralDensity:

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.measure.load import Load
 
 
@@ -61,7 +61,7 @@ class Frf:
         expected = (len(self.responses), len(self.references), len(self.frequency))
         if self.hits.ndim != 4 or self.hits.shape[1:] != expected:
             got, wanted = f"hits of shape {self.hits.shape}", f"shape (hits, {', '.join(map(str, expected))})"
-            raise InputError(Problem("", got, wanted, "see `responses`, `references`", "hits"))
+            raise refusal("", got, wanted, "see `responses`, `references`", "hits")
 
     @property
     def mean(self) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.measure.channels import ChannelTable
 from ident.measure.recordings import Recording
 from ident.modal.frf import (
@@ -249,7 +249,7 @@ def spectra(source: Source, hits: list[Hit], count: int, decay: float) -> Spectr
         moving += [number] if _moves(record) else []
     if not good:
         reasons = "; ".join(f"hit {each.number}: {each.reason}" for each in rejected) or "no pulse of the force"
-        raise InputError(Problem(one_line(source.file), f"no good hit ({reasons})", "at least one", "repeat the hits"))
+        raise refusal(one_line(source.file), f"no good hit ({reasons})", "at least one", "repeat the hits")
     force, response = (np.array(each) for each in zip(*good, strict=True))
     return Spectra(source, force, response, rejected, moving)
 
@@ -362,12 +362,12 @@ def _test(group: list[Source], processing: Processing) -> ModalTest:
     finished = [source for source in group if source.force is None]
     if finished and len(finished) < len(group):
         got = f"samples and frequency responses of one posture, {quoted(group[0].file)} among them"
-        raise InputError(Problem(one_line(finished[0].file), got, "one of them", "keep one kind"))
+        raise refusal(one_line(finished[0].file), got, "one of them", "keep one kind")
     for source in group:
         if not np.isclose(source.step, group[0].step, rtol=1e-6):
             rates = f"{1 / source.step:.6g}", f"{1 / group[0].step:.6g} Hz, as of {quoted(group[0].file)}"
             remedy = "files of one posture need one sampling: resample them"
-            raise InputError(Problem(one_line(source.file), f"a rate of {rates[0]} Hz", rates[1], remedy))
+            raise refusal(one_line(source.file), f"a rate of {rates[0]} Hz", rates[1], remedy)
     return _of_responses(group, processing) if finished else _of_samples(group, processing)
 
 
@@ -378,11 +378,11 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
     for source, each in zip(group, hits, strict=True):
         if not any(hit.end for hit in each):
             remedy = "look at the cable of the hammer and which channel is the force, or hit harder"
-            raise InputError(Problem(one_line(source.file), "no pulse of the force", "at least one hit", remedy))
+            raise refusal(one_line(source.file), "no pulse of the force", "at least one hit", remedy)
     count = min(hit.until - hit.begin for each in hits for hit in each if not hit.flaw or hit.end)
     if count < FEWEST:
         got, remedy = f"{max(count, 0)} samples behind a hit", "record for longer after each hit"
-        raise InputError(Problem(one_line(group[0].file), got, f"at least {FEWEST}", remedy))
+        raise refusal(one_line(group[0].file), got, f"at least {FEWEST}", remedy)
     decay = max(source.decay for source in group)
     decay += exponential_decay(count * step, processing.window_end, decay)
     every = [spectra(source, each, count, decay) for source, each in zip(group, hits, strict=True)]
@@ -392,7 +392,7 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
     kept = (frequency >= max(low, frequency[1])) & (frequency <= high)
     if kept.sum() < 2:
         got = f"{kept.sum()} lines from {low:.4g} to {high:.4g} Hz"
-        raise InputError(Problem(one_line(group[0].file), got, "at least two", "widen the band (`band`)"))
+        raise refusal(one_line(group[0].file), got, "at least two", "widen the band (`band`)")
     frf, quality, remarks = _assembled(every, frequency[kept], kept, decay, processing.estimator)
     return _assessed(
         group,
@@ -477,7 +477,7 @@ def _check_complete(
                 got = f"no response at {place.point} to the force at {force.point}"
                 remedy = "measure it, or give that response the role ignore in the other files"
                 where = one_line(next(each.source.file for each in every if each.source.reference == force))
-                raise InputError(Problem(where, got, "each response to each force of a posture", remedy))
+                raise refusal(where, got, "each response to each force of a posture", remedy)
 
 
 def _of_responses(group: list[Source], processing: Processing) -> ModalTest:
@@ -485,7 +485,7 @@ def _of_responses(group: list[Source], processing: Processing) -> ModalTest:
     lines = {source.responses[0].values.shape[1] for source in group} | {source.start for source in group}
     if len(lines) > 2:
         remedy = "export all of one posture with the same lines"
-        raise InputError(Problem(one_line(group[0].file), "files of different lines", "the same lines", remedy))
+        raise refusal(one_line(group[0].file), "files of different lines", "the same lines", remedy)
     first = group[0]
     frequency = first.start + first.step * np.arange(first.responses[0].values.shape[1])
     low, high = processing.band or (frequency[0], frequency[-1])

@@ -10,7 +10,7 @@ from jaxtyping import Complex, Float
 from scipy.stats import chi2, t
 from threadpoolctl import threadpool_limits
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.modal.frf import Frf, Place
 from ident.modal.parameters import ModalParameters, Rejected
 from ident.modal.poles import (
@@ -447,8 +447,7 @@ def modes_of(
     candidates = None if near is not None else diagram.pole[diagram.passing]
     fit, rejected = select(frf, noise, start, candidates)
     if not len(fit.model.inside(frf.frequency)):
-        remedy = "look at the functions and the band"
-        raise InputError(Problem("", "functions without a mode", "a resonance", remedy, "frf"))
+        raise refusal("", "functions without a mode", "a resonance", "look at the functions and the band", "frf")
     return _modes(fit, frf, diagram, rejected, jackknife(frf, noise, fit))
 
 
@@ -458,22 +457,22 @@ def within(frf: Frf, band: tuple[float, float] | None) -> Frf:
     inside = (frf.frequency >= low) & (frf.frequency <= high) & (frf.frequency > 0)
     if inside.sum() < FEWEST_LINES:
         remedy = "widen the band, or record for longer"
-        raise InputError(Problem("", f"{inside.sum()} lines in the band", f"{FEWEST_LINES} or more", remedy, "band"))
+        raise refusal("", f"{inside.sum()} lines in the band", f"{FEWEST_LINES} or more", remedy, "band")
     if not np.isfinite(frf.hits[..., inside]).all():
         remedy = "look for a dead channel or a line without force"
-        raise InputError(Problem("", "values that are not finite", "finite functions", remedy, "hits"))
+        raise refusal("", "values that are not finite", "finite functions", remedy, "hits")
     return replace(frf, frequency=frf.frequency[inside], hits=frf.hits[..., inside])
 
 
 def chosen_near(diagram: Diagram, near: Sequence[float]) -> Diagram:
     """Return the diagram with the poles nearest to these frequencies chosen, of the highest orders."""
     if not len(diagram.pole):
-        raise InputError(Problem("", "no stable pole", "poles near those frequencies", "look at the functions", "near"))
+        raise refusal("", "no stable pole", "poles near those frequencies", "look at the functions", "near")
     latest = diagram.order / diagram.order.max() * 1e-3
     chosen = [int(np.argmin(np.abs(diagram.frequency - f) / f - latest)) for f in sorted(near)]
     if len(set(chosen)) < len(chosen):
         remedy = "name modes of which the diagram has poles"
-        raise InputError(Problem("", "two frequencies with one pole", "a pole for each", remedy, "near"))
+        raise refusal("", "two frequencies with one pole", "a pole for each", remedy, "near")
     return replace(diagram, chosen=np.array(chosen, int))
 
 

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag, eigh, solve_triangular
 from scipy.stats import t
 from threadpoolctl import threadpool_limits
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.measure.series import Speed
 from ident.modal.ambient import SLIP, AmbientTest, turning
 from ident.modal.frf import ModeSet, Place
@@ -283,7 +283,7 @@ def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None)
     kept, rejected = _sorted_out(test, diagram, tracked)
     if not kept:
         got, remedy = "responses without a mode that lasts over the orders", "look at the band, or record for longer"
-        raise InputError(Problem("", got, "a resonance", remedy, "band"))
+        raise refusal("", got, "a resonance", remedy, "band")
     found = tracked.pick(kept)
     decays = test.correlations.duration * slowest / blocks
     remarks = tuple(_remarks(test, found, rejected, decays))
@@ -295,7 +295,7 @@ def _slowest(diagram: Diagram) -> float:
     """Return by what rate [1/s] the mode calms down that does so most slowly; lines of what turns never do."""
     if not len(diagram.chosen):
         got, remedy = "responses without a pole that lasts over the orders", "look at the band, or record for longer"
-        raise InputError(Problem("", got, "a resonance", remedy, "band"))
+        raise refusal("", got, "a resonance", remedy, "band")
     damped = diagram.damping[diagram.chosen] >= LEAST_DAMPED
     return float(np.min(-diagram.pole[diagram.chosen].real, where=damped, initial=FASTEST))
 
@@ -337,7 +337,7 @@ def _only(diagram: Diagram, near: Sequence[float]) -> Diagram:
     if (numbers < 0).any():
         apart = float(diagram.frequency[poles[numbers < 0][0]])
         remedy = "name modes of which the diagram has poles in half the orders"
-        raise InputError(Problem("", f"no lasting pole near {apart:.4g} Hz", "a pole that lasts", remedy, "modes"))
+        raise refusal("", f"no lasting pole near {apart:.4g} Hz", "a pole that lasts", remedy, "modes")
     order = np.unique(numbers)
     cluster = np.full(len(diagram.cluster), -1)
     for place, number in enumerate(order):

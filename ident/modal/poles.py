@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import chi2
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.modal.frf import Frf
 
 # -------- Modal model
@@ -216,11 +216,11 @@ def noise_of(frf: Frf) -> Noise:
     hits, count = channels_of(frf.hits), len(frf.hits)
     if count < FEWEST_HITS:
         remedy = "give the single hits: without their scatter no standard deviation is known"
-        raise InputError(Problem("", f"{count} hits", f"{FEWEST_HITS} or more", remedy, "hits"))
+        raise refusal("", f"{count} hits", f"{FEWEST_HITS} or more", remedy, "hits")
     deviations = hits - hits.mean(0)
     raw = (np.abs(deviations) ** 2).sum(0) / (count - 1)
     if not (_average(raw, SMOOTHED) > 0).all():
-        raise InputError(Problem("", "hits without scatter", "hits that differ", "give measured hits", "hits"))
+        raise refusal("", "hits without scatter", "hits that differ", "give measured hits", "hits")
     freedom = 2 * (count - 1)
     broad = deviations / np.sqrt(_average(raw, len(raw[0]) // 4))
     variance = smoothed(raw, freedom, alike=float((_course(broad) ** 4).mean()))

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 from jaxtyping import Complex, Float
 
-from ident.errors import InputError, Problem, noted, refuse
+from ident.errors import InputError, Problem, noted, refusal, refuse
 from ident.measure.channels import (
     FORCE,
     IGNORED,
@@ -187,19 +187,19 @@ def quantity_and_factor(row: ChannelRow, unit: str) -> tuple[str, float]:
     if not (row.unit or unit):
         expected = f"a unit such as {EXAMPLES[row.role]}: neither the file nor the table has one"
         got = f"no unit of channel {quoted(row.channel)}"
-        raise InputError(Problem(row.where, got, expected, "fill the cell", "unit"))
+        raise refusal(row.where, got, expected, "fill the cell", "unit")
     quantity, factor = _measured(row, row.unit or unit)
     if row.sensitivity is not None:
         if not row.unit or sensor_factor(unit, quantity) is not None:
             got = f"a sensitivity of channel {quoted(row.channel)}, whose file is in {quoted(unit or row.unit)}"
             expected = "numbers of the file for one unit of the table"
-            raise InputError(Problem(row.where, got, expected, "leave the cell empty", "sensitivity"))
+            raise refusal(row.where, got, expected, "leave the cell empty", "sensitivity")
         return quantity, factor / (row.sensitivity * _per_volt(row, unit))
     said = sensor_factor(unit, quantity) if row.unit and unit else factor
     if said is None or not np.isclose(said, factor, rtol=1e-6):
         got = f"{quoted(row.unit)} of channel {quoted(row.channel)}"
         remedy = "give its sensitivity" if said is None else "correct one of them, or leave the cell empty"
-        raise InputError(Problem(row.where, got, f"{quoted(unit)}, as in the file", remedy, "unit"))
+        raise refusal(row.where, got, f"{quoted(unit)}, as in the file", remedy, "unit")
     return quantity, factor
 
 
@@ -213,7 +213,7 @@ def _measured(row: ChannelRow, unit: str) -> tuple[str, float]:
     named = "displacement" if row.quantity == "length" else row.quantity or row.role
     expected = f"a unit of {named}, such as {EXAMPLES[row.role]}"
     remedy = "correct the unit" if row.unit else "write the unit and the sensitivity into the table"
-    raise InputError(Problem(row.where, f"{quoted(unit)} of channel {quoted(row.channel)}", expected, remedy, "unit"))
+    raise refusal(row.where, f"{quoted(unit)} of channel {quoted(row.channel)}", expected, remedy, "unit")
 
 
 def _per_volt(row: ChannelRow, unit: str) -> float:
@@ -223,7 +223,7 @@ def _per_volt(row: ChannelRow, unit: str) -> float:
     if unit not in VOLTAGES:
         got = f"a sensitivity in volts of channel {quoted(row.channel)}, whose file is in {quoted(unit or 'no unit')}"
         expected = f"a file in one of {', '.join(VOLTAGES)}"
-        raise InputError(Problem(row.where, got, expected, "write the file's number for one unit", "sensitivity"))
+        raise refusal(row.where, got, expected, "write the file's number for one unit", "sensitivity")
     return 1 / VOLTAGES[unit]
 
 
@@ -334,7 +334,7 @@ def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[S
             found += _of_file(name, rows, recording) if any(row.counts for row in rows) else ()
     refuse(problems)
     if not found and not any(map(is_finished, recordings.values())):
-        raise InputError(Problem(table.path, "no row of a response", "at least one", "fill in the column role", "role"))
+        raise refusal(table.path, "no row of a response", "at least one", "fill in the column role", "role")
     return tuple(found)
 
 
@@ -355,17 +355,17 @@ def _of_file(name: str, rows: list[ChannelRow], recording: Recording) -> Iterato
     for row in counting:
         if row.role == REFERENCE:
             got, remedy = "a reference in a test with force", "give it the role response"
-            raise InputError(Problem(row.where, got, "responses to the force", remedy, "role"))
+            raise refusal(row.where, got, "responses to the force", remedy, "role")
     if not forces:
         got = f"no reference channel of {quoted(name)}"
         remedy = "give the channel of the hammer or the force cell this role"
-        raise InputError(Problem(counting[0].where, got, "a channel of role force", remedy, "role"))
+        raise refusal(counting[0].where, got, "a channel of role force", remedy, "role")
     check_state(counting)
     finished = has_responses(counting, recording)
     if len(forces) > 1 and not finished:
         got = f"{len(forces)} forces in {quoted(name)}"
         remedy = "give each force a file of its own, or the role ignore"
-        raise InputError(Problem(forces[1].where, got, "one force in a file of samples", remedy, "role"))
+        raise refusal(forces[1].where, got, "one force in a file of samples", remedy, "role")
     for force in forces:
         yield _source(name, force, [row for row in counting if row.role == RESPONSE], rows, recording)
 
@@ -380,7 +380,7 @@ def _source(
     rows = [row for row in rows if row.channel in by_name]
     if not rows:
         got = f"no response of {quoted(name)} to {quoted(force.channel)}"
-        raise InputError(Problem(force.where, got, "a channel of role response", "add its row to the table", "role"))
+        raise refusal(force.where, got, "a channel of role response", "add its row to the table", "role")
     used: Sequence[Channel] = ([] if finished else [by_name[force.channel]]) + [by_name[row.channel] for row in rows]
     step = sampling_step(name, every, recording, used, finished)
     used, late = aligned(name, rows if finished else [force, *rows], used, step)
@@ -397,7 +397,7 @@ def _source(
         pushed = finite(name, used[0]) * factor
         if not np.ptp(pushed):
             got, remedy = f"{quoted(force.channel)} of {quoted(name)} constant at {pushed.flat[0]:.4g} N", _CABLE
-            raise InputError(Problem(force.where, got, "a force with hits", remedy, "channel"))
+            raise refusal(force.where, got, "a force with hits", remedy, "channel")
         full_scale = _full_scale(force)
     units = {each.name: each.unit for each in used} | ({force.channel: used[0].reference_unit} if finished else {})
     return Source(
@@ -431,7 +431,7 @@ def check_moves(name: str, rows: Sequence[ChannelRow], responses: Sequence[Respo
         if still:
             got = f"{quoted(row.channel)} of {quoted(name)} without any motion"
             remedy = "look at its cable, or give the channel the role ignore"
-            raise InputError(Problem(row.where, got, "a response that moves", remedy, "channel"))
+            raise refusal(row.where, got, "a response that moves", remedy, "channel")
 
 
 def aligned(
@@ -461,7 +461,7 @@ def aligned(
             if length != lengths[0, 0]:
                 counts = f"{lengths[0, 0]} samples of {quoted(channels[0].name)}, {length} of {quoted(each.name)}"
                 got = f"channels of different lengths in {quoted(name)}: {counts}"
-                raise InputError(Problem(row.where, got, "the same length", "export them again together", "channel"))
+                raise refusal(row.where, got, "the same length", "export them again together", "channel")
         return channels, [None] * len(channels)
     offset = (starts - starts[0]) / step
     whole = np.rint(offset)
@@ -489,7 +489,7 @@ def _check_blocks(name: str, where: str, channels: Sequence[Channel]) -> None:
         got += f" in {quoted(name)}"
         got += f" (ID lines: {', '.join(map(quoted, most.notes[:4]))})" if any(most.notes) else ""
         remedy = "where a label stands for several sensors, export each with a name of its own"
-        raise InputError(Problem(where, got, "as many blocks of each channel", remedy, "channel"))
+        raise refusal(where, got, "as many blocks of each channel", remedy, "channel")
 
 
 def _apart(name: str, where: str, channels: Sequence[Channel], starts: np.ndarray, step: float) -> Problem:
@@ -521,8 +521,7 @@ def _full_scale(row: ChannelRow) -> float | None:
     if row.full_scale is None:
         return None
     if not row.unit:
-        expected = "the unit that it is in"
-        raise InputError(Problem(row.where, "a full scale without unit", expected, "fill the cell", "unit"))
+        raise refusal(row.where, "a full scale without unit", "the unit that it is in", "fill the cell", "unit")
     return row.full_scale * quantity_and_factor(replace(row, sensitivity=None), "")[1]
 
 
@@ -538,7 +537,7 @@ def finite(name: str, channel: Channel) -> np.ndarray:
         block, sample = (int(each) + 1 for each in wrong[0])
         where = f"{one_line(name)}, block {block}, sample {sample}"
         remedy = "export it again, or give the channel the role ignore"
-        raise InputError(Problem(where, f"{len(wrong)} values that are no number", "numbers", remedy, channel.name))
+        raise refusal(where, f"{len(wrong)} values that are no number", "numbers", remedy, channel.name)
     return channel.values
 
 
@@ -551,8 +550,7 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
     for row in rows:
         if row.channel not in recording.names and row.role != IGNORED:
             remedy = did_you_mean(row.channel, recording.names, f"it has {', '.join(recording.names[:8])}")
-            expected = f"a channel of {quoted(name)}"
-            problems.append(Problem(row.where, quoted(row.channel), expected, remedy, "channel"))
+            problems.append(Problem(row.where, quoted(row.channel), f"a channel of {quoted(name)}", remedy, "channel"))
     by_name: dict[str, list[ChannelRow]] = {}
     for row in rows:
         by_name.setdefault(row.channel, []).append(row)
@@ -581,7 +579,7 @@ def check_state(rows: list[ChannelRow]) -> None:
         for row in rows:
             if getattr(row, field) != getattr(rows[0], field):
                 got, remedy = f"another {field} than the file's first row", "a file is of one state of the arm"
-                raise InputError(Problem(row.where, got, "the same", remedy, column))
+                raise refusal(row.where, got, "the same", remedy, column)
 
 
 def sampling_step(
@@ -598,7 +596,7 @@ def sampling_step(
             if each.values.shape[1] != channel.values.shape[1]:
                 got = f"{channel.values.shape[1]} times for {each.values.shape[1]} samples of {quoted(each.name)}"
                 remedy = "export them again together"
-                raise InputError(Problem(times[0].where, got, "a time for each sample", remedy, "channel"))
+                raise refusal(times[0].where, got, "a time for each sample", remedy, "channel")
     given = [row for row in rows if row.rate]
     if not finished:
         said |= {1 / row.rate for row in given if row.rate}
@@ -606,17 +604,17 @@ def sampling_step(
     if not said:
         got = f"no sampling rate of {quoted(name)}"
         remedy = "give the column rate [Hz], or the role time to the channel that holds the times"
-        raise InputError(Problem(where, got, "one: the file says none", remedy, "rate"))
+        raise refusal(where, got, "one: the file says none", remedy, "rate")
     for step in said:
         if not STEPS[0] <= step <= STEPS[1]:
             what, unit = ("lines", "Hz") if finished else ("samples", "s")
             got = f"{what} of {quoted(name)} {step:.4g} {unit} apart"
             expected = f"{STEPS[0]:g} to {STEPS[1]:g} {unit}"
-            raise InputError(Problem(where, got, expected, "correct the sampling of the file, or its unit", "rate"))
+            raise refusal(where, got, expected, "correct the sampling of the file, or its unit", "rate")
     if max(said) > min(said) * (1 + SAME):
         got = f"sampling of {1 / max(said):.6g} and of {1 / min(said):.6g} Hz for {quoted(name)}"
         remedy = "correct the table, or export the channels with one sampling"
-        raise InputError(Problem(where, got, "one sampling", remedy, "rate"))
+        raise refusal(where, got, "one sampling", remedy, "rate")
     return min(said)
 
 

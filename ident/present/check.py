@@ -158,7 +158,8 @@ def _findings(check: "CampaignCheck", *, explained: bool) -> Iterator[Finding]:
     part = check.leverage
     if part is not None and part.dominant.any():
         rows = ", ".join(names[i] for i in np.flatnonzero(part.dominant)[:MOST].tolist())
-        text = f"nothing cross-checks row{'s' * (part.dominant.sum() > 1)} {rows}: an error there would go unnoticed"
+        several = bool(part.dominant.sum() > 1)
+        text = f"nothing cross-checks row{'s' * several} {rows}: an error there would go unnoticed"
         yield Finding(text, "repeat them, or add others")
     for number, doubt in enumerate(check.labels[:MOST]):
         name = names[doubt.row]

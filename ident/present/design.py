@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,12 +20,10 @@ from ident.present.report import Cell, Finding, Report, Section, Table, Verdict,
 from ident.present.sweep import change_in_words, mm
 from ident.present.words import MM, counted, in_shown_unit, unit_of, value_in_words
 from ident.text import one_line
+from ident.vibrate.design import Design
 from ident.vibrate.simulate import MEASURES
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import NEARBY
-
-if TYPE_CHECKING:
-    from ident.vibrate.design import Design
 
 STRONGEST = 12
 """Sensitivities that are listed of many."""
@@ -92,7 +90,7 @@ def unsure_words(draws: int = 0) -> str:
 # -------- Design
 
 
-def _design(study: DesignStudy, design: "Design") -> Report:
+def _design(study: DesignStudy, design: Design) -> Report:
     verdict = _verdict(study, design)
     tables = () if unchanged(design.best) else (_changes(study, design), _effect(study, design))
     return Report(
@@ -105,7 +103,7 @@ def _design(study: DesignStudy, design: "Design") -> Report:
     )
 
 
-def _verdict(study: DesignStudy, design: "Design") -> Verdict | None:
+def _verdict(study: DesignStudy, design: Design) -> Verdict | None:
     """Judge a design: NOT SETTLED, or by whether the exact equations keep the limit; without a limit nothing."""
     if not design.settled:
         best = f"the worst phases give {mm(design.best.largest)} mm, but a smaller change, or less vibration, may do"
@@ -134,7 +132,7 @@ def _verdict(study: DesignStudy, design: "Design") -> Verdict | None:
     return Verdict("MET", f"{mm(largest)} mm keeps the limit of {limit} ({before}); {what}{chance}.", "good")
 
 
-def _next(study: DesignStudy, design: "Design", verdict: Verdict | None) -> str:
+def _next(study: DesignStudy, design: Design, verdict: Verdict | None) -> str:
     again = f"ident design {{arm}}{same_motion(study.basis)}"
     if not design.settled:
         limit = f" --limit {MM * design.limit:g}" if design.limit is not None else ""
@@ -146,7 +144,7 @@ def _next(study: DesignStudy, design: "Design", verdict: Verdict | None) -> str:
     return "ident simulate {result}.toml"
 
 
-def _findings(study: DesignStudy, design: "Design") -> Iterator[Finding]:
+def _findings(study: DesignStudy, design: Design) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
     if not design.settled:
         remedy = "search from more starts (--starts), or within narrower bounds (--change)"
@@ -173,7 +171,7 @@ def _findings(study: DesignStudy, design: "Design") -> Iterator[Finding]:
         yield Finding(text, "simulate the changed arm file")
 
 
-def _changes(study: DesignStudy, design: "Design") -> Table:
+def _changes(study: DesignStudy, design: Design) -> Table:
     """Return each number that is changed, as it is and after the change."""
     arm, rows = study.basis.arm, []
     for variable, change in zip(design.evaluator.variables, design.best.changes, strict=True):
@@ -189,7 +187,7 @@ def _changes(study: DesignStudy, design: "Design") -> Table:
     return Table("", head, tuple(rows), ("", ".4g", ".4g", "", "", ""))
 
 
-def _effect(study: DesignStudy, design: "Design") -> Table:
+def _effect(study: DesignStudy, design: Design) -> Table:
     """Return what the change does to vibration, first frequency and deflection."""
     before, after, measure = design.present, design.best, study.evaluator.measure
     rows: list[tuple[Cell, ...]] = [
@@ -208,7 +206,7 @@ def _effect(study: DesignStudy, design: "Design") -> Table:
 # -------- Details
 
 
-def _details(study: DesignStudy, design: "Design") -> Iterator[Section]:
+def _details(study: DesignStudy, design: Design) -> Iterator[Section]:
     yield _motion(study)
     required = design.required
     lines = [
@@ -241,7 +239,7 @@ def _motion(study: DesignStudy) -> Section:
     )
 
 
-def _optima(study: DesignStudy, design: "Design") -> Section:
+def _optima(study: DesignStudy, design: Design) -> Section:
     lines = []
     for each in design.optima:
         pairs = zip(design.evaluator.variables, each.changes, strict=True)
@@ -253,7 +251,7 @@ def _optima(study: DesignStudy, design: "Design") -> Section:
     return Section(title, tuple(lines))
 
 
-def _curve(design: "Design") -> Iterator[Section]:
+def _curve(design: Design) -> Iterator[Section]:
     """Yield the least largest amplitude by how much is changed: a column for each size of change."""
     if len(design.curve) <= 2:
         return
@@ -265,7 +263,7 @@ def _curve(design: "Design") -> Iterator[Section]:
     yield Section("Trade-off: least vibration for each size of change", (Table("", head, tuple(rows)),))
 
 
-def _verification(study: DesignStudy, design: "Design") -> Iterator[Section]:
+def _verification(study: DesignStudy, design: Design) -> Iterator[Section]:
     if study.verification is None:
         return
     checks = {"before": study.verification.before, "after": study.verification.after}

@@ -21,6 +21,7 @@ from ident.present.basis import (
 from ident.present.design import UNSURE, unsure_words
 from ident.present.report import Cell, Finding, Part, Report, Section, Table, Verdict, short_power
 from ident.present.resonance import caused_words, grouped, sources_words
+from ident.present.source import estimates, source_findings, source_verdict
 from ident.present.warnings import untested
 from ident.present.words import MM, beside, counted, in_shown_unit, is_stiffness, percent, rounded, sentence
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.assess.diagnose import Diagnosis, Identification, ResonanceAssessment
     from ident.assess.remedies import Verification, VibrationAssessment
+    from ident.assess.source import SourceStudy
     from ident.identify.compare import Validation
     from ident.vibrate.evaluator import BinomialEstimate
     from ident.vibrate.sweep import Sensitivities
@@ -70,15 +72,14 @@ SENSITIVITIES = 12
 
 def diagnose_sections(diagnosis: "Diagnosis") -> Report:
     """Return all that is said of a finished diagnosis; the details have a section for each stage."""
-    basis, fit = diagnosis.task.basis, diagnosis.identification.sampled.fitted
-    verdict = judged(diagnosis)
+    basis, verdict = diagnosis.task.basis, judged(diagnosis)
     return Report(
         f"Diagnosis of {subject(basis)}",
         verdict,
         tuple(f"{label + ':':8s} {sentence(text)}" for label, text in cause_and_remedies(diagnosis)),
         tuple(_cautions(diagnosis)),
         f"Model: {of_model(diagnosis)}.",
-        _next(diagnosis, in_doubt=bool(fit.doubts), good=verdict.kind == "good"),
+        _next(diagnosis, good=verdict.kind == "good"),
         tuple(Section(title, tuple(of(diagnosis))) for title, of in map(_DETAILS.__getitem__, diagnosis.stages)),
     )
 
@@ -90,8 +91,10 @@ def judged(diagnosis: "Diagnosis") -> Verdict:
     size = f"{beside(MM * peak, MM * limit)} mm"
     chance = f"probability of keeping it {chance_words(vibration.keeps)} (95 % interval)"
     compared = f"{size} {'is within' if within else 'exceeds'} the limit of {MM * limit:g} mm"
-    if diagnosis.identification.sampled.fitted.doubts:
-        reason = f"The fit is in doubt, and all that follows with it. With the fitted values {compared}; {chance}."
+    if diagnosis.in_doubt:
+        doubtful = bool(diagnosis.identification.sampled.fitted.doubts)
+        what = "The fit is in doubt" if doubtful else "The runs contradict the model or each other"
+        reason = f"{what}, and all that follows is in doubt. With the fitted values {compared}; {chance}."
         return Verdict("NOT DECIDED", reason, "caution")
     if vibration.accepted:
         return Verdict("OK", f"{compared}; {chance}.", "good")
@@ -108,7 +111,8 @@ def chance_words(estimate: "BinomialEstimate") -> str:
 
 def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
     """Yield what makes most of the vibration and what helps, each with its label: Cause, Remedy, or."""
-    yield "Cause", _cause(diagnosis)
+    itself = "the motion itself; no drive comes near a natural frequency"
+    yield "Cause", _resonant(diagnosis.resonance, diagnosis.task.basis.arm) or contribution_words(diagnosis) or itself
     best, verified = diagnosis.advised, diagnosis.verified
     if best is None or verified is None:
         return
@@ -120,17 +124,19 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
         none = held if best.meets_limit else f"none of the {tried} remedies tried keeps the limit"
         yield "Remedy", f"{none}; the best: {change_words(best)}: {outcome}"
         return
-    yield "Remedy", f"{change_words(best)}{_numbers(diagnosis, best)}: {outcome} (exact equations and fresh draws)"
-    others = [each for each in diagnosis.remedies[len(diagnosis.verifications) :] if each.meets_limit]
-    for other in others[:2]:
+    yield "Remedy", f"{_offer(diagnosis, best)}: {outcome} (exact equations and fresh draws)"
+    if best.kind == "speed" and not diagnosis.task.basis.log:
+        yield "or", f"{best.effort}: slower only where it matters, which takes less time: see ident motion"
+    further = [each for each in diagnosis.remedies[len(diagnosis.verifications) :] if each.meets_limit]
+    others = {each.effort: each for each in reversed(further) if each.effort != best.effort}  # the first of each
+    for other in sorted(others.values(), key=further.index):
         size = f"{rounded(MM * other.largest)} mm, limit kept with probability {chance_words(other.keeps)}"
         by = "fast method and the search's own draws, not verified"
-        yield "or", f"{change_words(other)}{_numbers(diagnosis, other)}: {size} ({by})"
+        yield "or", f"{_offer(diagnosis, other)}: {size} ({by})"
 
 
-def _cause(diagnosis: "Diagnosis") -> str:
-    itself = "the motion itself; no drive comes near a natural frequency"
-    return _resonant(diagnosis.resonance, diagnosis.task.basis.arm) or contribution_words(diagnosis) or itself
+def _offer(diagnosis: "Diagnosis", remedy: Remedy) -> str:
+    return f"{remedy.effort}: {change_words(remedy)}{_numbers(diagnosis, remedy)}"
 
 
 def _resonant(resonance: "ResonanceAssessment", arm: "Arm") -> str:
@@ -169,17 +175,21 @@ def of_model(diagnosis: "Diagnosis") -> str:
     fit, validation = diagnosis.identification.sampled.fitted, diagnosis.validation
     fixed = f"{fit.information.fixed} of {len(fit.information.names)} combinations determined"
     far = f"; unmeasured postures predicted {scope_words(validation)}" if validation.told else ""
-    return f"{fixed} (chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom}){far}"
+    told = f"; {source_line(diagnosis.excited.study)}" if diagnosis.excited else ""
+    return f"{fixed} (chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom}){far}{told}"
 
 
-def _next(diagnosis: "Diagnosis", *, in_doubt: bool, good: bool) -> str:
+def _next(diagnosis: "Diagnosis", *, good: bool) -> str:
     known = diagnosis.identification.sampled.fitted.information
-    if in_doubt:
+    if diagnosis.identification.sampled.fitted.doubts:
         return "ident fit {campaign}"
+    if diagnosis.in_doubt:
+        return "ident source {runs} --arm {arm}"
     if known.fixed < len(known.names) or diagnosis.beyond or diagnosis.validation.missed:
         return "ident plan {campaign}"
-    limit = f"--limit {MM * diagnosis.task.limit:g}"
-    return "" if good else f"ident design {{arm}} {limit}{same_motion(diagnosis.task.basis)}"
+    basis, limit = diagnosis.task.basis, f"--limit {MM * diagnosis.task.limit:g}"
+    study = "design" if basis.log else "motion"  # which no part changes, but needs the stroke
+    return "" if good else f"ident {study} {{arm}} {limit}{same_motion(basis)}"
 
 
 def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
@@ -189,6 +199,8 @@ def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
         yield Finding(doubt.replace("; see below", "").replace("see below", "see ident fit"), "see `ident fit`")
     if not diagnosis.identification.sampled.fitted.doubts:
         yield from untested(diagnosis.identification.sampled.fitted)
+    if diagnosis.excited:
+        yield from source_findings(diagnosis.excited.study)
     if diagnosis.validation.missed:
         named = ", ".join(part.name for part in diagnosis.validation.missed)
         yield Finding(f"the other postures do not predict {named}", "check these measurements, then the arm file")
@@ -268,6 +280,20 @@ def _stiffness(diagnosis: "Diagnosis") -> Iterator[Part]:
     note = "The chains are too short: the intervals are rough." if identified.short else ""
     note += " No interval is reported, as the fit is in doubt." * withheld
     yield Table("Posterior", ("number", "median", "95 % interval", "unit"), tuple(rows), note=note.strip())
+
+
+def source_line(study: "SourceStudy") -> str:
+    """Say in a line what the runs tell of what excites the arm."""
+    if not study.usable:
+        return "the runs are NOT USABLE"
+    runs = counted(len(study.found.problem.runs), "run")
+    return f"{study.told} of {len(study.found.estimates)} sources of vibration determined by {runs}"
+
+
+def _source(diagnosis: "Diagnosis") -> Iterator[Part]:
+    assert diagnosis.excited is not None
+    yield source_verdict(diagnosis.excited.study).reason
+    yield estimates(diagnosis.excited.study)
 
 
 def trust_line(validation: "Validation") -> str:
@@ -434,15 +460,24 @@ def _remedies(diagnosis: "Diagnosis") -> Iterator[Part]:
     rows = []
     for rank, each in enumerate(diagnosis.remedies, 1):
         numbers = f"{100 * each.keeps.share:.3g} %", each.frequency, MM * each.deflection, each.change_norm
-        rows.append((str(rank), change_words(each), MM * each.largest, *numbers))
-    head = ("rank", "change", "vibration [mm]", "keeps limit", "first mode [Hz]", "deflection [mm]", "size [-]")
+        rows.append((str(rank), change_words(each), each.effort, MM * each.largest, *numbers))
+    head = (
+        "rank",
+        "change",
+        "effort",
+        "vibration [mm]",
+        "keeps limit",
+        "first mode [Hz]",
+        "deflection [mm]",
+        "size [-]",
+    )
     note = (
-        "Ranking: what keeps the limit first (torsion, then mass centres, then speed; the smallest change of each), "
-        "then what vibrates least. Size: change relative to the largest allowed; of speed, in powers of two. First "
+        "Ranking: what keeps the limit first (software, screwdriver, new part; the smallest change of each), then what "
+        "vibrates least. Size: change relative to the largest allowed; of speed, in powers of two. First "
         "mode and deflection are side effects, the worse of both ends of the motion."
     )
     strong = tuple(i for i, remedy in enumerate(diagnosis.remedies) if remedy.meets_limit)
-    yield Table("Remedies", head, tuple(rows), ("", "", ".3f", "", ".2f", ".1f", ".2f"), note, strong)
+    yield Table("Remedies", head, tuple(rows), ("", "", "", ".3f", "", ".2f", ".1f", ".2f"), note, strong)
 
 
 def verification_line(advised: Remedy, verified: "Verification") -> str:
@@ -484,6 +519,7 @@ def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
 
 _DETAILS: Mapping[str, tuple[str, Callable[["Diagnosis"], Iterator[Part]]]] = {
     "stiffness": ("How stiff are the joints?", _stiffness),
+    "source": ("What excites the arm?", _source),
     "trust": ("How far can the model be trusted?", _trust),
     "resonance": ("Does a drive meet a natural frequency?", _resonance),
     "vibration": ("How much does the arm vibrate?", _vibration),
@@ -504,6 +540,7 @@ def diagnose_rows(diagnosis: "Diagnosis") -> list[dict[str, Any]]:
         {
             "rank": rank,
             "kind": remedy.kind,
+            "effort": remedy.effort,
             "change": change_words(remedy),
             "speed_percent": remedy.percent,
             "amplitude": remedy.largest,

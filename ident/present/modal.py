@@ -3,11 +3,13 @@
 import math
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ident.assess.modal import IdentifiedModes, Labelled, NamedModes
+from ident.measure import Campaign
+from ident.measure.covariance_and_frames import Reproducibility
 from ident.modal.ambient import AmbientTest
 from ident.modal.frf import Check, ModalTest
 from ident.modal.modes import Modes, Ratio
@@ -15,10 +17,6 @@ from ident.modal.operational import DECAYS, OperationalModes
 from ident.modal.sources import POLE, FinishedTest
 from ident.present.report import Cell, Finding, Part, Report, Section, Table, Verdict, cut
 from ident.present.words import counted, degrees, percent, place_in_words, sentence
-
-if TYPE_CHECKING:
-    from ident.measure import Campaign
-    from ident.measure.covariance_and_frames import Reproducibility
 
 AnyTest = ModalTest | AmbientTest | FinishedTest
 CORRELATED = 0.3
@@ -34,8 +32,8 @@ def modal_sections(
     identified: Sequence[IdentifiedModes] = (),
     finished: Sequence[FinishedTest] = (),
     named: Sequence[NamedModes] = (),
-    campaign: "Campaign | None" = None,
-    reproducibility: "Reproducibility | None" = None,
+    campaign: Campaign | None = None,
+    reproducibility: Reproducibility | None = None,
 ) -> Report:
     """Return all that is said of a modal test."""
     every: list[AnyTest] = [*tests, *finished]
@@ -132,7 +130,7 @@ def _findings(
     identified: Sequence[IdentifiedModes],
     every: Sequence[AnyTest],
     modes: Sequence[Labelled],
-    reproducibility: "Reproducibility | None",
+    reproducibility: Reproducibility | None,
 ) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
     if not _all_converged(identified):
@@ -192,7 +190,7 @@ def _rejected(hammer: Sequence[ModalTest]) -> Iterator[Finding]:
         yield Finding(text, "repeat them")
 
 
-def _assumed(known: "Reproducibility | None") -> Iterator[Finding]:
+def _assumed(known: Reproducibility | None) -> Iterator[Finding]:
     """Yield that the reproducibility is assumed, where it is."""
     if known is None:
         return
@@ -210,7 +208,7 @@ def _assumed(known: "Reproducibility | None") -> Iterator[Finding]:
 
 
 def _mode_rows(
-    tests: Sequence[AnyTest], modes: Sequence[Labelled], reproducibility: "Reproducibility | None"
+    tests: Sequence[AnyTest], modes: Sequence[Labelled], reproducibility: Reproducibility | None
 ) -> Iterator[tuple[Cell, ...]]:
     """Yield each mode with the std. errors that the campaign has: repeatability and reproducibility together."""
     share = reproducibility.share if reproducibility else {}
@@ -232,7 +230,7 @@ def _mode_rows(
             )
 
 
-def _modes_table(each: Labelled, reproducibility: "Reproducibility | None") -> Table:
+def _modes_table(each: Labelled, reproducibility: Reproducibility | None) -> Table:
     """Return the modes of a posture with both parts of their std. errors."""
     share = reproducibility.share if reproducibility else {}
     rows = []
@@ -256,8 +254,8 @@ def _modes_table(each: Labelled, reproducibility: "Reproducibility | None") -> T
 def _details(
     every: Sequence[AnyTest],
     modes: Sequence[Labelled],
-    campaign: "Campaign | None",
-    reproducibility: "Reproducibility | None",
+    campaign: Campaign | None,
+    reproducibility: Reproducibility | None,
 ) -> Iterator[Section]:
     for number, (test, each) in enumerate(zip_longest(every, modes), 1):
         state = f"{degrees(test.posture)}, {cut(str(test.load), 50)}, drives: {test.drives}"
@@ -326,7 +324,7 @@ def _reliance(modes: Modes | OperationalModes) -> Iterator[Part]:
     yield from (f"No mode at {pole.frequency:.2f} Hz: {pole.why}." for pole in modes.rejected)
 
 
-def reproducibility_in_words(known: "Reproducibility") -> str:
+def reproducibility_in_words(known: Reproducibility) -> str:
     """Say what the sigmas of a campaign consist of, and where that is from."""
     parts = []
     for kind, share in known.share.items():
@@ -337,7 +335,7 @@ def reproducibility_in_words(known: "Reproducibility") -> str:
     return f"repeatability (scatter within the test) and reproducibility: {', '.join(parts)}; {common}"
 
 
-def _campaign(modes: Sequence[Labelled], campaign: "Campaign", reproducibility: "Reproducibility | None") -> Section:
+def _campaign(modes: Sequence[Labelled], campaign: Campaign, reproducibility: Reproducibility | None) -> Section:
     """Return what the campaign contains, and which of its errors are correlated most."""
     count, total = _name_count(modes), sum(len(each.labels.given) for each in modes)
     of = " (|pole| / 2 pi)" if all(m.of == POLE for m in campaign.of_kind("frequency")) else ""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.arm.arm import ANYWHERE
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.files import replace_file
 from ident.identify.candidates import CLOSE, PARTS, RESOLUTION, Experiment, HammerPlan
 from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
@@ -45,20 +45,16 @@ def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Re
     following = "fill in {result}.csv, " + then if plan.steps else "ident validate {campaign}"
     if plan.steps and plan.fit and plan.fit.doubts:
         following = "check the causes that ident fit names; fill in {result}.csv, add it and fit again"
+    campaign = plan.fit.campaign if plan.fit else None
+    known = f"{counted(len(campaign), 'measurement')} of {cut(campaign.name, 30)}" if campaign else "the prior alone"
     return Report(
-        _subject(plan),
+        f"Plan of {counted(len(plan.steps), 'experiment')} on {cut(plan.arm.name, 40)}, starting from {known}",
         _verdict(plan),
         (batch, _sd_table(plan, "Expected std. error", [0, len(plan.sd) - 1], _if_resolved(plan))),
         tuple(_findings(plan, hammer)),
         next=following,
         details=tuple(_details(plan, hammer)),
     )
-
-
-def _subject(plan: "CampaignPlan") -> str:
-    campaign = plan.fit.campaign if plan.fit else None
-    known = f"{counted(len(campaign), 'measurement')} of {cut(campaign.name, 30)}" if campaign else "the prior alone"
-    return f"Plan of {counted(len(plan.steps), 'experiment')} on {cut(plan.arm.name, 40)}, starting from {known}"
 
 
 # -------- Verdict
@@ -204,18 +200,14 @@ def _sd_table(plan: "CampaignPlan", title: str, shown: Sequence[int], condition:
         draws = plan.at_draws[:, i]
         spread = _from_to([sd_in_words(item, float(sd)) for sd in (draws.min(), draws.max())]) if len(draws) else ""
         cells = [sd_in_words(item, float(plan.sd[step, i])) for step in steps]
-        if unknown := _not_reported(plan, item):
+        # why the fit that a plan starts from has no interval of an unknown; nothing where it has, or for no fit
+        names = plan.fit.problem.parameters.names if plan.fit else ()
+        if unknown := (why_no_interval(plan.fit, names.index(item.name)) if plan.fit and item.name in names else ""):
             cells[0] = unknown
         rows.append((cut(item.name, 38), *cells, spread))
     title += " [% or factor]" * any("factor" in cell for row in rows for cell in row[1:])
     head = (title, *(f"after {step}{condition}" if step else "now" for step in steps), "on plausible arms")
     return without_empty_columns(Table("", head, tuple(rows)))
-
-
-def _not_reported(plan: "CampaignPlan", item: "Parameter") -> str:
-    """Return why the fit that a plan starts from has no interval of an unknown; nothing where it has, or for no fit."""
-    names = plan.fit.problem.parameters.names if plan.fit else ()
-    return why_no_interval(plan.fit, names.index(item.name)) if plan.fit and item.name in names else ""
 
 
 def _from_to(ends: Sequence[str]) -> str:
@@ -419,4 +411,4 @@ def _refuse_filled(path: Path) -> None:
         return
     if any((row.get("value") or "").strip() for row in csv.DictReader(lines)):
         got, remedy = "a form that has been filled in", "move it away, or choose another folder (`folder`)"
-        raise InputError(Problem(one_line(str(path)), got, "none, or an empty one", remedy))
+        raise refusal(one_line(str(path)), got, "none, or an empty one", remedy)

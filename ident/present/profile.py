@@ -1,8 +1,9 @@
 """Profiles of a fit: what is said of them, and their rows for programs."""
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ident.identify.fit import CampaignFit
 from ident.inference.optima import LINEAR, Ending
 from ident.inference.profile import FLAT, Interval, Profile, threshold
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, without_empty_columns, written
@@ -18,13 +19,10 @@ from ident.present.words import (
     with_tied,
 )
 
-if TYPE_CHECKING:
-    from ident.identify.fit import CampaignFit
-
 SIDES = ("below", "above")
 
 
-def profile_sections(fit: "CampaignFit", profiles: Sequence[Profile]) -> Report:
+def profile_sections(fit: CampaignFit, profiles: Sequence[Profile]) -> Report:
     """Return all that is said of profiles."""
     verdict = _verdict(fit, profiles)
     following = {"CONFIRMED": "ident validate", "NOT USABLE": "ident fit"}.get(verdict.word)
@@ -41,7 +39,7 @@ def profile_sections(fit: "CampaignFit", profiles: Sequence[Profile]) -> Report:
     )
 
 
-def _verdict(fit: "CampaignFit", profiles: Sequence[Profile]) -> Verdict:
+def _verdict(fit: CampaignFit, profiles: Sequence[Profile]) -> Verdict:
     """Judge the linear intervals by the profiles: CONFIRMED, PARTLY, NOT CONFIRMED; NOT USABLE where the fit is not."""
     if fit.doubts:
         doubts = " ".join(map(sentence, fit.doubts))
@@ -78,7 +76,7 @@ def _intervals_table(profiles: Sequence[Profile]) -> Table:
     return without_empty_columns(Table("", head, tuple(rows), note=note))
 
 
-def _findings(fit: "CampaignFit", profiles: Sequence[Profile]) -> Iterator[Finding]:
+def _findings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Finding]:
     """Yield what is not regular about profiles, the weightiest first."""
     for profile in sorted(profiles, key=lambda each: -each.beaten):
         if profile.beaten:
@@ -111,7 +109,7 @@ def _findings(fit: "CampaignFit", profiles: Sequence[Profile]) -> Iterator[Findi
 # -------- Details
 
 
-def _details(fit: "CampaignFit", profiles: Sequence[Profile]) -> Iterator[Section]:
+def _details(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Section]:
     level = profiles[0].widest.level
     method = (
         f"Each unknown is moved in steps and all others are fitted again at each step. {level_in_words(level)}: "

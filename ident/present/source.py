@@ -11,7 +11,7 @@ from ident.present.words import MM, counted
 from ident.vibrate.sources import unit_of
 
 if TYPE_CHECKING:
-    from ident.assess.source import Prediction, SourceStudy
+    from ident.assess.source import Prediction, SourceStudy, Tried
     from ident.vibrate.source_identification import Estimate
 
 
@@ -21,16 +21,17 @@ def source_sections(study: "SourceStudy") -> Report:
     what = f"{counted(len(problem.runs), 'run')}, {counted(len(problem.channels), 'trace')}"
     return Report(
         f"Excitation of {cut(problem.arm.name, 40)} from {what}",
-        _verdict(study),
-        (_estimates(study),),
-        tuple(_findings(study)),
+        source_verdict(study),
+        (estimates(study),),
+        tuple(source_findings(study)),
         remark=_remark(study),
         next="" if not study.usable else "ident simulate {arm} --posterior {result}.json",
         details=tuple(_details(study)),
     )
 
 
-def _verdict(study: "SourceStudy") -> Verdict:
+def source_verdict(study: "SourceStudy") -> Verdict:
+    """Say how many sources are determined, or why the runs are of no use."""
     told, count = study.told, len(study.found.estimates)
     explained = f"they explain {_range(100 * study.found.explained)} % of the mean square of each trace"
     if study.doubtful:
@@ -73,7 +74,8 @@ def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...
     return name, estimate, 100 * each.sd / each.amplitude, interval, unit, phase, vibration
 
 
-def _estimates(study: "SourceStudy") -> Table:
+def estimates(study: "SourceStudy") -> Table:
+    """Return the table of the sources."""
     head = ("Source", "estimate", "std. error [%]", "95 % interval", "unit", "phase [deg]", "vibration [mm]")
     pairs = zip(study.found.estimates, study.found.makes.tolist(), strict=True)
     rows = tuple(_row(study, each, makes) for each, makes in pairs)
@@ -81,7 +83,8 @@ def _estimates(study: "SourceStudy") -> Table:
     return Table("", head, rows, ("", "", ".1f", "", "", "d", ".3f"), note)
 
 
-def _findings(study: "SourceStudy") -> Iterator[Finding]:
+def source_findings(study: "SourceStudy") -> Iterator[Finding]:
+    """Yield what is wrong with the runs, how a left-out one is predicted, and what is not told."""
     for name, gain in study.poor.items():
         yield Finding(
             f"{name} does not follow the computed vibration (gain {gain:.2f})",
@@ -92,6 +95,10 @@ def _findings(study: "SourceStudy") -> Iterator[Finding]:
     for name, shift in study.moved.items():
         remedy = "check the load of the runs, and what the stiffnesses and damping are from"
         yield Finding(f"{name} would have to move by {abs(shift):.1f} sigma", remedy)
+    for each in study.tried():
+        if not each.right:
+            remedy = "check mass, radius, angle and mark; ident balance allows for it"
+            yield Finding(f"{each.run}: the mass on {each.drive} acts {acting(each)}", remedy)
     if study.held:
         names = ", ".join(dict.fromkeys(each.run for each in study.held))
         shares = _range(100 * max(0.0, each.explained) for each in study.held)
@@ -177,6 +184,8 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
         ]
         table = Table("", head, tuple(rows), ("", *(".1f",) * len(study.further)))
         yield Section("Std. error [%] of each amplitude with a further run, by its speed", (table,))
+    if tried := study.tried():
+        yield tried_section(tried)
     if study.held:
         predicted = [
             (each.channel.name, 100 * each.explained, 100 * (each.ratio - 1), *_interval(each)) for each in study.held
@@ -189,6 +198,27 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
 def _interval(each: "Prediction") -> tuple[float, float, float]:
     low, high = np.quantile(each.peaks, (0.025, 0.975))
     return float(np.abs(each.shown).max()), float(low), float(high)
+
+
+def acting(tried: "Tried") -> str:
+    """Say how a mass acts: `as 1.02 of it, 60 deg further`."""
+    turn = float(np.degrees(np.angle(tried.factor)))
+    return f"as {abs(tried.factor):.2f} of it" + (f", {abs(turn):.0f} deg {'further' if turn > 0 else 'back'}")
+
+
+def tried_section(every: "Iterable[Tried]") -> Section:
+    """Return what masses did that were added for runs."""
+    rows = [
+        (
+            *(each.run, each.drive, 1e6 * abs(each.stated), float(np.degrees(np.angle(each.stated)))),
+            *(abs(each.factor), each.sd[0], float(np.degrees(np.angle(each.factor))), float(np.degrees(each.sd[1]))),
+            each.chance,
+        )
+        for each in every
+    ]
+    head = ("Run", "drive", "stated [g mm]", "at [deg]", "acts as", "error", "turned [deg]", "error [deg]", "p that 1")
+    forms = ("", "", ".0f", ".0f", ".3f", ".3f", "+.1f", ".1f", ".2g")
+    return Section("Masses that were added for runs", (Table("", head, tuple(rows), forms),))
 
 
 def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:

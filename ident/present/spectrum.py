@@ -2,16 +2,14 @@
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ident.assess.spectrum import PEAKS, MarkedModes, Spectra
 from ident.present.report import Cell, Part, Report, Section, Table, cut
 from ident.present.words import TRACE_UNITS, counted, hertz, where_marked
-
-if TYPE_CHECKING:
-    from ident.vibrate.spectra import Peak
+from ident.vibrate.spectra import Peak
 
 STRONGEST = 2
 """Peaks of a direction on the first screen, of a single trace."""
@@ -89,7 +87,7 @@ def _peaks_table(spectra: Spectra, name: str, caption: str, most: int) -> Table:
     return Table(caption, head[:shown], tuple(row[:shown] for row in rows), forms[:shown])
 
 
-def _mode(spectra: Spectra, name: str, direction: str, peak: "Peak") -> tuple[str, str]:
+def _mode(spectra: Spectra, name: str, direction: str, peak: Peak) -> tuple[str, str]:
     """Name the mode near a peak with the range of its frequency, if there is one."""
     label = spectra.mode_near(name, direction, peak.frequency)
     return (label, hertz(spectra.modes.bands[label])) if label and spectra.modes else ("none", "")

@@ -342,7 +342,19 @@ def _mark(axis: Axis, value: float) -> str:
 
 def sweep_rows(study: "SweepStudy") -> list[dict[str, Any]]:
     """Return a row for each amplitude: value in SI, the speed in %; mm; 5 and 95 % of the draws, NaN without."""
-    return [row for sweep in study.sweeps for row in _rows(sweep)]
+    rows = []
+    for sweep in study.sweeps:
+        parts = [sweep.amplitude, *(() if sweep.draws is None else sweep.band)]
+        for place in product(*(range(len(axis.values)) for axis in sweep.axes)):
+            values: dict[str, Any] = {}
+            for number, axis, k in zip(("", "2"), sweep.axes, place, strict=False):
+                names = (f"{name}{number}" for name in ("parameter", "value", "unit"))
+                values |= zip(names, (axis.name, float(axis.values[k]), unit_of(axis.paths[0])), strict=True)
+            for d, direction in enumerate(DIRECTIONS):
+                size, *band = (MM * float(part[(d, *place)]) for part in parts)
+                columns = ("direction", "amplitude [mm]", "q05 [mm]", "q95 [mm]")
+                rows.append(values | dict(zip(columns, (direction, size, *(band or (np.nan, np.nan))), strict=True)))
+    return rows
 
 
 def write_csv(study: "SweepStudy", head: Mapping[str, Any], path: Path) -> None:
@@ -366,16 +378,3 @@ def _cell(value: Any) -> str:
     """Write a number with ten digits, an undefined one as nothing."""
     text = f"{value:.10g}" if isinstance(value, float) else str(value)
     return "" if text == "nan" else text
-
-
-def _rows(sweep: Sweep) -> Iterator[dict[str, Any]]:
-    parts = [sweep.amplitude, *(() if sweep.draws is None else sweep.band)]
-    for place in product(*(range(len(axis.values)) for axis in sweep.axes)):
-        values: dict[str, Any] = {}
-        for number, axis, k in zip(("", "2"), sweep.axes, place, strict=False):
-            names = (f"{name}{number}" for name in ("parameter", "value", "unit"))
-            values |= zip(names, (axis.name, float(axis.values[k]), unit_of(axis.paths[0])), strict=True)
-        for d, direction in enumerate(DIRECTIONS):
-            size, *band = (MM * float(part[(d, *place)]) for part in parts)
-            columns = ("direction", "amplitude [mm]", "q05 [mm]", "q95 [mm]")
-            yield values | dict(zip(columns, (direction, size, *(band or (np.nan, np.nan))), strict=True))

@@ -4,10 +4,10 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ident.arm.arm import Arm
 from ident.arm.plausibility import oddities
 from ident.identify.explanations import APART, MARGIN, SLIP, Change, Explanation, Explanations, Telling
 from ident.identify.fit import KINDS, Assumption, Assumptions, CampaignFit, of_kind
@@ -15,6 +15,7 @@ from ident.identify.hypotheses import NUMBER_KINDS
 from ident.identify.problem import Ramp, row_names
 from ident.inference.fit import FEW, CrossPrediction, contradicting
 from ident.inference.information import RARE, standard_deviations
+from ident.measure import Campaign, Measurement
 from ident.present.report import Cell, Finding, Part, Section, Table, cut
 from ident.present.words import (
     MOST_ROWS,
@@ -31,15 +32,11 @@ from ident.present.words import (
     three_digits,
 )
 
-if TYPE_CHECKING:
-    from ident.arm.arm import Arm
-    from ident.measure import Campaign, Measurement
-
 # -------- Agreement
 # Whether the kinds of measurement agree.
 
 
-def agreement(predictions: Sequence[CrossPrediction], measured: Sequence["Measurement"], note: str = "") -> Section:
+def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement], note: str = "") -> Section:
     """Return of each kind how far it is off the others and the prior, and of a small kind each value as well.
 
     Args:
@@ -76,13 +73,13 @@ def kinds_agree(predictions: Sequence[CrossPrediction]) -> str:
     return f"{kinds} agree within {max(math.ceil(10 * largest), 1) / 10:.1f} sigma."
 
 
-def against(cross: CrossPrediction, i: int, m: "Measurement") -> tuple[float, float, str]:
+def against(cross: CrossPrediction, i: int, m: Measurement) -> tuple[float, float, str]:
     """Return what the other kinds predict for the i-th value of a small kind, what was measured, and the unit."""
     value, unit = in_read_unit(m.kind, cross.measured[i])
     return in_read_unit(m.kind, cross.predicted[i])[0], value, unit
 
 
-def contradiction(predictions: Sequence[CrossPrediction], campaign: "Campaign") -> tuple[str, ...]:
+def contradiction(predictions: Sequence[CrossPrediction], campaign: Campaign) -> tuple[str, ...]:
     """Say in a sentence which value of a small kind is farthest from what the other kinds predict; nothing for none."""
     small = [
         (np.abs(cross.z), cross)
@@ -133,7 +130,7 @@ def what_may_be_wrong(predictions: Sequence[CrossPrediction]) -> str:
 # -------- Odd numbers
 
 
-def odd_numbers(arm: "Arm") -> tuple[Finding, ...]:
+def odd_numbers(arm: Arm) -> tuple[Finding, ...]:
     """Return the numbers of an arm that look wrong: a wrong arm file is the commonest cause of a wrong stiffness."""
     odd = oddities(arm)
     more = len(odd) - MOST_ROWS
@@ -142,7 +139,7 @@ def odd_numbers(arm: "Arm") -> tuple[Finding, ...]:
     return (*named, *rest)
 
 
-def drive_states(arm: "Arm", campaign: "Campaign") -> tuple[Finding, ...]:
+def drive_states(arm: Arm, campaign: Campaign) -> tuple[Finding, ...]:
     """Warn of rows measured with a servo on, where the arm file describes no servo."""
     own = [name for name, m in zip(row_names(campaign), campaign, strict=True) if m.drives == "servo"]
     if arm.servos or not own:
@@ -326,7 +323,7 @@ CHECKS = {
 }
 
 
-def leading_explanations(found: Explanations | None, campaign: "Campaign") -> tuple[Table, ...]:
+def leading_explanations(found: Explanations | None, campaign: Campaign) -> tuple[Table, ...]:
     """Return the most probable causes with what to check, and what to measure to tell them apart; maybe nothing."""
     if found is None or not found.fitting:
         return ()
@@ -340,7 +337,7 @@ def leading_explanations(found: Explanations | None, campaign: "Campaign") -> tu
     return tuple(replace(table, brief=True) for table in tables)
 
 
-def explanation_section(found: Explanations | None, campaign: "Campaign") -> tuple[Section, ...]:
+def explanation_section(found: Explanations | None, campaign: Campaign) -> tuple[Section, ...]:
     """Return what would reconcile a campaign, most probable first, and what would tell the leading causes apart."""
     if found is None:
         return ()
@@ -373,7 +370,7 @@ def explanation_section(found: Explanations | None, campaign: "Campaign") -> tup
     return (Section(title, (*above, table, *below, *discriminating(found.telling, LISTED))),)
 
 
-def _check(item: Explanation, campaign: "Campaign") -> str:
+def _check(item: Explanation, campaign: Campaign) -> str:
     """Say what to do about a cause: labels are swapped back, or the shapes looked at; values are measured again."""
     first = item.changes[0]
     if first.kind == "exchange" and not _labelled(first, campaign):
@@ -381,15 +378,15 @@ def _check(item: Explanation, campaign: "Campaign") -> str:
     return CHECKS[first.kind]
 
 
-def _labelled(change: Change, campaign: "Campaign") -> bool:
+def _labelled(change: Change, campaign: Campaign) -> bool:
     return all(campaign.measurements[i].mode for i in change.rows)
 
 
-def _causes(item: Explanation, campaign: "Campaign") -> str:
+def _causes(item: Explanation, campaign: Campaign) -> str:
     return " and ".join(_words(change, campaign) for change in item.changes)
 
 
-def _words(change: Change, campaign: "Campaign") -> str:
+def _words(change: Change, campaign: Campaign) -> str:
     """Say what would have to be otherwise, and by how much."""
     rows, of = _rows(change.rows, campaign), cut(change.of, 24)
     match change.kind:
@@ -429,7 +426,7 @@ def _to_its_sd(value: float, sd: float) -> str:
     return f"{value:.{decimals}f} +- {sd:.{decimals}f}"
 
 
-def _quantity(m: "Measurement") -> str:
+def _quantity(m: Measurement) -> str:
     """Name what a row measured without its posture and load, which its number tells."""
     if m.kind == "frequency":
         return m.mode or "the frequency"
@@ -444,7 +441,7 @@ def _amount(change: Change) -> str:
     return f"{percent(change.amount, '+')} +- {percent(change.sd)}"
 
 
-def _rows(rows: Sequence[int], campaign: "Campaign") -> str:
+def _rows(rows: Sequence[int], campaign: Campaign) -> str:
     if len(rows) == len(campaign):
         return "all rows"
     return f"row{'s' * (len(rows) > 1)} {some([row_names(campaign)[i] for i in rows], ROWS)}"
@@ -512,7 +509,7 @@ def hysteresis(fit: CampaignFit) -> tuple[Section, ...]:
     return (_ramps("Hysteresis of loading ramps: fitted widths", table, fit.campaign, fit.loops),)
 
 
-def expected_hysteresis(campaign: "Campaign", ramps: Sequence[Ramp]) -> tuple[Section, ...]:
+def expected_hysteresis(campaign: Campaign, ramps: Sequence[Ramp]) -> tuple[Section, ...]:
     """Return for each ramp of loads how well the width of its hysteresis loop will be known."""
     if not ramps:
         return ()
@@ -526,7 +523,7 @@ def expected_hysteresis(campaign: "Campaign", ramps: Sequence[Ramp]) -> tuple[Se
     return (_ramps("Hysteresis of loading ramps: how well a fit will know the widths", table, campaign, ramps),)
 
 
-def _ramps(title: str, table: Table, campaign: "Campaign", ramps: Sequence[Ramp]) -> Section:
+def _ramps(title: str, table: Table, campaign: Campaign, ramps: Sequence[Ramp]) -> Section:
     """Return the table of the loops, and which of them were measured in one direction only."""
     ways = [(ramp, {campaign.measurements[i].ramp for i in ramp.rows}) for ramp in ramps]
     one_way = (

@@ -9,7 +9,7 @@ from math import degrees, isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, refusal
 from ident.files import replace_file, together
 from ident.present.report import Report
 from ident.studies import STUDIES
@@ -71,7 +71,7 @@ def new(kind: str, folder: str | Path) -> New:
     """
     if kind not in KINDS:
         remedy = did_you_mean(kind, KINDS, "or give a robot description, --robot robot.urdf")
-        raise InputError(Problem("", quoted(kind), f"one of {', '.join(KINDS)}", remedy, "kind"))
+        raise refusal("", quoted(kind), f"one of {', '.join(KINDS)}", remedy, "kind")
     source = files("ident.description") / "templates"
     texts = [(source / f"{kind}{end}").read_text(encoding="utf-8") for end in (".toml", ".csv")]
     return _write(Path(folder), texts[0], texts[1])
@@ -134,7 +134,7 @@ def check_new(folder: Path) -> None:
         return
     got = "a folder that has files in it" if folder.is_dir() else "a file"
     if not folder.is_dir() or any(folder.iterdir()):
-        raise InputError(Problem(one_line(str(folder)), got, "a new or empty folder", "choose another name"))
+        raise refusal(one_line(str(folder)), got, "a new or empty folder", "choose another name")
 
 
 def _write(folder: Path, arm: str, campaign: str) -> New:
@@ -167,7 +167,7 @@ class ArmPicture(Reported):
     @property
     def name(self) -> str:
         """What its picture is called, without the end."""
-        return f"{Path(self.view.arm_file.path).stem or self.view.arm.name}.show"
+        return f"{self.view.arm_file.name}.show"
 
     @property
     def oddities(self) -> tuple[str, ...]:
@@ -256,7 +256,7 @@ def show(arm: "Arm | ArmFile | str | Path", posture: Sequence[float] | None = No
     count = len(arm_file.arm.driven)
     if len(posture) != count or not all(map(is_angle, posture)):
         expected = f"{count} angles within {FARTHEST:g} deg, one for each driven joint"
-        raise InputError(Problem("posture", f"{tuple(posture)}", expected, "give one angle for each joint"))
+        raise refusal("posture", f"{tuple(posture)}", expected, "give one angle for each joint")
     return ArmPicture(arm_view(arm_file, tuple(map(radians, posture))))
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
@@ -172,14 +172,14 @@ def _pairs(
     """Return what is to be compared with what, and the files of two folders that only one of them has."""
     if isinstance(first, list | tuple) and isinstance(second, list | tuple):
         if not len(first) == len(second) > 0:
-            raise InputError(Problem("second", f"{len(second)} results", f"{len(first)} of them", "give pairs"))
+            raise refusal("second", f"{len(second)} results", f"{len(first)} of them", "give pairs")
         return list(zip(first, second, strict=True)), ()
     folders = [Path(each) for each in (first, second) if isinstance(each, str | Path) and os.path.isdir(each)]
     if not folders:
         return [(cast("Compared", first), cast("Compared", second))], ()
     if len(folders) == 1:
         where = one_line(str(folders[0]))
-        raise InputError(Problem(where, "a folder", "two files or two folders", "give what belongs to it"))
+        raise refusal(where, "a folder", "two files or two folders", "give what belongs to it")
     ours, theirs = map(_results_in, folders)
     pairs: list[tuple[Any, Any]] = []
     for campaign in sorted(ours.keys() & theirs.keys()):
@@ -189,7 +189,7 @@ def _pairs(
     named = {path.name.removesuffix(end) for path in paired for end in ENDS}
     if not pairs:
         got, where = "no result of one name in both", " and ".join(one_line(str(folder)) for folder in folders)
-        raise InputError(Problem(where, got, f"files {' or '.join(ENDS)}", "fit both campaigns under one name"))
+        raise refusal(where, got, f"files {' or '.join(ENDS)}", "fit both campaigns under one name")
     alone = [path for side in (ours, theirs) for c, files in side.items() if c not in named for path in files.values()]
     return pairs, tuple(map(str, alone))
 
@@ -221,7 +221,7 @@ def _known(result: "Compared", name: str) -> "tuple[CampaignFit | Posterior, Com
     if isinstance(result, Result | Saved) and (fitted := result.fitted) is not None:
         return fitted, replace(file, notes=result.notes if isinstance(result, Saved) else ())
     got = quoted(study_of(result.form)) if isinstance(result, Result) else type(result).__name__
-    raise InputError(Problem(file.path or name, f"a result of {got}", "one of fit, sample or diagnose", "give that"))
+    raise refusal(file.path or name, f"a result of {got}", "one of fit, sample or diagnose", "give that")
 
 
 def _fitted(campaign: Path) -> "CampaignFit":
@@ -244,8 +244,7 @@ def _foreign(path: Path) -> "Posterior | None":
     values = {name: own for (name, *tied), own in draws.items() if name.endswith(STIFFNESSES) and not tied}
     where = one_line(str(path))
     if bad := [name for name, own in values.items() if len(own) <= len(values) or not (own > 0).all()]:
-        expected = f"positive numbers, more than {len(values)} draws"
-        raise InputError(Problem(where, "other values", expected, "correct it", bad[0]))
+        raise refusal(where, "other values", f"positive numbers, more than {len(values)} draws", "correct it", bad[0])
     return Posterior(path.name.removesuffix(".nc"), values)
 
 

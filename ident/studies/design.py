@@ -6,7 +6,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.studies import ranges
 from ident.studies.amplitudes import AmplitudeOptions
 from ident.studies.door import DEFAULT, study
@@ -257,7 +257,7 @@ def _checked_text(basis: "Basis", variables: "tuple[Variable, ...]") -> str:
             here = False
         if not here:
             got, expected = "a number that is not written in the arm file", "one that is"
-            raise InputError(Problem(name, got, expected, "write it there, or change what it follows from"))
+            raise refusal(name, got, expected, "write it there, or change what it follows from")
     return text
 
 

@@ -17,17 +17,21 @@ from ident.studies.options import option, specs
 from ident.studies.result import Progress, check_place, silent
 from ident.studies.sample import SampleOptions, sample
 from ident.studies.saved import FromFit
+from ident.studies.shared import with_numbers
+from ident.studies.source import MOST_DRAWS, SourceOptions, as_runs
 from ident.units import USUAL
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ident.assess.diagnose import Diagnosis, Identification, Verdict
-    from ident.assess.remedies import Remedy, Verification, VibrationAssessment
+    from ident.assess.diagnose import Diagnosis, Excited, Identification, Verdict
+    from ident.assess.remedies import Remedy, Task, Verification, VibrationAssessment
     from ident.codec import Store
     from ident.description.file import ArmFile
     from ident.identify.fit import CampaignFit
+    from ident.identify.values import Values
     from ident.measure import Campaign, Log
+    from ident.measure.runs import Runs
     from ident.present.diagnose import StageReport
     from ident.present.html.page import Page
 
@@ -51,6 +55,7 @@ class Job:
         campaign: the measurements.
         options: the limit, the motion, and what is unknown of the arm.
         log: the joint path, if one is replayed.
+        runs: traces of the moving arm, if there are any.
         folder: where finished stages are kept; None for nowhere.
         progress: shows how far each stage is.
     """
@@ -59,6 +64,7 @@ class Job:
     campaign: "Campaign"
     options: "DiagnoseOptions"
     log: "Log | None"
+    runs: "Runs | None"
     folder: Path | None
     progress: Progress
 
@@ -72,6 +78,9 @@ class Job:
             "campaign": _hash(measurements),
             "arm file": _hash((self.arm.arm, self.arm.origins, self.arm.extents)),
             "path": _hash((self.log.time, self.log.angles)) if self.log else "",
+            "runs": _hash([replace(each, row=replace(each.row, where="")) for each in self.runs.traces])
+            if self.runs
+            else "",
             "set of options": _hash(replace(self.options, units=USUAL)),
             "version of ident": version("ident-arm"),
         }
@@ -100,7 +109,7 @@ def discard_stages(folder: str | Path) -> None:
 
 def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
     """Carry out the stages in order; each is computed from those before or taken over from an earlier run, and kept."""
-    from ident.assess.diagnose import LEAVE, STAGES, Diagnosis, assess_resonance, assess_trust, chosen
+    from ident.assess.diagnose import LEAVE, Diagnosis, assess_resonance, assess_trust, chosen, stages_of
     from ident.assess.remedies import assess_vibration, remedies, verify_in_turn, verify_remedy
     from ident.identify.compare import Validation
     from ident.present.diagnose import (
@@ -108,6 +117,7 @@ def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
         remedies_line,
         resonance_line,
         sensitivities_line,
+        source_line,
         stiffness_line,
         trust_line,
         verification_line,
@@ -115,21 +125,23 @@ def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
     )
     from ident.vibrate.sweep import sensitivities
 
+    stages = stages_of(runs=job.runs is not None)
+
     def stage(
         name: str,
         compute: Callable[[], V],
         line: Callable[[V], str],
-        count: Callable[[V], int] = lambda value: len(STAGES),
+        count: Callable[[V], int] = lambda value: len(stages),
     ) -> V:
         kept: V | None = store.read(name)
         value = compute() if kept is None else kept
         if kept is None:
             store.write(name, value)
-        on_stage(StageReport(STAGES.index(name) + 1, count(value), name, line(value), kept is not None))
+        on_stage(StageReport(stages.index(name) + 1, count(value), name, line(value), kept is not None))
         return value
 
     def needed(vibration: "VibrationAssessment") -> int:
-        return len(STAGES[:-2] if vibration.accepted else STAGES)
+        return len(stages[:-2] if vibration.accepted else stages)
 
     def verify(remedy: "Remedy") -> "Verification":
         return verify_remedy(task, remedy, job.progress("fresh draws"))
@@ -138,8 +150,11 @@ def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
         place = chosen(verifications)
         return verification_line(ranked[place], verifications[place])
 
-    identified = stage("stiffness", lambda: _identified(job), stiffness_line)
-    task, fitted = identified.task, identified.sampled.fitted
+    identified, runs = stage("stiffness", lambda: _identified(job), stiffness_line), job.runs
+    excited: Excited | None = None
+    if runs:
+        excited = stage("source", lambda: _excited(job, runs, identified), lambda found: source_line(found.study))
+    task, fitted = (excited or identified).task, identified.sampled.fitted
     trust = stage("trust", lambda: assess_trust(fitted), lambda parts: trust_line(Validation(fitted, LEAVE, parts)))
     resonance = stage("resonance", lambda: assess_resonance(task), lambda found: resonance_line(found, task.basis.arm))
     vibration = stage("vibration", lambda: assess_vibration(task, job.progress("draws")), vibration_line, needed)
@@ -150,15 +165,14 @@ def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
         lambda slopes: needed(vibration),
     )
     if vibration.accepted:
-        return Diagnosis(identified, trust, resonance, vibration, slopes)
+        return Diagnosis(identified, trust, resonance, vibration, slopes, excited=excited)
     ranked = stage("remedies", lambda: remedies(task, vibration.scatter, job.progress("remedies")), remedies_line)
     verified = stage("verification", lambda: verify_in_turn(ranked, verify), advised_line)
-    return Diagnosis(identified, trust, resonance, vibration, slopes, ranked, verified)
+    return Diagnosis(identified, trust, resonance, vibration, slopes, ranked, verified, excited)
 
 
 def _identified(job: Job) -> "Identification":
     from ident.assess.diagnose import Identification
-    from ident.assess.remedies import Task, at_confidence
     from ident.identify.values import Draws
 
     options, effort = job.options, job.options.effort
@@ -167,8 +181,32 @@ def _identified(job: Job) -> "Identification":
     folder = job.folder and job.folder / CHAINS
     sampled = sample(job.arm, job.campaign, sampling, folder=folder, progress=job.progress)
     draws = Draws.of_sample(sampled.sample.sample).some(job.arm.arm, effort.draws, options.seed)
-    basis = basis_of(job.arm, options, path=job.log, posterior=draws.shuffled(options.seed))
-    return Identification(sampled.sample, at_confidence(Task(basis, options.limit / 1e3, effort)))
+    return Identification(sampled.sample, _task(job, draws.shuffled(options.seed)))
+
+
+def _excited(job: Job, runs: "Runs", identified: "Identification") -> "Excited":
+    """Identify what excites the arm from its runs; what they do not tell stays at the posterior's median."""
+    import numpy as np
+
+    from ident.assess.diagnose import Excited
+    from ident.assess.source import studied
+    from ident.identify.values import Draws, Values
+
+    options, count = job.options, job.options.effort.draws
+    known = Draws.of_sample(identified.sampled.sample).some(job.arm.arm, MOST_DRAWS)
+    arm = with_numbers(job.arm.arm, known, options.set)
+    progress = job.progress("search for what excites the arm")
+    study = studied(arm, runs, known.without(options.set), offset=SourceOptions().offset, progress=progress)
+    middle = {path: np.full(count, value) for path, value in known.medians.items()}
+    drawn = {**middle, **study.found.draws(count, options.seed)}
+    return Excited(study, _task(job, Values.of_arm({(path,): values for path, values in drawn.items()}, job.arm.arm)))
+
+
+def _task(job: Job, draws: "Values") -> "Task":
+    from ident.assess.remedies import Task, at_confidence
+
+    basis = basis_of(job.arm, job.options, path=job.log, posterior=draws)
+    return at_confidence(Task(basis, job.options.limit / 1e3, job.options.effort))
 
 
 # -------- Diagnose
@@ -212,10 +250,12 @@ class DiagnoseResult(FromFit):
     Attributes:
         diagnosis: the value of each stage, and the verdict that follows from them.
         options: what was asked for.
+        runs: the traces of the moving arm, if there were any.
     """
 
     diagnosis: "Diagnosis"
     options: DiagnoseOptions = field(default_factory=DiagnoseOptions)
+    runs: "Runs | None" = None
 
     form = "ident-diagnose/10"
     shown = ("diagnosis",)
@@ -255,24 +295,6 @@ class DiagnoseResult(FromFit):
 
         return render(self._page(self.head))
 
-    def save_pdf(self, folder: str | Path) -> Path:
-        """Print the page as PDF into a folder, under the result's name, by Chromium; return its path.
-
-        Raises:
-            InputError: there is no such browser on the PATH, or the file can't be written.
-            ModelError: the browser fails.
-        """
-        from tempfile import TemporaryDirectory
-
-        from ident.present.files.document import write_pdf
-
-        path = Path(folder) / f"{self.name}.pdf"
-        with TemporaryDirectory() as part:
-            page = Path(part) / "page.html"
-            page.write_text(self.html(), encoding="utf-8")
-            write_pdf(page, path)
-        return path
-
     def _page(self, head: Mapping[str, Any]) -> "Page":
         from ident.assess.show import arm_view
         from ident.present.html.diagnose import diagnose_page
@@ -281,7 +303,8 @@ class DiagnoseResult(FromFit):
         basis, campaign = self.diagnosis.task.basis, self.diagnosis.identification.sampled.fitted.campaign
         posterior = f"{self.name}.nc"
         explorer = page_of(basis, campaign, self.options.soft_base, self.options.profile, posterior)
-        return diagnose_page(self.diagnosis, head, arm_view(replace(basis.arm_file, arm=basis.arm)), explorer)
+        view = arm_view(replace(basis.arm_file, arm=basis.arm))
+        return diagnose_page(self.diagnosis, head, view, explorer, self.runs)
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.present.files.document import write_netcdf
@@ -300,8 +323,8 @@ class DiagnoseResult(FromFit):
 
     @property
     def doubtful(self) -> bool:
-        """Whether the fit that the diagnosis rests on is in doubt."""
-        return bool(self.diagnosis.identification.sampled.fitted.doubts)
+        """Whether the fit that the diagnosis rests on is in doubt, or what the runs tell."""
+        return self.diagnosis.in_doubt
 
     @property
     def fitted(self) -> "CampaignFit":
@@ -310,7 +333,7 @@ class DiagnoseResult(FromFit):
 
     def _inputs(self) -> Mapping[str, Any]:
         basis, campaign = self.diagnosis.task.basis, self.diagnosis.identification.sampled.fitted.campaign
-        return {"arm": basis.arm_file, "campaign": campaign, "path": basis.log}
+        return {"arm": basis.arm_file, "campaign": campaign, "path": basis.log, "runs": self.runs}
 
 
 @study
@@ -320,6 +343,7 @@ def diagnose(
     options: DiagnoseOptions = DEFAULT,
     *,
     path: "Log | None" = None,
+    runs: "Runs | str | Path | None" = None,
     folder: str | Path | None = None,
     restart: bool = False,
     progress: Progress = silent,
@@ -327,13 +351,14 @@ def diagnose(
 ) -> DiagnoseResult:
     """Diagnose an arm, step by step: posterior, resonance, vibration, sensitivities, remedies and their verification.
 
-    Torsional stiffness is changed first, mass centres second, as in the paper; then the speed.
+    Remedies by their effort: another speed, then mass centres, then torsional stiffness.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.
         campaign: the measurements.
         options: the limit, the motion, and what is unknown of the arm.
         path: a joint path to follow instead of the stroke: a log, or its file.
+        runs: traces of the moving arm, or their table's file, see `ident source`: they tell what excites it.
         folder: where finished stages are kept, so that a call with the same inputs goes on behind the last of them;
             `discard_stages` removes it. None to keep nothing.
         restart: throw away the stages that are kept there.
@@ -350,35 +375,24 @@ def diagnose(
     from ident.identify.binding import loads_of
     from ident.vibrate.simulate import refuse_jumps
 
-    folder = Path(folder) if folder is not None else None
+    folder, runs = Path(folder) if folder is not None else None, None if runs is None else as_runs(runs)
     basis = basis_of(arm, options, path=path)
     refuse_jumps(basis.arm, basis.motion)  # what can be refused is refused before the posterior is sampled
     loads_of(basis.arm, basis.load)
-    check_place(_name(campaign), {"arm": arm, "campaign": campaign, "path": path})
-    job = Job(arm, campaign, options, path, folder, progress)
+    check_place(_name(campaign), {"arm": arm, "campaign": campaign, "path": path, "runs": runs})
+    job = Job(arm, campaign, options, path, runs, folder, progress)
     if restart and folder is not None:
         discard_stages(folder)
     fresh = folder is not None and not os.path.exists(folder)
     with claimed(folder):
         store = Store(folder, job.identity)
         try:
-            return DiagnoseResult(carry_out(job, store, on_stage), options)
+            return DiagnoseResult(carry_out(job, store, on_stage), options, runs)
         except InputError:
             if fresh and folder is not None and store.read("stiffness") is None:
                 Store.discard(folder / CHAINS)
                 Store.empty(folder)
             raise
-
-
-def check_browser() -> None:
-    """Refuse to print where there is nothing to print with.
-
-    Raises:
-        InputError: there is no Chromium on the PATH.
-    """
-    from ident.present.files.document import find_browser
-
-    find_browser()
 
 
 def part_folder(folder: Path, campaign: "Campaign") -> Path:

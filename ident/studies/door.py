@@ -110,7 +110,7 @@ def study(function: Callable[..., R]) -> Callable[..., R]:
             try:
                 return function(*inputs.args, **inputs.kwargs)
             except InputError as error:
-                if "arm" not in read:
+                if known.get("arm") is None or "arm" not in read:
                     raise
                 raise InputError(map(known["arm"].placed, error.problems)) from None
 

@@ -6,7 +6,7 @@ from math import degrees, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import Problem, refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import STROKE_PROFILES, option
@@ -72,18 +72,9 @@ class ExploreResult(Result):
     posterior: "Values | None" = None
 
     form = "ident-explore/1"
+    subject = "arm.name"
     suffix = ".html"
-    shown = ("exploration", "fit", "posterior", "changed")
-
-    @property
-    def name(self) -> str:
-        """The arm file's name and what was done with it."""
-        return f"{Path(self.arm.path).stem or self.arm.arm.name}.explore"
-
-    @property
-    def changed(self) -> Mapping[str, float]:
-        """The numbers that were set, by path [SI]."""
-        return self.options.set
+    shown = ("exploration", "fit", "posterior", "options.set")
 
     def figures(self) -> "dict[str, Figure]":
         """Return none: the page draws them."""
@@ -174,13 +165,13 @@ def _check_posture(arm: "Arm", posture: tuple[float, ...]) -> None:
     if posture and len(posture) != len(arm.driven):
         expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
         got, remedy = f"{len(posture)} joint angle" + "s" * (len(posture) != 1), "give one angle for each joint"
-        raise InputError(Problem("posture", got, expected, remedy))
+        raise refusal("posture", got, expected, remedy)
     if posture and arm.stroke is not None:
         direction, q = np.asarray(arm.stroke.direction), np.array(posture)
         alpha = q @ direction / (direction @ direction)
         if np.abs(q - alpha * direction).max() > BESIDE:
             got, expected = f"{posture} deg", f"a posture on the stroke, as {tuple((30 * direction).tolist())}"
-            raise InputError(Problem("posture", got, expected, "the page moves the arm along its [stroke]"))
+            raise refusal("posture", got, expected, "the page moves the arm along its [stroke]")
 
 
 def _middle(arm: "Arm") -> tuple[float, ...]:
@@ -196,6 +187,6 @@ def _extension(arm: "Arm", profile: str | None) -> "Motion | None":
 
     if arm.stroke is None:
         if profile is not None:
-            raise InputError(Problem("profile", "it for an arm without a stroke", "a [stroke] in the file", "drop it"))
+            raise refusal("profile", "it for an arm without a stroke", "a [stroke] in the file", "drop it")
         return None
     return stroke(arm.stroke, profile=profile)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.studies.result import input_of
 from ident.studies.shared import FARTHEST, as_file, is_angle
 from ident.text import one_line, study_of
@@ -93,7 +93,7 @@ def exported(
     values = {name: value for name, value in identified.values.items() if name in paths}
     if strange := [name for name in fitted.arm.paths() if name in identified.values and name not in paths]:
         got, remedy = f"no {strange[0]}, which was fitted", "give the one that was fitted (`arm`)"
-        raise InputError(Problem(one_line(own.path), got, "an arm that has it", remedy))
+        raise refusal(one_line(own.path), got, "an arm that has it", remedy)
     # another robot's springs are no springs of this one
     numbers = Values(where, "", {name: np.asarray(value) for name, value in values.items()})
     here = own.arm if fitted.arm.base is None else based
@@ -117,8 +117,7 @@ def _read(result: "Result | Saved | str | Path") -> "Result | Saved":
     studies = ("fit", "sample")
     if not (isinstance(read, Result | Saved) and study_of(read.form) in studies):
         got = f"a result of {study_of(read.form)}" if isinstance(read, Saved) else f"a {type(read).__name__}"
-        expected = "a result of ident.fit or ident.sample, or its file"
-        raise InputError(Problem("result", got, expected, "give that"))
+        raise refusal("result", got, "a result of ident.fit or ident.sample, or its file", "give that")
     return read
 
 
@@ -201,7 +200,7 @@ def export(
     }
     if path.suffix not in writers:
         got = f"the ending {path.suffix}" if path.suffix else "no ending"
-        raise InputError(Problem(one_line(str(path)), got, f"a file *{ENDINGS}", "name it so"))
+        raise refusal(one_line(str(path)), got, f"a file *{ENDINGS}", "name it so")
     _check_posture(asked)
     files = writers[path.suffix](asked)
     for each in files:
@@ -215,11 +214,10 @@ def _check_posture(asked: Exported) -> None:
     if given is None:
         return
     if asked.path.suffix != ".xml":
-        got, remedy = "a posture for a file without springs", "write .xml, or leave it out"
-        raise InputError(Problem("posture", got, "a file *.xml", remedy))
+        raise refusal("posture", "a posture for a file without springs", "a file *.xml", "write .xml, or leave it out")
     if len(given) != count or not all(map(is_angle, given)):
         expected = f"{count} angles within {FARTHEST:g} deg"
-        raise InputError(Problem("posture", f"{given}", expected, "give one for each driven joint"))
+        raise refusal("posture", f"{given}", expected, "give one for each driven joint")
 
 
 def _mjcf(asked: Exported) -> Mapping[Path, bytes]:
@@ -237,7 +235,7 @@ def _mjcf(asked: Exported) -> Mapping[Path, bytes]:
 
 def _urdf(asked: Exported) -> Mapping[Path, bytes]:
     from ident.description.mjcf_writing import with_comment
-    from ident.description.robot import BUSHING
+    from ident.description.schema import BUSHING
     from ident.text import read_bytes
 
     path, own, arm = asked.path, asked.own, asked.arm
@@ -276,7 +274,7 @@ def _toml(asked: Exported) -> Mapping[Path, bytes]:
     path, own = asked.path, asked.own
     if not own.path:
         got, remedy = f"the arm {one_line(own.arm.name)}, of no file", "write .json"
-        raise InputError(Problem(one_line(str(path)), got, "an arm that was read from a file", remedy))
+        raise refusal(one_line(str(path)), got, "an arm that was read from a file", remedy)
     if own.bushings:
         head = "\n".join(_comment(asked))
         said = {f"{joint.name}.{key}": "derived" for joint in own.arm.joints for key in ("axis", "limits")}
@@ -334,22 +332,19 @@ def _check_kind(path: Path, own: "ArmFile", kind: str, expected: str) -> None:
     where = one_line(own.path)
     if own.bushings is None or robot_kind(read_bytes(own.path, expected), where) != kind:
         remedy = "name the robot's own format, .toml or .json"
-        raise InputError(Problem(one_line(str(path)), f"the arm {where or own.arm.name}", expected, remedy))
+        raise refusal(one_line(str(path)), f"the arm {where or own.arm.name}", expected, remedy)
 
 
 def _check_held(asked: Exported, is_lost: Callable[[str], bool], words: str) -> None:
     """Refuse numbers in which the arm differs from its file, and for which a format has no place."""
     if lost := [name for name in asked.changed if is_lost(name)]:
         got, expected = f"{', '.join(lost[:3])} besides", f"an arm of other bushings alone: no place for {words}"
-        raise InputError(
-            Problem(one_line(str(asked.path)), got, expected, "write .toml or .json, or hold them (--fix)")
-        )
+        raise refusal(one_line(str(asked.path)), got, expected, "write .toml or .json, or hold them (--fix)")
 
 
 def _check_other(path: Path, sources: tuple[str, ...]) -> None:
     if any(source and os.path.exists(path) and os.path.samefile(path, source) for source in sources):
-        got, remedy = "the file that was read", "choose another name"
-        raise InputError(Problem(one_line(str(path)), got, "a file of its own", remedy))
+        raise refusal(one_line(str(path)), "the file that was read", "a file of its own", "choose another name")
 
 
 def _write(files: Mapping[Path, bytes]) -> tuple[Path, ...]:

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import quote
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.options import option
@@ -235,7 +235,7 @@ def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
     """
     where, expected = one_line(str(folder)), "a folder with a CSV file, or a folder with one, for each robot"
     if not os.path.isdir(folder):
-        raise InputError(Problem(where, "no such folder", expected, "check the path"))
+        raise refusal(where, "no such folder", expected, "check the path")
     shared = Path(arm) if arm is not None else folder / ARM
     found: list[Files] = [(path.stem, path, shared) for path in _tables(folder) if path.is_file()]
     for path in folder.iterdir():
@@ -244,10 +244,10 @@ def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
             campaign = tables[0] if len(tables) == 1 else path / CAMPAIGN
             found.append((path.name, campaign, own if own.is_file() else shared))
     if not found:
-        raise InputError(Problem(where, "no robots", expected, "put their campaigns there"))
+        raise refusal(where, "no robots", expected, "put their campaigns there")
     if any(path == shared for _, _, path in found) and not shared.is_file():
         remedy = "put arm.toml beside the robots, or name it (`arm`)"
-        raise InputError(Problem(one_line(str(shared)), "no such file", "the arm's description", remedy))
+        raise refusal(one_line(str(shared)), "no such file", "the arm's description", remedy)
     return found
 
 

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from uuid import uuid4
 
 from ident.codec import CodecError, decode, encode
-from ident.errors import IdentError, InputError, Problem
+from ident.errors import IdentError, InputError, Problem, refusal
 from ident.files import replace_file
 from ident.text import one_line
 from ident.units import USUAL
@@ -453,7 +453,7 @@ def attempt(run: Path, folder: Path, task: Task | None = None) -> str:
             own = _circumstances()
             if other := [name for name, value in client["circumstances"].items() if own.get(name) != value]:
                 got, expected = f"another {', '.join(other)} than here", "results that are the same to the bit"
-                raise InputError(Problem(where, got, expected, "install the same versions, on like machines"))
+                raise refusal(where, got, expected, "install the same versions, on like machines")
             with chdir(folder):
                 marks = run / (task.file.name if task else "probe")
                 marks.mkdir(exist_ok=True)
@@ -471,9 +471,7 @@ def attempt(run: Path, folder: Path, task: Task | None = None) -> str:
                 f"another folder {run.parent} than here ({error.strerror})",
                 "one that all can read and write",
             )
-            raise InputError(
-                Problem(where, got, expected, "give one on a shared disk (--out), inputs there too")
-            ) from None
+            raise refusal(where, got, expected, "give one on a shared disk (--out), inputs there too") from None
 
 
 @contextmanager
@@ -488,13 +486,13 @@ def _cluster(address: str, folder: Path) -> Iterator[Callable[[list[Any]], Itera
         from distributed import Client
     except ImportError:
         got, remedy = "an address without the package distributed", "pip install distributed"
-        raise InputError(Problem("dask", got, "it installed", remedy)) from None
+        raise refusal("dask", got, "it installed", remedy) from None
     try:
         client = Client(address, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         got = f"no scheduler at {address} ({str(error)[:100]})"
         remedy = "start `dask scheduler` there, or correct the address (tcp://host:8786)"
-        raise InputError(Problem("dask", got, "one that answers", remedy)) from None
+        raise refusal("dask", got, "one that answers", remedy) from None
     run = folder.absolute() / f".attempts-{uuid4().hex}"
     work, executor = partial(attempt, run, Path.cwd()), client.get_executor(pure=False)
     here = json.dumps({"settings": _settings(), "circumstances": _circumstances()}).encode("utf-8")
@@ -521,7 +519,7 @@ def _check(client: Any, work: Callable[[], str]) -> None:
         answers = client.run(work, on_error="return")
     except TimeoutError:
         got = "a scheduler without workers"
-        raise InputError(Problem("dask", got, "one at least", "start `dask worker`")) from None
+        raise refusal("dask", got, "one at least", "start `dask worker`") from None
     except Exception:  # whichever of Dask's, of asyncio's and of the system's
         raise LostError from None
     problems: list[Problem] = []

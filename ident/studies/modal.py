@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
@@ -175,15 +175,11 @@ class ModalResult(Result):
         words = ["" if i == 1 else str(i) for i in range(1, len(self.tests) + 1)]
         found = self.identified or (None,) * len(self.tests)
         figures = {word: measured_figure(test, each) for word, test, each in zip(words, self.tests, found, strict=True)}
-        diagrams = {
-            f"modes{word}": stabilisation_figure(test, each)
+        return figures | {
+            f"{kind}{word}": draw(test, each)
+            for kind, draw in (("modes", stabilisation_figure), ("shapes", argand_figure))
             for word, test, each in zip(words, self.tests, self.identified, strict=False)
         }
-        planes = {
-            f"shapes{word}": argand_figure(test, each)
-            for word, test, each in zip(words, self.tests, self.identified, strict=False)
-        }
-        return figures | diagrams | planes
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.present.files.document import write_netcdf
@@ -249,7 +245,7 @@ def modal_test(
     used = {name for test in measured for name in test.files} | {name for test in finished for name in test.files}
     files |= {name: SourceFile(each.path, each.sha256) for name, each in recordings.items() if name in used}
     if not measured and not finished:
-        raise InputError(Problem(table.path, "no row of a response", "at least one", "fill in the column role", "role"))
+        raise refusal(table.path, "no row of a response", "at least one", "fill in the column role", "role")
     identified, named = _identified(placed, (measured, finished), options)
     result = ModalResult(replace(arm, arm=placed), measured, identified, finished, named, None, files, options)
     if options.no_modes:
@@ -308,5 +304,5 @@ def new_channels(
     joints = len(as_file(source).arm.driven) if source else 1
     path = Path(channels) if channels else folder / CHANNELS
     if os.path.isdir(path):
-        raise InputError(Problem(str(path), "a folder", "a file to write", "name the table"))
+        raise refusal(str(path), "a folder", "a file to write", "name the table")
     return path, write_template(folder, path, joints)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ident.errors import InputError, Problem
+from ident.errors import Problem, refusal
 from ident.studies import reading
 from ident.studies.options import STROKE_PROFILES, option
 from ident.studies.shared import ArmOptions, with_numbers
@@ -69,7 +69,7 @@ class HeldMotionOptions(MovingOptions):
     )
     errors: tuple[float, float] | None = option(
         None,
-        "kinematic error of each drive at twice a turn, LOW:HIGH [arc seconds, peak to peak], as 30:60; "
+        "transmission error of each drive at twice a turn, LOW:HIGH [arc seconds, peak to peak], as 30:60; "
         "default: the arm file's",
         read=reading.peak_to_peak,
     )
@@ -80,7 +80,7 @@ class HeldMotionOptions(MovingOptions):
         return self.dwell
 
     def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
-        """Return the arm with the largest kinematic errors, and what is unknown of its excitation."""
+        """Return the arm with the largest transmission errors, and what is unknown of its excitation."""
         from ident.assess.scenario import unknowns
 
         return unknowns(arm, origins, self.set, errors=self.errors, phases=self.phases == "unknown")
@@ -109,13 +109,13 @@ def basis_of(
     described = with_numbers(arm.arm, fit or posterior, options.set)
     _check(options, path is not None)
     motion, percent = _motion(described, options, path)
-    name = f"{Path(arm.path).stem or arm.arm.name}.{_name(described, options, path, percent)}"
+    name = f"{arm.name}.{_name(described, options, path, percent)}"
     load = Load.parse(options.load)
     taken = [path for values in (fit, posterior) if values for path in values.values]
     described, unknown = options.unknown(described, {**arm.origins, **dict.fromkeys(taken, IDENTIFIED)})
     basis = Basis(arm, described, motion, percent, load, path, fit, posterior, options.set, name, unknown)
     if posterior and not basis.draws:
-        raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
+        raise refusal("set", "every number of the posterior", "one that is drawn", "drop one of them")
     return basis
 
 
@@ -133,7 +133,7 @@ def _stroke(arm: "Arm", options: MovingOptions, percent: float) -> "Motion":
     from ident.vibrate.motion import stroke
 
     if arm.stroke is None:
-        raise InputError(Problem(arm.name, "no motion defined", "a stroke or a joint path", STROKE))
+        raise refusal(arm.name, "no motion defined", "a stroke or a joint path", STROKE)
     return stroke(arm.stroke, percent=percent, profile=options.profile, retract=options.retract, dwell=options.hold)
 
 
@@ -155,9 +155,9 @@ def _check(options: MovingOptions, replayed: bool) -> None:
     """Refuse options that do not go together."""
     if replayed and (options.profile or options.retract):
         name = "profile" if options.profile else "retract"
-        raise InputError(Problem(name, "it beside `path`", "one of them", "it shapes the stroke: drop one"))
+        raise refusal(name, "it beside `path`", "one of them", "it shapes the stroke: drop one")
     if not replayed and options.smoothing:
-        raise InputError(Problem("smoothing", "it without `path`", "a path to smooth", "drop it, or give `path`"))
+        raise refusal("smoothing", "it without `path`", "a path to smooth", "drop it, or give `path`")
 
 
 def _name(arm: "Arm", options: MovingOptions, log: "Log | None", percent: float) -> str:

@@ -11,7 +11,7 @@ from numbers import Integral, Real
 from types import NoneType, UnionType
 from typing import Any, ClassVar, Self, get_args, get_origin
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.text import did_you_mean
 
 INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart", "force")
@@ -82,6 +82,11 @@ def option(default: Any, help: str, **more: Any) -> Any:
     return field(default=default, metadata=spec)
 
 
+def seed_of_draws() -> Any:
+    """Return the option that chooses draws of a posterior at random."""
+    return option(None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """Options of a study; checked when they are made.
@@ -117,7 +122,7 @@ class Options:
         """
         if isinstance(options, cls | None):
             return options or cls()
-        raise InputError(Problem("options", f"a {type(options).__name__}", f"{cls.__name__}(...)", "give those"))
+        raise refusal("options", f"a {type(options).__name__}", f"{cls.__name__}(...)", "give those")
 
     def problems(self) -> list[Problem]:
         """Return what does not go together; `where` of each is an option's name."""
@@ -136,7 +141,7 @@ class Options:
         """
         types = {each.name: each.type for each, _ in specs(cls)}
         if unknown := [name for name in recorded if name not in types]:
-            raise InputError(Problem("options", f"the option {unknown[0]}", f"one of {cls.__name__}", "correct it"))
+            raise refusal("options", f"the option {unknown[0]}", f"one of {cls.__name__}", "correct it")
         return cls(**{name: _restored(value, types[name]) for name, value in recorded.items()})
 
 

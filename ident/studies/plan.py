@@ -202,4 +202,4 @@ def plan(
 
 
 def _name(arm: "ArmFile", campaign: "Campaign | None") -> str:
-    return f"{campaign.name if campaign is not None else Path(arm.path).stem or arm.arm.name}.plan"
+    return f"{(arm if campaign is None else campaign).name}.plan"

@@ -3,13 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import radians
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import Problem, refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
-from ident.studies.options import option
+from ident.studies.options import option, seed_of_draws
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, is_angle, with_numbers
 from ident.text import did_you_mean, quoted
@@ -38,9 +37,7 @@ class PredictOptions(ArmOptions):
     modes: int = option(6, "number of modes", low=1, high=1000)
     drives: str = option("brake", "what holds the motors: brake, or servo of the arm file", choices=("brake", "servo"))
     draws: int = option(200, "draws of the posterior", low=2, high=100_000)
-    seed: int | None = option(
-        None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18
-    )
+    seed: int | None = seed_of_draws()
 
     def problems(self) -> list[Problem]:
         """Return a negative mass or stiffness, or a posture that is none."""
@@ -70,14 +67,10 @@ class PredictResult(Result):
     posterior: "Values | None" = None
 
     form = "ident-predict/10"
-    shown = ("predictions", "fit", "posterior", "changed")
+    subject = "arm.name"
+    shown = ("predictions", "fit", "posterior", "options.set")
     numbers = ("frequencies", "deflections")
     summary = ("deflections", "deflection_bands")
-
-    @property
-    def name(self) -> str:
-        """The arm file's name and what was done with it."""
-        return f"{Path(self.arm.path).stem or self.arm.arm.name}.predict"
 
     @property
     def analyses(self) -> "tuple[ModalAnalysis, ...]":
@@ -111,11 +104,6 @@ class PredictResult(Result):
         """Static deflection at each posture by point name, (3,) [m] in the base frame."""
         return tuple(analysis.deflection for analysis in self.analyses)
 
-    @property
-    def changed(self) -> Mapping[str, float]:
-        """The numbers that were set, by path [SI]."""
-        return self.options.set
-
     def figures(self) -> "dict[str, Figure]":
         """Return one figure a posture, `2` the second's: the modes from the side and from above."""
         from ident.present.figures.modes import mode_figure
@@ -139,7 +127,7 @@ class PredictResult(Result):
         chosen = joint or next(iter(turning), names[0])
         if chosen not in names:
             remedy = did_you_mean(chosen, names, "correct the name")
-            raise InputError(Problem("joint", quoted(chosen), f"one of {', '.join(names)}", remedy))
+            raise refusal("joint", quoted(chosen), f"one of {', '.join(names)}", remedy)
         return frequency_figure(self.predictions, names.index(chosen))
 
     def _inputs(self) -> Mapping[str, Any]:
@@ -175,9 +163,9 @@ def predict(
     changed = with_numbers(arm.arm, fit or posterior, options.set)
     draws, load = posterior.without(options.set) if posterior else {}, Load.parse(options.load)
     if posterior and next(iter(posterior.values.values())).size < 2:
-        raise InputError(Problem("posterior", "one draw", "two at least, for a band", "sample longer"))
+        raise refusal("posterior", "one draw", "two at least, for a band", "sample longer")
     if posterior and not draws:
-        raise InputError(Problem("set", "every number of the posterior", "one that is drawn", "drop one of them"))
+        raise refusal("set", "every number of the posterior", "one that is drawn", "drop one of them")
     postures = [tuple(map(radians, angles)) for angles in options.posture] or [(0.0,) * len(changed.driven)]
     analyses = [modal_analysis(changed, posture, load, options.modes, options.drives) for posture in postures]
     predictions = tuple(predict_draws(each, draws) if draws else Prediction(each) for each in analyses)

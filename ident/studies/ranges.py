@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.studies.reading import number, once
 
 if TYPE_CHECKING:
@@ -29,8 +29,7 @@ def problems(option: str, given: Mapping[str, Limits], third: str) -> list[Probl
         if not all(paths.split("=")):
             found.append(Problem(where, "an empty name", "names with = between", "as a.k_tors=b.k_tors"))
         if len(limits) not in (0, 2, 3):
-            expected = f"LOW:HIGH or LOW:HIGH:{third}"
-            found.append(Problem(where, f"'{_text(limits)}'", expected, "as 0.5x:2x"))
+            found.append(Problem(where, f"'{_text(limits)}'", f"LOW:HIGH or LOW:HIGH:{third}", "as 0.5x:2x"))
             continue
         try:
             range_of(paths, limits, where)
@@ -65,7 +64,7 @@ def _split(text: str, where: str) -> tuple[str, Limits]:
     if last[:1].isalpha() and ":" not in last:
         paths, last = [*paths, last], ""
     elif not last or not paths:
-        raise InputError(Problem(where, "no PATH=LOW:HIGH", "a number, = and its bounds", "as fingers.com.x=1:2"))
+        raise refusal(where, "no PATH=LOW:HIGH", "a number, = and its bounds", "as fingers.com.x=1:2")
     return "=".join(paths), tuple(_plain(part.strip()) for part in last.split(":")) if last else ()
 
 

@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.inference.priors import Prior
 from ident.units import STIFFNESS_UNITS
 
@@ -17,7 +17,7 @@ def number(text: str, flag: str) -> float:
     except ValueError:
         value = math.inf
     if not math.isfinite(value):
-        raise InputError(Problem(flag, f"'{text}'", "a finite number", "correct it, see --help"))
+        raise refusal(flag, f"'{text}'", "a finite number", "correct it, see --help")
     return value
 
 
@@ -58,7 +58,7 @@ def frequencies(texts: Sequence[str], flag: str) -> dict[str, tuple[float, ...]]
     pairs = [(text, *named(text, f"{flag} {text}")) for text in texts]
     for text, name, _ in pairs:
         if not name.isdigit():
-            raise InputError(Problem(f"{flag} {text}", f"'{name}'", "the number of a posture", "as 2=4.45,5.01"))
+            raise refusal(f"{flag} {text}", f"'{name}'", "the number of a posture", "as 2=4.45,5.01")
     return once(flag, [(name, several(value, f"{flag} {text}")) for text, name, value in pairs])
 
 
@@ -73,7 +73,7 @@ def uncertain(texts: Sequence[str], flag: str) -> dict[str, str]:
     parts = [(text, *each.strip().partition(":")[::2]) for text in texts for each in text.split(",")]
     for text, name, width in parts:
         if not (name and width):
-            raise InputError(Problem(f"{flag} {text}", "no NAME:WIDTH", "as link2.mass:5%,load:1%", "correct it"))
+            raise refusal(f"{flag} {text}", "no NAME:WIDTH", "as link2.mass:5%,load:1%", "correct it")
     return once(flag, [(name, width.strip()) for _, name, width in parts])
 
 
@@ -87,7 +87,7 @@ def named(text: str, where: str) -> tuple[str, str]:
     """Split NAME=VALUE."""
     name, equals, value = text.partition("=")
     if not (name and equals and value):
-        raise InputError(Problem(where, "no NAME=VALUE", "a name, = and what it is given", "correct it, see --help"))
+        raise refusal(where, "no NAME=VALUE", "a name, = and what it is given", "correct it, see --help")
     return name, value
 
 
@@ -97,7 +97,7 @@ def once(flag: str, pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     if len(mapping) < len(pairs):
         every = [name for name, _ in pairs]
         twice = next(name for name in every if every.count(name) > 1)
-        raise InputError(Problem(flag, f"{twice} twice", "each once", "keep one of them"))
+        raise refusal(flag, f"{twice} twice", "each once", "keep one of them")
     return mapping
 
 
@@ -105,16 +105,16 @@ def band(text: str, flag: str) -> tuple[float, float]:
     """Read a band of frequencies LOW:HIGH [Hz]."""
     parts = [number(part, f"{flag} {text}") for part in text.split(":")]
     if len(parts) != 2 or not 0 <= parts[0] < parts[1]:
-        raise InputError(Problem(f"{flag} {text}", "no band", "LOW:HIGH in Hz, 0 <= LOW < HIGH", "as 4:8"))
+        raise refusal(f"{flag} {text}", "no band", "LOW:HIGH in Hz, 0 <= LOW < HIGH", "as 4:8")
     return parts[0], parts[1]
 
 
 def peak_to_peak(text: str, flag: str) -> tuple[float, float]:
-    """Read kinematic errors LOW:HIGH [arc seconds, peak to peak]; one number stands for both."""
+    """Read transmission errors LOW:HIGH [arc seconds, peak to peak]; one number stands for both."""
     parts = [number(part, f"{flag} {text}") for part in text.split(":")]
     if len(parts) not in (1, 2) or not 0 <= parts[0] <= parts[-1]:
         expected = "LOW:HIGH in arc seconds peak to peak, 0 <= LOW <= HIGH"
-        raise InputError(Problem(f"{flag} {text}", "no kinematic errors", expected, "as 30:60"))
+        raise refusal(f"{flag} {text}", "no transmission errors", expected, "as 30:60")
     return parts[0], parts[-1]
 
 
@@ -122,7 +122,7 @@ def whole_numbers(text: str, flag: str) -> tuple[int, ...]:
     """Read whole numbers from 1 with commas between."""
     values = several(text, flag)
     if any(value != int(value) or value < 1 for value in values):
-        raise InputError(Problem(f"{flag} {text}", f"'{text}'", "whole numbers from 1", "as 1,2"))
+        raise refusal(f"{flag} {text}", f"'{text}'", "whole numbers from 1", "as 1,2")
     return tuple(int(value) for value in values)
 
 
@@ -140,6 +140,5 @@ def postures(texts: Sequence[str], flag: str) -> tuple[tuple[float, ...], ...]:
 def _tied(text: str, flag: str) -> tuple[str, ...]:
     paths = tuple(text.split("="))
     if len(paths) < 2:
-        remedy = "as a.k_tors=b.k_tors"
-        raise InputError(Problem(f"{flag} {text}", "one parameter", "two or more with = between", remedy))
+        raise refusal(f"{flag} {text}", "one parameter", "two or more with = between", "as a.k_tors=b.k_tors")
     return paths

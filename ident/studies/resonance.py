@@ -8,7 +8,7 @@ from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import MovingOptions, basis_of
-from ident.studies.options import option
+from ident.studies.options import option, seed_of_draws
 from ident.studies.result import Result, check_place
 
 if TYPE_CHECKING:
@@ -28,9 +28,7 @@ class ResonanceOptions(MovingOptions):
     """Options of `ident.resonance`: the motion, which modes are followed, and what counts as near."""
 
     draws: int = option(200, "draws of the posterior", low=1, high=100_000)
-    seed: int | None = option(
-        None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18
-    )
+    seed: int | None = seed_of_draws()
     count: int = option(3, "lowest natural frequencies that are followed", low=1, high=100)
     orders: tuple[int, ...] | None = option(
         None,

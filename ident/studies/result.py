@@ -15,7 +15,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import InputError, ModelError, refusal
 from ident.present.report import WIDTH, Report, html_of, text_of
 from ident.studies import STUDIES
 from ident.studies.options import Options
@@ -38,7 +38,7 @@ LONGEST_TEXT = 5_000_000
 """Bytes up to which it does; of a longer one it holds path and hash."""
 
 SHOWING = (
-    *("sections", "figures", "html", "save_pdf", "save_figures"),
+    *("sections", "figures", "html", "save_figures"),
     *("frequency_figure", "path_figure", "animation", "_write"),
 )
 """Methods that show stiffnesses to people."""
@@ -140,7 +140,7 @@ def check_place(name: str, inputs: Mapping[str, Any]) -> None:
         got = f"a result of other inputs ({which}: {was}{', since changed' * (was == now)})"
         remedy = "choose another folder (`folder`), or replace it (`force`)"
         expected = "no result, or one of the same inputs" + f" ({which}: {now})" * (was != now)
-        raise InputError(Problem(one_line(str(there)), got, expected, remedy))
+        raise refusal(one_line(str(there)), got, expected, remedy)
 
 
 def _file_name(text: str) -> str:
@@ -149,11 +149,14 @@ def _file_name(text: str) -> str:
 
 def _with_what_lies_beside(inputs: Mapping[str, Any]) -> Mapping[str, Any]:
     pairs = [(name + BESIDE + word, getattr(each, word, None)) for name, each in inputs.items() for word in SIDE_FILES]
+    pairs += [("runs" + BESIDE + word, file) for word, file in getattr(inputs.get("runs"), "files", {}).items()]
     return {**inputs, **{name: source for name, source in pairs if source is not None and source.path}}
 
 
 def input_of(name: str) -> str:
     """Return the input that a file was read for: `campaign` for `campaign's covariance`."""
+    if name.startswith("runs" + BESIDE):
+        return "runs"
     return next((name.removesuffix(end) for end in (BESIDE + word for word in SIDE_FILES) if name.endswith(end)), name)
 
 
@@ -411,7 +414,7 @@ class Result(Reported):
                 return self._write(path, self.head)
         if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not os.path.isdir(path):
             remedy = "name the file so, or a folder"
-            raise InputError(Problem(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy))
+            raise refusal(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy)
         with together(), kept_in(path):
             return self._write(path / f"{self.name}{self.suffix}", self.head)
 
@@ -437,7 +440,7 @@ class Result(Reported):
         study = study_of(self.form)
         path = ("ident.present", medium, SHARED_FILES[medium].get(study, study))
         module = import_module(".".join(filter(None, path)))
-        return getattr(module, f"{study}_{what}")(*(getattr(self, name) for name in self.shown))
+        return getattr(module, f"{study}_{what}")(*(attrgetter(name)(self) for name in self.shown))
 
     def _beside(self, path: Path, suffix: str) -> Path:
         """Return the path of a further file: its name ends in the study's, so that it takes no other file's place."""

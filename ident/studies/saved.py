@@ -14,7 +14,7 @@ from shutil import rmtree
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.present.report import Report, text_of
 from ident.studies import STUDIES
 from ident.studies.options import Options
@@ -103,7 +103,7 @@ class Saved(Reported):
             raise
         except (KeyError, TypeError, ValueError, AttributeError, IndexError):
             where, expected = one_line(str(self.path)), f"a result of ident {self.study}"
-            raise InputError(Problem(where, "other contents", expected, "give the file that ident wrote")) from None
+            raise refusal(where, "other contents", expected, "give the file that ident wrote") from None
 
     def __getattr__(self, name: str) -> Any:
         """Return a number of the summary."""
@@ -150,7 +150,7 @@ class Saved(Reported):
                 return kind.restored(self.record["options"])
             except InputError as error:
                 got, where = str(error.problems[0]), one_line(str(self.path))
-                raise InputError(Problem(where, got, "options of this version of ident", "update ident")) from None
+                raise refusal(where, got, "options of this version of ident", "update ident") from None
 
     @cached_property
     def fitted(self) -> "CampaignFit":
@@ -165,7 +165,7 @@ class Saved(Reported):
         state, options = self.record.get("fit"), self.options
         if state is None or not isinstance(options, ProblemOptions):
             got, expected = f"a result of {quoted(self.study)}", "one of fit, sample or diagnose"
-            raise InputError(Problem(one_line(str(self.path)), got, expected, "give that"))
+            raise refusal(one_line(str(self.path)), got, expected, "give that")
         files = files_of(self.inputs, self.path.parent).paths
         with self._read():
             arm, campaign = as_file(files["arm"], options.soft_base), as_campaign(files["campaign"])
@@ -213,7 +213,7 @@ def load(path: str | Path) -> Saved:
     record = read_record(path)
     if study_of(record["format"]) not in STUDIES:
         got, remedy = f"the format {quoted(record['format'])}", "give the file that ident wrote"
-        raise InputError(Problem(one_line(str(path)), got, EXPECTED, remedy))
+        raise refusal(one_line(str(path)), got, EXPECTED, remedy)
     return Saved(path, record)
 
 
@@ -278,7 +278,7 @@ def _in(place: str, source: Any) -> Path:
 
 def _is_there(place: str, source: Any) -> bool:
     path = _in(place, source)
-    return bool(source.path) and os.path.isfile(path) and _sha256(path) == source.sha256
+    return bool(source.path) and os.path.isfile(path) and hashlib.sha256(path.read_bytes()).hexdigest() == source.sha256
 
 
 def _missing(name: str, source: Any, places: Sequence[str]) -> Problem:
@@ -287,10 +287,5 @@ def _missing(name: str, source: Any, places: Sequence[str]) -> Problem:
     expected = f"the file with the SHA-256 {source.sha256[:12]}..., the {name}"
     there = [path for place in places if os.path.isfile(path := _in(place, source))]
     if there:
-        where, remedy = one_line(str(there[0])), "put back the one it was"
-        return Problem(where, "a file that has changed since", expected, remedy)
+        return Problem(one_line(str(there[0])), "a file that has changed since", expected, "put back the one it was")
     return Problem(one_line(str(source.path)), "no such file", expected, "put it there, or beside the result")
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

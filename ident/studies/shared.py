@@ -7,7 +7,7 @@ from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.inference.priors import Prior
 from ident.studies import reading
 from ident.studies.options import Options, option
@@ -127,7 +127,7 @@ class ProblemOptions(BaseOptions):
             return unknowns
         if "uncertain" in self.refuses:
             got, remedy = f"uncertain numbers, {next(iter(own))} first", "take them as exact (`no_uncertain`)"
-            raise InputError(Problem(one_line(arm.path), got, "none in this study", remedy))
+            raise refusal(one_line(arm.path), got, "none in this study", remedy)
         return replace(unknowns, uncertain={**own, **unknowns.uncertain})
 
     @property
@@ -197,7 +197,7 @@ def as_file(arm: "Arm | ArmFile | str | Path", soft_base: float | None = None) -
         check_size(len(arm.joints), "arm")
         arm = ArmFile(arm, "", "", {})
     if not isinstance(arm, ArmFile):
-        raise InputError(Problem("arm", f"a {type(arm).__name__}", "an arm, or its file", "see ident.read_arm"))
+        raise refusal("arm", f"a {type(arm).__name__}", "an arm, or its file", "see ident.read_arm")
     return arm if soft_base is None else _on_soft_base(arm, soft_base)
 
 
@@ -248,6 +248,5 @@ def as_campaign(campaign: "Campaign | str | Path") -> "Campaign":
     if isinstance(campaign, str | Path):
         return read_campaign(campaign)
     if not isinstance(campaign, Campaign):
-        got, remedy = f"a {type(campaign).__name__}", "see ident.read_campaign"
-        raise InputError(Problem("campaign", got, "a campaign, or its file", remedy))
+        raise refusal("campaign", f"a {type(campaign).__name__}", "a campaign, or its file", "see ident.read_campaign")
     return campaign

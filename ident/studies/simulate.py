@@ -7,11 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
-from ident.studies.options import option
+from ident.studies.options import option, seed_of_draws
 from ident.studies.result import Progress, Result, check_place, silent
 
 if TYPE_CHECKING:
@@ -36,9 +36,7 @@ class SimulateOptions(HeldMotionOptions):
     """Options of `ident.simulate`: the motion, how it is simulated, and what is reported of the vibration."""
 
     draws: int = option(200, "draws of the posterior", low=1, high=100_000)
-    seed: int | None = option(
-        None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18
-    )
+    seed: int | None = seed_of_draws()
     elastic_belts: bool = option(False, "belts stretch: k_tors without them, which one from a hammer test has in it")
     method: str | None = option(
         None, "fast, exact or both (default; with --posterior: fast)", choices=("fast", "exact", "both")
@@ -281,4 +279,4 @@ def _check_time(at: float | None, basis: "Basis") -> None:
     first, last = float(basis.motion.breaks[0]), float(basis.motion.breaks[-1])
     if at is not None and not first <= at <= last:
         remedy = "hold the arm longer (`dwell`)" if at > last else "correct it"
-        raise InputError(Problem("at", f"{at:g} s", f"a time from {first:g} to {last:.4g} s", remedy))
+        raise refusal("at", f"{at:g} s", f"a time from {first:g} to {last:.4g} s", remedy)

@@ -63,7 +63,7 @@ class SourceResult(Result):
 
     form = "ident-source/10"
     shown = ("study",)
-    summary = ("parameters", "draws")
+    summary = ("parameters", "draws", "phases", "trials")
 
     @property
     def name(self) -> str:
@@ -79,6 +79,28 @@ class SourceResult(Result):
     def draws(self) -> Mapping[str, Any]:
         """Draws of the same."""
         return self.study.found.draws(self.options.draws, self.options.seed)
+
+    @property
+    def phases(self) -> Mapping[str, tuple[Any, Any]]:
+        """Of each drive, the phase of its imbalance in each phase group and its standard deviation [rad]."""
+        found = [each for each in self.study.found.estimates if not each.source.of_error]
+        return {each.source.drive: (each.phase, each.phase_sd) for each in found}
+
+    @cached_property
+    def trials(self) -> list[dict[str, Any]]:
+        """Masses that were added for a run: imbalance as stated [kg m], factor by which it acts [-], draws of that.
+
+        Complex numbers as real and imaginary part.
+        """
+        import numpy as np
+
+        found = self.study.tried(self.options.draws, self.options.seed)
+        return [
+            {"run": each.run, "drive": each.drive}
+            | {name: (x.real, x.imag) for name, x in (("stated", each.stated), ("factor", each.factor))}
+            | {"draws": np.stack([each.draws.real, each.draws.imag])}
+            for each in found
+        ]
 
     @property
     def short(self) -> bool:
@@ -97,8 +119,18 @@ class SourceResult(Result):
         return {"": source_figure(self.study)}
 
     def _inputs(self) -> Mapping[str, Any]:
-        own = {"arm": self.arm_file, "runs": self.runs, "posterior": self.posterior}
-        return own | dict(self.runs.files)
+        return {"arm": self.arm_file, "runs": self.runs, "posterior": self.posterior}
+
+
+def as_runs(runs: "Runs | str | Path") -> "Runs":
+    """Return a table of runs, read if it is a file.
+
+    Raises:
+        InputError: something is wrong in it.
+    """
+    from ident.measure.runs import Runs, read_runs
+
+    return runs if isinstance(runs, Runs) else read_runs(runs)
 
 
 @study
@@ -124,17 +156,16 @@ def source(
         ModelError: the arm collapses.
     """
     from ident.assess.source import studied
-    from ident.measure.runs import Runs, read_runs
 
-    table = runs if isinstance(runs, Runs) else read_runs(runs)
-    arm = arm or as_file(Path(table.path).parent / ARM, options.soft_base)
+    runs = as_runs(runs)
+    arm = arm or as_file(Path(runs.path).parent / ARM, options.soft_base)
     drawn = drawn_values(posterior, arm, MOST_DRAWS, None, options)
     described = with_numbers(arm.arm, drawn, options.set)
     if not described.drives:
         raise InputError(Problem(described.name, "no drive", "drives that excite the arm", "add its [[drive]]"))
-    check_place(f"{Path(table.path).stem}.source", {"arm": arm, "runs": table, "posterior": drawn, **table.files})
+    check_place(f"{Path(runs.path).stem}.source", {"arm": arm, "runs": runs, "posterior": drawn})
     draws = drawn.without(options.set) if drawn else {}
     found = studied(
-        described, table, draws, offset=options.offset, hold_out=options.hold_out, progress=progress("search")
+        described, runs, draws, offset=options.offset, hold_out=options.hold_out, progress=progress("search")
     )
-    return SourceResult(found, arm, table, options, drawn)
+    return SourceResult(found, arm, runs, options, drawn)

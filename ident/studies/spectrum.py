@@ -6,7 +6,7 @@ from math import inf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import Problem, refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import WINDOWS, option
@@ -229,7 +229,7 @@ def _traces(
     turning = beside if pulleys is None else pulleys
     if options.orders and not any(pulley.angle is not None for pulley in turning.values()):
         expected, remedy = "a column as 'drive1.angle [rad]'", "give a file of ident simulate, or drop `orders`"
-        raise InputError(Problem(first.path or name, "no pulley's angle", expected, remedy))
+        raise refusal(first.path or name, "no pulley's angle", expected, remedy)
     first, turning = cut(first, turning, options.start, options.end)
     if against is None:
         return {name: first}, turning
@@ -255,10 +255,10 @@ def _read(trace: "Trace | SimulateResult | str | Path") -> "tuple[str, Trace, Ma
 def _check_arm(arm: "ArmFile | None", options: SpectrumOptions, path: Any) -> None:
     """Refuse what is asked of an arm where none is named, and two postures of one."""
     if path is not None and options.posture is not None:
-        raise InputError(Problem("posture", "it beside `path`", "one of them", "drop one"))
+        raise refusal("posture", "it beside `path`", "one of them", "drop one")
     for name, value in {"posture": options.posture, "soft_base": options.soft_base, "path": path}.items():
         if arm is None and value is not None:
-            raise InputError(Problem(name, "it without `arm`", "an arm", "name the arm's file (`arm`)"))
+            raise refusal(name, "it without `arm`", "an arm", "name the arm's file (`arm`)")
 
 
 def _modes(

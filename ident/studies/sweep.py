@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import Problem, refusal
 from ident.studies import ranges
 from ident.studies.amplitudes import AmplitudeOptions
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import basis_of
-from ident.studies.options import option
+from ident.studies.options import option, seed_of_draws
 from ident.studies.result import Progress, Result, check_place, silent
 
 if TYPE_CHECKING:
@@ -43,9 +43,7 @@ class SweepOptions(AmplitudeOptions):
     )
     grid: bool = option(False, "both of two parameters together, as a map")
     draws: int = option(50, "draws of the posterior", low=1, high=10_000)
-    seed: int | None = option(
-        None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18
-    )
+    seed: int | None = seed_of_draws()
 
     def problems(self) -> list[Problem]:
         """Refuse ranges that are none, and what is no map."""
@@ -168,5 +166,5 @@ def _axes(basis: "Basis", options: SweepOptions) -> "list[Axis]":
         first, second = (len(axis.values) for axis in axes)
         if first * second > MOST_ON_MAP:
             got, expected = f"{first} x {second} = {first * second} points", f"at most {MOST_ON_MAP}"
-            raise InputError(Problem("grid", got, expected, "give smaller counts (`vary` PATH=LOW:HIGH:COUNT)"))
+            raise refusal("grid", got, expected, "give smaller counts (`vary` PATH=LOW:HIGH:COUNT)")
     return axes

@@ -73,7 +73,7 @@ class TriageResult(Result):
         return {"": triage_figure(self.found, drawn, **how)}
 
     def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.arm_file, "runs": self.runs, **self.runs.files}
+        return {"arm": self.arm_file, "runs": self.runs}
 
 
 @study
@@ -90,12 +90,11 @@ def triage(runs: "Runs | str | Path", arm: "ArmFile | None" = None, options: Tri
         ModelError: the arm collapses.
     """
     from ident.assess.source import moving_traces
-    from ident.measure.runs import Runs, read_runs
-    from ident.studies.source import ARM
+    from ident.studies.source import ARM, as_runs
     from ident.vibrate.triage import triage as found
 
-    table = runs if isinstance(runs, Runs) else read_runs(runs)
-    arm = arm or as_file(Path(table.path).parent / ARM, options.soft_base)
-    check_place(f"{Path(table.path).stem}.triage", {"arm": arm, "runs": table, **table.files})
+    runs = as_runs(runs)
+    arm = arm or as_file(Path(runs.path).parent / ARM, options.soft_base)
+    check_place(f"{Path(runs.path).stem}.triage", {"arm": arm, "runs": runs})
     described = with_numbers(arm.arm, None, options.set)
-    return TriageResult(found(described, moving_traces(described, table), orders=options.orders), table, arm, options)
+    return TriageResult(found(described, moving_traces(described, runs), orders=options.orders), runs, arm, options)

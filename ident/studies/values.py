@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.studies.shared import ArmOptions, as_file
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def fitted_values(
     elif hasattr(fit, "values_of"):
         values, robot, base = fit.values_of(own.arm)
     else:
-        raise InputError(Problem("fit", f"a {type(fit).__name__}", "a result of ident.fit, or its file", "give that"))
+        raise refusal("fit", f"a {type(fit).__name__}", "a result of ident.fit, or its file", "give that")
     return _of_this_robot(_on_the_same_base(values, base, options.soft_base), robot, own, options)
 
 
@@ -58,7 +58,7 @@ def _on_the_same_base(values: "Values", fitted: float | None, asked: float | Non
         return values
     got, expected = (f"a base that gives at {x:g} m" if x else "a rigid base" for x in (fitted, asked))
     remedy = f"give `soft_base` {fitted:g} here, too" if fitted else "fit with `soft_base`, too"
-    raise InputError(Problem("fit", f"values that were fitted on {got}", expected, remedy))
+    raise refusal("fit", f"values that were fitted on {got}", expected, remedy)
 
 
 def drawn_values(
@@ -122,5 +122,5 @@ def _draws(posterior: "SampleResult | Saved | str | Path") -> "Draws":
         return read_posterior(posterior)
     if not hasattr(posterior, "posterior_draws"):
         got, expected = f"a {type(posterior).__name__}", "a result of ident.sample, or its file"
-        raise InputError(Problem("posterior", got, expected, "give that"))
+        raise refusal("posterior", got, expected, "give that")
     return posterior.posterior_draws()

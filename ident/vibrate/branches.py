@@ -23,7 +23,7 @@ from ident.arm.modes import (
     vertical_share,
 )
 from ident.arm.rotations import matvec
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import ModelError, refusal
 from ident.programs import jit
 from ident.vibrate.motion import Motion, check_joints
 
@@ -455,7 +455,10 @@ def branches(arm: Arm, motion: Motion, *, count: int = 3, times: Any = None, loa
     check(arm, motion, count)
     path, computed = path_of(motion, time), min(count + MORE, 3 * len(arm.joints))
     along, track = tracked(nominal(arm), path, loads, count, computed)
-    track = _lowest(track, count)
+    # the branches that are among the lowest anywhere, ascending at the last posture
+    lowest = np.flatnonzero((track.place < count).any(1))
+    lowest = lowest[np.argsort(track.place[lowest, -1])]
+    track = Track(track.place[lowest], track.mac[lowest], track.shape[:, lowest], track.mixed)
     if arm.batch:
         frequency, damping, mac = followed(arm, path, loads, along, track, computed)
         likeness = (mac > MATCHED).reshape(len(mac), -1).mean(1)
@@ -484,7 +487,7 @@ def motion_times(motion: Motion, times: Any = None) -> Float[np.ndarray, "T"]:
     time = np.asarray(times, float)
     if time.ndim != 1 or len(time) < 2 or not np.isfinite(time).all() or (np.diff(time) <= 0).any():
         got = f"an array of shape {time.shape}" if time.ndim != 1 else f"{len(time)} times"
-        raise InputError(Problem("times", got, "two or more finite times that ascend", "give (T,) in seconds"))
+        raise refusal("times", got, "two or more finite times that ascend", "give (T,) in seconds")
     return time
 
 
@@ -492,16 +495,9 @@ def check(arm: Arm, motion: Motion, count: int = 1) -> None:
     """Refuse a motion of other joints than the arm's, an arm without a point and a count below 1."""
     check_joints(arm, motion)
     if not arm.points:
-        raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
+        raise refusal(arm.name, "no named point", "an end point", "add a [[point]] to the arm file")
     if count < 1:
-        raise InputError(Problem("count", f"{count}", "at least 1", "ask for one or more natural frequencies"))
-
-
-def _lowest(track: Track, count: int) -> Track:
-    """Return the branches that are among the lowest anywhere, ascending at the last posture."""
-    lowest = np.flatnonzero((track.place < count).any(1))
-    lowest = lowest[np.argsort(track.place[lowest, -1])]
-    return Track(track.place[lowest], track.mac[lowest], track.shape[:, lowest], track.mixed)
+        raise refusal("count", f"{count}", "at least 1", "ask for one or more natural frequencies")
 
 
 def _labels(along: ModesAlongPath, track: Track) -> list[list[Label]]:

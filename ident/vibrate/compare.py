@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import refusal, refuse
 from ident.vibrate.spectra import (
     SHORTEST,
     Peak,
@@ -149,7 +149,7 @@ def compare(simulated: Trace, measured: Trace, *, band: tuple[float, float]) -> 
     """
     if simulated.quantity == "acceleration" and measured.quantity == "displacement":
         remedy = "give the simulated displacement: neither trace is integrated"
-        raise InputError(Problem("simulated", "an acceleration", "a displacement, as was measured", remedy))
+        raise refusal("simulated", "an acceleration", "a displacement, as was measured", remedy)
     refuse(band_problems(*band))
     ours, theirs = samples(simulated.time, simulated.values), samples(measured.time, measured.values)
     if simulated.quantity != measured.quantity:
@@ -160,7 +160,7 @@ def compare(simulated: Trace, measured: Trace, *, band: tuple[float, float]) -> 
     sizes = [_size(Trace(time, _at(x, time), measured.quantity), band) for x in (ours, theirs)]
     if sizes[1].peak <= 1e-12 * np.abs(sizes[1].trace.values).max():
         remedy = "choose the direction or the time in which it moves"
-        raise InputError(Problem("measured", "a constant", "a vibration", remedy))
+        raise refusal("measured", "a constant", "a vibration", remedy)
     return Comparison(sizes[0], sizes[1], band)
 
 
@@ -199,7 +199,7 @@ def _common(one: Samples, other: Samples, step: float) -> np.ndarray:
     if len(time) < SHORTEST:
         spans = " and ".join(f"{x.time[0]:.4g} to {x.time[-1]:.4g} s" for x in (one, other))
         remedy = "shift the clock of one, or choose traces of the same motion"
-        raise InputError(Problem("time", f"{spans}, {len(time)} samples in common", f"at least {SHORTEST}", remedy))
+        raise refusal("time", f"{spans}, {len(time)} samples in common", f"at least {SHORTEST}", remedy)
     return time
 
 

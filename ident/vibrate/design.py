@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import ModelError, refusal
 from ident.vibrate.design_search import Point, Requirements, Search, minimum_change, settled, worst
 from ident.vibrate.evaluator import (
     BinomialEstimate,
@@ -232,19 +232,19 @@ def _why_not(search: Search, seed: int) -> str:
 def _check(evaluator: Evaluator, limit: float | None, required: Requirements, extents: Extents | None) -> None:
     """Refuse questions without an answer."""
     if not evaluator.variables:
-        raise InputError(Problem("", "nothing to change", "at least one variable", "name one", "variables"))
+        raise refusal("", "nothing to change", "at least one variable", "name one", "variables")
     for variable in evaluator.variables:
         check(evaluator.arm, variable, extents)
     paths = [path for variable in evaluator.variables for path in variable.paths]
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if twice:
-        raise InputError(Problem("", f"{twice} twice", "each number once", "drop one", "variables"))
+        raise refusal("", f"{twice} twice", "each number once", "drop one", "variables")
     positive = {"limit": limit, "deflection": required.deflection, "amount": required.change_norm}
     for name, value in positive.items():
         if value is not None and not value > 0:
-            raise InputError(Problem("", f"{value:g}", "a number above 0", "correct it", name))
+            raise refusal("", f"{value:g}", "a number above 0", "correct it", name)
     if not 0 <= required.frequency < np.inf:
-        raise InputError(Problem("", f"{required.frequency:g} Hz", "0 or a frequency", "correct it", "frequency"))
+        raise refusal("", f"{required.frequency:g} Hz", "0 or a frequency", "correct it", "frequency")
 
 
 # -------- Verify

@@ -17,7 +17,7 @@ from ident.arm.chain import Loads, at_posture
 from ident.arm.fields import COMPONENTS, field_of
 from ident.arm.mechanics import deflection, static_equilibrium
 from ident.arm.modes import lowest_eigenpairs, to_hertz
-from ident.errors import InputError, ModelError, Problem, refuse
+from ident.errors import ModelError, Problem, refusal, refuse
 from ident.programs import AnyArray, cores, jit, library
 from ident.text import did_you_mean
 from ident.vibrate.exact import Progress
@@ -210,10 +210,10 @@ def check_path(arm: Arm, path: str) -> None:
     """Refuse what is no number of the arm, or none that a motion at hand depends on."""
     if arm.stroke and path.split(".")[0] == arm.stroke.name:
         remedy = "sweep 'speed', the percentage; other strokes are other motions"
-        raise InputError(Problem("", path, "a number of the arm itself", remedy))
+        raise refusal("", path, "a number of the arm itself", remedy)
     if path not in arm.paths():
         remedy = did_you_mean(path, (*arm.paths(), "speed"), "see `Arm.paths()`")
-        raise InputError(Problem("", path, f"a number of the arm {arm.name}", remedy))
+        raise refusal("", path, f"a number of the arm {arm.name}", remedy)
 
 
 def check(arm: Arm, variable: Variable, extents: Extents | None = None) -> None:
@@ -352,7 +352,7 @@ class Evaluator:
         variables: what is changed.
         measure: of the vibration, see `simulate.MEASURES`.
         draws: of some of the arm's numbers, by path; a change acts on each draw, see `Variable`. Where no drive of the
-            arm has a kinematic error, none of a draw has.
+            arm has a transmission error, none of a draw has.
         loads: the load case.
         elastic_belts: whether belts stretch.
         rate: samples a second.

@@ -183,7 +183,7 @@ NODE_PLACES = (np.polynomial.legendre.leggauss(NODES)[0] + 1) / 2
 TURN = 0.8
 """Largest turn of a pin within an interval [rad]: polynomials of degree five follow its sine to 1e-6."""
 TURN_WITH_ERROR = 0.5
-"""The same where a drive has a kinematic error, which shakes the pins so hard that errors of the transition matrices
+"""The same where a drive has a transmission error, which shakes the pins so hard that errors of the transition matrices
 count: inverses are less smooth than a sine, wrong by 2e-4 in the folded arm at a turn of 0.8, at this 17 times less."""
 JUMP = 1e-6
 """Jump of a derivative, against its largest value, that counts as one."""
@@ -442,7 +442,7 @@ class Linear(NamedTuple):
     Attributes:
         quasi_static: coordinates at static equilibrium.
         K: stiffness.
-        by_pin: derivatives of the residual by the pins' angles and their two rates; none without kinematic errors.
+        by_pin: derivatives of the residual by the pins' angles and their two rates; none without transmission errors.
         residual: of the quasi-static deflection.
         kinematics: there.
         gain: the accelerations at the stages of a step about the node by the state at its start,
@@ -463,7 +463,7 @@ class Linear(NamedTuple):
 def linearised(
     arm: Arm, model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeights, loads: Loads | None = None
 ) -> Linear:
-    """Linearise the equations along a motion: the same for all eccentricities, phases and kinematic errors.
+    """Linearise the equations along a motion: the same for all eccentricities, phases and transmission errors.
 
     Intervals that start at infinity are left out.
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
 from scipy.signal import ShortTimeFFT, get_window
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import Problem, refusal, refuse
 from ident.vibrate.spectra import (
     SHORTEST,
     Samples,
@@ -76,7 +76,7 @@ def order_tracking(
     trace, turned = samples(time, values), samples(time, angle).values
     if turned.ndim != 1:
         got = f"an array of shape {turned.shape}"
-        raise InputError(Problem("angle", got, "the angle of one pulley", "give one column"))
+        raise refusal("angle", got, "the angle of one pulley", "give one column")
     refuse(_order_problems(orders, revolutions))
     pieces = list(_pieces(turned))
     curve = make_interp_spline(trace.time, trace.values, k=5)
@@ -86,7 +86,7 @@ def order_tracking(
         most = max((abs(turned[p.stop - 1] - turned[p.start]) / (2 * np.pi) for p in pieces), default=0.0)
         remedy = "ask for fewer revolutions in a block, or give a longer motion; the angle is in rad"
         got, expected = f"at most {most:.3g} revolutions one way", f"a whole block of {revolutions}"
-        raise InputError(Problem("angle", got, expected, remedy))
+        raise refusal("angle", got, expected, remedy)
     amplitude, middle, frequency, highest = zip(*blocks, strict=True)
     return OrderTrack(
         tracked, np.stack(amplitude, axis=1), np.array(middle), np.array(frequency), np.array(highest), revolutions
@@ -203,7 +203,7 @@ def spectrogram(time: ArrayLike, values: ArrayLike, *, window: str = "hann", seg
     if not shortest <= segment_seconds <= longest * (1 + 1e-9):
         expected = f"{shortest:.3g} s ({SHORTEST} samples) to {longest:.4g} s (half the trace)"
         remedy = "a second or two tells vibrations of some Hz apart"
-        raise InputError(Problem("segment_seconds", f"{segment_seconds:g} s", expected, remedy))
+        raise refusal("segment_seconds", f"{segment_seconds:g} s", expected, remedy)
     length = round(segment_seconds * trace.rate)
     hop = max(1, length - int(OVERLAP * length))
     weights = window_samples(window, length)

@@ -8,7 +8,7 @@ from scipy.interpolate import BSpline, generate_knots, make_interp_spline
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import spsolve
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.vibrate.motion import Motion
 
 DEGREE = 5
@@ -81,7 +81,7 @@ def _smooth(t: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], r
     *_, knots = generate_knots(t, angles.T, k=DEGREE, s=angles.size * rms**2, nest=MOST_KNOTS)
     if len(knots) >= MOST_KNOTS:
         expected, remedy = "at least the noise of the angles", "give a larger one, or 0 to pass all samples"
-        raise InputError(Problem("", f"{rms:g} rad", expected, remedy, "smoothing"))
+        raise refusal("", f"{rms:g} rad", expected, remedy, "smoothing")
     free = _least_squares(t, angles, knots, (False, False))
     return _least_squares(t, angles, knots, _at_rest(free(t, nu=1).T))
 
@@ -107,18 +107,18 @@ def _least_squares(
 def _check(time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], smoothing: float) -> None:
     fewest = DEGREE + 1 if smoothing else 4
     if len(time) < fewest:
-        raise InputError(Problem("", f"{len(time)} samples", f"at least {fewest}", "give a longer log", "time"))
+        raise refusal("", f"{len(time)} samples", f"at least {fewest}", "give a longer log", "time")
     if not (np.isfinite(time).all() and np.isfinite(angles).all()):
-        raise InputError(Problem("", "a sample that is not finite", "finite numbers", "remove it", "angles"))
+        raise refusal("", "a sample that is not finite", "finite numbers", "remove it", "angles")
     if (np.diff(time) <= 0).any():
         row = int(np.argmax(np.diff(time) <= 0))
         got = f"{time[row + 1]:.9g} s after {time[row]:.9g} s"
-        raise InputError(Problem("", got, "times that increase", "sort the samples", "time"))
+        raise refusal("", got, "times that increase", "sort the samples", "time")
     with np.errstate(over="ignore"):
         shortest, longest = np.diff(time).min(), np.diff(time).max()
     if shortest < STEPS[0] or longest > STEPS[1]:
         got, expected = f"steps from {shortest:.3g} to {longest:.3g} s", f"steps from {STEPS[0]:g} to {STEPS[1]:g} s"
-        raise InputError(Problem("", got, expected, "give the times in s", "time"))
+        raise refusal("", got, expected, "give the times in s", "time")
     if not 0 <= smoothing < math.inf:
         remedy = "give the noise of the angles, or 0 to pass all samples"
-        raise InputError(Problem("", f"{smoothing:g} rad", "a finite angle of at least 0", remedy, "smoothing"))
+        raise refusal("", f"{smoothing:g} rad", "a finite angle of at least 0", remedy, "smoothing")

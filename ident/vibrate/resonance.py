@@ -13,7 +13,7 @@ from ident.arm.chain import Loads, at_posture
 from ident.arm.modes import Label, modes
 from ident.arm.multibody import ExcitingOrder, exciting_orders, orders_of
 from ident.arm.parts import ORDER_MAX
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.programs import AnyArray, jit
 from ident.vibrate.branches import Branches, check, motion_times
 from ident.vibrate.motion import Motion
@@ -32,7 +32,7 @@ class Source:
         drive: name of the drive.
         joint: name of its joint.
         pulley: its number, that of the joint among the driven ones, from 1.
-        order: multiple of the turning frequency: 1 the eccentric mass, 2 and those of `Drive.errors` kinematic errors.
+        order: multiple of the turning frequency: 1 the eccentric mass, 2 and `Drive.errors` transmission errors.
     """
 
     drive: str
@@ -68,7 +68,7 @@ def excitation(arm: Arm, motion: Motion, *, times: Any = None, orders: Sequence[
         arm: the arm; of a batch the median.
         motion: of its driven joints.
         times: (T,) [s] ascending; 1001 over the motion when None.
-        orders: multiples of every pulley's turning frequency; when None, 1, and those of each drive's kinematic errors.
+        orders: multiples of every pulley's turning frequency; when None, 1 and its transmission errors'.
     """
     time = motion_times(motion, times)
     check(arm, motion)
@@ -88,13 +88,13 @@ def excitation(arm: Arm, motion: Motion, *, times: Any = None, orders: Sequence[
 def _check_orders(arm: Arm, orders: Sequence[int] | None) -> None:
     if not arm.drives:
         remedy = "add a [[drive]] with its ratio to the arm file"
-        raise InputError(Problem(arm.name, "no drive", "one or more, whose pulleys excite the arm", remedy))
+        raise refusal(arm.name, "no drive", "one or more, whose pulleys excite the arm", remedy)
     if orders is not None and (not len(orders) or any(order < 1 or order != int(order) for order in orders)):
         got = ", ".join(f"{order:g}" for order in orders) or "none"
-        raise InputError(Problem("orders", got, "whole numbers from 1", "1 is the eccentric mass, 2 the error"))
+        raise refusal("orders", got, "whole numbers from 1", "1 is the eccentric mass, 2 the error")
     if orders is not None and (max(orders) > ORDER_MAX or len(orders) > ORDER_MAX):
         got = f"{max(orders):g}" if max(orders) > ORDER_MAX else f"{len(orders)} of them"
-        raise InputError(Problem("orders", got, f"at most {ORDER_MAX}", "leave out what turns so fast"))
+        raise refusal("orders", got, f"at most {ORDER_MAX}", "leave out what turns so fast")
 
 
 # -------- Resonance passage
@@ -261,10 +261,9 @@ def resonance_crossings(
         margin: () [-] above 0 and below 1.
     """
     if not 0 < margin < 1:
-        raise InputError(Problem("margin", f"{margin:g}", "above 0 and below 1", "0.1 is 10 % of the frequency"))
+        raise refusal("margin", f"{margin:g}", "above 0 and below 1", "0.1 is 10 % of the frequency")
     if not np.array_equal(branches.time, excitation.time):
-        remedy = "give both the same times"
-        raise InputError(Problem("excitation", "other times", "the times of the branches", remedy, "time"))
+        raise refusal("excitation", "other times", "the times of the branches", "give both the same times", "time")
     crossings = [
         crossing
         for i, source in enumerate(excitation.sources)
@@ -407,7 +406,7 @@ def with_amplitudes(
     """Return resonance crossings with the vibration that each causes, the largest first, each times its probability.
 
     While the pulley is near and the mode swells: the largest sqrt(c^2 + s^2) of its imbalance (order 1) and its
-    kinematic error of that order, see `superposition`, along the way in which the mode moves the end point. Other modes
+    transmission error of that order, see `superposition`, in the direction in which the mode moves the end. Other modes
     that the pulley excites meanwhile are in it as far as they move that way.
 
     Args:

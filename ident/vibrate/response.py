@@ -24,7 +24,7 @@ from ident.arm.multibody import (
     tensions,
 )
 from ident.arm.rotations import matvec
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.programs import AnyArray, concrete, jit, library
 from ident.vibrate.exact import acceleration
 from ident.vibrate.linear import quasi_static_deflection
@@ -214,7 +214,7 @@ def refuse_slack(response: Response, names: Sequence[str]) -> None:
         belt, span, start, _ = first
         got = f"the {span} span of {names[belt]} slack at {start:.4g} s"
         remedy = "simulate it with `method` exact, raise the pretension, or take the belts as rigid"
-        raise InputError(Problem("elastic_belts", got, "belts under tension, for the fast method", remedy))
+        raise refusal("elastic_belts", got, "belts under tension, for the fast method", remedy)
 
 
 # -------- Outline
@@ -251,13 +251,13 @@ def outline(
     """
     clock, moments = np.asarray(response.time), np.asarray(times, float)
     if response.y.ndim > 2:
-        raise InputError(Problem("response", f"{response.y.shape[2:]} sets", "one set", "simulate one arm"))
+        raise refusal("response", f"{response.y.shape[2:]} sets", "one set", "simulate one arm")
     slack = clock[1] - clock[0]
     if moments.ndim != 1 or not len(moments) or moments.min() < clock[0] - slack or moments.max() > clock[-1] + slack:
         expected = f"moments from {clock[0]:.4g} to {clock[-1]:.4g} s"
-        raise InputError(Problem("times", "moments outside the response, or none", expected, "choose others"))
+        raise refusal("times", "moments outside the response, or none", expected, "choose others")
     if not 0 < factor < np.inf:
-        raise InputError(Problem("factor", f"{factor:g}", "a factor above 0", "1 draws the vibration as it is"))
+        raise refusal("factor", f"{factor:g}", "a factor above 0", "1 draws the vibration as it is")
     at = np.clip(np.round((moments - clock[0]) / slack).astype(int), 0, len(clock) - 1)
     lines = _lines(arm, response.model, response.motion, clock[at], response.y[:, at], loads)
     rest, moved = (np.asarray(line) for line in lines)

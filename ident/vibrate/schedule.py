@@ -115,7 +115,7 @@ class Scheduling:
     """A search for the speeds along a stroke.
 
     Attributes:
-        evaluator: the arm with the highest kinematic errors, its loads, phases that are not known, samples a second.
+        evaluator: the arm with the highest transmission errors, its loads, phases that are not known, samples a second.
         stroke: the path.
         limits: of alpha.
         segments: number K of segments.

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from ident.arm.arm import Arm, nominal
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, exciting_orders, has_transmission_error, multibody
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import ModelError, refusal
 from ident.programs import RUNS_ONCE, AnyArray, jit, library
 from ident.text import did_you_mean, quoted
 from ident.vibrate import exact, fast
@@ -166,7 +166,7 @@ def _refuse_many(motion: Motion, samples: float, rate: float) -> None:
     else:
         column, got, remedy = "speed", f"a motion of {moving:.4g} s", "let it be faster (`speed`)"
     got += f", {samples:.4g} samples in all"
-    raise InputError(Problem("", got, f"at most {MOST_SAMPLES:,} samples".replace(",", " "), remedy, column))
+    raise refusal("", got, f"at most {MOST_SAMPLES:,} samples".replace(",", " "), remedy, column)
 
 
 def _refuse_short(seconds: float, step: float, needed: bool) -> None:
@@ -176,24 +176,23 @@ def _refuse_short(seconds: float, step: float, needed: bool) -> None:
     got = f"steps of {step:.3g} s" + (", as its drives and frequencies ask for" if needed else "")
     got += f", {seconds / step:.3g} in all"
     remedy = "correct the arm's ratios and stiffnesses" if needed else "leave it out for one that fits"
-    expected = f"at most {MOST_STEPS:,} steps".replace(",", " ")
-    raise InputError(Problem("", got, expected, remedy, "" if needed else "step"))
+    raise refusal("", got, f"at most {MOST_STEPS:,} steps".replace(",", " "), remedy, "" if needed else "step")
 
 
 def _check_method(method: str, batch: tuple[int, ...]) -> None:
     if method not in ("fast", "exact"):
-        raise InputError(Problem("method", f"'{method}'", "fast or exact", "choose one"))
+        raise refusal("method", f"'{method}'", "fast or exact", "choose one")
     if method == "exact" and batch:
-        raise InputError(Problem("method", "exact for several sets", "one set", "simulate them one by one"))
+        raise refusal("method", "exact for several sets", "one set", "simulate them one by one")
 
 
 def _check(arm: Arm, rate: float, step: float | None) -> None:
     if not 1.0 <= rate <= 1e6:
-        raise InputError(Problem("rate", f"{rate:g} samples a second", "1 to 1e6", "choose a rate as 500"))
+        raise refusal("rate", f"{rate:g} samples a second", "1 to 1e6", "choose a rate as 500")
     if step is not None and not 0 < step < np.inf:
-        raise InputError(Problem("step", f"{step:g} s", "a time above 0", "leave it out for one that fits"))
+        raise refusal("step", f"{step:g} s", "a time above 0", "leave it out for one that fits")
     if not arm.points:
-        raise InputError(Problem(arm.name, "no named point", "an end point", "add a [[point]] to the arm file"))
+        raise refusal(arm.name, "no named point", "an end point", "add a [[point]] to the arm file")
 
 
 def refuse_jumps(arm: Arm, motion: Motion) -> None:
@@ -205,7 +204,7 @@ def refuse_jumps(arm: Arm, motion: Motion) -> None:
         name = arm.driven[joint].name if joint < len(arm.driven) else f"joint {joint + 1}"
         got = f"a jump of {name}'s speed by {np.rad2deg(jumps[piece, joint]):.4g} deg/s at {motion.breaks[piece]:.4g} s"
         remedy = "let a path begin at rest, and smooth a log (`smoothing`)"
-        raise InputError(Problem(motion.name, got, "a motion from rest without such jumps", remedy))
+        raise refusal(motion.name, got, "a motion from rest without such jumps", remedy)
 
 
 def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
@@ -286,13 +285,12 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
     """Return a measure for a motion sampled at a rate."""
     if measure not in MEASURES:
         remedy = did_you_mean(measure, MEASURES, "choose one of them")
-        raise InputError(Problem("", quoted(measure), f"one of {', '.join(MEASURES)}", remedy, "measure"))
+        raise refusal("", quoted(measure), f"one of {', '.join(MEASURES)}", remedy, "measure")
     time, first = sample_times(motion, rate), 0
     if measure == "residual":
         first = int(np.searchsorted(time, motion.arrival - 1e-9))
         if first > len(time) - 2:
-            got = "a motion that ends at its arrival"
-            raise InputError(Problem("", got, "time after it", "hold the arm (`dwell`)", "measure"))
+            raise refusal("", "a motion that ends at its arrival", "time after it", "hold the arm (`dwell`)", "measure")
     return Amplitude(measure, np.asarray(first), np.asarray(len(time)), max(1, round(WINDOW * rate)))
 
 
@@ -313,7 +311,7 @@ def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
 # - of m e^2 all but the moment of inertia about the axis, which is there whatever the phase, and part of v0;
 # - the end point's arc, of x^2 over the length of the arm: 1e-4 of the vibration and less.
 #
-# The fast method itself leaves out, for any phases, what is of second order in the kinematic error:
+# The fast method itself leaves out, for any phases, what is of second order in the transmission error:
 #
 # - in the error's slope s = dq_pin/dtheta ratio = 1 + 2 ratio e cos(2 theta + chi), the square of s - 1 in centrifugal
 #   terms, which is e [rad] of the term of the acceleration, 4 ratio^2 e (dq/dt)^2 (of another order, o for 2 and o^2
@@ -325,7 +323,7 @@ TOGETHER = 32
 """Sets of phases for which the vibration is computed together."""
 
 Phases = Float[np.ndarray, "U *K"]
-"""Phases [rad] of some drives' imbalance or kinematic error."""
+"""Phases [rad] of some drives' imbalance or transmission error."""
 
 
 @dataclass(frozen=True)
@@ -334,8 +332,8 @@ class Superposition:
 
     Attributes:
         time: (T,) [s]
-        unknown: paths of the U phases of imbalance and kinematic error that are not known.
-        of_error: (U,) which of them are a kinematic error's.
+        unknown: paths of the U phases of imbalance and transmission error that are not known.
+        of_error: (U,) which of them are a transmission error's.
         sure: (3, T) [m] whatever they are: by the motion itself, and by what excites with known phases.
         cosine: (U, 3, T) [m] what each adds with its phase at 0,
         sine: (U, 3, T) [m] and at 90 degrees.
@@ -360,7 +358,7 @@ class Superposition:
 
     @property
     def division(self) -> Float[np.ndarray, "3 3"]:
-        """What is sure, imbalance and kinematic error (first axis) make of the worst in each direction [m]."""
+        """What is sure, imbalance and transmission error (first axis) make of the worst in each direction [m]."""
         each = np.hypot(self.cosine, self.sine)
         parts = np.stack([np.abs(self.sure), each[~self.of_error].sum(0), each[self.of_error].sum(0)])
         return np.take_along_axis(parts, self.envelope.argmax(1)[None, :, None], 2)[..., 0]
@@ -410,7 +408,7 @@ def superposition(
     Args:
         arm: the arm, without batch axes.
         motion: the commanded motion, its pauses included.
-        unknown: paths of the phases of imbalance and kinematic error that are not known.
+        unknown: paths of the phases of imbalance and transmission error that are not known.
         loads: what hangs on the arm.
         elastic_belts: whether belts stretch.
         rate: samples a second.

@@ -170,18 +170,34 @@ class Place(NamedTuple):
         changes: (P,) of the arm's numbers, see `Prior`.
         clock: (R, 2) offset [s] and relative rate of each run's clock.
         tilt: (C, 2) [rad] of each channel's direction, about two axes across it.
+        factors: (F, 2) by which each trial mass acts, real and imaginary part; 1 where model and table are right.
         parts: (G, S, 2) of the sources in each phase group, in units.
     """
 
     changes: np.ndarray
     clock: np.ndarray
     tilt: np.ndarray
+    factors: np.ndarray
     parts: np.ndarray
 
     def moved(self, step: np.ndarray) -> "Place":
         """Return the point after a step of all unknowns, in their order."""
         sizes = np.cumsum([part.size for part in self])[:-1]
         return Place(*(own + part.reshape(own.shape) for own, part in zip(self, np.split(step, sizes), strict=True)))
+
+
+class Trial(NamedTuple):
+    """A mass that was added to a drive for a run.
+
+    Attributes:
+        run: number of the run.
+        source: number of the drive's imbalance among the sources.
+        parts: (2,) of the added imbalance in phase with cosine and sine, in units.
+    """
+
+    run: int
+    source: int
+    parts: tuple[float, float]
 
 
 class Whitening(NamedTuple):
@@ -202,11 +218,16 @@ class Whitening(NamedTuple):
 
 
 def slow_columns(channel: Channel) -> np.ndarray:
-    """Return cosines over the trace slower than `SLOW`, a constant and a line, orthonormal."""
-    share = (channel.time - channel.time[0]) / (channel.time[-1] - channel.time[0])
+    """Return cosines over the trace slower than `SLOW`, a constant and a line, orthonormal.
+
+    At the middles of even intervals cosines are orthogonal, the discrete cosine transform's: nothing is decomposed.
+    """
+    size = len(channel.time)
     count = int(2 * SLOW * (channel.time[-1] - channel.time[0]))
-    columns = [np.ones_like(share), share, *(np.cos(np.pi * k * share) for k in range(1, count + 1))]
-    return np.linalg.qr(np.stack(columns, 1))[0]
+    share = (np.arange(size) + 0.5) / size - 0.5
+    waves = np.sqrt(2 / size) * np.cos(np.pi * np.outer(share + 0.5, np.arange(1, count + 1)))
+    line = share - waves @ (waves.T @ share)
+    return np.column_stack([np.full(size, size**-0.5), line / np.linalg.norm(line), waves])
 
 
 def _colour(residual: np.ndarray, lags: int) -> np.ndarray:
@@ -232,6 +253,7 @@ class SourceProblem:
         sources: what may excite the arm.
         prior: of the arm's numbers.
         offset: [s] by which a clock may be wrong.
+        trials: masses that were added, one at most of each source in a run.
     """
 
     arm: Arm
@@ -241,13 +263,38 @@ class SourceProblem:
     sources: tuple[ExcitingOrder, ...]
     prior: Prior
     offset: float
+    trials: tuple[Trial, ...] = ()
 
     @property
     def start(self) -> Place:
         """Where the search begins."""
         shape = (max(self.groups) + 1, len(self.sources), 2)
         clock, tilt = np.zeros((len(self.runs), 2)), np.zeros((len(self.channels), 2))
-        return Place(np.zeros(len(self.prior.mean)), clock, tilt, np.zeros(shape))
+        right = np.tile([1.0, 0.0], (len(self.trials), 1))
+        return Place(np.zeros(len(self.prior.mean)), clock, tilt, right, np.zeros(shape))
+
+    @cached_property
+    def mixing(self) -> tuple[np.ndarray, ...]:
+        """Of each run (2 S, n): its sources' parts by the n linear unknowns, `factors` and then `parts`.
+
+        Parts a + i b are a complex number, and so is a trial mass's t: it adds f t where its factor is f.
+        """
+        count, trials = 2 * len(self.sources), len(self.trials)
+        every = []
+        for run, group in enumerate(self.groups):
+            own = np.zeros((count, 2 * trials + count * (max(self.groups) + 1)))
+            own[:, 2 * trials + group * count :][:, :count] = np.eye(count)
+            for k, trial in enumerate(self.trials):
+                a, b = trial.parts
+                if trial.run == run:
+                    own[2 * trial.source :, 2 * k :][:2, :2] = [[a, -b], [b, a]]
+            every.append(own)
+        return tuple(every)
+
+    def parts_of(self, run: int, place: Place) -> Float[np.ndarray, "S 2"]:
+        """Return the parts of all sources during a run, its trial masses with them, in units."""
+        linear = np.concatenate([place.factors.ravel(), place.parts.ravel()])
+        return np.asarray((self.mixing[run] @ linear).reshape((-1, 2)))
 
     @cached_property
     def priors(self) -> tuple[np.ndarray, np.ndarray]:
@@ -258,7 +305,7 @@ class SourceProblem:
         known = sizes[0]
         precision[:known, :known], mean[:known] = np.linalg.inv(self.prior.covariance), self.prior.mean
         clock = np.tile([self.offset / LEVEL, CLOCK_SD], len(self.runs))
-        rest = np.concatenate([clock, np.full(sizes[2], TILT_SD), np.full(sizes[3], LARGEST)])
+        rest = np.concatenate([clock, np.full(sizes[2], TILT_SD), np.full(sizes[3] + sizes[4], LARGEST)])
         places = np.arange(known, known + len(rest))
         precision[places, places] = 1 / rest**2
         return precision, mean
@@ -277,8 +324,8 @@ class SourceProblem:
         steps = STEP * np.vstack([np.zeros(len(place.changes)), np.eye(len(place.changes))])
         numbers = [self.prior.numbers(self.arm, place.changes + step) for step in steps]
         arm = self.arm_at(place)
-        pairs = zip(self.runs, self.groups, strict=True)
-        return [changed_responses(arm, run, self.sources, place.parts[group], numbers) for run, group in pairs]
+        pairs = [(run, self.parts_of(k, place)) for k, run in enumerate(self.runs)]
+        return [changed_responses(arm, run, self.sources, parts, numbers) for run, parts in pairs]
 
     def clock_of(self, channel: Channel, place: Place) -> np.ndarray:
         """Return a channel's times on the clock of the motion."""
@@ -441,11 +488,16 @@ class Identification:
             found[source.phase] = middle[source.phase] + np.angle(np.exp(1j * turned))
         return found
 
+    def factors(self, count: int, seed: int = 0) -> Float[np.ndarray, "D F 2"]:
+        """Return the trial masses' factors with the same draws."""
+        return np.stack([place.factors for place in self.places(count, seed)])
+
     def places(self, count: int, seed: int = 0) -> "list[Place]":
         """Return draws of all unknowns; what sources have beyond the rest is widened by `consistency`."""
         rng, groups = np.random.default_rng(seed), self.place.parts.shape[0]
-        wide = np.ones(len(self.covariance))
-        wide[-self.place.parts.size :] = np.tile(np.repeat(np.sqrt(self.consistency), 2), groups)
+        wide, sd = np.ones(len(self.covariance)), np.sqrt(self.consistency)
+        of_linear = np.append(sd[np.array([trial.source for trial in self.problem.trials], int)], np.tile(sd, groups))
+        wide[-2 * len(of_linear) :] = np.repeat(of_linear, 2)
         factor = wide[:, None] * np.linalg.cholesky(self.covariance)
         return [self.place.moved(factor @ rng.standard_normal(len(factor))) for _ in range(count)]
 
@@ -582,18 +634,20 @@ def _fitted(
     problem: SourceProblem, responses: Sequence[Response], place: Place, whitenings: Sequence[Whitening]
 ) -> tuple[Place, float]:
     """Return the point with the sources that fit best, all else as it is, and what is left, priors included."""
-    groups, count = place.parts.shape[0], 2 * len(problem.sources)
-    normal, right, total = np.zeros((groups * count, groups * count)), np.zeros(groups * count), 0.0
+    count = place.factors.size + place.parts.size
+    normal, right, total = np.zeros((count, count)), np.zeros(count), 0.0
     for k, channel in enumerate(problem.channels):
         own_normal, own_right, own_total = _sums(*_rows(problem, k, responses[channel.run], place, whitenings[k]))
-        at = slice(problem.groups[channel.run] * count, (problem.groups[channel.run] + 1) * count)
-        normal[at, at] += own_normal
-        right[at] += own_right
+        own = problem.mixing[channel.run]
+        normal += own.T @ own_normal @ own
+        right += own.T @ own_right
         total += own_total
-    found = _solved(normal + np.eye(len(normal)) / LARGEST**2, right)
+    found = _solved(normal + np.eye(count) / LARGEST**2, right)
     precision, mean = problem.priors
-    off = _flat(place._replace(parts=0 * place.parts)) - mean
-    return place._replace(parts=found.reshape(place.parts.shape)), float(total - right @ found + off @ precision @ off)
+    off = _flat(place._replace(factors=0 * place.factors, parts=0 * place.parts)) - mean
+    factors, parts = np.split(found, [place.factors.size])
+    place = place._replace(factors=factors.reshape((-1, 2)), parts=parts.reshape(place.parts.shape))
+    return place, float(total - right @ found + off @ precision @ off)
 
 
 def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -610,7 +664,7 @@ def _plain(
     found = []
     for k, channel in enumerate(problem.channels):
         sure, columns, _ = problem.seen(k, responses[channel.run], place)
-        computed = sure + columns @ place.parts[problem.groups[channel.run]].ravel()
+        computed = sure + columns @ problem.parts_of(channel.run, place).ravel()
         slow = whitenings[k].slow
         residual, shown = (x - slow @ (slow.T @ x) for x in (channel.values - computed, channel.values))
         found.append((residual, shown))
@@ -634,11 +688,10 @@ def _whitened(
 ) -> Whitened:
     """Return residuals and slopes by all unknowns."""
     sizes = [part.size for part in place]
-    clock_at, tilt_at, parts_at = np.cumsum(sizes)[:3]
-    count, residuals, columns = 2 * len(problem.sources), [], []
+    clock_at, tilt_at, linear_at = np.cumsum(sizes)[:3]
+    residuals, columns = [], []
     for k, channel in enumerate(problem.channels):
-        group, response = problem.groups[channel.run], responses[channel.run]
-        parts = place.parts[group].ravel()
+        response, parts = responses[channel.run], problem.parts_of(channel.run, place).ravel()
         time = problem.clock_of(channel, place)
         sure, units, tilted = problem.seen(k, response, place)
         slope = np.zeros((len(time), sum(sizes)))
@@ -648,7 +701,7 @@ def _whitened(
         slope[:, clock_at + 2 * channel.run] = rate
         slope[:, clock_at + 2 * channel.run + 1] = rate * channel.time
         slope[:, tilt_at + 2 * k : tilt_at + 2 * k + 2] = tilted @ np.append(1.0, parts)
-        slope[:, parts_at + group * count : parts_at + (group + 1) * count] = units
+        slope[:, linear_at:] = units @ problem.mixing[channel.run]
         whole = whitenings[k](np.column_stack([channel.values - sure - units @ parts, slope]))
         residuals.append(whole[:, 0])
         columns.append(whole[:, 1:])
@@ -719,8 +772,11 @@ def _consistency(problem: SourceProblem, parts: Whitened, place: Place) -> Float
 def _between(problem: SourceProblem, parts: Whitened, place: Place) -> Float[np.ndarray, "S"]:
     """Return the probability that what each run alone says of a source differs so much by chance; NaN with one run."""
     found = np.full(len(problem.sources), np.nan)
-    freedom = 2 * (len(problem.runs) - max(problem.groups) - 1)
-    for k in range(len(problem.sources) if freedom else 0):
+    for k in range(len(problem.sources)):
+        tried = sum(trial.source == k for trial in problem.trials)  # such a run agrees by its own factor
+        freedom = 2 * (len(problem.runs) - max(problem.groups) - 1 - tried)
+        if not freedom:
+            continue
         information, score = np.zeros((len(problem.runs), 2, 2)), np.zeros((len(problem.runs), 2))
         for run, own, its in _blocks(problem, parts, place, k):
             information[run] += own
@@ -744,7 +800,7 @@ def with_further(found: Identification, run: Run, rate: float) -> Float[np.ndarr
     time = np.arange(float(run.motion.breaks[0]) + 0.1, float(run.motion.breaks[-1]) - 0.1, 1 / rate)
     own = [k for k, channel in enumerate(problem.channels) if channel.run == 0]
     channels = tuple(Channel("", 0, problem.channels[k].sensor, time, np.zeros(len(time))) for k in own)
-    alone = replace(problem, runs=(run,), groups=(0,), channels=channels)
+    alone = replace(problem, runs=(run,), groups=(0,), channels=channels, trials=())
     here = alone.start._replace(changes=place.changes, parts=place.parts[:1])
     noise = [float(np.std(found.residual[k])) for k in own]
     whitenings = [Whitening(slow_columns(each), np.array([1 / sd])) for each, sd in zip(channels, noise, strict=True)]
@@ -758,7 +814,7 @@ def with_further(found: Identification, run: Run, rate: float) -> Float[np.ndarr
         precision[np.ix_(rest, rest)], precision[np.ix_(rest, shared)]
     )
     first = sum(part.size for part in place[:-1])
-    known = np.r_[0 : sizes[0], first : first + sizes[3]]
+    known = np.r_[0 : sizes[0], first : first + sizes[-1]]
     covariance = np.linalg.inv(np.linalg.inv(found.covariance[np.ix_(known, known)]) + told)[sizes[0] :, sizes[0] :]
     blocks = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(problem.sources))]
     along = [way @ block @ way for way, block in zip(_ways(place.parts[0]), blocks, strict=True)]

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import Problem, refusal, refuse
 from ident.text import did_you_mean, quoted
 
 # -------- Series
@@ -73,8 +73,7 @@ def samples(time: ArrayLike, values: ArrayLike) -> Samples:
 def band_problems(low: float, high: float) -> Iterator[Problem]:
     """Yield what is wrong with a band of frequencies [Hz]."""
     if not 0 <= low < high:
-        got = f"{low:g} to {high:g} Hz"
-        yield Problem("band", got, "0 <= low < high", "give the lower frequency first")
+        yield Problem("band", f"{low:g} to {high:g} Hz", "0 <= low < high", "give the lower frequency first")
 
 
 def _shape_problems(time: np.ndarray, values: np.ndarray) -> Iterator[Problem]:
@@ -124,7 +123,7 @@ def window_samples(window: str, count: int) -> Float[np.ndarray, "N"]:
 
     if window not in WINDOWS:
         remedy = did_you_mean(window, WINDOWS, "hann suits most traces")
-        raise InputError(Problem("window", quoted(window), f"one of {', '.join(WINDOWS)}", remedy))
+        raise refusal("window", quoted(window), f"one of {', '.join(WINDOWS)}", remedy)
     return np.asarray(get_window(window, count, fftbins=True))
 
 
@@ -269,7 +268,7 @@ def peaks(spectrum: Spectrum, count: int, between: tuple[float, float] = (0.0, n
 
     if spectrum.amplitude.ndim != 1:
         got, remedy = f"amplitudes of shape {spectrum.amplitude.shape}", "choose one with spectrum.column(i)"
-        raise InputError(Problem("spectrum", got, "a single trace", remedy))
+        raise refusal("spectrum", got, "a single trace", remedy)
     refuse(band_problems(*between))
     places, _ = find_peaks(spectrum.amplitude)
     refined = [_refined(spectrum, int(place)) for place in places]
@@ -300,7 +299,7 @@ def band_rms(spectrum: Spectrum, low: float, high: float) -> Float[np.ndarray, "
     if not inside.any():
         expected = f"a band within 0 to {spectrum.frequency[-1]:g} Hz, wider than {spectrum.resolution:.3g} Hz"
         remedy = "widen the band, or take fewer segments or a longer trace"
-        raise InputError(Problem("band", f"no bin from {low:g} to {high:g} Hz", expected, remedy))
+        raise refusal("band", f"no bin from {low:g} to {high:g} Hz", expected, remedy)
     bins = spectrum.bandwidth / spectrum.resolution
     return np.asarray(np.sqrt(spectrum.power[inside].sum(axis=0) / bins))
 
@@ -317,10 +316,10 @@ def _segment(total: int, segments: int) -> tuple[int, int]:
     """Return length of the segments and step from one to the next, so that they fill the trace."""
     length = int(total / (1 + (max(segments, 1) - 1) * (1 - OVERLAP)))
     if segments < 1:
-        raise InputError(Problem("segments", f"{segments}", "at least 1", "1 gives the finest resolution"))
+        raise refusal("segments", f"{segments}", "at least 1", "1 gives the finest resolution")
     if length < SHORTEST:
         got, expected = f"{segments} segments of {length} samples, from {total}", f"at least {SHORTEST} samples in each"
-        raise InputError(Problem("segments", got, expected, "ask for fewer segments"))
+        raise refusal("segments", got, expected, "ask for fewer segments")
     return length, max(1, length - int(OVERLAP * length))
 
 

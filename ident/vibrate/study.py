@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.text import did_you_mean, quoted
 from ident.vibrate.compare import Comparison, Trace, compare
 from ident.vibrate.exact import Progress
@@ -91,7 +91,7 @@ def simulate_motion(
     """
     if method not in METHODS:
         remedy = did_you_mean(method, METHODS, "choose one of them")
-        raise InputError(Problem("", quoted(method), f"one of {', '.join(METHODS)}", remedy, "method"))
+        raise refusal("", quoted(method), f"one of {', '.join(METHODS)}", remedy, "method")
     how: Any = {"loads": loads, "elastic_belts": elastic_belts, "rate": rate, "step": step}
     fast = None if method == "exact" else simulate(arm, motion, **how)
     if method == "fast":

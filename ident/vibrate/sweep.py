@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from ident.arm.arm import Arm, check_drives
 from ident.arm.fields import COMPONENTS, SPEED, field_of
-from ident.errors import InputError, Problem, refuse
+from ident.errors import refusal, refuse
 from ident.programs import cores
 from ident.vibrate.evaluator import (
     WIDTH,
@@ -98,7 +98,7 @@ def axis(arm: Arm, paths: Sequence[str], values: Float[np.ndarray, "K"], percent
     values = np.unique(np.asarray(values, float))
     name = "=".join(paths)
     if not np.isfinite(values).all():
-        raise InputError(Problem(name, "values that are not finite", "finite numbers", "correct them"))
+        raise refusal(name, "values that are not finite", "finite numbers", "correct them")
     if tuple(paths) == (SPEED,):
         present = percent
     else:
@@ -127,7 +127,7 @@ def sweep(evaluator: Evaluator, axes: Sequence[Axis], progress: Progress = iter)
     """
     _check(evaluator.arm, axes)
     if len(axes) > 2:
-        raise InputError(Problem("axes", f"{len(axes)} of them", "one or two", "drop one"))
+        raise refusal("axes", f"{len(axes)} of them", "one or two", "drop one")
     turning = [axis for axis in axes if not axis.is_speed]
     points = list(product(*(axis.values for axis in turning)))
     places = np.array(points).reshape((len(points), len(turning)))
@@ -191,7 +191,7 @@ def _check(arm: Arm, axes: Sequence[Axis]) -> None:
     twice = next((path for path in paths if paths.count(path) > 1), None)
     if not axes or twice:
         got = f"{twice} twice" if twice else "nothing"
-        raise InputError(Problem("axes", got, "different numbers", "drop one" if twice else "name one"))
+        raise refusal("axes", got, "different numbers", "drop one" if twice else "name one")
     for axis in axes:
         for end in () if axis.is_speed else (axis.values[0], axis.values[-1]):
             variable = axis.variable
@@ -265,13 +265,13 @@ def axis_of(arm: Arm, interval: Range, percent: float, extents: Extents | None =
     if not shifted:
         refuse(refuse_factor(interval.paths[0], present, (low, high)))
     if not (np.isfinite([low, high]).all() and low < high):
-        raise InputError(Problem("", f"{low:g} to {high:g}", "a lower and a higher bound", "correct them"))
+        raise refusal("", f"{low:g} to {high:g}", "a lower and a higher bound", "correct them")
     if not 2 <= count <= MOST or count != int(count):
-        raise InputError(Problem("", f"{count:.12g} values", f"a whole number from 2 to {MOST}", "correct the count"))
+        raise refusal("", f"{count:.12g} values", f"a whole number from 2 to {MOST}", "correct the count")
     most = min(FASTEST, percent * FASTEST / 100)
     if is_speed and high > most * (1 + 1e-12):
         remedy = "start from a higher `speed`" if most < FASTEST else "100 is full speed"
-        raise InputError(Problem("", f"{high:g} %", f"at most {most:g} %", remedy))
+        raise refusal("", f"{high:g} %", f"at most {most:g} %", remedy)
     even = shifted or (is_speed and bounds is not None and not any(bound.times for bound in bounds))
     values = (np.linspace if even else np.geomspace)(low, high, int(count))
     swept = axis(arm, interval.paths, values, percent)
@@ -289,7 +289,7 @@ def variable_of(arm: Arm, interval: Range, extents: Extents | None = None) -> Va
         extents: of the arm's bodies; a mass centre stays within.
     """
     if SPEED in interval.paths:
-        raise InputError(Problem("", "the speed", "a number of the arm", "sweep it instead (ident sweep)"))
+        raise refusal("", "the speed", "a number of the arm", "sweep it instead (ident sweep)")
     for path in interval.paths:
         check_path(arm, path)
     present, shifted = float(arm.get(interval.paths[0])), is_shifted(interval.paths[0])
@@ -304,14 +304,13 @@ def _is_shifted(arm: Arm, interval: Range) -> bool:
     if interval.paths == (SPEED,):
         return False
     if SPEED in interval.paths:
-        raise InputError(Problem("", "the speed with others", "it alone", "give it a range of its own"))
+        raise refusal("", "the speed with others", "it alone", "give it a range of its own")
     for path in interval.paths:
         check_path(arm, path)
     kinds = {is_shifted(path) for path in interval.paths}
     if len(kinds) > 1:
         got, expected = "a coordinate with other numbers", "numbers of one kind"
-        remedy = "coordinates are changed by a difference, others by a factor"
-        raise InputError(Problem("", got, expected, remedy))
+        raise refusal("", got, expected, "coordinates are changed by a difference, others by a factor")
     return kinds.pop()
 
 
@@ -337,7 +336,7 @@ def _about(path: str, present: float, share: float | None, extents: Extents) -> 
     """Return bounds to either side of what is changed by a difference; a mass centre stays within its body."""
     body, field, *component = path.split(".")
     if field == "inertia":
-        raise InputError(Problem("", "no bounds", "LOW:HIGH for an inertia", "add them, as =1:2 or =0.5x:2x"))
+        raise refusal("", "no bounds", "LOW:HIGH for an inertia", "add them, as =1:2 or =0.5x:2x")
     if field == "com" and body in extents:
         lowest, highest = extents[body][:, COMPONENTS[component[0]][0]]
         half = DISTANCE if share is None else share * (highest - lowest)

@@ -42,7 +42,7 @@ RATE = 200.0
 LOWEST = 0.5
 """Share of the lowest natural frequency below which an arm follows its command without vibrating."""
 ORDERS = (1, 2, 4)
-"""Multiples of a drive's frequency: imbalance, kinematic error, and its first overtone."""
+"""Multiples of a drive's frequency: imbalance, transmission error, and its first overtone."""
 MODES = 5
 """Lowest modes that count, up to 20 Hz of the paper's arm; assumed."""
 ALIKE = 0.01

@@ -170,7 +170,7 @@ def energy(of: Multibody, phi: jax.Array, xi: jax.Array) -> jax.Array:
 
 
 def four_joints(**belt: float) -> tuple[Multibody, Arm]:
-    """Three belts in a row, axes parallel, drives without kinematic error."""
+    """Three belts in a row, axes parallel, drives without transmission error."""
     rng = np.random.default_rng(11)
     arm = driven_arm(rng, 4, error=False, belts=True, parallel=True)
     arm = arm.replace({f"{b.name}.{field}": value for b in arm.belts for field, value in belt.items()})
@@ -269,7 +269,7 @@ PULL = ("pretension", "stiffness", "tau")
 
 
 def drawn_lengths(engine: PinocchioMoving, belt: Belt, y: np.ndarray, q: np.ndarray | None = None) -> np.ndarray:
-    """Of a belt under the kinematic errors at q, or, without q, under none."""
+    """Of a belt under the transmission errors at q, or, without q, under none."""
     one, two = (engine.names.index(name) for name in (belt.driver, belt.driven))
     joint, xi = engine.arm.joints[two], np.zeros(len(engine.names))
     xi[engine.loose] = y[3 * len(engine.names) :]

@@ -57,7 +57,7 @@ def pin_angles(of: Multibody, command: Command) -> jax.Array:
 
 
 def waves_of(of: Multibody) -> Any:
-    """Order, amplitudes and phases of all kinematic errors."""
+    """Order, amplitudes and phases of all transmission errors."""
     return zip(of.drives.orders, of.drives.error, of.drives.error_phase, strict=True)
 
 

@@ -52,7 +52,7 @@ FAULTS = (
           "axis * pin.acceleration + cross(w, turn)", "axis * pin.acceleration", "arm/test_multibody.py"),
     Fault("rotating unbalance", "arm/multibody.py",
           "bob) + cross(drives.height", "bob) - cross(drives.height", "arm/test_multibody.py"),
-    Fault("kinematic error", "arm/multibody.py",
+    Fault("transmission error", "arm/multibody.py",
           "slope = 1 + 2 * drives", "slope = 1 + drives", "arm/test_multibody.py arm/test_belts.py"),
     Fault("names of modes", "arm/modes.py",
           '"vertical" if v > 0.5', '"vertical" if v < 0.5', "identify/test_predict.py identify/test_mode_labels.py"),

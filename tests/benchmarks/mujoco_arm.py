@@ -7,7 +7,7 @@ prints how far MuJoCo, Pinocchio and ident are from one another in a second of m
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 import mujoco
 import numpy as np
-from moving_engines import MujocoMoving, PinocchioMoving, hinged, left_jacobian, lumped, turning_part, weigh
+from moving_engines import MujocoMoving, PinocchioMoving, hinged, left_jacobian, lumped, weigh
 from mujoco import rollout
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -51,12 +51,20 @@ class MujocoTransient:
         duration: [s]
         loads: the load case.
         settled: start at the equilibrium of weight and springs; else straight.
+        added: bodies on the drives, see `MujocoMoving`.
     """
 
     def __init__(
-        self, arm: Arm, table: MotionTable, duration: float, *, loads: Loads | None = None, settled: bool = True
+        self,
+        arm: Arm,
+        table: MotionTable,
+        duration: float,
+        *,
+        loads: Loads | None = None,
+        settled: bool = True,
+        added: Mapping[str, Sequence[tuple[float, complex, float]]] | None = None,
     ):
-        self.kinematics = MujocoMoving(arm, loads)
+        self.kinematics = MujocoMoving(arm, loads, added=added)
         self.table, self.duration, self._kept = table, duration, {}
         self.model, self.elastic, self.motors = transient_model(self.kinematics)
         self.data = mujoco.MjData(self.model)
@@ -136,7 +144,7 @@ def transient_model(arm: MujocoMoving) -> tuple[mujoco.MjModel, np.ndarray, np.n
             weigh(parent, lumped(arm.link_parts(n)))
             driven.append(f"{joint.name} pin")
         if drive is not None:
-            weigh(motor(spec, shaft, drive.name, axis), turning_part(drive, axis, arm.bulk)[0])
+            weigh(motor(spec, shaft, drive.name, axis), lumped(arm.rotor_parts(n)))
             driven.append(drive.name)
         if joint.name == arm.arm.points[-1].joint:
             parent.add_site(name="end", pos=np.asarray(arm.arm.points[-1].position))

@@ -4,7 +4,7 @@
     python tests/benchmarks/unknown_phases.py OUT/campaign.diagnose.json [--draws 200] [--seed 7] [--file F]
         [--processes 2]
 
-Stiffnesses are drawn from the diagnosis' posterior, phases and kinematic errors as it holds them possible. Each draw is
+Stiffnesses are drawn from the diagnosis' posterior, phases and transmission errors as it holds possible. Each draw is
 simulated by the exact equations, as the arm is and with the change that is advised. Exit code 1 if the limit is kept
 more often, or less, than the diagnosis says, by more than chance explains (Fisher's exact test, 0.1 %). An interrupted
 run goes on with `--file`.

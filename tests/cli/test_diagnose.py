@@ -67,14 +67,6 @@ def test_from_a_campaign_to_advice_with_a_kill_on_the_way(small, tmp_path, brows
             assert set(boxes) == {width < 600}
 
 
-def test_printing_without_a_browser_is_refused_before_anything_is_computed(run, monkeypatch, tmp_path):
-    monkeypatch.setenv("PATH", "")
-    code, _, err = run("diagnose", CAMPAIGN, "--pdf")
-    assert code == 2
-    assert err.startswith("ident: pdf: got no browser that prints")
-    assert not files(tmp_path)
-
-
 def test_an_interrupted_run_says_how_it_goes_on(run, monkeypatch):
     def stopped(*_, **__):
         raise KeyboardInterrupt

@@ -75,7 +75,7 @@ def test_the_verdict_is_that_of_peak_draws_and_fit(options, word, kind):
     assert "% (95 % interval)" in verdict.reason
 
 
-STIFFER = "make joint 1 50 % stiffer in torsion"
+STIFFER = "new part: make joint 1 50 % stiffer in torsion"
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ STIFFER = "make joint 1 50 % stiffer in torsion"
             f"{STIFFER} (2e5 to 3e5 N m/rad): 0.4 mm, limit kept with probability 94 to 100 % (exact equations and ",
         ),
         (True, (False, True), "warn", f"{STIFFER} (2e5 to 3e5 N m/rad): 0.4 mm"),
-        (True, (False,), "reject", f"the one remedy verified does not hold; the best: {STIFFER}: 0.6 mm"),
+        (True, (False,), "reject", f"the one remedy verified does not hold; the best: {STIFFER[10:]}: 0.6 mm"),
         (True, (False, False, False), "reject", "none of the 3 remedies verified holds"),
         (False, (True,), "reject", "none of the 2 remedies tried keeps the limit"),
     ],
@@ -104,7 +104,7 @@ def test_the_remedy_is_what_the_verification_left(meets_limit, holds, verdict, s
 def test_another_remedy_says_that_it_is_not_verified():
     arrival = diagnosis().task.basis.motion.arrival
     words = dict(cause_and_remedies(diagnosis(True, (True,))))["or"]
-    assert words.startswith("run at 5 % of full speed instead of 10 %")
+    assert words.startswith("software: run at 5 % of full speed instead of 10 %")
     assert f"({2 * arrival:.3g} s instead of {arrival:.3g} s): 0.4 mm" in words
     assert words.endswith("(fast method and the search's own draws, not verified)")
 

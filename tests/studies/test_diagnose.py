@@ -15,7 +15,6 @@ from results import assert_comes_back, assert_plain, contents
 import ident
 from ident.assess.diagnose import STAGES, ResonanceAssessment
 from ident.present.basis import assumed
-from ident.present.files.document import NAMES
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard_stages
 from ident.vibrate.evaluator import BinomialEstimate
 
@@ -126,13 +125,6 @@ def test_its_page_has_every_stage(result, page):
     assert result.advice in page
     assert "ident explore " in page
     assert "--posterior=campaign.diagnose.nc" in page
-
-
-@pytest.mark.skipif(not any(map(shutil.which, NAMES)), reason="no browser to print with")
-def test_its_page_is_printed(result, tmp_path):
-    path = result.save_pdf(tmp_path)
-    assert path.name == "campaign.diagnose.pdf"
-    assert path.read_bytes().startswith(b"%PDF-")
 
 
 def test_a_limit_that_is_kept_needs_no_remedy(result):

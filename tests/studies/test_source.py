@@ -1,59 +1,31 @@
 """`ident.source`: from traces of the moving arm to imbalance and transmission error, and to other commands."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import source_runs
 from arms import DATA
+from diagnose_small import OPTIONS as SMALL_OPTIONS
 from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
-from scipy.interpolate import make_interp_spline
+from source_runs import FILE, HEAD, TRUTH, measure, table
 
 import ident
 from ident.arm.arm import stiffness_paths
 from ident.description.file import read_arm
 from ident.errors import InputError
-from ident.identify.binding import loads_of
-from ident.measure.load import Load
 from ident.measure.runs import _clipped, write_runs
+from ident.present.diagnose import diagnose_sections
+from ident.studies.saved import files_of
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
-
-FILE = DATA / "lcd_arm" / "arm.toml"
-HEAD = "file,channel,direction,speed [%],group,load\n"
-SECOND = np.deg2rad(1 / 3600)
-TRUTH = {
-    **{f"drive{k}.eccentricity": e for k, e in ((1, 8e-3), (2, 8e-3), (3, 2e-3))},
-    **{f"drive{k}.error": 1.5 * SECOND for k in (1, 2, 3)},
-    **{f"drive{k}.phase": phase for k, phase in ((1, 0.5), (2, 3.1), (3, -2.0))},
-    **{f"drive{k}.error_phase": phase for k, phase in ((1, -1.0), (2, 2.5), (3, 0.2))},
-}
-
-
-def measure(folder, arm, speed, load="", offset=0.01, seed=0):
-    """Write a run of an arm as a recorder would: 100 samples a second, noise of 5 % of the peak, another clock."""
-    motion = stroke(arm.stroke, percent=speed, dwell=1.0)
-    response = simulate(arm, motion, loads=loads_of(arm, Load.parse(load)), rate=200.0)
-    curve = make_interp_spline(response.time, 1e3 * np.asarray(response.vibration).T, k=5)
-    time = np.arange(0.1, float(response.time[-1]) - 0.1, 0.01)
-    values = curve(time + offset)[:, 1:]
-    values += 0.05 * np.abs(values).max(0) * np.random.default_rng(seed).standard_normal(values.shape)
-    table = np.column_stack([time, values])
-    np.savetxt(folder / f"run{speed:g}.csv", table, "%.6g", ",", header="time [s],y [mm],z [mm]", comments="")
-
-
-def table(folder, speeds, name="runs.csv", load=""):
-    rows = [f"run{speed:g}.csv,{way},{way},{speed:g},a,{load}\n" for speed in speeds for way in "yz"]
-    (folder / name).write_text(HEAD + "".join(rows))
-    return folder / name
 
 
 @pytest.fixture(scope="module")
 def true_arm():
-    arm = read_arm(FILE).arm
-    rng = np.random.default_rng(5)
-    stiffer = {path: float(arm.get(path)) * np.exp(0.015 * rng.standard_normal()) for path in stiffness_paths(arm)}
-    return arm.replace(TRUTH | stiffer)
+    return source_runs.true_arm()
 
 
 @pytest.fixture(scope="module")
@@ -121,6 +93,37 @@ def test_other_commands_take_its_draws(result, true_arm, tmp_path):
     assert abs(np.abs(true[1]).max() - peaks.mean()) < 4 * peaks.std(ddof=1)
     assert peaks.std(ddof=1) < 0.02 * peaks.mean()
     assert "measure the imbalance" not in simulated.report(details=True)
+
+
+def test_its_file_names_all_that_repeats_it(folder, result, tmp_path):
+    (file,) = result.save(tmp_path)
+    inputs = ident.load(file).inputs
+    assert {"runs's run12.csv", "runs", "arm"} <= set(inputs)
+    assert files_of(inputs, folder).paths == {"arm": folder / "arm.toml", "runs": folder / "runs.csv"}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_diagnosis_takes_what_excites_the_arm_from_runs(folder, result):
+    arm, campaign = folder / "arm.toml", DATA / "lcd_arm" / "campaign.csv"
+    diagnosed = ident.diagnose(arm, campaign, SMALL_OPTIONS, runs=table(folder, (12.0,)))
+    diagnosis = diagnosed.diagnosis
+    assert diagnosis.stages[:2] == ("stiffness", "source")
+    assert not diagnosed.doubtful
+    basis = diagnosis.task.basis
+    assert not basis.unknown.phases
+    strongest = basis.draws["drive2.eccentricity"] * float(basis.arm.get("drive2.eccentric_mass"))
+    truth = TRUTH["drive2.eccentricity"] * float(read_arm(FILE).arm.get("drive2.eccentric_mass"))
+    assert abs(strongest.mean() - truth) < 4 * strongest.std()
+    assert set(ident.load(diagnosed.save(folder / "out")[1]).inputs) >= {"campaign", "runs", "runs's run12.csv"}
+    report = diagnosed.report(details=True)
+    assert "What excites the arm?" in report
+    assert "drive2 imbalance" in report
+    spoilt = replace(diagnosis.excited.study.found, settled=False)
+    study = replace(diagnosis.excited.study, found=spoilt)
+    report = diagnose_sections(replace(diagnosis, excited=replace(diagnosis.excited, study=study)))
+    assert report.verdict.word == "NOT DECIDED"
+    assert report.next.startswith("ident source")
 
 
 @pytest.mark.slow

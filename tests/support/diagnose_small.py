@@ -38,7 +38,7 @@ def small_command(
     out: OutOption = Path("out"),
 ) -> None:
     """Diagnose with little effort."""
-    run_diagnose(campaign, replace(options, effort=SMALL), arm, path, restart, out)
+    run_diagnose(campaign, replace(options, effort=SMALL), arm, path, None, restart, out)
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ def random_state(rng: np.random.Generator, pins: int, size: int, *, rate: float 
 def random_drive(
     rng: np.random.Generator, joint: Joint, *, error: bool = True, orders: tuple[float, ...] = ()
 ) -> Drive:
-    """A drive that turns either way, at a ratio from 1 to 150, with further kinematic errors at some orders."""
+    """A drive that turns either way, at a ratio from 1 to 150, with further transmission errors at some orders."""
     name = f"drive_{joint.name}"
     further = [
         ErrorOrder(name, order, amplitude=rng.uniform(1e-4, 3e-3), phase=rng.uniform(-np.pi, np.pi)) for order in orders

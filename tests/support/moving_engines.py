@@ -8,6 +8,7 @@ that nothing of ident is used to judge ident.
 """
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -138,7 +139,7 @@ class MovingArm:
         raise NotImplementedError
 
     def turns(self, command: np.ndarray, *deviation: np.ndarray) -> tuple[Turn, Turn]:
-        """Turn the pins, by command, deviation of the loose ones and kinematic error, and the pulleys; at any times."""
+        """Turn the pins, by command, deviation and transmission error, and the pulleys; at any times."""
         total = np.zeros((3, len(self.names), *command.shape[2:]))
         total[:, self.pinned] = command
         for row, part in zip(total, deviation, strict=False):
@@ -153,7 +154,7 @@ class MovingArm:
         return 1 + self.error(q)[1]
 
     def error(self, q: np.ndarray) -> np.ndarray:
-        """The kinematic error of each drive, its slope and its curvature over q, (3, N, ...)."""
+        """The transmission error of each drive, its slope and its curvature over q, (3, N, ...)."""
         return np.stack([error_at(*each) for each in zip(self.errors, self.ratio, q, strict=True)], 1)
 
     def split(self, *flat: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -289,8 +290,17 @@ class MujocoMoving(MovingArm):
 
     w_first = True
 
-    def __init__(self, arm: Arm, loads: Loads | None = None, *, elastic: bool = False):
+    def __init__(
+        self,
+        arm: Arm,
+        loads: Loads | None = None,
+        *,
+        elastic: bool = False,
+        added: Mapping[str, Sequence[tuple[float, complex, float]]] | None = None,
+    ):
+        """`added`: mass, place across the axis at pulley angle 0 as a complex number, height of bodies on drives."""
         super().__init__(arm, loads, elastic=elastic)
+        self.added = added or {}
         spec = mujoco.MjSpec()
         spec.option.gravity = np.asarray(arm.gravity)
         spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
@@ -306,7 +316,7 @@ class MujocoMoving(MovingArm):
             else:
                 weigh(shaft, lumped([*self.shaft_parts(n), *self.link_parts(n)]))
             if drive is not None:
-                weigh(hinged(shaft, drive.name, axis), turning_part(drive, axis, self.bulk)[0])
+                weigh(hinged(shaft, drive.name, axis), lumped(self.rotor_parts(n)))
             for point in arm.points:
                 if point.joint == joint.name:
                     parent.add_site(name=point.name, pos=np.asarray(point.position))
@@ -315,6 +325,16 @@ class MujocoMoving(MovingArm):
         self.balls = [self._at(f"{name} ball") for name in self.names]
         self.pins = [self._at(f"{joint.name} pin") if joint.driven else None for joint in arm.joints]
         self.pulleys = [None if d is None else self._at(d.name) for d in self.drives]
+
+    def rotor_parts(self, n: int) -> list[Lump]:
+        """What turns with a drive's pulley, at angle zero."""
+        drive, axis = self.drives[n], np.asarray(self.arm.joints[n].axis)
+        first, second = across(axis)
+        bodies = [
+            Lump(mass, height * axis + place.real * first + place.imag * second, np.zeros((3, 3)))
+            for mass, place, height in self.added.get(drive.name, ())
+        ]
+        return [turning_part(drive, axis, self.bulk)[0], *bodies]
 
     def _at(self, joint: str) -> tuple[int, int]:
         found = self.model.joint(joint)
@@ -345,7 +365,7 @@ class MujocoMoving(MovingArm):
 
 
 def waves(drive: Drive) -> list[tuple[float, float, float]]:
-    """Order, amplitude and phase of each of a drive's kinematic errors."""
+    """Order, amplitude and phase of each of a drive's transmission errors."""
     further = [(e.order, float(e.amplitude), float(e.phase)) for e in drive.errors]
     return [(2, float(drive.error), float(drive.error_phase)), *further]
 

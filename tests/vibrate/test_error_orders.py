@@ -1,4 +1,4 @@
-"""Kinematic errors of a drive at orders of the file's choice: as data, in the equations, and what they excite."""
+"""Transmission errors of a drive at orders of the file's choice: as data, in the equations, and what they excite."""
 
 from dataclasses import replace
 from functools import cache

@@ -42,7 +42,7 @@ def with_phases(arm: Arm, whole: Superposition, phases: np.ndarray) -> Arm:
 
 @cache
 def wavy() -> Arm:
-    """The paper's arm with kinematic errors."""
+    """The paper's arm with transmission errors."""
     return with_error(3.0)
 
 

@@ -5,7 +5,7 @@ import importlib
 import warnings
 from pathlib import Path
 
-from ident.errors import InputError, Problem
+from ident.errors import Problem, refusal
 from ident.measure.recordings.recording import Channel, LackingError, NoChannelError, Recording, Shape
 from ident.text import LARGEST_BINARY, LARGEST_SAMPLES, one_line, read_bytes
 
@@ -59,11 +59,11 @@ def read_recording(path: str | Path) -> Recording:
     file = one_line(str(path))
     if not is_recording(path):
         expected = f"a recording, one of {', '.join(ENDINGS)}"
-        raise InputError(Problem(file, f"the ending '{path.suffix}'", expected, "export it in one of these formats"))
+        raise refusal(file, f"the ending '{path.suffix}'", expected, "export it in one of these formats")
     kind = ENDINGS[path.suffix.lower()]
     data = read_bytes(path, "a recording", LARGEST_SAMPLES if kind in TEXT else LARGEST_BINARY)
     if not data:
-        raise InputError(Problem(file, "an empty file", "a recording", "export it again"))
+        raise refusal(file, "an empty file", "a recording", "export it again")
     module = importlib.import_module(f"ident.measure.recordings.{kind}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what matters of a library's warnings, its reader checks
@@ -73,5 +73,5 @@ def read_recording(path: str | Path) -> Recording:
     for channel in channels:
         if not channel.values.size:
             got, remedy = f"no sample of {one_line(channel.name)}", "export it again"
-            raise InputError(Problem(file, got, "at least one sample of each channel", remedy))
+            raise refusal(file, got, "at least one sample of each channel", remedy)
     return Recording(str(path), hashlib.sha256(data).hexdigest(), channels, shapes, places)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.measure.recordings.recording import EXPORT, FORCE, REAL, Channel, Contents, Shape, quotient
 from ident.measure.recordings.sampling import even_step
 from ident.measure.table import (
@@ -115,13 +115,13 @@ def modes(records: list[Record], delimiter: str) -> tuple[Shape, ...]:
     (where, header), rows = records[0], records[1:]
     factors = [_factor(where, cell) for cell in header]
     if not rows:
-        raise InputError(Problem(where, "a header without a row", "a row for each mode", "add the modes"))
+        raise refusal(where, "a header without a row", "a row for each mode", "add the modes")
     table = _numbers(records, delimiter) * factors
     names = [_name(cell) for cell in header]
     found = []
     for (place, _), row in zip(rows, table, strict=True):
         if not np.isfinite(row).all():
-            raise InputError(Problem(place, "a cell that is no number", "numbers", "leave the mode or the column out"))
+            raise refusal(place, "a cell that is no number", "numbers", "leave the mode or the column out")
         cells = dict(zip(names, map(float, row), strict=True))
         sigma = {name.removeprefix(SIGMA): value for name, value in cells.items() if name.startswith(SIGMA)}
         channels = [name for name in names if not name.startswith((SIGMA, IMAGINARY)) and name not in MODE]
@@ -135,14 +135,13 @@ def _check(where: str, cells: Mapping[str, float], sigma: Mapping[str, float], m
     """Refuse what no mode can be."""
     if not (cells["frequency"] > 0 and 0 <= cells["damping_ratio"] < 1):
         got = f"{cells['frequency']:g} Hz, damping ratio {cells['damping_ratio']:g}"
-        raise InputError(Problem(where, got, "a frequency above 0, a ratio from 0 to 1", "correct the mode"))
+        raise refusal(where, got, "a frequency above 0, a ratio from 0 to 1", "correct the mode")
     if not any(motion.values()):
-        remedy = "add a column for each channel"
-        raise InputError(Problem(where, "a mode that moves nothing", "the motion of its channels", remedy))
+        raise refusal(where, "a mode that moves nothing", "the motion of its channels", "add a column for each channel")
     for name, value in sigma.items():
         if not value > 0 or name not in {*MODE, *motion}:
             expected = "a standard deviation above 0 of a column of the file"
-            raise InputError(Problem(where, f"{value:g}", expected, "correct it", f"{SIGMA}{one_line(name)}"))
+            raise refusal(where, f"{value:g}", expected, "correct it", f"{SIGMA}{one_line(name)}")
 
 
 def _name(cell: str) -> str:
@@ -156,7 +155,7 @@ def _factor(where: str, cell: str) -> float:
         return 1.0
     if not _unit(cell):
         expected = f"a unit, as in '{quantity} [{'Hz' if quantity == 'frequency' else '%'}]'"
-        raise InputError(Problem(where, "no unit", expected, "write it in square brackets", _name(cell)))
+        raise refusal(where, "no unit", expected, "write it in square brackets", _name(cell))
     return si_factor(_unit(cell), quantity)
 
 

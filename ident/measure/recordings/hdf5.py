@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, refusal
 from ident.files import leads_away
 from ident.measure.recordings.recording import Contents, array_channels, damaged
 from ident.text import one_line
@@ -42,7 +42,7 @@ def read(path: Path, data: bytes) -> Contents:
             if away := leads_away(file):
                 remedy = "export it again with all numbers in one file (h5repack)"
                 name, got = map(one_line, away)
-                raise InputError(Problem(one_line(str(path)), got, "a file that holds its own numbers", remedy, name))
+                raise refusal(one_line(str(path)), got, "a file that holds its own numbers", remedy, name)
             file.visititems(visit)
     except InputError:
         raise

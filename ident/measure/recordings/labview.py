@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.measure.recordings.recording import Channel, Contents, damaged
 from ident.measure.recordings.sampling import rounded_step
 from ident.text import decode, one_line
@@ -144,7 +144,7 @@ def _channels(file: str, segment: _Segment) -> Iterator[Channel]:
             lengths = " and ".join(str(n) for n in sorted({len(block) for block in blocks})[:3])
             got = f"records of {lengths} samples, each from where {TIMES} starts again"
             remedy = "put them into files of their own"
-            raise InputError(Problem(f"{file}:{segment.line}", got, "records of one length", remedy, TIMES))
+            raise refusal(f"{file}:{segment.line}", got, "records of one length", remedy, TIMES)
         step, start = sampling.step, sampling.start
         if label != sampling.label:  # the times are those of another channel
             later = segment.number("X0", label) - segment.number("X0", sampling.label)
@@ -224,7 +224,7 @@ def _sampling(file: str, segment: _Segment, column: int, label: int) -> _Samplin
     if not np.isfinite(times).all():
         row = int(np.flatnonzero(~np.isfinite(times))[0])
         got, remedy = "a time that is no number", "export it again with all times"
-        raise InputError(Problem(f"{file}:{segment.line + row + 1}", got, "times that increase", remedy, TIMES))
+        raise refusal(f"{file}:{segment.line + row + 1}", got, "times that increase", remedy, TIMES)
     digit += 4 * float(np.spacing(abs(times).max()))
     starts = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(times) < -digit)), len(times)]
     said, fine = step if step > 0 else None, _digit(segment.label("Delta_X", label).replace(segment.mark, "."))
@@ -237,8 +237,7 @@ def _sampling(file: str, segment: _Segment, column: int, label: int) -> _Samplin
             row = begin + max(int(np.argmax(late)), 1)
             got, source = f"a step of {times[row] - times[row - 1]:.6g} s", "by Delta_X" if said else "the mean step"
             remedy = "export evenly sampled waveforms with their true Delta_X"
-            where = f"{file}:{segment.line + row + 1}"
-            raise InputError(Problem(where, got, f"{expected:.6g} s, {source}", remedy, TIMES))
+            raise refusal(f"{file}:{segment.line + row + 1}", got, f"{expected:.6g} s, {source}", remedy, TIMES)
         steps.append((end - begin, even))
     start = start if abs(start - times[0]) <= digit else float(times[0])
     return _Sampling(label, max(steps)[1], start, tuple(starts[1:]))
@@ -285,7 +284,7 @@ def _joined(file: str, segments: list[list[Channel]]) -> Iterator[Channel]:
         steps = [(a.step or 0.0, b.step or 0.0) for a, b in zip(first, other, strict=False)]
         if not alike or not all(np.isclose(a, b, rtol=1e-3, atol=0) for a, b in steps):
             got, remedy = "segments that differ in channels, length, unit or step", "put them into files of their own"
-            raise InputError(Problem(file, got, "segments that are alike", remedy))
+            raise refusal(file, got, "segments that are alike", remedy)
     for i, each in enumerate(first):
         values = np.concatenate([segment[i].values for segment in segments])
         starts = np.concatenate([np.full(len(segment[i].values), segment[i].start) for segment in segments])

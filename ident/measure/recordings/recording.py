@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.measure.recordings.sampling import even_step
 from ident.text import one_line
 
@@ -218,5 +218,4 @@ def lacking(path: Path, package: str) -> NoReturn:
 def damaged(path: Path, kind: str, why: Exception | str) -> NoReturn:
     """Refuse a file that its reader cannot read."""
     reason = why if isinstance(why, str) else f"{type(why).__name__}: {one_line(str(why))[:80]}".rstrip(": ")
-    got = f"a damaged or truncated file ({reason})"
-    raise InputError(Problem(one_line(str(path)), got, kind, "export it again")) from None
+    raise refusal(one_line(str(path)), f"a damaged or truncated file ({reason})", kind, "export it again") from None

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 
 UNEVEN = 0.01
 """Largest deviation of a sampling interval from the mean one, as a fraction of it."""
@@ -21,7 +21,7 @@ def even_step(time: np.ndarray, file: str, column: str = "time") -> float:
     steps = np.diff(time)
     remedy = "resample the recording at even intervals; if only its times are rounded, write more digits"
     if not np.isfinite(time).all():
-        raise InputError(Problem(file, "times that are no numbers", "times that increase", "export it again", column))
+        raise refusal(file, "times that are no numbers", "times that increase", "export it again", column)
     mean = float(steps.mean())
     worst = int(np.argmax(abs(steps - mean)))
     if not mean > 0 or abs(steps[worst] - mean) > UNEVEN * mean:
@@ -29,7 +29,7 @@ def even_step(time: np.ndarray, file: str, column: str = "time") -> float:
         if rounded_step(time, digit) is not None:
             return mean
         got = f"an interval of {steps[worst]:.6g} s before sample {worst + 2}"
-        raise InputError(Problem(file, got, f"{mean:.6g} s within 1 %, the mean interval", remedy, column))
+        raise refusal(file, got, f"{mean:.6g} s within 1 %, the mean interval", remedy, column)
     return mean
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.errors import InputError, Problem
+from ident.errors import Problem, refusal
 from ident.measure.recordings.recording import Channel, Contents, NoChannelError, Shape, damaged
 from ident.text import one_line, quoted
 
@@ -225,8 +225,7 @@ def _function(path: Path, dataset: _Dataset) -> _Function | str:
     form, even = _whole(ordinates), _whole(spacing) == 1
     if form not in REAL + COMPLEX:
         got = f"ordinates of type {form} for {name} in dataset {dataset.number}"
-        expected = "2 or 4 (real), 5 or 6 (complex)"
-        raise InputError(Problem(file, got, expected, "export it again in single or double precision"))
+        raise refusal(file, got, "2 or 4 (real), 5 or 6 (complex)", "export it again in single or double precision")
     width = (1 if form in REAL else 2) + (not even)
     table = _table(dataset, at, form, even).copy()
     if len(table) != _whole(count) * width:  # more where the header says another precision than the numbers have
@@ -256,10 +255,10 @@ def _check_ordinates(file: str, name: str, function: int, form: int, values: np.
         real = f"real ordinates (type {form})" if form in REAL else "imaginary parts that are all zero"
         if form in REAL or (values.any() and not values.imag.any()):
             got, remedy = f"{real} for the frequency response {name}", "export real and imaginary parts"
-            raise InputError(Problem(file, got, "complex ordinates", remedy))
+            raise refusal(file, got, "complex ordinates", remedy)
     elif values.imag.any():
         got, remedy = f"complex ordinates (type {form}) for the samples of {name}", "export the samples over time"
-        raise InputError(Problem(file, got, "real ordinates", remedy))
+        raise refusal(file, got, "real ordinates", remedy)
 
 
 def _table(dataset: _Dataset, at: int, form: int, even: bool) -> np.ndarray:
@@ -302,7 +301,7 @@ def _even(abscissa: np.ndarray, step: float, where: str, name: str) -> tuple[flo
     wrong = np.abs(abscissa - (abscissa[0] + mean * np.arange(len(abscissa)))) > max(0.01 * mean, rounding)
     if not mean > 0 or wrong.any():
         got = f"{name} at uneven steps, about value {int(np.argmax(wrong)) + 1}"
-        raise InputError(Problem(where, got, "even steps", "resample it, then export it again"))
+        raise refusal(where, got, "even steps", "resample it, then export it again")
     printed = abs(step - mean) <= ROUNDED * mean
     return float(abscissa[0]), step if printed else mean
 
@@ -407,7 +406,7 @@ def _by_identity(path: Path, part: list[_Function], parts: list[list[_Function]]
     got = f"{len(part)} functions of {part[0].channel.name} that {alike}nothing tells apart"
     got += f" (ID lines: {', '.join(map(quoted, _identities(part[:4])))})"
     expected = "a node, an entity name or an ID line of its own for each channel"
-    raise InputError(Problem(one_line(str(path)), got, expected, "name the channels in the program that exports them"))
+    raise refusal(one_line(str(path)), got, expected, "name the channels in the program that exports them")
 
 
 def _identities(part: Sequence[_Function]) -> tuple[str, ...]:

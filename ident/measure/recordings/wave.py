@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.measure.recordings.recording import Channel, Contents, damaged
 from ident.text import one_line
 
@@ -32,7 +32,7 @@ def read(path: Path, data: bytes) -> Contents:
         damaged(path, KIND, error)
     for got, wrong in (("no sample", not table.size), ("a sampling rate of 0 Hz", not rate)):
         if wrong:
-            raise InputError(Problem(one_line(str(path)), got, "samples at a rate above 0 Hz", "export it again"))
+            raise refusal(one_line(str(path)), got, "samples at a rate above 0 Hz", "export it again")
     return tuple(Channel(str(i), _share(row)[None], "", 1 / rate) for i, row in enumerate(table, 1)), (), {}
 
 

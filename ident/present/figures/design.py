@@ -72,8 +72,7 @@ def before_after_figure(study: DesignStudy) -> Figure:
     figure = titled((WIDTH, 7.0), motion_title(f"Vibration of {study.basis.point} before and after", study.basis))
     grid = figure.subplots(3, 1, sharex=True)
     limits = [_before_after(axes, study, checks, i) for i, axes in enumerate(grid)]
-    grid[-1].set_xlim(checks.before.time[0], checks.before.time[-1])
-    grid[-1].set_xlabel("time [s]", fontsize=9)
+    grid[-1].set(xlim=(checks.before.time[0], checks.before.time[-1]), xlabel="time [s]")
     figure.align_ylabels(grid)
     handles = [Line2D([], [], label="as it is", **BEFORE), Line2D([], [], label="after the best change", **AFTER)]
     handles += [Line2D([], [], label=f"limit, {MM * (study.limit or 0):g} mm", **LIMIT)] if any(limits) else []
@@ -92,7 +91,7 @@ def _before_after(axes: Axes, study: DesignStudy, checks: "Verification", i: int
     shows_limit = study.limit is not None and largest > NEAR * study.limit
     for sign in (-1, 1) if shows_limit else ():
         axes.axhline(sign * MM * (study.limit or 0), **LIMIT)
-    axes.set_ylabel(f"{DIRECTIONS[i].upper()}: vibration\n[mm]", fontsize=9)
+    axes.set(ylabel=f"{DIRECTIONS[i].upper()}: vibration\n[mm]")
     sizes = (MM * checks.before.amplitude[i], MM * checks.after.amplitude[i])
     words = f"{study.evaluator.measure} {sizes[0]:.3g} mm before, {sizes[1]:.3g} mm after"
     axes.set_title(words, fontsize=9, loc="right", color=GREY)
@@ -116,8 +115,8 @@ def _curve(axes: Axes, study: DesignStudy, design: "Design") -> None:
         handles.append(Line2D([], [], label=f"limit, {MM * design.limit:g} mm", **LIMIT))
     axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
-    axes.set_xlabel("size of change (1: one number at its farther bound)", fontsize=9)
-    axes.set_ylabel(f"largest {study.evaluator.measure} of X, Y, Z [mm]", fontsize=9)
+    axes.set(xlabel="size of change (1: one number at its farther bound)")
+    axes.set(ylabel=f"largest {study.evaluator.measure} of X, Y, Z [mm]")
     axes.legend(handles=handles, loc="best", frameon=False, fontsize=9)
 
 
@@ -135,9 +134,9 @@ def _bars(axes: Axes, design: "Design") -> None:
         axes.bar(at, heights, 0.92 * width, color=COLORS[v % len(COLORS)], label=label, zorder=2)
     axes.axhline(0, color=GREY, linewidth=0.8)
     axes.set_xticks(range(len(places)), [name for name, _ in places])
-    axes.set_xlabel("size of change", fontsize=9)
+    axes.set(xlabel="size of change")
     low, high = (spans / scale[:, None]).min(), (spans / scale[:, None]).max()
-    axes.set_ylim(1.06 * low, 1.06 * high)
+    axes.set(ylim=(1.06 * low, 1.06 * high))
     if by_factor:  # round factors, 1 among them
         least, most = np.exp(low), np.exp(high)
         fine = (0.25, 0.5, 0.6, 0.7, 0.8, 0.9, 1, 1.2, 1.5, 2, 3, 4)
@@ -145,11 +144,11 @@ def _bars(axes: Axes, design: "Design") -> None:
         ticks = [factor for factor in factors if least * (1 - 1e-9) <= factor <= most * (1 + 1e-9)]
         axes.set_yticks(np.log(ticks), [f"{f:g}x" for f in ticks])
         axes.yaxis.set_minor_locator(NullLocator())
-        axes.set_ylabel("factor", fontsize=9)
+        axes.set(ylabel="factor")
     else:
         ticks = [share for share in (-1.0, -0.5, 0.0, 0.5, 1.0) if low <= share <= high]
         axes.set_yticks(ticks, [f"{100 * share:+.0f} %" if share else "0 %" for share in ticks])
-        axes.set_ylabel("change, of the widest allowed", fontsize=9)
+        axes.set(ylabel="change, of the widest allowed")
     key = axes.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=4, frameon=False, fontsize=8)
     as_written(key.get_texts())
 
@@ -211,7 +210,7 @@ def _direction(axes: Axes, study: DesignStudy, d: int, shown: list[int]) -> None
     axes.set_title(f"{DIRECTIONS[d].upper()}: {MM * each.amplitude[d]:.3g} mm", fontsize=10)
     axes.locator_params(axis="x", nbins=5)
     if d == 1:
-        axes.set_xlabel("% of amplitude per % of the number", fontsize=9)
+        axes.set(xlabel="% of amplitude per % of the number")
 
 
 def _numbers(axes: Axes, study: DesignStudy, d: int, shown: list[int]) -> None:
@@ -225,7 +224,7 @@ def _numbers(axes: Axes, study: DesignStudy, d: int, shown: list[int]) -> None:
         mark = f" {UNSURE}" if each.unsure[shown[place], d] else ""
         note(axes, f"{value:+.2f}{mark}", (end, place), (side, 0), ha=align, va="center", fontsize=7)
     room = 0.24 * (max(ends.max(), 0.0) - min(ends.min(), 0.0)) or 1.0  # of a direction in which nothing vibrates
-    axes.set_xlim(min(ends.min(), 0.0) - room, max(ends.max(), 0.0) + room)
+    axes.set(xlim=(min(ends.min(), 0.0) - room, max(ends.max(), 0.0) + room))
 
 
 def _key(figure: Figure, study: DesignStudy, shown: int) -> None:
@@ -274,11 +273,9 @@ def motion_figure(motions: "MotionStudy") -> Figure:
         plain(axes, grid=True)
         axes.set_ylim(bottom=0)
     top.set_xlim(np.degrees(along[[0, -1]]))
-    top.set_xlabel("alpha along the stroke [deg]", fontsize=9)
-    top.set_ylabel("speed of alpha [deg/s]", fontsize=9)
+    top.set(xlabel="alpha along the stroke [deg]", ylabel="speed of alpha [deg/s]")
     below.set_xlim(left=0)
-    below.set_xlabel("time [s]", fontsize=9)
-    below.set_ylabel("largest vibration over the phases [mm]", fontsize=9)
+    below.set(xlabel="time [s]", ylabel="largest vibration over the phases [mm]")
     handles = [
         Line2D([], [], label="as it is", **BEFORE),
         Line2D([], [], label="speed along the path", **AFTER),

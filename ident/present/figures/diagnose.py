@@ -43,7 +43,7 @@ def _stiffness_figure(diagnosis: "Diagnosis") -> Figure | None:
     axes.plot(np.ones(len(above)), places, "o", color=BLUE)
     room = float(right.max() / left.min()) ** 0.04
     ratio_axis(axes, float(left.min()) / room, float(right.max()) * room)
-    axes.set_xlabel("value / median", fontsize=9)
+    axes.set(xlabel="value / median")
     return figure
 
 
@@ -66,10 +66,8 @@ def _vibration_figure(diagnosis: "Diagnosis") -> Figure:
         axes.plot(time, vibration[i], color=BLUE, linewidth=0.9)
         for side in (-1, 1):
             axes.axhline(side * limit, color=RED, linestyle="--", linewidth=1)
-        axes.set_ylabel(f"{'XYZ'[i]} [mm]", fontsize=9)
-        axes.set_ylim(-reach, reach)
-    axes.set_xlim(time[0], time[-1])
-    axes.set_xlabel("time [s]", fontsize=9)
+        axes.set(ylabel=f"{'XYZ'[i]} [mm]", ylim=(-reach, reach))
+    axes.set(xlim=(time[0], time[-1]), xlabel="time [s]")
     return figure
 
 
@@ -86,7 +84,7 @@ def _sensitivities_figure(diagnosis: "Diagnosis") -> Figure:
         side, align = (-3, "right") if value < 0 else (3, "left")
         note(axes, f"{value:+.2f}", (value, place), (side, 0), ha=align, va="center")
     axes.margins(x=0.2)
-    axes.set_xlabel("percent of vibration per percent of the number", fontsize=9)
+    axes.set(xlabel="percent of vibration per percent of the number")
     return figure
 
 
@@ -98,8 +96,8 @@ def _remedies_figure(diagnosis: "Diagnosis") -> Figure:
         fill = BLUE if remedy.meets_limit else "white"
         axes.barh(row, MM * remedy.largest, color=fill, edgecolor=BLUE, height=0.6)
     axes.axvline(MM * task.limit, color=RED, linestyle="--", linewidth=1.2)
-    axes.set_xlim(0, 1.08 * MM * max(task.limit, *(remedy.largest for remedy in remedies)))
-    axes.set_xlabel("expected largest vibration [mm]", fontsize=9)
+    axes.set(xlim=(0, 1.08 * MM * max(task.limit, *(remedy.largest for remedy in remedies))))
+    axes.set(xlabel="expected largest vibration [mm]")
     return figure
 
 

@@ -114,7 +114,7 @@ def _values(axes: Axes, fit: "CampaignFit", group: Sequence[int], *, shift: bool
     left, right = _shift_span(drawn) if shift else _ratio_span(drawn)
     rows(axes, [cut(items[i].name, 30) for i in group])
     if shift:
-        axes.set_xlim(left, right)
+        axes.set(xlim=(left, right))
     else:
         ratio_axis(axes, left, right)
     axes.axvline(0.0 if shift else 1.0, color="black", linewidth=0.8, zorder=1.5)
@@ -122,7 +122,7 @@ def _values(axes: Axes, fit: "CampaignFit", group: Sequence[int], *, shift: bool
         line: Style = {"color": BLUE, "linewidth": 2.2} if known else {"color": PALE, "linewidth": 5.0}
         axes.plot([max(start, left), min(end, right)], [y, y], solid_capstyle="butt", zorder=2, **line)
         axes.plot([value], [y], linestyle="", zorder=3, **(FILLED if known else HOLLOW))
-    axes.set_xlabel("fitted - arm file [mm]" if shift else "fitted / arm file [-]", fontsize=9)
+    axes.set(xlabel="fitted - arm file [mm]" if shift else "fitted / arm file [-]")
     why = [why_no_interval(fit, i) for i in group]
     reasons = {
         True: "not reported, as the fit is in doubt: by data and prior",
@@ -171,7 +171,7 @@ def _directions(axes: Axes, fit: "CampaignFit") -> None:
     left, edge = min([0.01, *widths]) / 2, 4 * max([2 * WEAK_ABOVE, *widths])
     rows(axes, [direction_name(direction, known.names, known.sd) for direction in directions])
     axes.set_xscale("log")
-    axes.set_xlim(left, 4 * edge)
+    axes.set(xlim=(left, 4 * edge))
     axes.axvspan(WEAK_ABOVE, 4 * edge, color="#F3F3F3", zorder=0)
     axes.axvline(WEAK_ABOVE, color="black", linewidth=0.8, linestyle="--")
     for y, direction in enumerate(directions):
@@ -188,7 +188,7 @@ def _directions(axes: Axes, fit: "CampaignFit") -> None:
             ticks[10.0**power] = f"{10.0 ** (power + 2):g} %"
     axes.set_xticks(list(ticks), list(ticks.values()))
     axes.set_xticks([], minor=True)
-    axes.set_xlabel("std. error of ln(value) [-]", fontsize=9)
+    axes.set(xlabel="std. error of ln(value) [-]")
     fixed = [i < len(fit.combinations) for i in range(len(directions))]
     keys = _key(fixed, "determined by the data", "by the prior alone")
     heading(axes, f"Combinations determined: {known.fixed} of {len(directions)}", keys)
@@ -215,7 +215,7 @@ def _residuals(axes: Axes, fit: "CampaignFit") -> None:
     z = -np.nan_to_num(fit.standardised)
     reach = 1.1 * max(3.0, float(np.abs(z).max()))
     measurement_rows(axes, [campaign.measurements[i] for i in order], "measurement, sorted by kind [-]")
-    axes.set_xlim(-reach, reach)
+    axes.set(xlim=(-reach, reach))
     axes.axvspan(-2, 2, color="#EAF1F6", zorder=0)
     axes.axvline(0.0, color="black", linewidth=0.8)
     if len(order) <= MANY:
@@ -226,7 +226,7 @@ def _residuals(axes: Axes, fit: "CampaignFit") -> None:
             axes.plot([z[i]], [y], linestyle="", **{**mark, **(RIMMED if outliers[i] else {"markersize": 5})})
     else:
         _cloud(axes, [campaign.measurements[i].kind for i in order], z[order], outliers[order])
-    axes.set_xlabel("z = (measured - predicted) / its std. deviation [-]; shaded: ±2", fontsize=9)
+    axes.set(xlabel="z = (measured - predicted) / its std. deviation [-]; shaded: ±2")
     keys: dict[str, Style] = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
     if outliers.any():
         keys["outlier"] = {"marker": "o", "markerfacecolor": "white", **RIMMED}
@@ -246,8 +246,7 @@ def measurement_rows(axes: Axes, measured: Sequence["Measurement"], words: str) 
         rows(axes, [cut(short(m), LABEL) for m in measured])
     else:
         plain(axes)
-        axes.set_ylim(len(measured), -1)
-        axes.set_ylabel(words, fontsize=9)
+        axes.set(ylim=(len(measured), -1), ylabel=words)
 
 
 def _cloud(axes: Axes, kinds: Sequence[str], z: np.ndarray, outliers: np.ndarray) -> None:
@@ -276,7 +275,7 @@ def compare_figure(comparison: "Comparison") -> Figure:
         axes.plot(np.exp(change.change[i]), i, linestyle="", **marks[kind])
     axes.axvline(1.0, color=GREY, linewidth=0.8)
     ratio_axis(axes, min(low.min(), 0.95) / 1.05, max(high.max(), 1.05) * 1.05)
-    axes.set_xlabel("ratio after / before [-], with 95 % interval", fontsize=9)
+    axes.set(xlabel="ratio after / before [-], with 95 % interval")
     rows(axes, [cut(name, 24) for name in change.names])
     handles = [Line2D([], [], label=kind, linestyle="", **marks[kind]) for kind in marks if kind in kinds]
     verdict = "changed" if change.seen else "no change"
@@ -311,7 +310,7 @@ def profile_figure(fit: "CampaignFit", profiles: Sequence[Profile]) -> Figure:
     for i, profile in enumerate(profiles):
         _panel(grid[i], profile, bottom)
         if i % columns == 0:
-            grid[i].set_ylabel("delta chi-squared [-]", fontsize=9)
+            grid[i].set(ylabel="delta chi-squared [-]")
         if i % columns == columns - 1 or i == len(profiles) - 1:  # the levels, at the right end of their lines
             for interval in profile.intervals:
                 end: Any = {"xycoords": ("axes fraction", "data"), "va": "center"}
@@ -329,17 +328,17 @@ def profile_figure(fit: "CampaignFit", profiles: Sequence[Profile]) -> Figure:
 def _panel(axes: Axes, profile: Profile, bottom: float) -> None:
     plain(axes)
     top = threshold(profile.widest.level)
-    axes.set_ylim(bottom - 0.05 * top, 1.35 * top)
+    axes.set(ylim=(bottom - 0.05 * top, 1.35 * top))
     left, right = (float(theta) - profile.optimum for theta in profile.theta[[0, -1]])
     pad = 0.06 * max(right - left, 1e-9)
     left, right = left - pad, right + pad
     if profile.item.positive:
         ratio_axis(axes, math.exp(left), math.exp(right))
-        axes.set_xlabel("value / fitted [-]", fontsize=9)
+        axes.set(xlabel="value / fitted [-]")
     else:
         unit = read_unit(profile.name)[1]
         axes.set_xlim(*map(float, _place(profile, profile.optimum + np.array([left, right]))))
-        axes.set_xlabel(f"value - fitted [{unit}]", fontsize=9)
+        axes.set(xlabel=f"value - fitted [{unit}]")
     for interval in profile.intervals:
         axes.axhline(threshold(interval.level), color="#D8D8D8", linewidth=0.8, zorder=1)
     # between its points a profile is drawn as pieces of parabolas
@@ -436,8 +435,7 @@ def _off(axes: Axes, validation: "Validation") -> None:
     axes.axvline(0, color=GREY, linewidth=0.8)
     axes.scatter(off, np.arange(len(off)), c=colours or BLUE, s=26, zorder=3)
     reach = max(3.0, 1.1 * float(np.abs(off).max(initial=0.0)))
-    axes.set_xlim(-reach, reach)
-    axes.set_xlabel("measured less predicted [std. errors]", fontsize=9)
+    axes.set(xlim=(-reach, reach), xlabel="measured less predicted [std. errors]")
     rows(axes, names)
 
 
@@ -455,8 +453,5 @@ def _quantiles(axes: Axes, z: np.ndarray) -> None:
         axes.fill_betweenx(observed, low, high, color=PALE_BLUE, alpha=0.5, linewidth=0)
         axes.plot(predicted, observed, color=BLUE, marker="o", markersize=3.5, linewidth=1.0)
     axes.plot([0, 1], [0, 1], color=GREY, linewidth=0.8)
-    axes.set_xlim(0, 1)
-    axes.set_ylim(0, 1)
-    axes.set_xlabel("predicted quantile [-]", fontsize=9)
-    axes.set_ylabel("share of measurements below [-]", fontsize=9)
+    axes.set(xlim=(0, 1), ylim=(0, 1), xlabel="predicted quantile [-]", ylabel="share of measurements below [-]")
     plain(axes)

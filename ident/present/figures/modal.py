@@ -38,9 +38,7 @@ def ambient_figure(test: AmbientTest, identified: "IdentifiedModes | None" = Non
     for frequency in identified.modes.frequency if identified else ():
         axes.axvline(frequency, color=ORANGE, linewidth=1.0, zorder=0)
     draw_harmonics(axes, test)
-    axes.set_xlim(0, test.band[1])
-    axes.set_xlabel("frequency [Hz]", fontsize=9)
-    axes.set_ylabel("singular value [1/Hz]", fontsize=9)
+    axes.set(xlim=(0, test.band[1]), xlabel="frequency [Hz]", ylabel="singular value [1/Hz]")
     plain(axes, grid=True)
     handles = [
         Line2D([], [], color=BLUE, label="first singular value"),
@@ -101,7 +99,7 @@ def modal_figure(test: "ModalTest", identified: "IdentifiedModes | None" = None)
             upper.set_visible(False)
             lower.set_visible(False)
     for axes in grid[-1]:
-        axes.set_xlabel("frequency [Hz]", fontsize=9)
+        axes.set(xlabel="frequency [Hz]")
     handles = [
         Line2D([], [], color=color, label=f"force at {place_in_words(place)}")
         for place, color in zip(frf.references, COLORS, strict=False)
@@ -124,8 +122,7 @@ def _response(axes: Axes, test: "ModalTest", o: int) -> None:
         axes.plot(frf.frequency, np.abs(frf.mean[o, i]), color=color, linewidth=1.1, zorder=2)
     top = float(np.abs(frf.mean[o]).max())
     bottom = float(np.quantile(np.abs(frf.mean[o]), 0.01))
-    axes.set_ylim(max(bottom / 2, top / 1e5), 2 * top)
-    axes.set_xlim(0, frf.frequency[-1])
+    axes.set(ylim=(max(bottom / 2, top / 1e5), 2 * top), xlim=(0, frf.frequency[-1]))
     plain(axes, grid=True)
     axes.set_title(f"response {place_in_words(frf.responses[o])}", fontsize=9, loc="left", parse_math=False)
     _named(axes, "accelerance [1/kg]")
@@ -134,7 +131,7 @@ def _response(axes: Axes, test: "ModalTest", o: int) -> None:
 def _coherence(axes: Axes, test: "ModalTest", o: int) -> None:
     for i, color in zip(range(len(test.frf.references)), COLORS, strict=False):
         axes.plot(test.frf.frequency, test.coherence[o, i], color=color, linewidth=0.9)
-    axes.set_ylim(0, 1.05)
+    axes.set(ylim=(0, 1.05))
     plain(axes)
     _named(axes, "coherence")
 
@@ -194,8 +191,7 @@ def _panel(axes: Axes, plane: PhasePlane, looks: Sequence[tuple[str, str]]) -> N
         axes.add_patch(Ellipse(centre, float(width), float(height), angle=angle, fill=False, color=color, lw=0.8))
     axes.axhline(0, color=GREY, linewidth=0.5, zorder=0)
     axes.axvline(0, color=GREY, linewidth=0.5, zorder=0)
-    axes.set_xlim(-1.2, 1.2)
-    axes.set_ylim(-1.2, 1.2)
+    axes.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2))
     axes.set_aspect("equal")
     plain(axes)
     axes.tick_params(labelsize=7)
@@ -239,10 +235,8 @@ def _poles(axes: Axes, test: "ModalTest | AmbientTest", identified: "IdentifiedM
     axes.plot(diagram.frequency[lasting], diagram.order[lasting], "o", color=BLUE, markersize=3)
     for frequency in identified.modes.frequency:
         axes.axvline(frequency, color=ORANGE, linewidth=1.0, zorder=0)
-    axes.set_xlim(0, identified.modes.band[1])
-    axes.set_ylim(0, None)
-    axes.set_ylabel("states" if isinstance(test, AmbientTest) else "order of the polynomial", fontsize=9)
-    axes.set_xlabel("frequency [Hz]", fontsize=9)
+    axes.set(xlim=(0, identified.modes.band[1]), ylim=(0, None))
+    axes.set(ylabel="states" if isinstance(test, AmbientTest) else "order of the polynomial", xlabel="frequency [Hz]")
     plain(axes)
     size = axes.twinx()
     if isinstance(test, AmbientTest):

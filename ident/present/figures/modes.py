@@ -109,9 +109,9 @@ def _panels(points: Float[np.ndarray, "3 n"]) -> tuple[Figure, np.ndarray]:
     for axes, (view, across, up) in zip(panels, VIEWS, strict=True):
         axes.text(0.01, 0.04, view, transform=axes.transAxes, fontsize=9, color=GREY)
         axes.set(xlim=(low[across], high[across]), ylim=(low[up], high[up]), aspect="equal")
-        axes.set_ylabel(f"{'xyz'[up]} [m]", fontsize=9)
+        axes.set(ylabel=f"{'xyz'[up]} [m]")
         plain(axes)
-    panels[-1].set_xlabel("x [m]", fontsize=9)
+    panels[-1].set(xlabel="x [m]")
     return figure, panels
 
 
@@ -162,13 +162,13 @@ def mode_figure(analysis: "ModalAnalysis") -> Figure:
         for axes, (view, across, up) in zip(panels[i], VIEWS, strict=True):
             _draw(axes, rest[[across, up]], color=PALEST, size=6.0)
             _draw(axes, shapes[i][[across, up]], color=colour_of(label), size=2.0)
+            plain(axes)
             axes.set(xlim=frame[across], ylim=frame[up], aspect="equal")
             axes.set_ylabel(f"{'xyz'[up]} [m]", fontsize=8)
             axes.set_xlabel(f"{'xyz'[across]} [m]" if i == count - 1 else "", fontsize=8)
             doubt = " (a near draw)" if analysis.ambiguous[i] else ""
             name = f"{i + 1}: {label}{doubt}, {analysis.modes.frequency[i]:.2f} Hz, {view}"
             axes.set_title(name, fontsize=9, loc="left")
-            plain(axes)
     return figure
 
 
@@ -201,10 +201,10 @@ def frequency_figure(predictions: Sequence["Prediction"], joint: int) -> Figure:
             here = (name == words) & chosen
             axes.plot(at[here], frequency[here], linestyle="", markersize=4, markerfacecolor=face, **style)
     arm, ends = analyses[0].arm, [degrees(analyses[i].posture) for i in (0, -1)]
-    axes.set_ylim(0, None)
+    axes.set(ylim=(0, None))
     words = f"angle of {cut(arm.driven[joint].name, 30)} [deg], postures from {ends[0]} to {ends[1]}"
     axes.set_xlabel(words, fontsize=9, parse_math=False)
-    axes.set_ylabel("natural frequency [Hz]", fontsize=9)
+    axes.set(ylabel="natural frequency [Hz]")
     axes.grid(color="#EEEEEE", linewidth=0.8)
     plain(axes)
     named = {words: style for words, style in NAME_STYLES.items() if (name == words).any()}

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,14 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import Transform
 
+from ident.arm.modes import Label
 from ident.present.figures.style import GREY, NAME_STYLES, colour_of, key_below, note, plain, titled
 from ident.present.report import cut
 from ident.present.resonance import band_words, grouped, same_lines, sources_words
-
-if TYPE_CHECKING:
-    from ident.arm.modes import Label
-    from ident.vibrate.branches import Branches
-    from ident.vibrate.resonance import Excitation, ResonanceCrossing
+from ident.vibrate.branches import Branches
+from ident.vibrate.resonance import Excitation, ResonanceCrossing
 
 SIZE = (9.0, 6.6)
 """Width and height [inch]."""
@@ -29,9 +27,9 @@ DASHES = ((0, (5, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)), (0, (8, 3)))
 
 
 def resonance_figure(
-    branches: "Branches",
-    excitation: "Excitation",
-    crossings: Sequence["ResonanceCrossing"] = (),
+    branches: Branches,
+    excitation: Excitation,
+    crossings: Sequence[ResonanceCrossing] = (),
     *,
     title: str = "",
 ) -> Figure:
@@ -48,15 +46,14 @@ def resonance_figure(
     figure = titled(SIZE, cut(title or "Natural and pulley frequencies", 90), (0.06, 0.05))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(5, 1))
     top = 1.15 * float(branches.band()[1].max() if branches.batch_size else branches.median.max())
-    upper.set_ylim(0, top)
-    upper.set_xlim(branches.time[0], branches.time[-1])
+    upper.set(ylim=(0, top), xlim=(branches.time[0], branches.time[-1]))
     _shades(upper, branches, excitation, crossings)
     _branches(upper, branches)
     _pulleys(upper, branches, excitation, top)
     _numbers(upper, crossings)
     _postures(lower, branches)
-    upper.set_ylabel("frequency [Hz]", fontsize=9)
-    lower.set_xlabel("time [s]", fontsize=9)
+    upper.set(ylabel="frequency [Hz]")
+    lower.set(xlabel="time [s]")
     plain(upper, grid=True)
     plain(lower)
     names = {f"{name.direction} {name.kind}" for b in range(len(branches.labels)) for name, *_ in _spans(branches, b)}
@@ -69,9 +66,7 @@ def resonance_figure(
     return figure
 
 
-def _shades(
-    axes: Axes, branches: "Branches", excitation: "Excitation", crossings: Sequence["ResonanceCrossing"]
-) -> None:
+def _shades(axes: Axes, branches: Branches, excitation: Excitation, crossings: Sequence[ResonanceCrossing]) -> None:
     """Shade what is between a natural frequency and an excitation for as long as they are near."""
     for crossing in crossings:
         inside = (branches.time > crossing.start) & (branches.time < crossing.end)
@@ -82,7 +77,7 @@ def _shades(
         axes.fill_between(time, natural, turning, color=SHADE, linewidth=0, zorder=1)
 
 
-def _branches(axes: Axes, branches: "Branches") -> None:
+def _branches(axes: Axes, branches: Branches) -> None:
     """Draw each branch in the colours of its names, the last name at its end."""
     starts, ends = (_spread(branches.median[:, k], axes) for k in (0, -1))
     for b, label in enumerate(branches.labels):
@@ -99,7 +94,7 @@ def _branches(axes: Axes, branches: "Branches") -> None:
         _write(axes, f"{label}", (1.0, ends[b]), colour_of(label), (4, 0), axes.get_yaxis_transform())
 
 
-def _spans(branches: "Branches", b: int) -> Iterator[tuple["Label", float, float]]:
+def _spans(branches: Branches, b: int) -> Iterator[tuple[Label, float, float]]:
     """Yield the names of a branch, each from when to when."""
     changes = [change for change in branches.changes if change.branch == b]
     ends = [float(branches.time[0]), *(change.time for change in changes), float(branches.time[-1])]
@@ -107,7 +102,7 @@ def _spans(branches: "Branches", b: int) -> Iterator[tuple["Label", float, float
     yield from zip(names, ends[:-1], ends[1:], strict=True)
 
 
-def _pulleys(axes: Axes, branches: "Branches", excitation: "Excitation", top: float) -> None:
+def _pulleys(axes: Axes, branches: Branches, excitation: Excitation, top: float) -> None:
     """Draw what excites, lines that coincide as one, each named where it is highest within the axis."""
     names: list[tuple[float, float]] = []
     for i, same in enumerate(same_lines(excitation)):
@@ -142,7 +137,7 @@ def _highest(line: Float[np.ndarray, "T"], top: float, along: float) -> int:
     return int(first[round(along * (len(first) - 1) + 0.01)])
 
 
-def _numbers(axes: Axes, crossings: Sequence["ResonanceCrossing"]) -> None:
+def _numbers(axes: Axes, crossings: Sequence[ResonanceCrossing]) -> None:
     """Number the resonance crossings above the panel, each with a line down to the closest approach."""
     low, high = axes.get_xlim()
     width, taken = (high - low) * 0.25 / SIZE[0], list[tuple[float, int]]()
@@ -166,7 +161,7 @@ def _numbers(axes: Axes, crossings: Sequence["ResonanceCrossing"]) -> None:
         )
 
 
-def _postures(axes: Axes, branches: "Branches") -> None:
+def _postures(axes: Axes, branches: Branches) -> None:
     """Draw the joint angles, those that are the same as one line."""
     angles = np.degrees(branches.posture)
     groups: list[list[int]] = []
@@ -180,7 +175,7 @@ def _postures(axes: Axes, branches: "Branches") -> None:
     for group, value in zip(groups, _spread(first, axes), strict=True):
         name = ", ".join(f"q{j + 1}" for j in group)
         _write(axes, name, (0.0, value), GREY, (4, 0), axes.get_yaxis_transform())
-    axes.set_ylabel("angle [deg]", fontsize=9)
+    axes.set(ylabel="angle [deg]")
 
 
 def _spread(values: Float[np.ndarray, "n"], axes: Axes) -> Float[np.ndarray, "n"]:
@@ -210,7 +205,7 @@ def _write(
     note(axes, text, at, shift, color=colour, **place)
 
 
-def _notes(branches: "Branches", crossings: Sequence["ResonanceCrossing"]) -> Iterator[str]:
+def _notes(branches: Branches, crossings: Sequence[ResonanceCrossing]) -> Iterator[str]:
     yield "solid: natural frequencies of the arm held at each posture; dashed: turning frequencies of pulleys"
     if crossings:
         yield "shaded: the two are near; numbered as in the report, the line leads to the closest approach"

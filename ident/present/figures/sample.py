@@ -111,7 +111,7 @@ def _against_prior(axes: Axes, result: "CampaignSample") -> None:
     shares = zip(share, proper, strict=True)
     texts = [f"{100 * share:.0f} % of the prior's width" if proper else "no prior" for share, proper in shares]
     rows(axes.twinx(), texts, side="right")
-    axes.set_xlabel("value / centre of its prior [-]", fontsize=9)
+    axes.set(xlabel="value / centre of its prior [-]")
     beyond = ", goes on beyond the frame" if hidden else ""
     keys: dict[str, Style] = {f"prior, 95 %{beyond}": BAND, "posterior, 95 %": WIDE, "50 %": NARROW}
     keys |= {"median": FILLED, "median, mostly the prior": HOLLOW} if open_ones.any() else {"median": FILLED}
@@ -160,7 +160,7 @@ def _combinations(axes: Axes, result: "CampaignSample") -> None:
     ticks = [step for step in (1e-4, 1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0) if left < step < right]
     axes.set_xticks(ticks, [f"{100 * tick:g} %" if tick < 1 else f"factor {np.exp(tick):.2g}" for tick in ticks])
     axes.set_xticks([], minor=True)
-    axes.set_xlabel("standard deviation of ln(combination) [-]", fontsize=9)
+    axes.set(xlabel="standard deviation of ln(combination) [-]")
     keys: dict[str, Style] = {"by the posterior": FILLED, "by the prior alone": {"marker": "|", "color": GREY}}
     heading(axes, "Parameters in combination, best known first", keys)
 
@@ -177,7 +177,7 @@ def _predicted(axes: Axes, result: "CampaignSample") -> None:
         colour = BLUE if ends[0] < 0 < ends[1] else ORANGE
         _draw_intervals(axes, y, ends, levels, colour)
         axes.plot([levels[2]], [y], linestyle="", **{**FILLED, "color": colour, "markersize": 4})
-    axes.set_xlabel("(measured - predicted) / sigma [-]", fontsize=9)
+    axes.set(xlabel="(measured - predicted) / sigma [-]")
     keys: dict[str, Style] = {"prediction with noise, 95 %": BAND, "prediction, 95 %": WIDE, "50 %": NARROW}
     if ((noisy[:, 0] >= 0) | (noisy[:, 1] <= 0)).any():
         keys["measured value outside the 95 % band"] = {**WIDE, "color": ORANGE}
@@ -236,8 +236,8 @@ def trace_figure(result: "CampaignSample") -> Figure:
         axes.plot(shown * sample.thin, sample.theta[shown, :, 0, p], linewidth=0.6)
         axes.axvspan(0, sample.burn_in * sample.thin, color="#EEEEEE", zorder=0)
         axes.set_ylabel(_two_lines(name), fontsize=8, rotation=0, ha="right", va="center", parse_math=False)
-    panels[-1].set_xlabel("step [-]; grey: burn-in, left out; vertical: theta, ln(value) for a stiffness", fontsize=9)
-    panels[-1].set_xlim(0, draws * sample.thin)
+    panels[-1].set(xlabel="step [-]; grey: burn-in, left out; vertical: theta, ln(value) for a stiffness")
+    panels[-1].set(xlim=(0, draws * sample.thin))
     return figure
 
 
@@ -332,7 +332,7 @@ def _panel(axes: Axes, fleet: "Fleet", population: "Population", i: int) -> None
     top = max(float((shrunk + 2 * sd).max()), middle + 3 * spread)
     room = 0.05 * (top - bottom)
     axes.set_ylim(*np.exp((bottom - room, top + room)) * scale)
-    axes.set_xlim(-1, len(shown))
+    axes.set(xlim=(-1, len(shown)))
     axes.set_xticks([])
     axes.set_title(f"{cut(fleet.names[i], 24)} [{unit}]", fontsize=9, parse_math=False)
     plain(axes)
@@ -369,6 +369,7 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: "CampaignPlan") -> None
     shown = main_joints(postures, gain) if workspace.line is None else [int(np.flatnonzero(workspace.line)[0])]
     names = [plan.arm.driven[i].name for i in shown]
     angles = np.rad2deg(postures[:, shown])
+    plain(axes)
     if listed:
         places = _bars(axes, plan, gain)
     elif len(shown) == 1:
@@ -376,13 +377,12 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: "CampaignPlan") -> None
     else:
         drawn = _map(axes, angles, gain, sampled=scattered)
         colour_bar(figure, axes, drawn, _gain_label(plan)).outline.set_visible(False)
-        axes.set_ylabel(f"{cut(names[1], 30)} [deg]", parse_math=False)
+        axes.set_ylabel(f"{cut(names[1], 30)} [deg]", fontsize=10, parse_math=False)
         places = {i: tuple(np.rad2deg(q[shown])) for i, q in enumerate(plan.predictions.postures)}
     if not listed:
-        axes.set_xlabel(f"{cut(names[0], 30)} [deg]", parse_math=False)
+        axes.set_xlabel(f"{cut(names[0], 30)} [deg]", fontsize=10, parse_math=False)
         for axis, of_joint in zip((axes.xaxis, axes.yaxis), angles.T, strict=False):
             axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not scattered else MaxNLocator(9))
-    plain(axes)
     _mark(axes, plan, places)
     entries: dict[str, Any] = {"chosen, in this order; from 2 on for what is not yet known then": BADGE}
     if plan.measured.any():
@@ -411,8 +411,7 @@ def _curve(axes: Axes, plan: "CampaignPlan", angles: np.ndarray, gain: np.ndarra
     y = np.append(gain, heights[beside])
     order = np.argsort(x)
     axes.plot(x[order], y[order], color=BLUE, marker="o", markersize=4)
-    axes.set_ylabel(_gain_label(plan), fontsize=9)
-    axes.set_ylim(0, 1.12 * float(np.nanmax(y)))
+    axes.set(ylabel=_gain_label(plan), ylim=(0, 1.12 * float(np.nanmax(y))))
     return places
 
 
@@ -420,8 +419,7 @@ def _bars(axes: Axes, plan: "CampaignPlan", gain: np.ndarray) -> dict[int, Any]:
     """Draw a bar for each listed posture; return where the bars of those that show different things end."""
     rows(axes, [degrees(posture) for posture in plan.grid.postures])
     axes.barh(range(len(gain)), np.nan_to_num(gain), height=0.5, color=PALE_BLUE)
-    axes.set_xlim(0, 1.15 * float(np.nanmax(gain)))
-    axes.set_xlabel(_gain_label(plan), fontsize=9)
+    axes.set(xlim=(0, 1.15 * float(np.nanmax(gain))), xlabel=_gain_label(plan))
     first = {int(place): row for row, place in reversed(list(enumerate(plan.grid.seen)))}
     return {place: (float(gain[row]), row) for place, row in first.items() if place < len(plan.best_gain)}
 
@@ -484,16 +482,16 @@ def _sd_over_experiments(axes: Axes, plan: "CampaignPlan") -> None:
         axes.plot(experiments, sd[:, i], marker="o", markersize=4, **style)
         entries[cut(name, 28)] = style
     axes.set_yscale("log")
-    axes.set_ylabel("std. error of ln(value) x 100, at the best estimate", fontsize=9)
+    axes.set(ylabel="std. error of ln(value) x 100, at the best estimate")
     top, bottom = sd.max() * 1.3, min(sd.min() * 0.7, 4.0)
-    axes.set_ylim(bottom, top)
+    axes.set(ylim=(bottom, top))
     if bottom < 5.0 < top:
         axes.axhline(5.0, color=GREY, linewidth=0.9, zorder=1)
         place: dict[str, Any] = {"ha": "right", "va": "bottom", "transform": axes.get_yaxis_transform()}
         axes.text(0.995, 5.0, "5 %", color=GREY, fontsize=8, **place)
     steps = (1.0, 2.0, 5.0) if top > 10 * bottom else (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0)
     set_ticks(axes.yaxis, LogLocator(subs=steps, numticks=12), "{:.4g}".format)
-    axes.set_xlim(-0.15, len(plan.steps) + 0.15)
+    axes.set(xlim=(-0.15, len(plan.steps) + 0.15))
     labels = ["now"] + [
         f"{i}: {cut(experiment_in_words(experiment), 34)}\n{cut(degrees(experiment.posture), 34)}"
         for i, experiment in enumerate(plan.batch, 1)

@@ -372,6 +372,7 @@ def panels(view: "ArmView") -> tuple[Panel, Panel]:
 def draw_panel(figure: Figure, view: "ArmView", panel: Panel, at: tuple[float, float]) -> None:
     """Draw a view; bodies, joints and points are named where there is room for it."""
     axes = panel.place(figure, at)
+    plain(axes)
     draw_arm(axes, view, panel.seen, float((panel.high - panel.low).max()))
     places = panel.seen.across, panel.seen.up
     for axis, place, low, high in zip((axes.xaxis, axes.yaxis), places, panel.low, panel.high, strict=True):
@@ -382,7 +383,6 @@ def draw_panel(figure: Figure, view: "ArmView", panel: Panel, at: tuple[float, f
         axis.set_ticks(ticks, [f"{-tick + 0.0 if down else tick:.3g}" for tick in ticks])
         axis.set_label_text(f"{'xyz'[place]} [m]", fontsize=8)
     axes.set_title(panel.seen.name, fontsize=9, loc="left", color=GREY)
-    plain(axes)
     axes.spines["left"].set_bounds(float(panel.low[1]), float(panel.high[1]))
     axes.spines["bottom"].set_bounds(float(panel.low[0]), float(panel.high[0]))
     odd = {each.path.partition(".")[0] for each in view.oddities}

@@ -14,6 +14,7 @@ from ident.present.report import cut
 from ident.present.words import TRACE_UNITS
 
 if TYPE_CHECKING:
+    from ident.assess.balance import Balance, Rotor
     from ident.assess.source import SourceStudy
     from ident.vibrate.orders import Spectrogram
     from ident.vibrate.triage import Finding, Triage
@@ -157,3 +158,54 @@ def source_figure(study: "SourceStudy") -> Figure:
     ]
     key_below(figure, handles, f"Slower than 0.5 Hz left out. {len(problem.channels)} traces in all.", columns=3)
     return figure
+
+
+# -------- Balance
+# The vibration before and after, and each rotor with its imbalance and its masses.
+
+
+def balance_figure(balance: "Balance") -> Figure:
+    """Draw the vibration before and after in the direction of its peak, and the rotors with what is mounted."""
+    shown = [each for each in balance.rotors if each.told]
+    figure = titled((8.0, 5.4), f"Balancing the drives: {cut(balance.basis.arm.name, 40)}")
+    grid = figure.add_gridspec(2, max(3, len(shown)), height_ratios=(1.0, 1.15))
+    axes = figure.add_subplot(grid[0, :])
+    way = int(np.abs(balance.before).max(1).argmax())
+    axes.plot(balance.time, 1e3 * balance.before[way], **MEASURED)
+    axes.plot(balance.time, 1e3 * balance.after[way], **COMPUTED)
+    axes.set_xlim(balance.time[0], balance.time[-1])
+    axes.set_ylabel(f"{'xyz'[way]} [mm]", fontsize=9)
+    axes.set_xlabel("time [s]", fontsize=9)
+    plain(axes, grid=True)
+    middle, low, high = 100 * balance.left
+    heading(axes, f"vibration: {middle:.0f} % is left (95 %: {low:.0f} to {high:.0f} %)", {})
+    for number, rotor in enumerate(shown):
+        _draw_rotor(figure.add_subplot(grid[1, number], projection="polar"), rotor)
+    handles = [
+        Line2D([], [], label="before", **MEASURED),
+        Line2D([], [], label="after (predicted)", **COMPUTED),
+        Line2D([], [], label="imbalance, draws", color=ORANGE, marker="o", linestyle="", markersize=4),
+        Line2D([], [], label="mass to mount", color=GREEN, marker="s", linestyle="", markersize=6),
+    ]
+    key_below(figure, handles, "Rotors as seen with the joint's axis pointing at you, joints at 0.", columns=4)
+    return figure
+
+
+def _draw_rotor(axes: Axes, rotor: "Rotor") -> None:
+    """Draw a rotor's imbalance [g mm] with its draws, and the masses against it, with the holes."""
+    size, pulley = 1e6 * abs(rotor.found), rotor.pulley
+    holes = pulley.first + 2 * np.pi * np.arange(pulley.holes) / max(pulley.holes, 1)
+    axes.plot(holes, np.full(len(holes), 1.15 * size), color=PALE, marker="o", linestyle="", fillstyle="none")
+    axes.plot(np.angle(rotor.draws), 1e6 * np.abs(rotor.draws), color=ORANGE, marker="o", linestyle="", markersize=3)
+    axes.plot([0, float(np.angle(rotor.found))], [0, size], color=ORANGE, linewidth=1.0)
+    for body in rotor.bodies if rotor.balanced else ():
+        axes.plot([body.angle], [1.15 * size], color=GREEN, marker="s", markersize=7, linestyle="")
+        axes.annotate(
+            f"{1e3 * body.mass:.1f} g", (body.angle, 0.75 * size), ha="center", va="center", fontsize=8, color=GREEN
+        )
+    axes.set_ylim(0, 1.35 * size)
+    axes.set_yticks([])
+    axes.set_xticks(np.pi / 2 * np.arange(4), ["0", "90", "180", "270 deg"], fontsize=7)
+    axes.tick_params(pad=-2)
+    words = "" if rotor.balanced else f", {rotor.state}"
+    axes.set_title(f"{cut(rotor.drive.name, 20)}: {size:.0f} g mm{words}", fontsize=9)

@@ -43,7 +43,7 @@ HOLLOW: Style = {"marker": "o", "color": GREY, "markersize": 6, "markerfacecolor
 
 def rows(axes: Axes, labels: Sequence[str], *, side: str = "left") -> None:
     """Make one row for each label, from the top down; the labels stand on the left or the right."""
-    axes.set_ylim(len(labels) - 0.4, -0.6)
+    axes.set(ylim=(len(labels) - 0.4, -0.6))
     axes.set_yticks(range(len(labels)), labels, parse_math=False, fontsize=8)
     axes.tick_params(axis="y", length=0)
     if side == "left":
@@ -72,11 +72,13 @@ def colour_of(label: "Label") -> str:
 
 
 def plain(axes: Axes, *, left: bool = True, grid: bool = False) -> None:
-    """Leave out the lines of the frame that carry no ticks; draw pale horizontal lines where asked."""
+    """Set small letters, leave out lines of the frame that carry no ticks; draw pale horizontal lines where asked."""
     axes.set_axisbelow(True)
     if grid:
         axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
     axes.tick_params(labelsize=8)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.label.set_fontsize(9)
     for spine in ("top", "right") if left else ("top", "right", "left"):
         axes.spines[spine].set_visible(False)
 
@@ -146,7 +148,7 @@ def set_ticks(axis: Axis, locator: Locator, text: Callable[[float], str]) -> Non
 def ratio_axis(axes: Axes, left: float, right: float) -> None:
     """Make the x axis a logarithmic one of ratios with plain numbers as ticks, however narrow it is."""
     axes.set_xscale("log")
-    axes.set_xlim(left, right)
+    axes.set(xlim=(left, right))
     steps = (1.0, 2.0, 5.0) if right / left < 1e3 else (1.0,)
     wide = right / left > 5
     locator = LogLocator(subs=steps, numticks=12) if wide else MaxNLocator(6, steps=[1, 2, 5, 10])

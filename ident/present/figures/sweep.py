@@ -72,10 +72,10 @@ def _logarithmic(axes: Axes, study: "SweepStudy") -> None:
     top = MM * max(_largest(study), _limit(study))
     low = MM * min(float(curve(sweep)[1].min()) for sweep in study.sweeps)
     if low <= 0:
-        axes.set_ylim(0, 1.06 * top or None)
+        axes.set(ylim=(0, 1.06 * top or None))
         return
     axes.set_yscale("log")
-    axes.set_ylim(0.85 * max(low, DEEPEST * top), 1.18 * top)
+    axes.set(ylim=(0.85 * max(low, DEEPEST * top), 1.18 * top))
     set_ticks(axes.yaxis, LogLocator(subs=(1.0, 2.0, 5.0)), "{:g}".format)
 
 
@@ -91,7 +91,7 @@ def _panels(study: "SweepStudy") -> tuple[Figure, list[Axes]]:
     for place, axes in enumerate(grid[:count]):
         plain(axes, grid=True)
         if place % columns == 0:
-            axes.set_ylabel(f"{study.measure} [mm]", fontsize=9)
+            axes.set(ylabel=f"{study.measure} [mm]")
     return figure, grid[:count]
 
 

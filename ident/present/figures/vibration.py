@@ -75,7 +75,7 @@ def drives_figure(simulation: Simulation) -> Figure:
     for i, (axes, (label, lines)) in enumerate(zip(grid, panels, strict=True)):
         for (name, values), style in zip(lines.items(), PARTS * (1 + len(lines) // len(PARTS)), strict=False):
             axes.plot(simulation.time, values, label=cut(name, 24), **style)
-        axes.set_ylabel(label, fontsize=9)
+        axes.set(ylabel=label)
         key = axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8)
         as_written(key.get_texts())
         _arrival(axes, simulation, labelled=i == 0)
@@ -92,7 +92,7 @@ def _panels(title: str, count: int) -> tuple[Figure, list[Axes]]:
     grid = list(figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0])
     for axes in grid:
         plain(axes, grid=True)
-    grid[-1].set_xlabel("time [s]", fontsize=9)
+    grid[-1].set(xlabel="time [s]")
     return figure, grid
 
 
@@ -107,7 +107,7 @@ def _direction(axes: Axes, simulation: Simulation, i: int) -> None:
     if _by_acceleration(simulation, direction):
         trace = (simulation.comparisons or {})[direction].simulated.trace
         axes.plot(trace.time, trace.values, zorder=3, **OURS)
-        axes.set_ylabel(f"{direction.upper()}: acceleration\n[m/s$^2$]", fontsize=9)
+        axes.set(ylabel=f"{direction.upper()}: acceleration\n[m/s$^2$]")
         return
     if simulation.phases is not None:
         high = MM * simulation.phases.envelope[i]
@@ -119,7 +119,7 @@ def _direction(axes: Axes, simulation: Simulation, i: int) -> None:
     if _near_limit(simulation, i):
         for side in (-1, 1):
             axes.axhline(side * MM * (simulation.limit or 0.0), color=GREY, linewidth=0.8, linestyle=":")
-    axes.set_ylabel(f"{direction.upper()}: vibration\n[mm]", fontsize=9)
+    axes.set(ylabel=f"{direction.upper()}: vibration\n[mm]")
 
 
 def _near_limit(simulation: Simulation, i: int) -> bool:
@@ -133,7 +133,7 @@ def _arrival(axes: Axes, simulation: Simulation, *, labelled: bool) -> None:
     """Mark when the arm arrives, and from when on the late peak counts."""
     marks = [("arrival", simulation.response.motion.arrival)]
     marks += [] if simulation.at is None else [(f"late peak from {simulation.at:g} s on", simulation.at)]
-    axes.set_xlim(simulation.time[0], simulation.time[-1])
+    axes.set(xlim=(simulation.time[0], simulation.time[-1]))
     for name, time in marks:
         if simulation.time[0] < time < simulation.time[-1]:
             axes.axvline(time, color=GREY, linewidth=0.8, linestyle="--", zorder=2)
@@ -264,7 +264,7 @@ def spectrum_figure(
             f"{cut(direction, 20)}: amplitude, 0-peak [{TRACE_UNITS[kind][1]}]", fontsize=9, parse_math=False
         )
         _flags(axes, flags, labelled=i == 0)
-    grid[-1].set_xlabel("frequency [Hz]", fontsize=9)
+    grid[-1].set(xlabel="frequency [Hz]")
     handles = [Line2D([], [], label=cut(name, 40), **s) for name, s in zip(series, cycle(SERIES), strict=False)]
     figure.align_ylabels(grid)
     key_below(figure, handles, "\n".join(notes), columns=3)
@@ -298,10 +298,8 @@ def spectrogram_figure(
         axes.plot(time, frequency, **style)
         handles.append(Line2D([], [], label=cut(name, 40), **style))
     half = 0.5 / spectrogram.resolution
-    axes.set_xlim(spectrogram.time[0] - half, spectrogram.time[-1] + half)
-    axes.set_ylim(0, upto)
-    axes.set_xlabel("time [s]", fontsize=9)
-    axes.set_ylabel("frequency [Hz]", fontsize=9)
+    axes.set(xlim=(spectrogram.time[0] - half, spectrogram.time[-1] + half), ylim=(0, upto), xlabel="time [s]")
+    axes.set(ylabel="frequency [Hz]")
     note = f"{spectrogram.description()}\ngrey: less than half a segment from an end of the trace"
     key_below(figure, handles, note, columns=3)
     return figure
@@ -315,8 +313,7 @@ def _spectra(axes: Axes, series: Mapping[str, "Spectrum"], column: int, upto: fl
         axes.plot(spectrum.frequency, amplitude, **style)
         top = max(top, float(amplitude[spectrum.frequency <= upto].max()))
     plain(axes)
-    axes.set_xlim(0, upto)
-    axes.set_ylim(0, 1.08 * top or 1.0)
+    axes.set(xlim=(0, upto), ylim=(0, 1.08 * top or 1.0))
 
 
 class _Flag(NamedTuple):
@@ -400,8 +397,8 @@ def orders_figure(spectra: "Spectra") -> Figure:
             axes.plot(track.time, factor * track.amplitude[o, :, d], marker="o", markersize=3.5, **style)
         plain(axes)
         axes.set_ylim(bottom=0)
-        axes.set_ylabel(f"{direction.upper()}: amplitude, 0-peak [{unit}]", fontsize=9)
-    grid[-1].set_xlabel("time [s]", fontsize=9)
+        axes.set(ylabel=f"{direction.upper()}: amplitude, 0-peak [{unit}]")
+    grid[-1].set(xlabel="time [s]")
     figure.align_ylabels(grid)
     handles = [
         Line2D([], [], marker="o", markersize=3.5, label=_order(track, o, name), **style)

@@ -1,4 +1,4 @@
-"""Result files: JSON, and netCDF of large arrays; PNG, PDF.
+"""Result files: JSON, and netCDF of large arrays; PNG.
 
 A file holds what a result was made from and how (texts of the inputs, options, software), its numbers, and its report.
 It names no class of the program: a later version reads it, a newer one is refused in one line.
@@ -6,10 +6,7 @@ It names no class of the program: a later version reads it, a newer one is refus
 
 import json
 import math
-import os
 import platform
-import shutil
-import subprocess
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -19,12 +16,11 @@ from functools import cache
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import InputError, refusal
 from ident.files import leads_away, replace_file
 from ident.present.report import Finding, Report, Section, Table, Verdict, written
 from ident.text import LARGEST_BINARY, one_line, quoted, read_bytes, study_of
@@ -84,7 +80,7 @@ def read_document(path: str | Path, expected: str) -> dict[str, Any]:
             raise ValueError
     except (ValueError, RecursionError):
         remedy = "give the file that ident wrote"
-        raise InputError(Problem(where, "other contents", expected, remedy)) from None
+        raise refusal(where, "other contents", expected, remedy) from None
     return document
 
 
@@ -115,7 +111,7 @@ def read_record(path: str | Path) -> dict[str, Any]:
                 check_version(root, study_of(root), where)
                 beside = one_line(Path(path).with_suffix(".json").name)
                 got, remedy = f"the arrays of a result ({root})", f"load {beside} beside it"
-                raise InputError(Problem(where, got, EXPECTED, remedy))
+                raise refusal(where, got, EXPECTED, remedy)
             data = read_group(file, RECORD, mask_and_scale=False)
             record: dict[str, Any] = json.loads(data[RECORD].values.tobytes().decode("utf-8", "surrogatepass"))
             form = str(record["format"])
@@ -145,7 +141,7 @@ def check_version(form: str, study: str, where: str, expected: str = EXPECTED) -
     remedy = f"give the file that ident {study} wrote"
     if known:
         remedy = "update ident" if int(number) > NEWEST else f"run ident {study} again: files of this age are not read"
-    raise InputError(Problem(where, f"the format {quoted(form)}", expected, remedy))
+    raise refusal(where, f"the format {quoted(form)}", expected, remedy)
 
 
 def plain(value: Any, instead: Callable[[float], str | None] = lambda number: None) -> Any:
@@ -300,51 +296,7 @@ def whole(path: str | Path, got: str, expected: str, remedy: str) -> Iterator[No
     except InputError:
         raise
     except Exception:
-        raise InputError(Problem(one_line(str(path)), got, expected, remedy)) from None
-
-
-# -------- PDF
-# A page as PDF, printed by a browser that is on this machine.
-
-NAMES = ("chromium", "chromium-browser", "google-chrome")
-"""Programs that print pages, the first that is found."""
-FLAGS = ("--headless", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--no-pdf-header-footer")
-LONGEST = 120.0
-"""Seconds that printing may take."""
-
-
-def find_browser() -> str:
-    """Return the program that prints pages.
-
-    Raises:
-        InputError: there is none on the PATH.
-    """
-    if program := next(filter(None, map(shutil.which, NAMES)), None):
-        return program
-    remedy = "install Chromium, or print the page from another browser"
-    raise InputError(Problem("pdf", "no browser that prints", f"{' or '.join(NAMES)} on the PATH", remedy))
-
-
-def write_pdf(page: Path, path: Path) -> None:
-    """Print a page as PDF, whole or not at all.
-
-    Raises:
-        InputError: no browser, or the file can't be written.
-        ModelError: the browser fails.
-    """
-    program = find_browser()
-    as_root = ("--no-sandbox",) if hasattr(os, "geteuid") and os.geteuid() == 0 else ()  # Chromium else refuses root
-
-    with TemporaryDirectory() as profile:
-        printed = Path(profile) / "printed.pdf"
-        flags = [*FLAGS, *as_root, f"--user-data-dir={profile}", f"--print-to-pdf={printed}"]
-        try:
-            line = [program, *flags, page.absolute().as_uri()]
-            subprocess.run(line, check=True, capture_output=True, timeout=LONGEST)
-            content = printed.read_bytes()
-        except (subprocess.SubprocessError, OSError) as error:
-            raise ModelError(f"{page} could not be printed: {program} failed ({type(error).__name__})") from None
-    replace_file(path, lambda file: file.write(content))
+        raise refusal(one_line(str(path)), got, expected, remedy) from None
 
 
 # -------- PNG

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.identify.values import BEST_ONLY, Draws, Robot, Values, doubtful
 from ident.present.files.document import check_version, read_document, read_group, whole
 from ident.text import LARGEST_BINARY, one_line, read_bytes
@@ -44,7 +44,7 @@ def read_fit(
         soft_base = None if base is None else _number(base)
         robot = Robot.read(document.get("robot"), str(fitted or ""))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
-        raise InputError(Problem(where, "other contents", FIT, "give the file that ident fit wrote")) from None
+        raise refusal(where, "other contents", FIT, "give the file that ident fit wrote") from None
     sha256_of_fit = hashlib.sha256(read_bytes(path, FIT, LARGEST_BINARY)).hexdigest()
     return Values.of_arm(best, arm, where, sha256_of_fit, remark, scaled), robot, soft_base
 
@@ -91,7 +91,7 @@ def _of_source(path: str | Path, where: str) -> Draws:
         robot = Robot.read(document.get("robot"), str(document["inputs"]["arm"]["sha256"] or ""))
         sound = document["verdict"] != "NOT USABLE"
     except (ValueError, KeyError, TypeError, AttributeError):
-        raise InputError(Problem(where, "other contents", POSTERIOR, "give the file that ident source wrote")) from None
+        raise refusal(where, "other contents", POSTERIOR, "give the file that ident source wrote") from None
     remark = "" if sound else "the runs that it is from are not usable: see ident show of that file"
     sha256 = hashlib.sha256(read_bytes(path, POSTERIOR, LARGEST_BINARY)).hexdigest()
     return Draws(draws, where, sha256, remark, (), robot)

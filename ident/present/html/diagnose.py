@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ident.assess.show import ArmView
     from ident.description.file import ArmFile
     from ident.measure import Campaign, Log
+    from ident.measure.runs import Runs
 
 # -------- Arm section
 # The arm itself as a section of a page: drawn to scale, and what looks odd about its numbers.
@@ -61,7 +62,9 @@ def explorer_section(page: str, command: str) -> Section:
 # -------- Diagnose
 
 
-def diagnose_page(diagnosis: "Diagnosis", head: Mapping[str, Any], view: "ArmView", explorer: str) -> Page:
+def diagnose_page(
+    diagnosis: "Diagnosis", head: Mapping[str, Any], view: "ArmView", explorer: str, runs: "Runs | None" = None
+) -> Page:
     """Return the page of a finished diagnosis.
 
     Args:
@@ -69,10 +72,12 @@ def diagnose_page(diagnosis: "Diagnosis", head: Mapping[str, Any], view: "ArmVie
         head: provenance, as in the result file.
         view: the arm with the identified numbers, as it is drawn.
         explorer: a page on which that arm is changed by hand.
+        runs: traces of the moving arm, if there were any.
     """
     basis, campaign = diagnosis.task.basis, diagnosis.identification.sampled.fitted.campaign
-    inputs: dict[str, ArmFile | Campaign | Log] = {"arm": basis.arm_file, "campaign": campaign}
+    inputs: dict[str, ArmFile | Campaign | Log | Runs] = {"arm": basis.arm_file, "campaign": campaign}
     inputs |= {"path": basis.log} if basis.log else {}
+    inputs |= {"runs": runs} if runs else {}
     report = diagnose_sections(diagnosis)
     summary = [(label, sentence(text)) for label, text in cause_and_remedies(diagnosis)]
     summary += [("Caution", f"{sentence(each.text)} {sentence(each.remedy)}") for each in report.findings]

@@ -49,7 +49,9 @@ def results(folder: Path) -> Iterator[Result]:
     yield ident.spectrum(simulated)
     yield ident.sweep(ARM, vary=numbers, **SHORT)
     yield ident.triage(LCD / "runs" / "runs.csv", ARM)
-    yield ident.source(LCD / "runs" / "runs.csv", ARM, hold_out=("run7.csv", "run8.csv", "run13.csv"), draws=5)
+    source = ident.source(LCD / "runs" / "runs.csv", ARM, hold_out=("run7.csv", "run8.csv", "run13.csv"), draws=5)
+    yield source
+    yield ident.balance(source, speed=200.0, dwell=0.2)
     yield ident.motion(ARM, speed=100.0, dwell=0.2, time=6.0, segments=4)
     yield ident.design(ARM, change={"joint1.k_tors": ("1x", "2x")}, no_curve=True, starts=1, **SHORT)
     yield ident.modal_test(LCD / "hammer")

@@ -225,12 +225,13 @@ def explore_page(
     environment = Environment(
         autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    # data as JSON in which nothing ends a script or begins a comment
     text = environment.from_string(_source("page.html.jinja")).render(
         title=exploration.arm.name,
         remarks=[line.strip() for line in _remarks(exploration, start, fit, posterior)],
         version=version("ident-arm"),
         files=_files({"arm": arm_file, **sources, "campaign": exploration.measured}),
-        data=Markup(_json(data)),
+        data=Markup(json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")),
         script=Markup(script),
         style=Markup(style),
         script_hash=Markup(script_hash()),
@@ -278,11 +279,6 @@ def _script() -> str:
 
 def _source(name: str) -> str:
     return (files("ident.present.html.explore") / name).read_text("utf-8")
-
-
-def _json(data: Mapping[str, Any]) -> str:
-    """Return data as JSON in which nothing ends a script or begins a comment."""
-    return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _hash(text: str) -> str:

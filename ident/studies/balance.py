@@ -1,0 +1,238 @@
+"""Balance the joint drives' rotors by what `ident source` has identified: which mass goes where, and what it brings."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError, Problem
+from ident.studies import reading
+from ident.studies.door import DEFAULT, study
+from ident.studies.motion_options import MovingOptions, basis_of
+from ident.studies.options import option
+from ident.studies.result import Result, check_place, input_of
+from ident.studies.saved import files_of, load
+from ident.studies.shared import as_file
+from ident.text import LARGEST_BINARY, did_you_mean, one_line, read_bytes
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
+    from matplotlib.figure import Figure
+    from numpy import ndarray
+
+    from ident.arm.arm import Arm
+    from ident.arm.parts import Drive
+    from ident.assess.balance import Balance, Pulley
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure import Log
+    from ident.studies.source import SourceResult
+
+BY_DRIVE = ("radius", "height", "holes", "hole_angle", "most", "rotor")
+"""Options that may differ between drives."""
+MOST = 50.0
+"""Largest mass [g] at one place of a pulley; assumed."""
+
+
+FEWEST = 3
+"""Holes around a pulley, of which two neighbours hold any correction."""
+
+
+def by_drive(texts: Sequence[str], flag: str) -> dict[str, float]:
+    """Read DRIVE=NUMBER, each drive once; a number alone, of the empty name, is that of all others."""
+    parts = [part.strip() for text in texts for part in text.split(",")]
+    alone = [("", reading.number(part, f"{flag} {part}")) for part in parts if "=" not in part]
+    return reading.once(flag, [*alone, *reading.numbers([p for p in parts if "=" in p], flag).items()])
+
+
+EACH: Any = {"repeated": True, "read": by_drive}
+"""How an option is read that may differ between drives."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BalanceOptions(MovingOptions):
+    """Options of `ident.balance`: where masses can be mounted, and the motion over which their effect is predicted."""
+
+    radius: dict[str, float] = option(
+        {},
+        "radius [mm] at which masses sit, as 40 for all drives, drive2=40 for one; default: the largest pulley's",
+        **EACH,
+    )
+    height: dict[str, float] = option({}, "height [mm] of masses above the bushing; default: the rotor's", **EACH)
+    holes: dict[str, float] = option({}, "holes around the pulley, at that radius; default: any angle will do", **EACH)
+    hole_angle: dict[str, float] = option({}, "angle [deg] of hole 1, counted as the report does; default 0", **EACH)
+    most: dict[str, float] = option({}, f"mass [g] at one place at most; default {MOST:g} (assumed)", **EACH)
+    rotor: dict[str, float] = option({}, "mass [kg] of the rotor, for its grade; default: its eccentric mass", **EACH)
+    dwell: float = option(2.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
+    draws: int = option(400, "draws of what was identified", low=2, high=10_000)
+
+    @property
+    def hold(self) -> float:
+        """Time that the arm is held at the end [s]."""
+        return self.dwell
+
+    def problems(self) -> list[Problem]:
+        """Refuse sizes that nothing has, and too few holes to hold a mass at any angle."""
+        sizes, above = ("radius", "most", "rotor"), "a number above 0"
+        bad = [(name, x, above) for name in sizes for x in getattr(self, name).values() if not 0 < x < 1e6]
+        pattern = f"a whole number from {FEWEST}: two neighbours hold a mass at any angle"
+        bad += [("holes", x, pattern) for x in self.holes.values() if not FEWEST <= x <= 1000 or x != int(x)]
+        return [*super().problems(), *(Problem(name, f"{x:g}", expected, "correct it") for name, x, expected in bad)]
+
+    def of_drive(self, name: str, drive: str, default: float | None = None) -> Any:
+        """Return what an option says of a drive."""
+        given: Mapping[str, float] = getattr(self, name)
+        return given.get(drive, given.get("", default))
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class BalanceResult(Result):
+    """Masses that balance the drives' rotors, and what they leave of the vibration.
+
+    Its table has a row for each mass: drive, mass [kg], radius [m], angle [rad], hole, their standard deviations.
+
+    Attributes:
+        found: rotors, corrections, vibration before and after.
+        values: what was identified.
+        options: what was asked for.
+    """
+
+    found: "Balance"
+    values: "Values"
+    options: BalanceOptions = field(default_factory=BalanceOptions)
+
+    form = "ident-balance/10"
+    subject = "found.basis.name"
+    shown = ("found",)
+    summary = ("left", "imbalance_left")
+
+    @classmethod
+    def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the result of ident source, which names its arm, and the path."""
+        return {name: path for name, path in inputs.items() if name != "arm"}
+
+    @property
+    def left(self) -> 'Float[ndarray, "3"]':
+        """Share of the vibration's peak that is left [-]: median and 95 % interval."""
+        return self.found.left
+
+    @property
+    def imbalance_left(self) -> 'Float[ndarray, "3"]':
+        """The same of what imbalance makes [-]."""
+        return self.found.imbalance_left
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether trial masses contradict each other."""
+        return any(each.calibration.state == "contradicting" for each in self.found.rotors)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the vibration before and after, and each rotor with its imbalance and its masses."""
+        from ident.present.figures.source import balance_figure
+
+        return {"": balance_figure(self.found)}
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.found.basis.arm_file, "source": self.values, "path": self.found.basis.log}
+
+
+@study
+def balance(
+    source: "SourceResult | str | Path",
+    options: BalanceOptions = DEFAULT,
+    *,
+    path: "Log | str | Path | None" = None,
+) -> BalanceResult:
+    """Balance the drives' rotors: masses, angles, and what is left of the vibration.
+
+    Args:
+        source: a result of `ident.source`, or its file.
+        options: where masses can be mounted, the motion.
+        path: a joint path to follow instead of the stroke, or its file.
+
+    Raises:
+        InputError: no such result, or one that is not usable; a drive without a radius, a motion out of limits.
+        ModelError: the arm collapses.
+    """
+    from ident.arm.multibody import IMBALANCE
+    from ident.assess.balance import balanced, rotor_of, tried_in
+    from ident.measure import read_log
+
+    arm, record, values = _taken(source, options)
+    drives = {drive.name: drive for drive in arm.arm.drives}
+    for name in BY_DRIVE:
+        for given in getattr(options, name):
+            if given and given not in drives:
+                remedy = did_you_mean(given, tuple(drives), "name a drive of the arm")
+                raise InputError(Problem(name, f"the drive {one_line(given)}", f"one of {', '.join(drives)}", remedy))
+    log = read_log(path, [joint.name for joint in arm.arm.driven]) if isinstance(path, str | Path) else path
+    basis = basis_of(arm, options, path=log, posterior=values)
+    check_place(f"{basis.name}.balance", {"arm": arm, "source": values, "path": log})
+    rows = [row for row in record.table() if row["kind"] == IMBALANCE]
+    tried = [tried_in(each, options.draws) for each in record.trials]
+    if not any(row["told"] for row in rows):
+        where, expected = one_line(values.path or "source"), "one at least"
+        raise InputError(
+            Problem(where, "no imbalance that is told", expected, "measure more runs, see ident show of it")
+        )
+    pulleys = {name: _pulley(drive, basis.arm, options) for name, drive in drives.items()}
+    rotors = [
+        rotor_of(basis, drives[row["drive"]], pulleys[row["drive"]], record.parameters, row, record.phases, tried)
+        for row in rows
+    ]
+    middle = {path: x for path, x in record.parameters.items() if path not in options.set}
+    return BalanceResult(balanced(basis, rotors, tried, middle), values, options)
+
+
+def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tuple[ArmFile, Any, Values]":
+    """Return the arm that a result of `ident source` is of, the result, and the first of its draws."""
+    import numpy as np
+
+    from ident.identify.values import Values
+    from ident.studies.source import SourceResult
+
+    expected, remedy = "a result of ident source (.source.json)", "give the file that ident source wrote"
+    path, sha256 = "", ""
+    if isinstance(source, SourceResult):
+        record: Any = source
+        arm, usable = source.arm_file, source.study.usable
+    elif isinstance(source, str | Path):
+        record = load(source)
+        if record.study != "source" or not {"phases", "trials"} <= {*record.summary}:
+            got = f"a result of {record.study}" + " of before balancing" * (record.study == "source")
+            raise InputError(Problem(one_line(str(source)), got, expected, remedy))
+        path, sha256 = str(source), hashlib.sha256(read_bytes(source, expected, LARGEST_BINARY)).hexdigest()
+        of_arm = {name: each for name, each in record.inputs.items() if input_of(name) == "arm"}
+        arm = as_file(files_of(of_arm, Path(source).parent).paths["arm"], options.soft_base)
+        usable = record.record["verdict"] != "NOT USABLE"
+    else:
+        raise InputError(Problem("source", f"a {type(source).__name__}", expected, remedy))
+    if not usable:
+        got, remedy = "runs that are not usable", "see ident show of that file, and correct its table of runs"
+        raise InputError(Problem(one_line(path or "source"), got, "sources that are identified", remedy))
+    drawn: dict[tuple[str, ...], Any] = {
+        (name,): np.asarray(x, float)[: options.draws] for name, x in record.draws.items()
+    }
+    return arm, record, Values.of_arm(drawn, arm.arm, path, sha256)
+
+
+def _pulley(drive: "Drive", arm: "Arm", options: BalanceOptions) -> "Pulley":
+    """Return where masses can be mounted on a drive."""
+    from ident.assess.balance import Pulley
+
+    sizes = [float(belt.driver_radius) for belt in arm.belts if belt.driver == drive.joint]
+    sizes += [float(belt.driven_radius) for belt in arm.belts if belt.driven == drive.joint]
+    radius = options.of_drive("radius", drive.name, 1e3 * max(sizes) if sizes else None)
+    if radius is None:
+        remedy = f"give one, as {drive.name}=40"
+        raise InputError(Problem("radius", f"no pulley's radius for {drive.name}", "one", remedy))
+    return Pulley(
+        radius / 1e3,
+        options.of_drive("height", drive.name, 1e3 * float(drive.height)) / 1e3,
+        options.of_drive("most", drive.name, MOST) / 1e3,
+        options.of_drive("rotor", drive.name, float(drive.eccentric_mass) or 1.0),
+        int(options.of_drive("holes", drive.name, 0)),
+        radians(options.of_drive("hole_angle", drive.name, 0.0)),
+    )

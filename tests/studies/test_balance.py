@@ -1,0 +1,337 @@
+"""`ident.balance`: from identified imbalances and trial masses to masses that leave what is predicted."""
+
+import json
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from moving_engines import MujocoMoving
+from reports import assert_one_screen, too_wide
+from results import assert_comes_back, assert_plain
+from source_runs import FILE, HEAD, imbalance_of, measure, true_arm, with_mass
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+from mujoco_arm import MujocoTransient
+
+import ident
+from ident.assess.balance import (
+    Pulley,
+    Rotor,
+    balanced,
+    calibrated,
+    complex_least_squares,
+    grade,
+    repeatability,
+)
+from ident.assess.scenario import Basis
+from ident.assess.source import Tried
+from ident.description.file import ArmFile, read_arm
+from ident.errors import InputError
+from ident.identify.values import Values
+from ident.measure.runs import TrialMass
+from ident.present.balance import balance_sections
+from ident.present.report import text_of
+from ident.vibrate.motion import stroke
+from ident.vibrate.simulate import simulate
+
+DEGREE = np.pi / 180
+MOUNTED = {"a": "30 g @ drive2 40 mm 90 deg", "b": "35 g @ drive2 40 mm 200 deg"}
+STATED = MOUNTED | {"b": "35 g @ drive2 40 mm 140 deg"}
+WHERE = {"radius": {"drive2": 90.0}, "holes": {"drive2": 12}, "speed": 12.0}
+
+
+def added(text):
+    return sum(each.imbalance for each in TrialMass.parse(text))
+
+
+def rows(stated):
+    runs = {"12": "", **{f"12{name}": text for name, text in stated.items()}}
+    body = [f"run{name}.csv,{way},{way},12,a,,{text}\n" for name, text in runs.items() for way in "yz"]
+    return HEAD.strip() + ",trial\n" + "".join(body)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place, arm = tmp_path_factory.mktemp("trials"), true_arm()
+    shutil.copy(FILE, place)
+    measure(place, arm, 12.0)
+    for seed, (name, text) in enumerate(MOUNTED.items(), 1):
+        measure(place, with_mass(arm, "drive2", added(text)), 12.0, seed=seed, name=f"12{name}")
+    (place / "runs.csv").write_text(rows(STATED))
+    return place
+
+
+@pytest.fixture(scope="module")
+def identified(folder):
+    return ident.source(folder / "runs.csv")
+
+
+@pytest.fixture(scope="module")
+def file(identified, tmp_path_factory):
+    return identified.save(tmp_path_factory.mktemp("out"))[0]
+
+
+@pytest.fixture(scope="module")
+def result(file):
+    return ident.balance(file, **WHERE)
+
+
+def test_a_trial_mass_acts_as_stated_or_where_it_sits(identified):
+    assert not identified.doubtful
+    right, wrong = identified.study.tried(400)
+    for tried, factor in ((right, 1.0), (wrong, np.exp(60j * DEGREE))):
+        off = tried.factor / factor - 1
+        assert abs(off.real) < 4 * tried.sd[0]
+        assert abs(off.imag) < 4 * tried.sd[1]
+        assert tried.sd[0] < 0.05
+    assert right.right
+    assert not wrong.right
+    assert "run12b.csv: the mass on drive2 acts as 1.0" in identified.report(details=True).replace("0.99", "1.00")
+
+
+def test_masses_are_opposite_the_imbalance_and_leave_what_is_predicted(result):
+    """Against the true arm with these masses, which nothing but the traces has told."""
+    arm = corrected = true_arm()
+    assert [rotor.drive.name for rotor in result.found.balanced] == ["drive2", "drive3"]
+    for rotor in result.found.balanced:
+        name, (size, turn) = rotor.drive.name, rotor.wanted_sd
+        bodies = [each for each in result.table() if each["drive"] == name]
+        mounted = sum(each["mass"] * each["radius"] * np.exp(1j * each["angle"]) for each in bodies)
+        off = mounted / -imbalance_of(arm, name) - 1
+        assert abs(off.real) < 4 * size < 0.2
+        assert abs(off.imag) < 4 * turn < 0.2
+        corrected = with_mass(corrected, name, mounted)
+    motion = stroke(arm.stroke, percent=12.0, dwell=2.0)
+    peaks = [np.abs(np.asarray(simulate(each, motion, rate=200.0).vibration)).max() for each in (arm, corrected)]
+    _, low, high = result.left
+    assert low - 0.01 < peaks[1] / peaks[0] < high + 0.01
+    assert peaks[1] < 0.7 * peaks[0]
+
+
+def test_what_it_says(result, tmp_path):
+    text = result.report(details=True)
+    assert result.sections().verdict.word == "BALANCE"
+    assert "run12b.csv: the mass on drive2 acts" in text
+    assert "2 of 12 holes" in text
+    assert "no matter of mass, but of the command" in text
+    assert "not worth it" in text
+    assert_one_screen(result.report(), files=2)
+    assert not too_wide(text)
+    assert_plain(assert_comes_back(result, tmp_path).table())
+    assert [path.name for path in result.save_figures(tmp_path)] == ["arm.extend-12.balance.png"]
+
+
+def test_what_does_not_fit_says_so(file):
+    part = ident.balance(file, speed=12.0, draws=32)  # at the largest pulleys' radii, 50 g at most
+    assert part.sections().verdict.word == "PARTLY 1 OF 2"
+    assert "drive2 needs 13" in part.report()
+    assert "at 30 mm: does not fit (50 g at most)" in part.report()
+    assert_one_screen(part.report(), files=2)
+
+
+def test_each_verdict_has_its_case(result):
+    def word(**change):
+        rotors = tuple(replace(each, **change) for each in result.found.rotors)
+        report = balance_sections(replace(result.found, rotors=rotors))
+        assert_one_screen(text_of(report, details=False), files=2)
+        return report.verdict.word
+
+    draws = result.found.rotors[0].draws
+    assert word(share=0.01) == "NO GAIN"
+    assert word(pulley=replace(result.found.rotors[0].pulley, most=1e-3), share=0.5) == "DOES NOT FIT"
+    assert word(told=False, share=0.5) == "NOT TOLD"
+    assert word(calibration=calibrated([tried(1e-3, 1.3j)], len(draws)), share=0.5) == "TRY AGAIN"
+    several = [tried(1e-3, 1.3j), tried(1j, 0.8 - 0.5j, 1), tried(1 + 1j, 2.0 + 0j, 2)]
+    assert word(calibration=calibrated(several, len(draws)), share=0.5) == "CONTRADICTING"
+    peaks = np.stack([np.ones(len(draws)), np.tile([1.2, 0.9], len(draws) // 2)])
+    assert balance_sections(replace(result.found, peaks=peaks)).verdict.word == "NO GAIN"
+
+
+def test_it_is_made_again_from_its_file(result, tmp_path):
+    again = ident.rerun(result.save(tmp_path)[0])
+    assert again.same
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"holes": {"": 2}}, "a whole number from 3"),
+        ({"holes": {"drive2": 6.5}}, "a whole number from 3"),
+        ({"radius": {"drive2": -3.0}}, "a number above 0"),
+        ({"radius": {"drive5": 30.0}}, "one of drive1, drive2, drive3"),
+        ({"most": "heavy"}, "a finite number"),
+        ({"radius": ("drive2=30", "drive2=40")}, "twice"),
+    ],
+)
+def test_what_no_pulley_has_is_refused(file, options, complaint):
+    with pytest.raises(InputError) as refused:
+        ident.balance(file, **options)
+    assert complaint in str(refused.value)
+
+
+def test_what_is_no_usable_source_is_refused(file, tmp_path):
+    with pytest.raises(InputError, match="a result file of ident"):
+        ident.balance(FILE)
+    with pytest.raises(InputError, match="a result of ident source"):
+        ident.balance(3)
+    record = json.loads(file.read_text())
+    (tmp_path / "bad.source.json").write_text(json.dumps(record | {"verdict": "NOT USABLE"}))
+    with pytest.raises(InputError, match="runs that are not usable"):
+        ident.balance(tmp_path / "bad.source.json")
+    hidden = [row | {"told": False} for row in record["table"]]
+    (tmp_path / "hidden.source.json").write_text(json.dumps(record | {"table": hidden}))
+    with pytest.raises(InputError, match="no imbalance that is told"):
+        ident.balance(tmp_path / "hidden.source.json")
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (("30 g @ drive2 40 mm 90 deg", "30 g at drive2"), "terms like '12 g @ drive2 40 mm 90 deg'"),
+        (("30 g @", "30 s @"), "a mass unit"),
+        (("30 g @", "0 g @"), "above 0"),
+        (("30 g @ drive2", "30 g @ drive7"), "one of drive1, drive2, drive3"),
+        (("run12.csv,y,y,12,a", "run12.csv,y,y,12,b"), "that of"),
+        ((",12,a,,\n", ",12,b,,\n"), "a run of the same group without a mass on drive2"),
+    ],
+)
+def test_what_is_wrong_with_a_trial_is_said(folder, change, complaint):
+    (folder / "wrong.csv").write_text(rows(STATED).replace(*change))
+    with pytest.raises(InputError) as refused:
+        ident.source(folder / "wrong.csv")
+    assert complaint in str(refused.value)
+
+
+@pytest.mark.parametrize("drive", ["drive1", "drive2", "drive3"])
+def test_a_body_against_the_imbalance_balances_the_rotor_in_another_engine(drive):
+    """MuJoCo's equations with the body itself on the turning pulley, whichever way that turns."""
+    arm = true_arm().replace({f"{drive}.phase": 0.9})
+    pulley, rng = Pulley(0.09, 0.05, 1.0, 0.5, 7, 0.3), np.random.default_rng(2)
+    assert float(arm.get(f"{drive}.height")) == pulley.height
+    unbalanced = imbalance_of(arm, drive)
+    bodies = [(body.mass, 0.09 * np.exp(1j * body.angle), 0.05) for body in pulley.split(-unbalanced)]
+    still = arm.replace({f"{drive}.eccentricity": 0.0})
+    plain, without = MujocoMoving(arm), MujocoMoving(still)
+    corrected = MujocoMoving(arm, added={drive: bodies})
+    wrong = MujocoMoving(arm, added={drive: [(m, np.conj(place), height) for m, place, height in bodies]})
+    halves = [(m / 2, sign * place, height) for m, place, height in bodies for sign in (1, -1)]
+    weight = MujocoMoving(still, added={drive: halves})
+    for _ in range(4):
+        command = np.stack([rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3), np.zeros(3)])
+        y, zero = 1e-3 * rng.standard_normal(9), np.zeros(9)
+        at = [engine.residual(command, y, zero, zero) for engine in (plain, without, corrected, weight, wrong)]
+        made, left = np.abs(at[0] - at[1]).max(), np.abs(at[2] - at[3]).max()
+        assert left < 0.02 * made
+        assert np.abs(at[4] - at[3]).max() > 0.1 * made
+
+
+@pytest.mark.slow
+def test_a_correction_at_another_height_leaves_what_another_engine_leaves():
+    """Over a whole stroke, by MuJoCo with the bodies on the pulley: the couple, which no quick test has."""
+    arm = true_arm().replace({f"drive{k}.error": 0.0 for k in (1, 2, 3)})
+    motion, unbalanced, height = stroke(arm.stroke, percent=12.0, dwell=1.0), imbalance_of(arm, "drive2"), 0.3
+    count = 2
+    same = {path: np.full(count, float(arm.get(path))) for path in ("joint1.k_tors", "drive2.phase")}
+    basis = Basis(ArmFile(arm, "", "", {}), arm, motion, 12.0, posterior=Values("", "", same))
+    pulley = Pulley(0.09, height, 1.0, 0.5, 12, 0.2)
+    draws = np.full(count, unbalanced)
+    ours = Rotor(arm.drives[1], pulley, unbalanced, draws, True, 0.01, np.nan, calibrated([], count), 8.0)
+    after = [balanced(basis, [replace(ours, pulley=replace(pulley, height=h))], [], {}).after for h in (height, 0.05)]
+    bodies = [(body.mass, 0.09 * np.exp(1j * body.angle), height) for body in ours.bodies]
+
+    def table(time):
+        return tuple(np.asarray(part) for part in motion(time))
+
+    theirs = MujocoTransient(arm, table, float(motion.breaks[-1]) - 5e-3, added={"drive2": bodies}).run(1e-3, 5)
+    count = theirs.displacement.shape[1]
+    vibration = theirs.displacement - np.asarray(simulate(arm, motion, rate=200.0).quasi_static)[:, :count]
+    off = [np.abs(part[:, :count] - vibration).max() for part in after]
+    assert off[0] < 0.02 * np.abs(vibration).max()
+    assert off[1] > 0.2 * np.abs(vibration).max()  # without the couple
+
+
+def test_two_holes_make_what_is_wanted():
+    rng = np.random.default_rng(0)
+    for holes in (3, 6, 12):
+        pulley = Pulley(0.04, 0.0, 1.0, 1.0, holes, 0.3)
+        for _ in range(20):
+            wanted = complex(*rng.standard_normal(2))
+            bodies = pulley.split(wanted)
+            assert len(bodies) <= 2
+            assert sum(b.mass * 0.04 * np.exp(1j * b.angle) for b in bodies) == pytest.approx(wanted)
+            for body in bodies:
+                assert body.mass > 0
+                assert np.exp(1j * body.angle) == pytest.approx(
+                    np.exp(1j * (0.3 + (body.hole - 1) * 2 * np.pi / holes))
+                )
+
+
+def test_grades_and_repeatability():
+    assert [grade(x) for x in (0.4, 0.41, 6.3, 4000.0, 4001.0)] == [0.4, 1.0, 6.3, 4000.0, np.inf]
+    mean, sd = repeatability([3.1, -3.1], [0.01, 0.01])  # across 180 degrees
+    assert mean == pytest.approx(np.pi - 3.1)
+    assert sd == pytest.approx(np.sqrt(2 * (np.pi - 3.1) ** 2 - 1e-4))  # for two groups of equal errors
+    assert np.isnan(repeatability([1.0], [0.1])[1])
+    assert repeatability([1.0, 1.05], [0.1, 0.1])[1] == 0.0
+
+
+def tried(stated, factor, seed=0, noise=0.01):
+    rng = np.random.default_rng(seed)
+    draws = factor + noise * (rng.standard_normal(400) + 1j * rng.standard_normal(400))
+    return Tried(f"run{seed}", "drive2", stated, factor, draws)
+
+
+def test_what_trial_masses_tell_of_mark_sense_and_model():
+    one, other = 1e-3 * np.exp(0.4j), 2e-3 * np.exp(2.0j)
+    turned, wanted = 0.8 * np.exp(0.5j), 5e-3 * np.exp(1.0j)
+    assert calibrated([], 400).factor == 1
+    alone = calibrated([tried(one, turned)], 400)
+    assert alone.state == "one trial"
+    both = calibrated([tried(one, turned), tried(other, turned + 0.005, 1)], 400)
+    assert not both.state
+    assert both.factor == pytest.approx(turned, abs=0.01)
+    assert both.factor * both.against(np.array(wanted), np.array(both.factor)) == pytest.approx(-wanted)
+    # counted the other way round: a body stated at w sits at its conjugate
+    mirror = calibrated([tried(w, turned * np.conj(w) / w, k) for k, w in enumerate((one, other))], 400)
+    assert mirror.mirrored
+    mounted = complex(mirror.against(np.array(wanted), np.array(mirror.factor)))
+    assert turned * np.conj(mounted) == pytest.approx(-wanted, rel=0.02)
+    assert mirror.acts(mounted).mean() == pytest.approx(-wanted, rel=0.02)
+    assert calibrated([tried(one, turned), tried(other, 1.4j, 1)], 400).state == "contradicting"
+    odd = calibrated([tried(one, 1.01 + 0j), tried(other, turned, 1)], 400)
+    assert [each.run for each in odd.odd] == ["run1"]
+    assert odd.factor == 1
+
+
+def test_influence_coefficients_of_a_published_case():
+    """Two planes, as printed in the README of the package hsbalance 0.5."""
+
+    def polar(*pairs):
+        return np.array([size * np.exp(1j * DEGREE * angle) for size, angle in pairs])
+
+    before, weights = polar((170, 112), (53, 78)), np.diag(polar((1.15, 0), (1.15, 0)))
+    after = np.array([polar((235, 94), (58, 68)), polar((185, 115), (77, 104))])  # of each trial, at both sensors
+    coefficients = complex_least_squares(weights, after - before)[0].T
+    expected = np.array([polar((78.433, 58.4), (15.34, 145.3)), polar((9.462, 10.2), (32.56, 142.4))])
+    np.testing.assert_allclose(np.abs(coefficients), np.abs(expected), rtol=1e-4)
+    np.testing.assert_allclose(np.angle(coefficients / expected), 0, atol=0.06 * DEGREE)
+    corrections = complex_least_squares(coefficients, -before[:, None])[0][:, 0]
+    np.testing.assert_allclose(np.abs(corrections), (1.979, 1.071), atol=6e-4)
+    np.testing.assert_allclose(np.angle(corrections / polar((1, 236.2), (1, 121.8))), 0, atol=0.06 * DEGREE)
+
+
+def test_weights_count():
+    """Weighted by precision as a mean is: closed form."""
+    matrix, values = np.ones((2, 1), complex), np.array([[1.0 + 1j], [3.0 + 2j]])
+    x, chi = complex_least_squares(matrix, values, np.diag([1.0, 4.0, 1.0, 4.0]))
+    assert x[0, 0] == pytest.approx((4 * values[0, 0] + values[1, 0]) / 5)
+    assert chi[0] == pytest.approx(abs(values[1, 0] - values[0, 0]) ** 2 / 5)
+
+
+def test_the_arm_that_it_is_of_comes_out_of_the_file(result):
+    assert result.found.basis.arm.name == read_arm(FILE).arm.name
+    assert set(result.inputs) >= {"arm", "source"}
