@@ -82,7 +82,7 @@ def test_a_kind_with_a_value_near_zero_has_its_errors_in_its_unit(result):
     largest = max(m.value for m in validation.fit.campaign if m.kind == "deflection")
     assert 0 < scope.half < 2 * largest * validation.scope("deflection").half
     assert float(deflection[1].split()[0]) == pytest.approx(1e3 * scope.half, rel=0.05)
-    assert [row[2] for row in parts.texts] == 4 * ["frequency", "deflection"]
+    assert [row[1] for row in parts.texts] == 4 * ["4 frequency", "1 deflection"]
 
 
 def test_another_word_is_refused():
