@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.arm.multibody import exciting_orders
-from ident.assess.remedies import CONFIDENT, MOVED, STIFFER, VERIFIED, Remedy
+from ident.arm.multibody import IMBALANCE, exciting_orders
+from ident.assess.remedies import CONFIDENT, EFFORTS, MOVED, STIFFER, VERIFIED, Remedy
 from ident.present.basis import (
     assumed,
     basis_findings,
@@ -112,7 +112,8 @@ def chance_words(estimate: "BinomialEstimate") -> str:
 def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
     """Yield what makes most of the vibration and what helps, each with its label: Cause, Remedy, or."""
     itself = "the motion itself; no drive comes near a natural frequency"
-    yield "Cause", _resonant(diagnosis.resonance, diagnosis.task.basis.arm) or contribution_words(diagnosis) or itself
+    cause = _resonant(diagnosis.resonance, diagnosis.task.basis.arm) or contribution_words(diagnosis) or itself
+    yield "Cause", cause
     best, verified = diagnosis.advised, diagnosis.verified
     if best is None or verified is None:
         return
@@ -127,6 +128,8 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
     yield "Remedy", f"{_offer(diagnosis, best)}: {outcome} (exact equations and fresh draws)"
     if best.kind == "speed" and best.percent < best.percent_before and _has_schedule(diagnosis):
         yield "or", f"{best.effort}: slower only where it matters, to lose less time (not computed): see ident motion"
+    if best.effort != "new part" and cause.startswith(IMBALANCE):
+        yield "or", f"{EFFORTS['mass centre']}: balance that drive (not computed): see ident source and ident balance"
     further = [each for each in diagnosis.remedies[len(diagnosis.verifications) :] if each.meets_limit]
     others = {each.effort: each for each in reversed(further) if each.effort != best.effort}  # the first of each
     for other in sorted(others.values(), key=further.index):
@@ -160,7 +163,7 @@ def _resonant(resonance: "ResonanceAssessment", arm: "Arm") -> str:
     natural = f"{first.natural:.2f} Hz"
     off = f"excites {first.label} ({natural}, {percent(first.relative_distance)} off)"
     does = f"({natural}) excites {first.label}" if first.crossings else off
-    return f"{who} {does} {first.time:.1f} s into the motion, {caused_words(groups[0])} by itself"
+    return f"{who} {does}, {first.time:.1f} s into the motion: {caused_words(groups[0])} by itself"
 
 
 def _numbers(diagnosis: "Diagnosis", remedy: Remedy) -> str:

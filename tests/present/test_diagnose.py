@@ -13,6 +13,7 @@ from ident.assess.remedies import Remedy, Task, Verification, VibrationAssessmen
 from ident.assess.scenario import OverPhases
 from ident.description.file import read_arm
 from ident.identify.compare import CampaignSample
+from ident.measure.series import Log
 from ident.present.diagnose import (
     StageReport,
     cause_and_remedies,
@@ -107,6 +108,34 @@ def test_another_remedy_says_that_it_is_not_verified():
     assert words.startswith("software: run at 5 % of full speed instead of 10 %")
     assert f"({2 * arrival:.3g} s instead of {arrival:.3g} s): 0.4 mm" in words
     assert words.endswith("(fast method and the search's own draws, not verified)")
+
+
+@pytest.mark.parametrize(
+    ("first", "log", "cures"),
+    [
+        (SLOWER, None, ["software: run at 5 %", "software: slower only", "screwdriver: balance", "new part: make"]),
+        (
+            SLOWER,
+            Log("log.csv", "", np.arange(2.0), {}),
+            ["software: run at 5 %", "screwdriver: balance", "new part: make"],
+        ),
+        (replace(SLOWER, percent=12.0), None, ["software: run at 12 %", "screwdriver: balance", "new part: make"]),
+        (remedy(True), None, ["new part: make", "software: run at 5 %"]),
+    ],
+)
+def test_cures_by_effort_name_what_was_not_computed(monkeypatch, first, log, cures):
+    monkeypatch.setattr(
+        "ident.present.diagnose._resonant", lambda resonance, arm: "imbalance of drive 2 excites a mode"
+    )
+    given = diagnosis(True, (True,))
+    basis = replace(given.task.basis, log=log)
+    given = replace(given, identification=replace(given.identification, task=replace(given.task, basis=basis)))
+    others = remedy(True), SLOWER
+    ranked = (first, *(each for each in others if each.kind != first.kind))
+    said = [text for label, text in cause_and_remedies(replace(given, remedies=ranked)) if label != "Cause"]
+    assert len(said) == len(cures)
+    assert all(text.startswith(cure) for text, cure in zip(said, cures, strict=True))
+    assert all("not computed" in text for text in said if "see ident" in text)
 
 
 def test_a_change_that_is_too_small_has_no_word():
