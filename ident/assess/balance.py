@@ -81,13 +81,16 @@ class Calibration:
         draws: (D,) of f.
         mirrored: whether angles were counted in the other sense.
         odd: trial masses that do not act as stated, or as the others.
-        state: empty where it is known; `one trial` that does not act as stated, or `contradicting` ones.
+        state: empty where it is known; `one trial` that does not act as stated, or several of which a wrong mark and a
+            wrong sense explain the same; `contradicting` ones.
+        trials: how many the factor is from; 0 where it is 1 as stated.
     """
 
     draws: Complex[np.ndarray, "D"]
     mirrored: bool = False
     odd: tuple[Tried, ...] = ()
     state: str = ""
+    trials: int = 0
 
     @property
     def factor(self) -> complex:
@@ -107,25 +110,32 @@ class Calibration:
 def calibrated(tried: Sequence[Tried], count: int) -> Calibration:
     """Return how stated masses act on a drive, as all that were tried on it tell.
 
+    Trial masses at the same angle, or opposite ones, fit a wrong mark as well as a wrong sense.
+
     Args:
-        tried: trial masses on that drive.
+        tried: trial masses on that drive; those that tell nothing do not count.
         count: draws D.
     """
+    tried = [each for each in tried if each.told]
     if not tried or any(each.right for each in tried):
         return Calibration(np.ones(count, complex), odd=tuple(each for each in tried if not each.right))
     if len(tried) == 1:
-        return Calibration(tried[0].draws, odd=tuple(tried), state="one trial")
+        return Calibration(tried[0].draws, odd=tuple(tried), state="one trial", trials=1)
     stated = np.array([each.stated for each in tried])
     effect = np.array([each.factor for each in tried]) * stated
     drawn = np.stack([each.draws for each in tried]) * stated[:, None]
-    covariance = np.cov(np.concatenate([drawn.real, drawn.imag]))
+    covariance = np.cov(np.concatenate([drawn.real, drawn.imag]), bias=True)
     covariance += np.diag(np.tile((NEAR / 2 * np.abs(effect)) ** 2, 2))
+    accepted = list[Calibration]()
     for mirrored in (False, True):
         column = (np.conj(stated) if mirrored else stated)[:, None]
         _, left = complex_least_squares(column, effect[:, None], covariance)
         if chi2.sf(left[0], 2 * len(tried) - 2) > CHANCE:
-            return Calibration(complex_least_squares(column, drawn, covariance)[0][0], mirrored)
-    return Calibration(np.ones(count, complex), odd=tuple(tried), state="contradicting")
+            draws = complex_least_squares(column, drawn, covariance)[0][0]
+            accepted.append(Calibration(draws, mirrored, trials=len(tried)))
+    if not accepted:
+        return Calibration(np.ones(count, complex), odd=tuple(tried), state="contradicting")
+    return accepted[0] if len(accepted) == 1 else replace(accepted[0], odd=tuple(tried), state="one trial")
 
 
 # -------- Corrections
@@ -142,6 +152,7 @@ class Pulley:
         rotor: [kg] mass of the rotor, for its balance grade.
         holes: how many are around it; 0 where a body may sit at any angle.
         first: [rad] angle of hole 1, counted as phases are.
+        assumed: what that mass of the rotor is taken from; empty where it was given.
     """
 
     radius: float
@@ -150,6 +161,7 @@ class Pulley:
     rotor: float
     holes: int = 0
     first: float = 0.0
+    assumed: str = ""
 
     def split(self, wanted: complex) -> "tuple[Body, ...]":
         """Return the bodies that make an imbalance [kg m]: one, or in the two holes to both sides of it."""
@@ -229,9 +241,14 @@ class Rotor:
         return self.pulley.split(self.wanted)
 
     @property
+    def most(self) -> float:
+        """Share of the whole vibration's peak that the imbalance makes; at most, where it is not told."""
+        return self.share * (1.0 if self.told else 1 + LEVEL * self.sd)
+
+    @property
     def state(self) -> str:
         """What is to be done: `balance`, or why nothing is."""
-        if self.share * (1.0 if self.told else 1 + LEVEL * self.sd) < WORTH:
+        if self.most < WORTH:
             return "not worth it"
         if not self.told:
             return "cannot be told"
@@ -369,6 +386,11 @@ class Balance:
     def left(self) -> Float[np.ndarray, "3"]:
         """Share of the peak that is left: median, and 95 % interval."""
         return np.quantile(self.peaks[1] / self.peaks[0], (0.5, 0.025, 0.975))
+
+    @property
+    def gains(self) -> bool:
+        """Whether the corrections do not make the peak larger, by the upper end of that interval."""
+        return bool(self.left[2] <= 1)
 
     @property
     def imbalance_left(self) -> Float[np.ndarray, "3"]:

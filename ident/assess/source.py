@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,9 @@ CHANCE = 0.01
 """Probability below which a trial mass does not act as stated, or trial masses contradict each other; assumed."""
 NEAR = 0.05
 """Deviation of a trial mass's factor that is none: the correction would leave as much of the imbalance; assumed."""
+SURE = 0.25
+"""Half width of a trial mass's 95 % region beyond which acting as stated verifies nothing: as much of the imbalance
+could be left; assumed."""
 
 
 @dataclass(frozen=True)
@@ -123,13 +127,27 @@ class Tried:
     def chance(self) -> float:
         """Probability that the factor is 1 and differs so much by chance."""
         off = np.array([self.factor.real - 1, self.factor.imag])
-        spread = np.cov(self.draws.real, self.draws.imag)
-        return float(chi2.sf(off @ np.linalg.solve(spread, off), 2))
+        return float(chi2.sf(off @ np.linalg.solve(self._covariance, off), 2))
+
+    @cached_property
+    def _covariance(self) -> Float[np.ndarray, "2 2"]:
+        """Of the factor's real and imaginary part; regular for two draws, too."""
+        return np.cov(self.draws.real, self.draws.imag, bias=True) + 1e-12 * np.eye(2)
+
+    @property
+    def spread(self) -> float:
+        """Largest standard deviation of the factor, whichever way in the complex plane."""
+        return float(np.sqrt(np.linalg.eigvalsh(self._covariance)[-1]))
+
+    @property
+    def told(self) -> bool:
+        """Whether it tells anything: that it does not act as stated, or that it does within `SURE`."""
+        return self.chance <= CHANCE or self.spread * float(np.sqrt(chi2.isf(0.05, 2))) < SURE
 
     @property
     def right(self) -> bool:
-        """Whether it acts as stated."""
-        return abs(self.factor - 1) < NEAR or self.chance > CHANCE
+        """Whether it acts as stated, and tells so."""
+        return self.told and (abs(self.factor - 1) < NEAR or self.chance > CHANCE)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ident.present.source import acting, tried_section
 from ident.present.words import MM, counted, some
 
 if TYPE_CHECKING:
-    from ident.assess.balance import Balance, Rotor
+    from ident.assess.balance import Balance, Calibration, Rotor
 
 GRAM_MM = 1e6
 """g mm in a kg m."""
@@ -39,7 +39,7 @@ def _verdict(balance: "Balance") -> Verdict:
     states = [each.state for each in balance.rotors if each.state != "not worth it"]
     done = balance.balanced
     if not states:
-        most = 100 * max(each.share for each in balance.rotors)
+        most = 100 * max(each.most for each in balance.rotors)
         return Verdict("NO GAIN", f"No imbalance makes more than {most:.0f} % of the vibration's peak.", "caution")
     if not done:
         if (large := next((each for each in balance.rotors if each.state == "does not fit"), None)) is not None:
@@ -49,11 +49,16 @@ def _verdict(balance: "Balance") -> Verdict:
         return Verdict("NOT TOLD", "The runs do not tell the imbalances that matter.", "bad")
     before, after = (MM * float(np.abs(part).max()) for part in (balance.before, balance.after))
     names = some([each.drive.name for each in done])
-    falls = f"Masses on {names}: the vibration falls from {before:.3f} to {after:.3f} mm, {_left(balance.left)} is left"
-    if any(each.calibration.state == "one trial" for each in done):
-        return Verdict("TRY AGAIN", f"{falls}, if one trial run is right.", "caution")
-    if balance.left[2] > 1:
+    does = "falls" if balance.gains else "changes"
+    falls = (
+        f"Masses on {names}: the vibration {does} from {before:.3f} to {after:.3f} mm, {_left(balance.left)} is left"
+    )
+    if not balance.gains:
         return Verdict("NO GAIN", f"{falls}.", "caution")
+    if doubted := [each.calibration for each in done if each.calibration.state == "one trial"]:
+        alone = all(each.trials == 1 for each in doubted)
+        condition = "the one trial run is right" if alone else "the mark is wrong, not the sense of angles"
+        return Verdict("TRY AGAIN", f"{falls}, if {condition}.", "caution")
     if len(done) < len(states):
         return Verdict(f"PARTLY {len(done)} OF {len(states)}", f"{falls}.", "caution")
     return Verdict("BALANCE", f"{falls}.", "good")
@@ -69,31 +74,42 @@ def _grade(quality: float) -> str:
     return f"G {coarse:g}" if np.isfinite(coarse) else "above G 4000"
 
 
+def _state(balance: "Balance", rotor: "Rotor") -> str:
+    return rotor.state if balance.gains or not rotor.balanced else "no gain"
+
+
 def _rotors(balance: "Balance") -> Table:
     rows = []
     for each in balance.rotors:
         size = abs(each.found)
         middle = (GRAM_MM * size, 100 * each.sd, float(np.degrees(np.angle(each.found))) % 360)
         left = float(np.quantile(np.abs(each.left), 0.95))
-        after = _grade(each.quality(left)) if each.balanced else ""
-        name, seen = each.drive.name, (_grade(each.quality(size)), after, MM * each.makes, each.state)
+        state = _state(balance, each)
+        after = _grade(each.quality(left)) if state == "balance" else ""
+        name, seen = each.drive.name, (_grade(each.quality(size)), after, MM * each.makes, state)
         rows.append((name, *(middle if each.told else (None,) * 3), *seen))
     head = ("Rotor", "imbalance [g mm]", "error [%]", "at [deg]", "grade", "balanced", "vibration [mm]", "correction")
-    return Table("", head, tuple(rows), ("", ".0f", ".1f", ".0f", "", "", ".3f", ""))
+    pulleys = [each.pulley for each in balance.rotors]
+    masses = dict.fromkeys(f"rotor of {each.rotor:.3g} kg: {each.assumed}" for each in pulleys if each.assumed)
+    note = f"Grades of ISO 21940-11 ({'; '.join(masses)})." if masses else ""
+    return Table("", head, tuple(rows), ("", ".0f", ".1f", ".0f", "", "", ".3f", ""), note)
 
 
 def _masses(balance: "Balance") -> Iterator[Table]:
     rows = []
-    for each in balance.balanced:
+    for each in balance.balanced if balance.gains else ():
         size, turn = each.wanted_sd
         for body in each.bodies:
             hole = (f"{body.hole} of {each.pulley.holes}",) if each.pulley.holes else ("any",)
             sizes = (1e3 * body.mass, MM * each.pulley.radius, float(np.degrees(body.angle)))
             rows.append((each.drive.name, *hole, *sizes, 100 * size, float(np.degrees(turn))))
     head = ("Mount on", "hole", "mass [g]", "radius [mm]", "angle [deg]", "+- [%]", "+- [deg]")
+    other = [each.drive.name for each in balance.balanced if each.calibration.trials]
     note = (
         "Angles: joints at 0, from the x axis of the link before (y where the joint turns about x), counter-clockwise "
-        "as seen with the joint's axis pointing at you; +-: std. error."
+        "as seen with the joint's axis pointing at you"
+        + f"; but those to mount on {some(other)} as the column trial counts them" * bool(other)
+        + "; +-: std. error."
     )
     if rows:
         yield Table("", head, tuple(rows), ("", "", ".1f", ".1f", ".1f", ".1f", ".1f"), note)
@@ -107,12 +123,16 @@ def _findings(balance: "Balance") -> Iterator[Finding]:
             radius = MM * each.pulley.radius * mass / each.pulley.most
             remedy = f"mount at {radius:.0f} mm (--radius {name}={radius:.0f}), or allow more (--most)"
             yield Finding(f"{_needs(each)} ({1e3 * each.pulley.most:g} g at most)", remedy)
-        if calibration.mirrored:
-            yield Finding(f"{name}: the trial masses' angles count the other way round", "so do those above")
+        if calibration.trials > 1 and not calibration.state:
+            yield Finding(f"{name}: masses act {_acts(calibration)}: allowed for")
+        for tried in balance.tried:
+            if tried.drive == name and not tried.told:
+                acts = f"factor {abs(tried.factor):.2g} +- {tried.spread:.2g}"
+                yield Finding(f"{tried.run}: the trial mass on {name} tells nothing ({acts})", "take a heavier one")
         for odd in calibration.odd:
             turn = np.degrees(np.angle(odd.factor)) / (360 / (each.pulley.holes or 360))
             hole = f", {abs(turn):.0f} of {each.pulley.holes} holes" if each.pulley.holes else ""
-            second = "; a second trial at another angle tells a wrong mark from a wrong sense"
+            second = "; another trial about 90 deg away tells a wrong mark from a wrong sense"
             remedy = "check where and what it is" + second * (calibration.state == "one trial")
             yield Finding(f"{odd.run}: the mass on {name} acts {acting(odd)}{hole}", remedy)
         if each.state == "cannot be told" and each.share > 0:
@@ -124,7 +144,7 @@ def _findings(balance: "Balance") -> Iterator[Finding]:
     if balance.balanced and all(np.isnan(each.repeats) for each in balance.balanced):
         remedy = "add a run after homing again, as another group"
         yield Finding("one group of runs: whether the pulleys keep their angle is not known", remedy)
-    if balance.balanced and not balance.tried:
+    if balance.balanced and not any(each.told for each in balance.tried):
         remedy = "mount the mass, measure, and name it in the column trial"
         yield Finding("no trial mass: mark, sense and model are not verified", remedy)
 
@@ -133,8 +153,15 @@ def _remark(balance: "Balance") -> str:
     peak = float(np.abs(balance.before).max())
     if balance.errors < 0.05 * peak:
         return ""
-    share = f"{MM * balance.errors:.3f} mm"
-    return f"Transmission errors make {share}: no matter of mass, but of the command."
+    return f"Transmission errors make {MM * balance.errors:.3f} mm; masses do not change that."
+
+
+def _acts(calibration: "Calibration") -> str:
+    """Say how stated masses act: `as 1.30 of what is stated, 23 deg further (two trials)`."""
+    turn = float(np.degrees(np.angle(calibration.factor)))
+    sense = ", angles counted the other way round" if calibration.mirrored else ""
+    way = f"{abs(turn):.0f} deg {'further' if turn > 0 else 'back'}"
+    return f"as {abs(calibration.factor):.2f} of what is stated{sense}, {way} ({counted(calibration.trials, 'trial')})"
 
 
 def _details(balance: "Balance") -> Iterator[Section]:
@@ -179,12 +206,18 @@ def _details(balance: "Balance") -> Iterator[Section]:
 
 
 def balance_rows(balance: "Balance") -> list[dict[str, Any]]:
-    """Return a row for each mass [SI], and for each rotor that gets none."""
-    rows = []
+    """Return a row for each mass [SI], and one for each rotor that gets none: mass, angle and hole are NaN."""
+    rows = list[dict[str, Any]]()
     for each in balance.rotors:
-        size, turn = each.wanted_sd
-        about = {"drive": each.drive.name, "state": each.state, "imbalance": abs(each.found), "makes": each.makes}
+        state, size = _state(balance, each), abs(each.found)
+        about = {"drive": each.drive.name, "state": state, "imbalance": size, "makes": each.makes}
+        place = {"radius": each.pulley.radius, "height": each.pulley.height}
+        if state != "balance":
+            nothing = dict.fromkeys(("mass", "angle", "size_sd", "angle_sd"), np.nan)
+            rows.append(about | nothing | place | {"hole": np.nan})
+            continue
+        of_size, of_turn = each.wanted_sd
         for body in each.bodies:
-            where = {"radius": each.pulley.radius, "height": each.pulley.height, "hole": body.hole}
-            rows.append(about | {"mass": body.mass, "angle": body.angle, "size_sd": size, "angle_sd": turn} | where)
+            mounted = {"mass": body.mass, "angle": body.angle, "size_sd": of_size, "angle_sd": of_turn}
+            rows.append(about | mounted | place | {"hole": body.hole})
     return rows

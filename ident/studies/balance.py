@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,6 +38,8 @@ MOST = 50.0
 
 FEWEST = 3
 """Holes around a pulley, of which two neighbours hold any correction."""
+FEWEST_DRAWS = 20
+"""Draws of which a 95 % interval can be said to be one."""
 
 
 def by_drive(texts: Sequence[str], flag: str) -> dict[str, float]:
@@ -66,7 +68,7 @@ class BalanceOptions(MovingOptions):
     most: dict[str, float] = option({}, f"mass [g] at one place at most; default {MOST:g} (assumed)", **EACH)
     rotor: dict[str, float] = option({}, "mass [kg] of the rotor, for its grade; default: its eccentric mass", **EACH)
     dwell: float = option(2.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
-    draws: int = option(400, "draws of what was identified", low=2, high=10_000)
+    draws: int = option(400, "draws of what was identified", low=FEWEST_DRAWS, high=10_000)
 
     @property
     def hold(self) -> float:
@@ -91,7 +93,8 @@ class BalanceOptions(MovingOptions):
 class BalanceResult(Result):
     """Masses that balance the drives' rotors, and what they leave of the vibration.
 
-    Its table has a row for each mass: drive, mass [kg], radius [m], angle [rad], hole, their standard deviations.
+    Its table has a row for each mass: drive, mass [kg], radius [m], angle [rad], hole, their standard deviations;
+    and one without these for each rotor that gets none.
 
     Attributes:
         found: rotors, corrections, vibration before and after.
@@ -161,6 +164,7 @@ def balance(
     from ident.measure import read_log
 
     arm, record, values = _taken(source, options)
+    options = replace(options, set=_numbers(record, options.set))
     drives = {drive.name: drive for drive in arm.arm.drives}
     for name in BY_DRIVE:
         for given in getattr(options, name):
@@ -182,14 +186,30 @@ def balance(
         rotor_of(basis, drives[row["drive"]], pulleys[row["drive"]], record.parameters, row, record.phases, tried)
         for row in rows
     ]
-    middle = {path: x for path, x in record.parameters.items() if path not in options.set}
-    return BalanceResult(balanced(basis, rotors, tried, middle), values, options)
+    return BalanceResult(balanced(basis, rotors, tried, record.parameters), values, options)
+
+
+def _numbers(record: Any, asked: Mapping[str, float]) -> dict[str, float]:
+    """Return the numbers that are set: those with which the sources were identified, and what is asked for besides."""
+    bad = []
+    before = {path: x for path, x in record.options.set.items() if path not in record.parameters}
+    for path, x in asked.items():
+        if path in record.parameters:
+            remedy = "change the table of runs, or drop it"
+            bad.append(Problem("set", path, "a number that ident source has not identified", remedy))
+        elif before.get(path, x) != x:
+            remedy = "drop it, or identify again with this value"
+            bad.append(Problem("set", f"{path}={x:g} (SI)", f"{before[path]:g}, as ident source was given", remedy))
+    if bad:
+        raise InputError(bad)
+    return {**before, **asked}
 
 
 def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tuple[ArmFile, Any, Values]":
     """Return the arm that a result of `ident source` is of, the result, and the first of its draws."""
     import numpy as np
 
+    from ident.arm.multibody import IMBALANCE
     from ident.identify.values import Values
     from ident.studies.source import SourceResult
 
@@ -209,6 +229,10 @@ def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tup
         usable = record.record["verdict"] != "NOT USABLE"
     else:
         raise InputError(Problem("source", f"a {type(source).__name__}", expected, remedy))
+    listed = {row["drive"] for row in record.table() if row["kind"] == IMBALANCE}
+    if lacking := sorted(listed - {*record.phases}):
+        where = one_line(path or "source")
+        raise InputError(Problem(where, f"no phases of {', '.join(lacking)}", "those of each drive", remedy))
     if not usable:
         got, remedy = "runs that are not usable", "see ident show of that file, and correct its table of runs"
         raise InputError(Problem(one_line(path or "source"), got, "sources that are identified", remedy))
@@ -228,11 +252,13 @@ def _pulley(drive: "Drive", arm: "Arm", options: BalanceOptions) -> "Pulley":
     if radius is None:
         remedy = f"give one, as {drive.name}=40"
         raise InputError(Problem("radius", f"no pulley's radius for {drive.name}", "one", remedy))
+    mass = float(drive.eccentric_mass)
     return Pulley(
         radius / 1e3,
         options.of_drive("height", drive.name, 1e3 * float(drive.height)) / 1e3,
         options.of_drive("most", drive.name, MOST) / 1e3,
-        options.of_drive("rotor", drive.name, float(drive.eccentric_mass) or 1.0),
+        options.of_drive("rotor", drive.name, mass or 1.0),
         int(options.of_drive("holes", drive.name, 0)),
         radians(options.of_drive("hole_angle", drive.name, 0.0)),
+        "" if options.of_drive("rotor", drive.name) else "eccentric mass, assumed" if mass else "assumed",
     )

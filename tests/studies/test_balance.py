@@ -33,7 +33,7 @@ from ident.description.file import ArmFile, read_arm
 from ident.errors import InputError
 from ident.identify.values import Values
 from ident.measure.runs import TrialMass
-from ident.present.balance import balance_sections
+from ident.present.balance import balance_rows, balance_sections
 from ident.present.report import text_of
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
@@ -117,11 +117,12 @@ def test_what_it_says(result, tmp_path):
     assert result.sections().verdict.word == "BALANCE"
     assert "run12b.csv: the mass on drive2 acts" in text
     assert "2 of 12 holes" in text
-    assert "no matter of mass, but of the command" in text
+    assert "mm; masses do not change that." in text
     assert "not worth it" in text
     assert_one_screen(result.report(), files=2)
     assert not too_wide(text)
-    assert_plain(assert_comes_back(result, tmp_path).table())
+    assert_comes_back(result, tmp_path)  # the file has None where a rotor gets no mass
+    assert_plain(result.table())
     assert [path.name for path in result.save_figures(tmp_path)] == ["arm.extend-12.balance.png"]
 
 
@@ -151,6 +152,84 @@ def test_each_verdict_has_its_case(result):
     assert balance_sections(replace(result.found, peaks=peaks)).verdict.word == "NO GAIN"
 
 
+def test_what_is_allowed_for_is_said_and_in_which_frame(result):
+    def report(trials, **change):
+        mine = [each for each in trials if each.told]
+        rotors = tuple(
+            replace(each, calibration=calibrated(mine, len(each.draws)), **change)
+            if each.drive.name == "drive2"
+            else each
+            for each in result.found.rotors
+        )
+        found = balance_sections(replace(result.found, rotors=rotors, tried=tuple(trials)))
+        assert_one_screen(text_of(found, details=False), files=2)
+        return found, " ".join(text_of(found, details=False).split())
+
+    turned, one, other = 1.3 * np.exp(23j * DEGREE), 1e-3 + 0j, 1e-3 * np.exp(1.2j)
+    _, text = report([tried(one, turned), tried(other, turned, 1)])
+    assert "drive2: masses act as 1.30 of what is stated, 23 deg further (2 trials): allowed for" in text
+    assert "but those to mount on drive2 as the column trial counts them" in text
+    _, text = report([tried(w, turned * np.conj(w) / w, k) for k, w in enumerate((one, other))])
+    assert "1.30 of what is stated, angles counted the other way round, 23 deg further (2 trials)" in text
+    assert "as the column trial counts them" in text
+    # a factor that is as good as none
+    found, text = report([tried(one, 0.3 + 0j, noise=1.0)])
+    assert "run0: the trial mass on drive2 tells nothing (factor 0.3 +- 1" in text
+    assert "not verified" in text
+    assert "column trial counts" not in text
+    assert found.verdict.word == "BALANCE"
+    # the same mark or sense, twice
+    found, text = report([tried(one, turned), tried(-one, turned, 1)])
+    assert found.verdict.word == "TRY AGAIN"
+    assert found.verdict.reason.endswith("if the mark is wrong, not the sense of angles.")
+    assert report([tried(one, turned)])[0].verdict.reason.endswith("if the one trial run is right.")
+
+
+def test_masses_that_may_make_it_worse_are_not_listed(result):
+    peaks = np.stack([np.ones(400), np.tile([1.2, 0.9], 200)])
+    worse = replace(result.found, peaks=peaks)
+    report = balance_sections(worse)
+    assert "the vibration changes from" in report.verdict.reason
+    assert len(report.answer) == 1
+    assert np.isnan([row["mass"] for row in balance_rows(worse)]).all()
+    assert {row["state"] for row in balance_rows(worse)} == {"no gain", "not worth it"}
+
+
+def test_no_imbalance_makes_more_than_its_upper_end(result):
+    rotors = [replace(each, told=False, share=0.01, sd=1.5) for each in result.found.rotors]
+    report = balance_sections(replace(result.found, rotors=tuple(rotors)))
+    assert report.verdict.word == "NO GAIN"
+    assert "No imbalance makes more than 4 %" in report.verdict.reason  # 1 % and 1.96 times 1.5 %
+
+
+def test_the_mass_of_the_rotor_is_said_to_be_assumed(result, file):
+    assert result.report().count("(rotor of 0.5 kg: eccentric mass, assumed)") == 1
+    given = ident.balance(file, **WHERE, rotor={"": 2.0}, draws=32)
+    assert "assumed)" not in given.report()
+
+
+def test_rotors_that_get_no_mass_have_a_row_without_one(result, tmp_path):
+    for table, none in ((result.table(), np.nan), (ident.load(result.save(tmp_path)[0]).table(), None)):
+        rows = {row["drive"]: row for row in table}
+        assert rows["drive1"]["state"] == "not worth it"
+        np.testing.assert_equal([rows["drive1"][name] for name in ("mass", "angle", "hole")], [none] * 3)
+        assert rows["drive2"]["hole"] in range(1, 13)
+
+
+def test_numbers_are_those_with_which_the_sources_were_identified(file, tmp_path):
+    with pytest.raises(InputError, match=r"set: got drive2\.phase, expected .*drop it"):
+        ident.balance(file, set={"drive2.phase": 1.0})
+    record = json.loads(file.read_text())
+    record["options"]["set"] = {"link2.mass": 35.0, "drive2.phase": 0.1}
+    other = tmp_path / "other.source.json"
+    other.write_text(json.dumps(record))
+    with pytest.raises(InputError, match=r"30.*35, as ident source was given"):
+        ident.balance(other, set={"link2.mass": 30.0})
+    taken = ident.balance(other, speed=12.0, draws=20)
+    assert taken.options.set == {"link2.mass": 35.0}
+    assert float(taken.found.basis.arm.get("link2.mass")) == 35.0
+
+
 def test_it_is_made_again_from_its_file(result, tmp_path):
     again = ident.rerun(result.save(tmp_path)[0])
     assert again.same
@@ -164,6 +243,7 @@ def test_it_is_made_again_from_its_file(result, tmp_path):
         ({"radius": {"drive2": -3.0}}, "a number above 0"),
         ({"radius": {"drive5": 30.0}}, "one of drive1, drive2, drive3"),
         ({"most": "heavy"}, "a finite number"),
+        ({"draws": 2}, "20"),
         ({"radius": ("drive2=30", "drive2=40")}, "twice"),
     ],
 )
@@ -182,6 +262,10 @@ def test_what_is_no_usable_source_is_refused(file, tmp_path):
     (tmp_path / "bad.source.json").write_text(json.dumps(record | {"verdict": "NOT USABLE"}))
     with pytest.raises(InputError, match="runs that are not usable"):
         ident.balance(tmp_path / "bad.source.json")
+    some = {name: x for name, x in record["summary"]["phases"].items() if name != "drive3"}
+    (tmp_path / "some.source.json").write_text(json.dumps(record | {"summary": record["summary"] | {"phases": some}}))
+    with pytest.raises(InputError, match="no phases of drive3"):
+        ident.balance(tmp_path / "some.source.json")
     hidden = [row | {"told": False} for row in record["table"]]
     (tmp_path / "hidden.source.json").write_text(json.dumps(record | {"table": hidden}))
     with pytest.raises(InputError, match="no imbalance that is told"):
@@ -305,6 +389,47 @@ def test_what_trial_masses_tell_of_mark_sense_and_model():
     odd = calibrated([tried(one, 1.01 + 0j), tried(other, turned, 1)], 400)
     assert [each.run for each in odd.odd] == ["run1"]
     assert odd.factor == 1
+
+
+@pytest.mark.parametrize(
+    ("apart", "noise", "state"),
+    [(0, 0.01, "one trial"), (180, 0.01, "one trial"), (10, 0.01, ""), (10, 0.1, "one trial"), (90, 0.1, "")],
+)
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_trials_at_one_angle_do_not_tell_a_wrong_mark_from_a_wrong_sense(apart, noise, state, mirrored):
+    turned, stated = 0.8 * np.exp(0.5j), 1e-3 * np.exp(1j * (0.4 + np.array([0, apart * DEGREE])))
+    factors = turned * np.conj(stated) / stated if mirrored else np.full(2, turned)
+    found = calibrated([tried(w, f, k, noise) for k, (w, f) in enumerate(zip(stated, factors, strict=True))], 400)
+    assert found.state == state
+    assert len(found.odd) == 2 * bool(state)
+    assert found.mirrored == (mirrored and not state)
+    assert found.trials == 2
+
+
+def test_a_trial_mass_that_tells_nothing_neither_verifies_nor_outvotes():
+    vague = tried(1e-3, 0.3 + 0j, 1, noise=1.0)
+    assert not vague.told
+    assert not vague.right
+    assert vague.spread == pytest.approx(1.0, rel=0.1)
+    sharp = tried(1e-3, 0.8 * np.exp(0.5j))
+    assert calibrated([vague], 400).state == ""
+    found = calibrated([vague, sharp], 400)
+    assert found.state == "one trial"
+    assert found.odd == (sharp,)
+    # at the limit: 95 % of a normal distribution in the plane lie within 2.448 of its standard deviations
+    assert tried(1e-3, 1 + 0j, 2, noise=0.09).right
+    assert not tried(1e-3, 1 + 0j, 2, noise=0.12).right
+    far = tried(1e-3, 3 + 0j, 3, noise=0.3)  # wide, but not 1
+    assert far.told
+    assert not far.right
+
+
+def test_what_a_trial_tells_is_said_even_by_two_draws():
+    alike = Tried("run", "drive2", 1e-3, 1 + 0j, np.ones(2, complex))
+    assert alike.right
+    two = Tried("run", "drive2", 1e-3, 1.5 + 0j, np.array([1.49, 1.51]) + 0j)
+    assert two.chance < 1e-6
+    assert calibrated([two, replace(two, stated=1e-3j)], 2).factor == pytest.approx(1.5)
 
 
 def test_influence_coefficients_of_a_published_case():
