@@ -209,7 +209,7 @@ def balance_rows(balance: "Balance") -> list[dict[str, Any]]:
     """Return a row for each mass [SI], and one for each rotor that gets none: mass, angle and hole are NaN."""
     rows = list[dict[str, Any]]()
     for each in balance.rotors:
-        state, size = _state(balance, each), abs(each.found)
+        state, size = _state(balance, each), float(abs(each.found))
         about = {"drive": each.drive.name, "state": state, "imbalance": size, "makes": each.makes}
         place = {"radius": each.pulley.radius, "height": each.pulley.height}
         if state != "balance":
