@@ -96,7 +96,7 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
         remedy = "check the load of the runs, and what the stiffnesses and damping are from"
         yield Finding(f"{name} would have to move by {abs(shift):.1f} sigma", remedy)
     for each in study.tried():
-        if not each.right:
+        if each.told and not each.right:
             remedy = "check mass, radius, angle and mark; ident balance allows for it"
             yield Finding(f"{each.run}: the mass on {each.drive} acts {acting(each)}", remedy)
     if study.held:

@@ -180,7 +180,7 @@ def balance_figure(balance: "Balance") -> Figure:
     middle, low, high = 100 * balance.left
     heading(axes, f"vibration: {middle:.0f} % is left (95 %: {low:.0f} to {high:.0f} %)", {})
     for number, rotor in enumerate(shown):
-        _draw_rotor(figure.add_subplot(grid[1, number], projection="polar"), rotor)
+        _draw_rotor(figure.add_subplot(grid[1, number], projection="polar"), rotor, mounted=rotor.balanced and balance.gains)
     handles = [
         Line2D([], [], label="before", **MEASURED),
         Line2D([], [], label="after (predicted)", **COMPUTED),
@@ -191,14 +191,14 @@ def balance_figure(balance: "Balance") -> Figure:
     return figure
 
 
-def _draw_rotor(axes: Axes, rotor: "Rotor") -> None:
+def _draw_rotor(axes: Axes, rotor: "Rotor", *, mounted: bool) -> None:
     """Draw a rotor's imbalance [g mm] with its draws, and the masses against it, with the holes."""
     size, pulley = 1e6 * abs(rotor.found), rotor.pulley
     holes = pulley.first + 2 * np.pi * np.arange(pulley.holes) / max(pulley.holes, 1)
     axes.plot(holes, np.full(len(holes), 1.15 * size), color=PALE, marker="o", linestyle="", fillstyle="none")
     axes.plot(np.angle(rotor.draws), 1e6 * np.abs(rotor.draws), color=ORANGE, marker="o", linestyle="", markersize=3)
     axes.plot([0, float(np.angle(rotor.found))], [0, size], color=ORANGE, linewidth=1.0)
-    for body in rotor.bodies if rotor.balanced else ():
+    for body in rotor.bodies if mounted else ():
         axes.plot([body.angle], [1.15 * size], color=GREEN, marker="s", markersize=7, linestyle="")
         axes.annotate(
             f"{1e3 * body.mass:.1f} g", (body.angle, 0.75 * size), ha="center", va="center", fontsize=8, color=GREEN
