@@ -180,7 +180,8 @@ def balance_figure(balance: "Balance") -> Figure:
     middle, low, high = 100 * balance.left
     heading(axes, f"vibration: {middle:.0f} % is left (95 %: {low:.0f} to {high:.0f} %)", {})
     for number, rotor in enumerate(shown):
-        _draw_rotor(figure.add_subplot(grid[1, number], projection="polar"), rotor, mounted=rotor.balanced and balance.gains)
+        place = figure.add_subplot(grid[1, number], projection="polar")
+        _draw_rotor(place, rotor, mounted=rotor.balanced and balance.gains)
     handles = [
         Line2D([], [], label="before", **MEASURED),
         Line2D([], [], label="after (predicted)", **COMPUTED),
