@@ -13,12 +13,13 @@ from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain, contents
 
 import ident
-from ident.assess.diagnose import STAGES, ResonanceAssessment
+from ident.assess.diagnose import ResonanceAssessment, stages_of
 from ident.present.basis import assumed
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard_stages
 from ident.vibrate.evaluator import BinomialEstimate
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+STAGES = stages_of(runs=False)
 ARM = ident.read_arm(DATA / "lcd_arm" / "arm.toml")
 MEASURED = ident.read_campaign(CAMPAIGN)
 TESTED = "the model is not tested there"
