@@ -55,7 +55,7 @@ class Identification:
 
 @dataclass(frozen=True)
 class Excited:
-    """What traces of the moving arm tell of what excites it, and what is asked of the arm so excited.
+    """What excites the arm, as traces of its motion tell, and the task with that excitation.
 
     Attributes:
         study: sources, stiffness and damping by the runs, with the posterior of the measurements as the prior.

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Loads
 from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders
-from ident.errors import InputError, Problem
+from ident.errors import InputError, refusal
 from ident.identify.binding import loads_of
 from ident.measure import Log, read_log
 from ident.measure.runs import RunRow, Runs, Trace
@@ -251,12 +251,10 @@ def studied(
     """
     for name in hold_out:
         if name not in table.names:
-            raise InputError(Problem(table.path, name, f"one of {', '.join(table.names)}", "correct it", "hold_out"))
+            raise refusal(table.path, name, f"one of {', '.join(table.names)}", "correct it", "hold_out")
     used = [name for name in table.names if name not in hold_out]
     if not used:
-        raise InputError(
-            Problem(table.path, "all runs held out", "at least one to identify with", "keep one", "hold_out")
-        )
+        raise refusal(table.path, "all runs held out", "at least one to identify with", "keep one", "hold_out")
     for name in hold_out:
         _same_group(table, name, used)
     prior = Prior.of(arm, draws)
@@ -268,7 +266,7 @@ def studied(
         if abs(clock) > offset * (1 - 1e-9):
             got = f"a clock {1e3 * clock:.0f} ms off the motion's"
             remedy = "check delay and speed, or allow more (`offset`)"
-            raise InputError(Problem(run.name, got, f"at most {1e3 * offset:.0f} ms", remedy))
+            raise refusal(run.name, got, f"at most {1e3 * offset:.0f} ms", remedy)
     held = [prediction for name in hold_out for prediction in _predicted(found, table, name, used)]
     known = all(path in draws for path in stiffness_paths(arm))
     return SourceStudy(found, tuple(held), known, _further(found))
@@ -311,7 +309,7 @@ def posed(
         InputError: see `studied`; an arm that no drive excites.
     """
     if not arm.drives:
-        raise InputError(Problem(arm.name, "no drive", "drives that excite the arm", "add its [[drive]]"))
+        raise refusal(arm.name, "no drive", "drives that excite the arm", "add its [[drive]]")
     used = list(names or table.names)
     problem = _posed(arm, table, used, prior or Prior.of(arm, {}), offset)
     for name in used:
@@ -342,7 +340,7 @@ def _trials(arm: Arm, sources: Sequence[ExcitingOrder], run: int, row: RunRow) -
     masses = {drive.name: float(drive.eccentric_mass) for drive in with_units(arm, sources).drives}
     at = {each.drive: k for k, each in enumerate(sources) if each.kind == IMBALANCE}
     if wrong := [each.drive for each in row.trial if each.drive not in at]:
-        raise InputError(Problem(row.where, wrong[0], f"one of {', '.join(at)}", "name a drive of the arm", "trial"))
+        raise refusal(row.where, wrong[0], f"one of {', '.join(at)}", "name a drive of the arm", "trial")
     for drive in dict.fromkeys(each.drive for each in row.trial):
         added = sum(each.imbalance for each in row.trial if each.drive == drive)
         parts = added / (masses[drive] * UNITS[IMBALANCE])
@@ -369,7 +367,7 @@ def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:
         motion = motion if row.speed is None else motion.at_speed(row.speed)
     elif arm.stroke is None:
         remedy = "give a log of the joints in the column path"
-        raise InputError(Problem(row.where, "no motion", "a stroke of the arm, or a path", remedy, "path"))
+        raise refusal(row.where, "no motion", "a stroke of the arm, or a path", remedy, "path")
     else:
         assert row.speed is not None  # the table has a speed where it has no path
         motion = stroke(arm.stroke, percent=row.speed, retract=row.retract)
@@ -382,7 +380,7 @@ def _sensor(arm: Arm, trace: Trace) -> Sensor:
     row, names = trace.row, [point.name for point in arm.points]
     if row.point and row.point not in names:
         remedy = "add it to the arm file, or name another"
-        raise InputError(Problem(row.where, row.point, f"one of {', '.join(names)}", remedy, "point"))
+        raise refusal(row.where, row.point, f"one of {', '.join(names)}", remedy, "point")
     return Sensor(row.point or names[-1], row.direction, row.frame == "body", trace.derivative)
 
 
@@ -400,7 +398,7 @@ def _channel(arm: Arm, trace: Trace, motion: Motion, run: int, sensor: int, offs
     if turns < TURNS:
         got = f"{turns:.3g} turns of the fastest pulley in common with the motion"
         remedy = "check delay, speed and path; or measure a longer motion"
-        raise InputError(Problem(trace.row.where, got, f"at least {TURNS:g}", remedy))
+        raise refusal(trace.row.where, got, f"at least {TURNS:g}", remedy)
     return Channel(f"{trace.row.file} {trace.row.channel}", run, sensor, time, trace.values[inside])
 
 
@@ -411,7 +409,7 @@ def _same_group(table: Runs, name: str, used: Sequence[str]) -> str:
     if not same:
         got = f"a run of group {row.group}" if row.group else "a run of no group"
         remedy = "give it the group of a run that is used: its pulleys' phases are not known else"
-        raise InputError(Problem(row.where, got, "that of a run which is used", remedy, "group"))
+        raise refusal(row.where, got, "that of a run which is used", remedy, "group")
     return same[0]
 
 
@@ -422,7 +420,7 @@ def _refuse_alone(table: Runs, name: str, used: Sequence[str]) -> None:
     for drive in {each.drive for each in row.trial}:
         if all(drive in {each.drive for each in other.trial} for other in others):
             expected = f"a run of the same group without a mass on {drive}"
-            raise InputError(Problem(row.where, "a trial mass alone", expected, "add one, name its group", "trial"))
+            raise refusal(row.where, "a trial mass alone", expected, "add one, name its group", "trial")
 
 
 def _predicted(found: Identification, table: Runs, name: str, used: Sequence[str]) -> "list[Prediction]":

@@ -487,7 +487,7 @@ def diagnose_command(
     options: DiagnoseOptions,
     arm: ArmOption = None,
     path: PathOption = None,
-    runs: flag("table of runs, as of ident source: what excites the arm") = None,  # type: ignore[valid-type]
+    runs: flag("table of runs (see ident source), to identify what excites the arm") = None,  # type: ignore[valid-type]
     restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
     out: OutOption = Path("out"),
     strict: StrictOption = False,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ident.errors import InputError, Problem, refuse
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.files import replace_file
 from ident.measure.channels import FRAMES, check_folder, recordings_of
 from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
@@ -91,12 +91,12 @@ class TrialMass:
             expected, remedy = "terms like '12 g @ drive2 40 mm 90 deg', joined by ' + '", "correct it"
             match = _TRIAL.fullmatch(term)
             if not match:
-                raise InputError(Problem("", quoted(term), expected, remedy))
+                raise refusal("", quoted(term), expected, remedy)
             mass, of_mass, drive, radius, of_radius, angle, of_angle = match.groups()
             pairs = (mass, of_mass, "mass"), (radius, of_radius, "length"), (angle, of_angle, "angle")
             sizes = [to_si(parse_number(number, decimal), unit, quantity) for number, unit, quantity in pairs]
             if min(sizes[:2]) <= 0:
-                raise InputError(Problem("", quoted(term), "a mass and a radius above 0", remedy))
+                raise refusal("", quoted(term), "a mass and a radius above 0", remedy)
             found.append(cls(drive, *sizes))
         return tuple(found)
 
@@ -323,28 +323,24 @@ def _trace(row: RunRow, channels: Mapping[str, Channel]) -> Trace:
     if channel is None:
         names = tuple(channels)
         remedy = did_you_mean(row.channel, names, "name one of them")
-        raise InputError(
-            Problem("", quoted(row.channel), f"one of {', '.join(map(one_line, names[:8]))}", remedy, "channel")
-        )
+        raise refusal("", quoted(row.channel), f"one of {', '.join(map(one_line, names[:8]))}", remedy, "channel")
     if channel.flaw or channel.reference or np.iscomplexobj(channel.values) or len(channel.values) != 1:
         got = channel.flaw or "no single record over time"
-        raise InputError(Problem("", got, "samples over time", channel.remedy or "export the time record", "channel"))
+        raise refusal("", got, "samples over time", channel.remedy or "export the time record", "channel")
     if not channel.step:
-        raise InputError(Problem("", "no sampling rate in the file", "a column 'time [s]'", "export it with its times"))
+        raise refusal("", "no sampling rate in the file", "a column 'time [s]'", "export it with its times")
     values = np.asarray(channel.values[0], float)
     derivative, factor = _measured(row, channel.unit)
     if not np.isfinite(values).all():
         got = f"{np.count_nonzero(~np.isfinite(values))} samples missing"
-        raise InputError(Problem("", got, "a record without gaps", "cut the record, or export it again", "channel"))
+        raise refusal("", got, "a record without gaps", "cut the record, or export it again", "channel")
     if longest := _clipped(values):
         got = f"{longest} samples in a row at the largest value: clipped"
-        raise InputError(
-            Problem("", got, "a record within the sensor's range", "measure again, less amplified", "channel")
-        )
+        raise refusal("", got, "a record within the sensor's range", "measure again, less amplified", "channel")
     rate = 1 / channel.step
     if rate < SLOWEST:
         got = f"{rate:.4g} samples a second"
-        raise InputError(Problem("", got, f"at least {SLOWEST:g}", "measure again, sampled faster", "channel"))
+        raise refusal("", got, f"at least {SLOWEST:g}", "measure again, sampled faster", "channel")
     start = channel.start[0] if isinstance(channel.start, tuple) else channel.start
     values, step = _slower(values, channel.step)
     return Trace(row, derivative, row.delay + start + step * np.arange(len(values)), values * factor)
@@ -355,22 +351,22 @@ def _measured(row: RunRow, said: str) -> tuple[int, float]:
     unit = row.unit or said
     example = "a unit such as mm, m/s, m/s^2 or g_0"
     if not unit:
-        raise InputError(Problem("", "no unit, in the file neither", example, "fill the cell", "unit"))
+        raise refusal("", "no unit, in the file neither", example, "fill the cell", "unit")
     physical = any(sensor_factor(said, known) is not None for known in QUANTITIES.values())
     if said and not physical and row.sensitivity is None:
         remedy = "give the sensitivity: numbers of the file for one unit"
-        raise InputError(Problem("", f"a file in {quoted(said)}", example, remedy, "sensitivity"))
+        raise refusal("", f"a file in {quoted(said)}", example, remedy, "sensitivity")
     if physical and row.sensitivity is not None:
         got = f"a sensitivity of a file in {quoted(said)}"
-        raise InputError(Problem("", got, "none", "leave the cell empty", "sensitivity"))
+        raise refusal("", got, "none", "leave the cell empty", "sensitivity")
     for derivative, known in enumerate(QUANTITIES.values()):
         factor = sensor_factor(unit, known)
         if factor is not None:
             if row.unit and said and row.sensitivity is None and sensor_factor(said, known) not in (None, factor):
                 got, remedy = quoted(row.unit), "correct it, or leave the cell empty"
-                raise InputError(Problem("", got, f"{quoted(said)}, as in the file", remedy, "unit"))
+                raise refusal("", got, f"{quoted(said)}, as in the file", remedy, "unit")
             return derivative, factor / (row.sensitivity or 1.0)
-    raise InputError(Problem("", quoted(unit), example, "correct it, or give the unit of the sensor", "unit"))
+    raise refusal("", quoted(unit), example, "correct it, or give the unit of the sensor", "unit")
 
 
 def _clipped(values: Float[np.ndarray, "T"]) -> int:
@@ -405,7 +401,7 @@ def write_runs(folder: str | Path, path: str | Path) -> int:
     check_folder(Path(folder))
     if Path(path).exists():
         remedy = "move it away, or name another"
-        raise InputError(Problem(one_line(str(path)), "a file that is there", "none", remedy))
+        raise refusal(one_line(str(path)), "a file that is there", "none", remedy)
     recordings = recordings_of(Path(folder))
     text = io.StringIO()
     text.writelines(f"# {line}\n" for line in COMMENTS)

@@ -7,7 +7,7 @@ from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import InputError, Problem, refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import MovingOptions, basis_of
@@ -34,8 +34,6 @@ BY_DRIVE = ("radius", "height", "holes", "hole_angle", "most", "rotor")
 """Options that may differ between drives."""
 MOST = 50.0
 """Largest mass [g] at one place of a pulley; assumed."""
-
-
 FEWEST = 3
 """Holes around a pulley, of which two neighbours hold any correction."""
 FEWEST_DRAWS = 20
@@ -170,7 +168,7 @@ def balance(
         for given in getattr(options, name):
             if given and given not in drives:
                 remedy = did_you_mean(given, tuple(drives), "name a drive of the arm")
-                raise InputError(Problem(name, f"the drive {one_line(given)}", f"one of {', '.join(drives)}", remedy))
+                raise refusal(name, f"the drive {one_line(given)}", f"one of {', '.join(drives)}", remedy)
     log = read_log(path, [joint.name for joint in arm.arm.driven]) if isinstance(path, str | Path) else path
     basis = basis_of(arm, options, path=log, posterior=values)
     check_place(f"{basis.name}.balance", {"arm": arm, "source": values, "path": log})
@@ -178,9 +176,7 @@ def balance(
     tried = [tried_in(each, options.draws) for each in record.trials]
     if not any(row["told"] for row in rows):
         where, expected = one_line(values.path or "source"), "one at least"
-        raise InputError(
-            Problem(where, "no imbalance that is told", expected, "measure more runs, see ident show of it")
-        )
+        raise refusal(where, "no imbalance that is told", expected, "measure more runs, see ident show of it")
     pulleys = {name: _pulley(drive, basis.arm, options) for name, drive in drives.items()}
     rotors = [
         rotor_of(basis, drives[row["drive"]], pulleys[row["drive"]], record.parameters, row, record.phases, tried)
@@ -222,20 +218,20 @@ def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tup
         record = load(source)
         if record.study != "source" or not {"phases", "trials"} <= {*record.summary}:
             got = f"a result of {record.study}" + " of before balancing" * (record.study == "source")
-            raise InputError(Problem(one_line(str(source)), got, expected, remedy))
+            raise refusal(one_line(str(source)), got, expected, remedy)
         path, sha256 = str(source), hashlib.sha256(read_bytes(source, expected, LARGEST_BINARY)).hexdigest()
         of_arm = {name: each for name, each in record.inputs.items() if input_of(name) == "arm"}
         arm = as_file(files_of(of_arm, Path(source).parent).paths["arm"], options.soft_base)
         usable = record.record["verdict"] != "NOT USABLE"
     else:
-        raise InputError(Problem("source", f"a {type(source).__name__}", expected, remedy))
+        raise refusal("source", f"a {type(source).__name__}", expected, remedy)
     listed = {row["drive"] for row in record.table() if row["kind"] == IMBALANCE}
     if lacking := sorted(listed - {*record.phases}):
         where = one_line(path or "source")
-        raise InputError(Problem(where, f"no phases of {', '.join(lacking)}", "those of each drive", remedy))
+        raise refusal(where, f"no phases of {', '.join(lacking)}", "those of each drive", remedy)
     if not usable:
         got, remedy = "runs that are not usable", "see ident show of that file, and correct its table of runs"
-        raise InputError(Problem(one_line(path or "source"), got, "sources that are identified", remedy))
+        raise refusal(one_line(path or "source"), got, "sources that are identified", remedy)
     drawn: dict[tuple[str, ...], Any] = {
         (name,): np.asarray(x, float)[: options.draws] for name, x in record.draws.items()
     }
@@ -251,7 +247,7 @@ def _pulley(drive: "Drive", arm: "Arm", options: BalanceOptions) -> "Pulley":
     radius = options.of_drive("radius", drive.name, 1e3 * max(sizes) if sizes else None)
     if radius is None:
         remedy = f"give one, as {drive.name}=40"
-        raise InputError(Problem("radius", f"no pulley's radius for {drive.name}", "one", remedy))
+        raise refusal("radius", f"no pulley's radius for {drive.name}", "one", remedy)
     mass = float(drive.eccentric_mass)
     return Pulley(
         radius / 1e3,

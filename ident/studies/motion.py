@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option
@@ -140,9 +140,7 @@ def motion(
     check_place(f"{basis.name}.motion", basis.sources)
     stroke = basis.arm.stroke
     if stroke is None or not basis.arm.drives:
-        raise InputError(
-            Problem(basis.arm.name, "no drive", "drives whose imbalance excites the arm", "add its [[drive]]")
-        )
+        raise refusal(basis.arm.name, "no drive", "drives whose imbalance excites the arm", "add its [[drive]]")
     found = motions(
         basis,
         scheduling_of(basis, stroke, segments=options.segments, dwell=options.dwell, retract=options.retract),

@@ -16,7 +16,7 @@ from ruckig import InputParameter, Result, Ruckig, Trajectory
 from ident.arm.arm import Arm, Joint
 from ident.arm.multibody import Command, Multibody
 from ident.arm.parts import Stroke
-from ident.errors import InputError, ModelError, Problem, refuse
+from ident.errors import ModelError, Problem, refusal, refuse
 from ident.programs import AnyArray, library
 from ident.text import did_you_mean, quoted
 
@@ -61,7 +61,7 @@ class Motion(eqx.Module):
             return
         problem = next(_faults(np.asarray(self.breaks), np.asarray(self.coefficients), self.arrival), None)
         if problem:
-            raise InputError(Problem(self.name, *problem))
+            raise refusal(self.name, *problem)
 
     @property
     def duration(self) -> Float[ArrayLike, ""]:
@@ -111,7 +111,7 @@ class Motion(eqx.Module):
         """Return the motion held still at its end for some time; the arrival stays."""
         if not 0 <= seconds < math.inf:
             expected = "a finite time of at least 0 s"
-            raise InputError(Problem("", f"{seconds:g} s", expected, "correct the time", "dwell"))
+            raise refusal("", f"{seconds:g} s", expected, "correct the time", "dwell")
         if seconds == 0:
             return self
         q, _, _ = self.on_piece(len(self.breaks) - 2, self.breaks[-1])
@@ -124,7 +124,7 @@ class Motion(eqx.Module):
         """Return the same path on another clock: with s = percent / 100, t -> t/s, qd -> s qd, qdd -> s^2 qdd."""
         if not 0 < percent <= FASTEST:
             remedy = "100 is full speed, 10 a tenth of it"
-            raise InputError(Problem("", f"{percent:g} %", f"above 0 and at most {FASTEST:g} %", remedy, "percent"))
+            raise refusal("", f"{percent:g} %", f"above 0 and at most {FASTEST:g} %", remedy, "percent")
         s = percent / 100
         powers = np.arange(len(self.coefficients))[::-1, None, None]
         return Motion(self.name, self.breaks / s, self.coefficients * s**powers, self.arrival / s)
@@ -207,7 +207,7 @@ def check_joints(arm: Arm, motion: Motion) -> None:
     driven = motion.coefficients.shape[-1]
     if driven != len(arm.driven):
         expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
-        raise InputError(Problem(motion.name, f"{driven} joint angles", expected, "give every joint's angle"))
+        raise refusal(motion.name, f"{driven} joint angles", expected, "give every joint's angle")
 
 
 def _beyond(motion: Motion, number: int, joint: Joint) -> Iterator[Problem]:
@@ -293,7 +293,7 @@ def stroke(
     limits, profile = _limits(path), path.profile if profile is None else profile
     if profile not in PROFILES:
         remedy = did_you_mean(profile, PROFILES, "choose one of them")
-        raise InputError(Problem("", quoted(profile), f"one of {', '.join(PROFILES)}", remedy, "profile"))
+        raise refusal("", quoted(profile), f"one of {', '.join(PROFILES)}", remedy, "profile")
     start, end = (float(path.unfolded), float(path.folded))[:: 1 if retract else -1]
     durations, s = PROFILES[profile](abs(end - start), limits)
     alpha = s * (end - start)

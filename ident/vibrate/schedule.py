@@ -25,7 +25,7 @@ from ident.arm.chain import at_posture
 from ident.arm.modes import natural_frequencies
 from ident.arm.multibody import orders_of
 from ident.arm.parts import Stroke
-from ident.errors import InputError, ModelError, Problem
+from ident.errors import ModelError, refusal
 from ident.programs import AnyArray
 from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.exact import Progress
@@ -231,7 +231,7 @@ class Scheduling:
         fastest = self.schedule(np.full(self.segments - 1, np.inf))
         if fastest.duration > time:
             expected = f"at least {fastest.duration:.4g} s, as the limits of speed, acceleration and jerk allow"
-            raise InputError(Problem("time", f"{time:g} s", expected, "give more time, or a higher `speed`"))
+            raise refusal("time", f"{time:g} s", expected, "give more time, or a higher `speed`")
         starts = [self.in_time(each, time) for each in self._starts()]
         return self._search(min(starts, key=lambda each: float(self.by_bins(each).max())), time, progress)
 

@@ -27,7 +27,7 @@ from scipy.stats import chi2
 from ident.arm.arm import Arm
 from ident.arm.fields import DAMPING, STIFFNESS
 from ident.arm.multibody import ExcitingOrder
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.vibrate.sources import (
     Response,
     Run,
@@ -135,7 +135,7 @@ class Prior:
         known = {path: values for path, values in known.items() if np.ptp(values) > 0}
         if known and len(next(iter(known.values()))) < len(known) + 2:
             got = f"{len(next(iter(known.values())))} draws of {len(known)} numbers"
-            raise InputError(Problem("posterior", got, f"at least {len(known) + 2}", "give more draws"))
+            raise refusal("posterior", got, f"at least {len(known) + 2}", "give more draws")
         paths = [*known, *(path for path in stiffnesses if path not in known)]
         mean, covariance = np.zeros(len(paths)), STIFFNESS_SD**2 * np.eye(len(paths))
         if known:

@@ -18,7 +18,7 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
 from ident.arm.multibody import ERROR, IMBALANCE, ExcitingOrder
 from ident.arm.parts import Point
-from ident.errors import InputError, Problem
+from ident.errors import refusal
 from ident.programs import AnyArray
 from ident.vibrate.fast import Solution, each_of, numbers_of, vibration_of
 from ident.vibrate.motion import Motion
@@ -208,7 +208,7 @@ def _ending_at(arm: Arm, name: str) -> Arm:
     chosen = [point for point in arm.points if point.name == name]
     if not chosen:
         expected = f"one of {', '.join(point.name for point in arm.points)}"
-        raise InputError(Problem(arm.name, f"no point {name}", expected, "add it to the arm file, or name another"))
+        raise refusal(arm.name, f"no point {name}", expected, "add it to the arm file, or name another")
     others = tuple(point for point in arm.points if point.name != name)
     return eqx.tree_at(lambda a: a.points, arm, (*others, *chosen))
 

@@ -148,3 +148,11 @@ def test_a_long_line_is_folded_but_not_where_it_is_kept_together():
     assert all(line.startswith("      * a^0.5") for line in rest)
     assert not too_wide("\n".join([first, *rest]))
     assert folded(f"  a  b  {kept('c d')}") == "  a  b  c d"
+
+
+def test_the_next_command_is_one_line_to_copy_however_long():
+    command = "ident simulate arm.toml --load 'glass + 0.2 kg @ tip' " + " ".join(
+        f"--set link{k}.mass=30" for k in range(9)
+    )
+    lines = text_of(Report("a subject", None, next=command, details=(Section("more", ("words",)),))).splitlines()
+    assert lines[-2:] == [f"Next: {command}", "More: --details"]
