@@ -15,7 +15,13 @@ from ident.arm.rotations import identity, matmul, matvec, outer, transpose
 Square = Float[Array, "n n *#batch"]
 
 BISECTIONS = 54
-"""Halvings of the bracket: one more than the bits of a double."""
+"""Halvings that close any bracket: one more than the bits of a double."""
+HALVINGS = 8
+"""Before Newton's method is tried."""
+EVERY = 8
+"""A turn of so many halves the bracket whatever Newton's method says."""
+BEYOND = 2.0**-14
+"""By which share of itself Newton's step goes beyond the root that it foresees."""
 TINY = 1e-300
 """Stands in for a pivot that is exactly zero."""
 
@@ -120,27 +126,48 @@ def _tridiagonalize(A: Square) -> tuple[Array, Array, Array]:
 
 
 def _bisect(d: Array, e: Array, count: int) -> Array:
-    """Return the largest eigenvalues of a non-negative tridiagonal matrix, descending, by bisection."""
+    """Return the largest eigenvalues of a non-negative tridiagonal matrix, descending, each within its own bracket.
+
+    The positive pivots q of T - x count the eigenvalues above x; the sum of their q'/q is the logarithmic derivative of
+    det(T - x), so that the same pass gives Newton's step. A step that leaves the bracket is replaced by its middle, as
+    is every eighth, so that it always closes.
+    """
     n, none = d.shape[0], jnp.zeros_like(d[:1])
     left, right = jnp.concatenate([none, jnp.abs(e)]), jnp.concatenate([jnp.abs(e), none])
     top = (d + left + right).max(0)
     squared, wanted = left * left, jnp.arange(count).reshape((-1,) + (1,) * top.ndim)
+    width = jnp.finfo(top.dtype).eps * top
 
-    def above(x: Array) -> Array:
-        """Count the eigenvalues above x: the positive pivots of T - x."""
-        pivot, total = jnp.ones_like(x), jnp.zeros(x.shape, int)
+    def look(x: Array) -> tuple[Array, Array]:
+        """Return whether the eigenvalue lies above x, and Newton's step to where det(T - x) is 0."""
+        ratio, slope, total, above = jnp.zeros_like(x), jnp.zeros_like(x), jnp.zeros_like(x), jnp.zeros_like(x)
         for i in range(n):
-            pivot = d[i] - x - squared[i] / pivot
-            pivot = jnp.where(pivot == 0, TINY, pivot)
-            total = total + (pivot > 0)
-        return total
+            pivot = d[i] - x - ratio
+            inverse = 1 / jnp.where(pivot == 0, TINY, pivot)
+            slope = (slope if i else 0.0) - 1
+            total = total + slope * inverse
+            if i + 1 < n:
+                ratio = squared[i + 1] * inverse
+                slope = ratio * inverse * slope
+            above = above + jnp.where(inverse > 0, 1.0, 0.0)
+        return above > wanted, -1 / total
 
-    def halve(i: Array, low: Array) -> Array:
-        middle = low + top * 0.5 ** (i + 1)
-        return jnp.where(above(middle) > wanted, middle, low)
+    def unfinished(state: tuple[Array, Array, Array, Array]) -> Array:
+        low, high, _, turn = state
+        return (turn < EVERY * BISECTIONS) & jnp.any(high - low > width)
 
-    low = jax.lax.fori_loop(0, BISECTIONS, halve, jnp.zeros((count, *top.shape)))
-    return jnp.where(jnp.isnan(top), jnp.nan, low + top * 0.5 ** (BISECTIONS + 1))
+    def narrow(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        low, high, x, turn = state
+        higher, step = look(x)
+        low, high = jnp.where(higher, x, low), jnp.where(higher, high, x)
+        # A little beyond the root, so that it is enclosed from its other side, too.
+        guess = x + step * (1 + BEYOND) + jnp.sign(step) * width / 2
+        trusted = (turn >= HALVINGS) & (turn % EVERY != EVERY - 1) & (guess > low) & (guess < high)
+        return low, high, jnp.where(trusted, guess, (low + high) / 2), turn + 1
+
+    ends = jnp.zeros((count, *top.shape)), jnp.broadcast_to(top, (count, *top.shape))
+    low, high, _, _ = jax.lax.while_loop(unfinished, narrow, (*ends, ends[1] / 2, jnp.array(0)))
+    return jnp.where(jnp.isnan(top), jnp.nan, (low + high) / 2)
 
 
 def _inverse_iteration(d: Array, e: Array, mu: Array) -> Array:

@@ -17,6 +17,7 @@ jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg as sl
+from compiled_peer import CompiledPeer, build
 from peer import Peer
 from scipy.optimize import least_squares
 from shell import DATA
@@ -34,7 +35,7 @@ from ident.inference.search import solve
 from ident.measure import Campaign, read_campaign
 from ident.programs import jit
 
-CHUNK = 64
+CHUNK = 32
 """Sets computed together: as many as leave all arrays of the model in the processor's cache."""
 
 
@@ -92,10 +93,22 @@ def predictions(arm: Arm, quick: bool) -> None:
     def each(f: Callable[[Any], Any], items: Any) -> tuple[float, float]:
         return timed(lambda: [f(item) for item in items[:some]], repeat, some)
 
+    library = build()
+    compiled = None if isinstance(library, str) else CompiledPeer(library, arm, posture)
+    if compiled is not None:
+        balls = sets[peer.pick]
+        off = np.abs(np.asarray(one(k)) / compiled(balls, MODES) - 1).max()
+        print(f"ident and Pinocchio + Eigen agree to {off:.1e} in all sets")
+        assert off < 1e-9
     rows = [
         ("ident, two threads", timed(lambda: two(k), repeat, count)),
         ("ident, one thread", timed(lambda: one(k), repeat, count)),
         ("ident, with all six derivatives of all five, one thread", timed(lambda: slopes(k), repeat, count)),
+        *(
+            []
+            if compiled is None
+            else [("Pinocchio + Eigen, C++, one thread", timed(lambda: compiled(balls, MODES), repeat, count))]
+        ),
         ("MuJoCo + SciPy, the same numbers", each(lambda x: peer.exact(x, MODES), sets.T)),
         ("MuJoCo + SciPy, linearized at phi = 0: other numbers", each(lambda x: peer.lean(x, MODES), sets.T)),
         (
@@ -106,6 +119,8 @@ def predictions(arm: Arm, quick: bool) -> None:
         ("LAPACK, 4 of K v = lambda M v (scipy eigh, each)", each(lambda M: sl.eigh(K, M, **lapack), mass)),
     ]
     table(f"Four frequencies and a deflection, {count} stiffness sets, one posture", rows)
+    if compiled is None:
+        print(f"  compiled C++ is left out: {library}")
     print(f"  six derivatives cost {rows[2][1][0] / rows[1][1][0]:.2f} predictions, the prediction included")
 
 
