@@ -140,15 +140,15 @@ def _bisect(d: Array, e: Array, count: int) -> Array:
 
     def look(x: Array) -> tuple[Array, Array]:
         """Return whether the eigenvalue lies above x, and Newton's step to where det(T - x) is 0."""
-        ratio, slope, total, above = jnp.zeros_like(x), jnp.zeros_like(x), jnp.zeros_like(x), jnp.zeros_like(x)
+        ratio, total, above = jnp.zeros_like(x), jnp.zeros_like(x), jnp.zeros_like(x)
+        slope = -jnp.ones_like(x)
         for i in range(n):
             pivot = d[i] - x - ratio
             inverse = 1 / jnp.where(pivot == 0, TINY, pivot)
-            slope = (slope if i else 0.0) - 1
             total = total + slope * inverse
             if i + 1 < n:
                 ratio = squared[i + 1] * inverse
-                slope = ratio * inverse * slope
+                slope = ratio * inverse * slope - 1
             above = above + jnp.where(inverse > 0, 1.0, 0.0)
         return above > wanted, -1 / total
 
