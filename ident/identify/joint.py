@@ -154,7 +154,7 @@ def joint_twist(name: str, logs: Sequence[JointLog], setting: TwistSetting) -> J
     without = {
         word: _solved(name, logs, setting, dropped).numbers["stiffness"]
         for word, dropped in LEFT_OUT.items()
-        if dropped[0] in terms
+        if dropped[0] in terms and not setting.locked
     }
     alone = tuple(_solved(name, (log,), setting) for log in logs) if len(logs) > 1 else ()
     return replace(_solved(name, logs, setting), alone=alone, without=without)
@@ -276,7 +276,7 @@ def _rows(
     return {term: column[moving] for term, column in rows.items()}
 
 
-def _stacked(parts: Sequence[Columns]) -> dict[str, Float[np.ndarray, " T"]]:
+def _stacked(parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, Float[np.ndarray, " T"]]:
     """Return the rows of several logs below each other, with a column for the zero of each."""
     rows = {term: np.concatenate([part[term] for part in parts]) for term in parts[0]}
     number = np.repeat(np.arange(len(parts)), [len(part["twist"]) for part in parts])

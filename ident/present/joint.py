@@ -1,7 +1,7 @@
 """Joints from their own logs: what is said of them, and rows for programs."""
 
 from collections.abc import Iterator, Sequence
-from math import isfinite, isnan
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -133,11 +133,16 @@ def _details(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Iter
 
 
 def joint_rows(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> list[dict[str, Any]]:
-    """Return a row for each joint and quantity [SI]; what the logs have nothing of is None."""
-    rows = []
-    for each in joints:
-        for quantity, number in each.numbers.items():
-            values = {"value": number.value, "low": number.low, "high": number.high}
-            finite = {name: value if isfinite(value) else None for name, value in values.items()}
-            rows.append({"joint": each.name, "quantity": quantity, **finite, "told": each.told(quantity)})
-    return rows
+    """Return a row for each joint and quantity [SI]; NaN for what the logs have nothing of."""
+    return [
+        {
+            "joint": each.name,
+            "quantity": quantity,
+            "value": number.value,
+            "low": number.low,
+            "high": number.high,
+            "told": each.told(quantity),
+        }
+        for each in joints
+        for quantity, number in each.numbers.items()
+    ]

@@ -45,7 +45,10 @@ class JointOptions(UnitOptions):
     def problems(self) -> list[Problem]:
         """Refuse ratios and inertias that no drive has."""
         numbers = [(name, x) for name in ("ratio", "inertia") for x in getattr(self, name).values()]
-        return [Problem(name, f"{x:g}", "a number above 0", "correct it") for name, x in numbers if not 0 < x < 1e9]
+        bad = [Problem(name, f"{x:g}", "a number above 0", "correct it") for name, x in numbers if not 0 < x < 1e9]
+        if self.alone and self.locked:
+            bad.append(Problem("alone", "it beside `locked`", "one of them", "a clamped joint needs no `alone`"))
+        return bad
 
 
 @dataclass(frozen=True, repr=False, eq=False)
