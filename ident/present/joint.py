@@ -5,7 +5,7 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, written
+from ident.present.report import Finding, Report, Section, Table, Verdict, cut, written
 from ident.present.words import counted, percent, some, span
 from ident.units import stiffness_unit
 
@@ -68,16 +68,21 @@ def _head(quantity: str) -> str:
 
 
 def _table(joints: "Sequence[JointTwist]") -> Table:
-    def cell(joint: "JointTwist", quantity: str) -> Cell:
-        number = joint.numbers[quantity]
-        if not joint.told(quantity):
-            return "-"
-        return f"{written(_size(quantity) * number.value, '.3g')} ± {percent(_half(number) / number.value)}"
+    shown = [quantity for quantity in HEADS if any(each.told(quantity) for each in joints)]
+    hidden = [HEADS[quantity].partition(" [")[0] for quantity in HEADS if quantity not in shown]
 
-    rows = tuple((each.name, *(cell(each, quantity) for quantity in HEADS)) for each in joints)
-    parted = joints[0].parted
-    note = f"-: cannot be told. Delay: of the link's channel{'' if parted else ', less viscous friction / stiffness'}."
-    return Table("", ("Joint", *map(_head, HEADS)), rows, (), note)
+    def cell(joint: "JointTwist", quantity: str) -> str:
+        number = joint.numbers[quantity]
+        share = 100 * _half(number) / number.value
+        return f"{written(_size(quantity) * number.value, '#.3g')} ±{share:.2g}%" if joint.told(quantity) else "-"
+
+    rows = tuple((each.name, *(cell(each, quantity) for quantity in shown)) for each in joints)
+    lag = f" Delay: of the link's channel{'' if joints[0].parted else ', less viscous friction / stiffness'}."
+    if joints[0].setting.locked:
+        lag = " Friction of a clamped joint has its damping in it."
+    nowhere = f"; of no joint: {', '.join(hidden)}" if hidden else ""
+    note = f"-: cannot be told{nowhere}. ±: 95 %.{lag}"
+    return Table("", ("Joint", *map(_head, shown)), rows, (), note)
 
 
 def _findings(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Iterator[Finding]:

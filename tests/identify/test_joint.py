@@ -68,6 +68,13 @@ def test_a_clamped_joint_needs_no_link():
         assert found.numbers[name].value == pytest.approx(getattr(truth, name), rel=rel)
     both = found.numbers["viscous"]
     assert both.low < truth.viscous + truth.damping < both.high
+    log = clamped_log(replace(truth, coulomb=0.0, viscous=0.0, motor=0.0, damping=2000.0))
+    columns = log.columns["joint"]
+    inside = replace(log, columns={"joint": {"motor": columns["motor"], "load": columns["torque"]}})
+    found = found_in(truth, inside, locked=True)
+    assert [name for name in QUANTITIES if found.told(name)] == ["stiffness", "damping", "backlash"]
+    assert found.numbers["damping"].value == pytest.approx(2000, rel=0.05)
+    assert found.numbers["backlash"].value == pytest.approx(4e-4, rel=0.05)
 
 
 def test_what_a_model_without_an_effect_says():
