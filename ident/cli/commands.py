@@ -238,7 +238,7 @@ offer(
     logs=Annotated[
         list[Path],
         typer.Argument(
-            metavar="logs...",
+            metavar="logs",
             help="logs of the same joints: CSV with time [s], joint1.motor [deg], .link [deg], .torque [N*m]",
         ),
     ],

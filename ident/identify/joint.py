@@ -10,9 +10,8 @@ friction in it: tau = T - J a - F_c sign(v) - F_v v. So F_v / k and d share a co
 apart. Where the torque in the joint was measured, or no other joint moved, the motor's torque tells friction by itself.
 
 References:
-    R. Waiboer, R. Aarts, B. Jonker, "Velocity dependence of joint friction in robotic manipulators with gear
-    transmissions", Multibody Dynamics 2005 (friction). B. Efron, C. Stein, "The jackknife estimate of variance",
-    Annals of Statistics 9 (1981), with blocks of neighbouring samples left out (intervals).
+    T. Söderström, P. Stoica, "Instrumental Variable Methods for System Identification", Springer 1983. H. R. Künsch, "The
+    jackknife and the bootstrap for general stationary observations", Annals of Statistics 17 (1989), 1217-1241.
 """
 
 from collections.abc import Mapping, Sequence

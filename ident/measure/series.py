@@ -479,7 +479,7 @@ def _channel_problems(series: Series, joint: str, locked: bool) -> Iterator[Prob
     for channel, name in given.items():
         span = float(np.ptp(series[name]))
         if span == 0:
-            got = f"{series[name][0]:.4g} throughout"
+            got = "one value throughout"
             expected = "a joint that moves" if CHANNELS[channel] == "angle" else "a torque that varies"
             yield Problem(series.where[0], got, expected, "log a motion to and fro", name)
         elif CHANNELS[channel] == "angle" and series.columns[name].unit == "rad" and span > FARTHEST:

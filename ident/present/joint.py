@@ -93,7 +93,7 @@ def _findings(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Ite
             yield Finding(f"{each.name}: one log at a time the stiffness is {values}", remedy)
     if not joints[0].parted:
         remedy = "log joints that move alone (--alone), or a column of the torque in the joint (.load)"
-        yield Finding("Viscous friction and delay cannot be told apart, nor backlash seen", remedy)
+        yield Finding("Viscous friction and delay cannot be told apart; backlash counts as compliance", remedy)
     lacking = [
         each.name for each in joints if "load" not in logs[0].columns[each.name] and each.setting.inertia is None
     ]
