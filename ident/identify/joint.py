@@ -10,8 +10,8 @@ friction in it: tau = T - J a - F_c sign(v) - F_v v. So F_v / k and d share a co
 apart. Where the torque in the joint was measured, or no other joint moved, the motor's torque tells friction by itself.
 
 References:
-    T. Söderström, P. Stoica, "Instrumental Variable Methods for System Identification", Springer 1983. H. R. Künsch, "The
-    jackknife and the bootstrap for general stationary observations", Annals of Statistics 17 (1989), 1217-1241.
+    T. Söderström, P. Stoica, "Instrumental Variable Methods for System Identification", Springer 1983. H. R. Künsch,
+    "The jackknife and the bootstrap for general stationary observations", Annals of Statistics 17 (1989), 1217-1241.
 """
 
 from collections.abc import Mapping, Sequence
