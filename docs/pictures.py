@@ -34,6 +34,7 @@ FIGURES = {
     "triage": "runs.triage.png",
     "source": "runs.source.png",
     "balance": "arm.extend-10.balance.png",
+    "joint": "a-b-c.joint.png",
     "sweep": "arm.extend-10.joint1.k_tors+bracket.com.x+speed.sweep.png",
     "motion": "arm.extend-10.motion.png",
     "design": "arm.extend-10.design.png",

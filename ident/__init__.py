@@ -27,6 +27,7 @@ In the order of use; every study is one function that returns one frozen result.
     triage          what makes a measured vibration: a drive, a mode, a fixed line
     source          what excites the moving arm: imbalance and transmission error of each drive
     balance         which mass on which pulley balances the drives, and what is left of the vibration
+    joint           stiffness, friction, backlash and delay of a joint from logs of its motor and link
     motion          how fast to go along the path so that the arm keeps a limit, no part changed
     design          what to change so that the arm vibrates least
     explore         a page with sliders: what the arm does when a number is changed
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from ident.studies.export import export
     from ident.studies.fit import FitOptions, FitResult, fit
     from ident.studies.fleet import FleetOptions, FleetResult, fleet
+    from ident.studies.joint import JointOptions, JointResult, joint
     from ident.studies.modal import ModalOptions, ModalResult, modal_test
     from ident.studies.motion import MotionOptions, MotionResult, motion
     from ident.studies.plan import PlanOptions, PlanResult, plan

@@ -208,6 +208,7 @@ MAIN: Mapping[str, str] = {
     "motion": "limit time speed fit posterior errors",
     "design": "limit change speed fit posterior",
     "balance": "radius holes height most speed path",
+    "joint": "ratio inertia alone locked upto strict",
     "diagnose": "limit speed path runs fix restart",
     "explore": "speed load fit posterior payload",
     "fleet": "workers dask fix free strict",

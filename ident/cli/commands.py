@@ -47,6 +47,7 @@ from ident.studies.diagnose import (
 from ident.studies.explore import explore
 from ident.studies.fit import fit
 from ident.studies.fleet import FleetOptions, fleet
+from ident.studies.joint import joint
 from ident.studies.modal import ModalOptions, modal_test, new_channels
 from ident.studies.motion import motion
 from ident.studies.options import Options, renamed
@@ -224,6 +225,23 @@ offer(
     """,
     runs=Annotated[Path, typer.Argument(metavar="runs", help="table of runs, a CSV file; see the manual")],
     arm=flag("arm description; default: arm.toml beside the table", "--arm"),
+)
+
+
+offer(
+    joint,
+    """Tell a joint's stiffness, friction, backlash and delay from logs of its motor and its link.
+
+    Writes LOG.joint.json and .png into the folder given by --out.
+    """,
+    judged=True,
+    logs=Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="logs",
+            help="logs of the same joints: CSV with time [s], joint1.motor [deg], .link [deg], .torque [N*m]",
+        ),
+    ],
 )
 
 

@@ -2,6 +2,7 @@
 
 STUDIES = (
     *("modal", "predict", "check", "fit", "profile", "sample", "validate", "plan", "compare", "fleet"),
-    *("resonance", "simulate", "spectrum", "triage", "source", "balance", "sweep", "motion", "design", "diagnose"),
+    *("resonance", "simulate", "spectrum", "triage", "source", "balance", "joint", "sweep", "motion", "design"),
+    "diagnose",
 )
 """The studies in the order of use; the format of a result file names its study, as in `ident-fit/3`."""

@@ -1,7 +1,7 @@
 """Balance the joint drives' rotors by what `ident source` has identified: which mass goes where, and what it brings."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import radians
 from pathlib import Path
@@ -40,14 +40,7 @@ FEWEST_DRAWS = 20
 """Draws of which a 95 % interval can be said to be one."""
 
 
-def by_drive(texts: Sequence[str], flag: str) -> dict[str, float]:
-    """Read DRIVE=NUMBER, each drive once; a number alone, of the empty name, is that of all others."""
-    parts = [part.strip() for text in texts for part in text.split(",")]
-    alone = [("", reading.number(part, f"{flag} {part}")) for part in parts if "=" not in part]
-    return reading.once(flag, [*alone, *reading.numbers([p for p in parts if "=" in p], flag).items()])
-
-
-EACH: Any = {"repeated": True, "read": by_drive}
+EACH: Any = {"repeated": True, "read": reading.by_name}
 """How an option is read that may differ between drives."""
 
 

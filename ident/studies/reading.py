@@ -47,6 +47,13 @@ def numbers(texts: Sequence[str], flag: str) -> dict[str, float]:
     return once(flag, [(name, number(value, f"{flag} {text}")) for text, name, value in pairs])
 
 
+def by_name(texts: Sequence[str], flag: str) -> dict[str, float]:
+    """Read NAME=NUMBER, each name once; a number alone, of the empty name, is that of all others."""
+    parts = [part.strip() for text in texts for part in text.split(",")]
+    alone = [("", number(part, f"{flag} {part}")) for part in parts if "=" not in part]
+    return once(flag, [*alone, *numbers([part for part in parts if "=" in part], flag).items()])
+
+
 def shares(texts: Sequence[str], flag: str) -> dict[str, float]:
     """Read NAME=NUMBER, with commas between several, each name once; a number alone is of frequencies."""
     parts = [part.strip() for text in texts for part in text.split(",")]

@@ -99,7 +99,7 @@ def with_a_pause(seconds):
 def test_uneven_sampling_is_refused():
     assert problems(with_a_pause(0.00012)) == [
         "trace.csv:9, time: got 0.01012 s since the row before, expected 0.0100063 s within 1 %, the mean interval; "
-        "resample the trace at equal intervals; if only its times are rounded, write more digits"
+        "resample at equal intervals; if only the times are rounded, write more digits"
     ]
     assert parse(with_a_pause(0.0001)).interval == pytest.approx(0.01, rel=1e-3)
 

@@ -73,7 +73,9 @@ def test_the_cells_of_its_tables_do_not_touch(path):
             assert len(re.split(" {2,}", line.strip())) == sum(bool(cell.strip()) for cell in cells), line
 
 
-@pytest.mark.parametrize("command", [name for name in (*COMMANDS, "modal") if (PICTURES / f"{name}.txt").exists()])
+@pytest.mark.parametrize(
+    "command", [name for name in (*COMMANDS, "modal", "joint") if (PICTURES / f"{name}.txt").exists()]
+)
 def test_it_is_what_the_manual_shows(command):
     """The manual's answers are compared with the commands' in the slow tier, so that no stored screen grows old."""
     printed = (PICTURES / f"{command}.txt").read_text(encoding="utf-8")
@@ -85,7 +87,7 @@ def test_every_command_is_there_for_each_arm():
     there = {arm: set() for arm in ("lcd_arm", "scara", "six-axis")}
     for path in SCREENS:
         there[path.parent.name].add(read(path)[0])
-    assert there == {"lcd_arm": {*COMMANDS, "modal"}, "scara": {*COMMANDS}, "six-axis": {*COMMANDS}}
+    assert there == {"lcd_arm": {*COMMANDS, "modal", "joint"}, "scara": {*COMMANDS}, "six-axis": {*COMMANDS}}
 
 
 def test_a_screen_too_long_is_found():

@@ -37,6 +37,7 @@ from ident.vibrate.study import DIRECTIONS
 
 if TYPE_CHECKING:
     from ident.assess.spectrum import Band, Spectra
+    from ident.identify.joint import JointTwist
     from ident.vibrate.orders import OrderTrack, Spectrogram
     from ident.vibrate.spectra import Spectrum
 
@@ -422,3 +423,34 @@ def _orders(spectra: "Spectra") -> Iterator[tuple[str, "OrderTrack", int, str | 
 
 def _order(track: "OrderTrack", order: int, name: str) -> str:
     return f"order {track.orders[order]:g} of {cut(name, 30)}"
+
+
+# -------- Joint
+# Logs of a joint's motor and link.
+
+
+def joint_figure(joints: "Sequence[JointTwist]") -> Figure:
+    """Draw the twist of each joint over its torque: samples, and the straight line of the stiffness."""
+    columns = min(len(joints), 3)
+    lines = -(-len(joints) // columns)
+    figure = titled((3.2 * columns + 1.0, 3.2 * lines + 0.6), "Twist of joints over their torque")
+    for number, each in enumerate(joints, 1):
+        axes = figure.add_subplot(lines, columns, number)
+        axes.plot(each.torque, 1e3 * each.twist, color=PALE_BLUE, marker=".", markersize=2, linestyle="")
+        ends = np.array([each.torque.min(), each.torque.max()])
+        middle = float(each.torque.mean()), float(each.twist.mean())
+        for compliance, style in (
+            (each.compliance.value, "-"),
+            (each.compliance.low, "--"),
+            (each.compliance.high, "--"),
+        ):
+            line = middle[1] - compliance * (ends - middle[0])
+            axes.plot(ends, 1e3 * line, color=ORANGE, linestyle=style, linewidth=1.2)
+        axes.set_title(cut(each.name, 24), fontsize=10, parse_math=False)
+        axes.set_xlabel("torque [N m]")
+        axes.set_ylabel("twist [mrad]")
+        plain(axes, grid=True)
+    samples = Line2D([], [], label="samples", color=PALE_BLUE, marker=".", linestyle="")
+    handles = [samples, Line2D([], [], label="stiffness, with its 95 % interval (broken)", color=ORANGE)]
+    key_below(figure, handles, "Without zero, delay, friction and the encoder's error.", columns=2)
+    return figure

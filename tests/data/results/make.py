@@ -52,6 +52,7 @@ def results(folder: Path) -> Iterator[Result]:
     source = ident.source(LCD / "runs" / "runs.csv", ARM, hold_out=("run7.csv", "run8.csv", "run13.csv"), draws=5)
     yield source
     yield ident.balance(source, speed=200.0, dwell=0.2)
+    yield ident.joint([DATA / "kr300" / f"{name}.csv" for name in "ab"], inertia="700")
     yield ident.motion(ARM, speed=100.0, dwell=0.2, time=6.0, segments=4)
     yield ident.design(ARM, change={"joint1.k_tors": ("1x", "2x")}, no_curve=True, starts=1, **SHORT)
     yield ident.modal_test(LCD / "hammer")

@@ -84,6 +84,7 @@ SHIPPED = [
     "design data/lcd_arm/arm.toml --limit 0.4",
     "explore data/lcd_arm/arm.toml",
     "diagnose data/lcd_arm/campaign.csv --limit 0.5",
+    "joint data/kr300/a.csv data/kr300/b.csv data/kr300/c.csv --inertia axis1=609,axis2=843.9,axis3=751.3",
 ]
 
 

@@ -1,0 +1,155 @@
+"""Tell stiffness, damping, friction, backlash and delay of a joint from logs of its motor and its link."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import InputError, Problem, refusal
+from ident.studies import reading
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option
+from ident.studies.result import Result, check_place
+from ident.studies.shared import UnitOptions
+from ident.text import did_you_mean, one_line
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.identify.joint import JointTwist
+    from ident.measure import JointLog
+
+EACH: Any = {"repeated": True, "read": reading.by_name}
+"""How an option is read that may differ between joints."""
+NAMED = 3
+"""Logs after which a result is called."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointOptions(UnitOptions):
+    """Options of `ident.joint`: what is known of the joints, and how they were tested."""
+
+    ratio: dict[str, float] = option(
+        {},
+        "ratio of a drive whose motor is logged at its own shaft, as joint1=121, or 121 for all; default 1",
+        **EACH,
+    )
+    inertia: dict[str, float] = option(
+        {}, "inertia [kg m^2] of the motor at its shaft, at the joint without a ratio; default: unknown", **EACH
+    )
+    alone: bool = option(False, "no other joint moved: the torque tells friction by itself")
+    locked: bool = option(False, "the links were clamped: no column of a link is needed")
+    centred: bool = option(False, "the links' encoders have no eccentricity, which else is fitted")
+    upto: float = option(20.0, "frequency [Hz] up to which the logs count", above=0.0)
+
+    def problems(self) -> list[Problem]:
+        """Refuse ratios and inertias that no drive has."""
+        numbers = [(name, x) for name in ("ratio", "inertia") for x in getattr(self, name).values()]
+        bad = [Problem(name, f"{x:g}", "a number above 0", "correct it") for name, x in numbers if not 0 < x < 1e9]
+        if self.alone and self.locked:
+            bad.append(Problem("alone", "it beside `locked`", "one of them", "a clamped joint needs no `alone`"))
+        return bad
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class JointResult(Result):
+    """What logs say of their joints.
+
+    Its table has a row for each joint and quantity: value with its 95 % interval [SI], and whether it is told.
+
+    Attributes:
+        joints: what was found of each joint.
+        logs: what was measured, counted at the joints.
+        options: what was asked for.
+    """
+
+    joints: "tuple[JointTwist, ...]"
+    logs: "tuple[JointLog, ...]"
+    options: JointOptions = field(default_factory=JointOptions)
+
+    form = "ident-joint/10"
+    shown = ("joints", "logs")
+
+    @classmethod
+    def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the logs."""
+        return {"logs": tuple(inputs.values())}
+
+    @property
+    def name(self) -> str:
+        """The logs, and the study."""
+        return _name(self.logs)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether logs contradict each other."""
+        return any(each.disagree for each in self.joints)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the torque of each joint over its twist."""
+        from ident.present.figures.vibration import joint_figure
+
+        return {"": joint_figure(self.joints)}
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return _inputs(self.logs)
+
+
+def _name(logs: "Sequence[JointLog]") -> str:
+    return f"{'-'.join(Path(log.path).stem for log in logs[:NAMED])}.joint"
+
+
+def _inputs(logs: "Sequence[JointLog]") -> Mapping[str, Any]:
+    return {f"log{i}": log for i, log in enumerate(logs, 1)}
+
+
+@study
+def joint(
+    logs: "JointLog | str | Path | Sequence[JointLog | str | Path]", options: JointOptions = DEFAULT
+) -> JointResult:
+    """Tell stiffness, damping, friction, backlash and delay of joints from logs of their motors and links.
+
+    Args:
+        logs: of the same joints, or their files; a log or several.
+        options: what is known of the joints, and how they were tested.
+
+    Raises:
+        InputError: a log is wrong, or has other columns than the first; an option names no joint of theirs.
+    """
+    from ident.identify.joint import TwistSetting, joint_twist
+    from ident.measure import JointLog, read_joint_log
+
+    given = [logs] if isinstance(logs, JointLog | str | Path) else [*logs]
+    if not given:
+        raise refusal("logs", "none", "at least one log", "give its file")
+    read = [each if isinstance(each, JointLog) else read_joint_log(each, locked=options.locked) for each in given]
+    check_place(_name(read), _inputs(read))
+    names, channels = [*read[0].columns], {name: {*columns} for name, columns in read[0].columns.items()}
+    problems = [
+        Problem(
+            one_line(log.path), "other columns", f"those of {one_line(read[0].path)}", "give logs of the same joints"
+        )
+        for log in read
+        if {name: {*columns} for name, columns in log.columns.items()} != channels
+    ]
+    for option_ in ("ratio", "inertia"):
+        for name in getattr(options, option_):
+            if name and name not in names:
+                expected = f"one of {', '.join(names)}"
+                problems.append(Problem(option_, one_line(name), expected, did_you_mean(name, names, "name a joint")))
+    if problems:
+        raise InputError(problems)
+    ratios = {name: options.ratio.get(name, options.ratio.get("", 1.0)) for name in names}
+    counted = tuple(replace(log, columns={n: _at_joint(log.columns[n], ratios[n]) for n in names}) for log in read)
+    found = []
+    for name in names:
+        inertia = options.inertia.get(name, options.inertia.get("", 0.0)) * ratios[name] ** 2 or None
+        setting = TwistSetting(inertia, options.alone, options.locked, options.centred, options.upto)
+        found.append(joint_twist(name, counted, setting))
+    return JointResult(tuple(found), counted, options)
+
+
+def _at_joint(columns: Mapping[str, Any], ratio: float) -> dict[str, Any]:
+    """Return a joint's columns with those of the motor counted at the joint."""
+    factors = {"motor": 1 / ratio, "torque": ratio}
+    return {channel: values * factors.get(channel, 1.0) for channel, values in columns.items()}
