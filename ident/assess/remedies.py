@@ -11,7 +11,7 @@ from scipy.stats import binomtest
 from ident.assess.effort import DiagnosisEffort
 from ident.assess.scenario import Basis, OverPhases, Unknowns, at_share, over_phases
 from ident.errors import refusal
-from ident.vibrate.design_search import Point, Requirements, Search, settled, with_cut
+from ident.vibrate.design_search import Point, Requirements, Search
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, Variable, binomial_estimate, side_by_side
 from ident.vibrate.exact import Progress
 from ident.vibrate.response import Response, peak
@@ -259,6 +259,10 @@ FULL = 100.0
 """Speed [%] above which none is advised."""
 CANDIDATES = 10
 """Values of a single number that are assessed by draws, at most; for the time that they take."""
+ROUNDS = 5
+"""Searches at most, each with the excitation that is likely after the change that the one before has found."""
+NO_MORE = 0.01
+"""Share by which that may make the arm vibrate more than it did in the search; assumed."""
 VERIFIED = 3
 """Remedies that are verified at most, until one is; for the time that they take."""
 
@@ -394,9 +398,8 @@ def _least(
 
 def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) -> Remedy:
     """Take the least change of several numbers that reaches the aim, or the least amplitude; from two starts."""
-    effort, oracle = task.effort, partial(_likely, task)
-    whole = Search(task.evaluator(*variables), Requirements(), effort.screened, effort.iterations)
-    search, _ = oracle(whole, np.zeros(len(variables)))
+    whole = Search(task.evaluator(*variables), Requirements(), task.effort.screened, task.effort.iterations)
+    search = _with_likely(task, whole, np.zeros(len(variables)))
     starts, objective = search.starts(2, seed=0), search.objective
     quiet: list[Point] = []
     near = starts
@@ -404,11 +407,19 @@ def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) 
         quiet = [u for start in starts if (u := search.minimum_amplitude(start)) is not None]
         near = [u for u in quiet if objective.largest(u) <= aim]
 
-    def change(search: Search, start: Point) -> Point | None:
-        return search.minimum_change(start, aim)
+    def least_change(start: Point) -> Point | None:
+        """Search with the excitation that is likely after what was found, until that makes no difference."""
+        seen, u = search, start
+        for _ in range(ROUNDS):
+            found = seen.minimum_change(u, aim)
+            if found is None:
+                return None
+            seen, u = _with_likely(task, whole, found), found
+            if seen.objective.largest(u) <= aim * (1 + NO_MORE):
+                break
+        return u
 
-    ends = [settled(search, change, change(search, start), oracle) for start in near]
-    reached = [u for _, u, _ in ends if u is not None]
+    reached = [u for start in near if (u := least_change(start)) is not None]
     if reached:
         best = min(reached, key=objective.change_norm)
     else:
@@ -418,14 +429,11 @@ def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) 
     return _remedy(task, evaluator, kind, best * objective.scale, change_norm=objective.change_norm(best))
 
 
-def _likely(task: Task, search: Search, u: Point) -> tuple[Search, float]:
-    """Return a search that sees the excitation that is likely at a place as well, and the amplitude with it [m]."""
+def _with_likely(task: Task, search: Search, u: Point) -> Search:
+    """Return a search of the arm with the excitation that is likely at a place."""
     evaluator, change = search.objective.evaluator, u * search.objective.scale
     excitation = likely_excitation(task.over_phases(evaluator), task.basis.unknown, change)
-    if not excitation:
-        return search, 0.0
-    excited = replace(evaluator, arm=evaluator.arm.replace(excitation))
-    return with_cut(search, excitation), float(excited.amplitudes(change[None]).max())
+    return replace(search, evaluator=replace(evaluator, arm=evaluator.arm.replace(excitation)))
 
 
 def _slower_or_faster(task: Task) -> Remedy:

@@ -104,10 +104,7 @@ def _design(study: DesignStudy, design: Design) -> Report:
 
 
 def _verdict(study: DesignStudy, design: Design) -> Verdict | None:
-    """Judge a design: NOT SETTLED, or by whether the exact equations keep the limit; without a limit nothing."""
-    if not design.settled:
-        best = f"the worst phases give {mm(design.best.largest)} mm, but a smaller change, or less vibration, may do"
-        return Verdict("NOT SETTLED", f"The search over the phases has not converged: {best}.", "caution")
+    """Judge a design by whether the exact equations keep the limit; without a limit nothing."""
     if design.limit is None:
         return None
     largest, chance, least = design.best.largest, "", design.minimum_change
@@ -134,9 +131,6 @@ def _verdict(study: DesignStudy, design: Design) -> Verdict | None:
 
 def _next(study: DesignStudy, design: Design, verdict: Verdict | None) -> str:
     again = f"ident design {{arm}}{same_motion(study.basis)}"
-    if not design.settled:
-        limit = f" --limit {MM * design.limit:g}" if design.limit is not None else ""
-        return f"{again}{limit} --starts {2 * study.starts + 1}"
     if verdict is not None and verdict.kind == "bad":
         return f"{again} --sensitivities"
     if unchanged(design.best) or not study.basis.arm_file.path:
@@ -146,9 +140,6 @@ def _next(study: DesignStudy, design: Design, verdict: Verdict | None) -> str:
 
 def _findings(study: DesignStudy, design: Design) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
-    if not design.settled:
-        remedy = "search from more starts (--starts), or within narrower bounds (--change)"
-        yield Finding("amplitudes hold for the worst phases, but the search over the phases has not converged", remedy)
     bounds = [
         f"{cut(variable.name, 40)} ({at} bound)"
         for variable, change in zip(design.evaluator.variables, design.best.changes, strict=True)

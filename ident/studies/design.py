@@ -124,12 +124,12 @@ class DesignResult(Result):
 
     @property
     def short(self) -> bool:
-        """Whether the search has not settled, or the least change exceeds its limit by the exact equations."""
+        """Whether the least change exceeds its limit by the exact equations."""
         design, checks = self.study.design, self.study.verification
         if design is None or checks is None:
             return False
         exceeded = design.limit is not None and float(checks.after.amplitude.max()) > design.limit
-        return not design.settled or (design.minimum_change is not None and exceeded)
+        return design.minimum_change is not None and exceeded
 
     @property
     def changed_arm(self) -> "Arm":

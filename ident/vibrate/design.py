@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import ModelError, refusal
-from ident.vibrate.design_search import Point, Requirements, Search, minimum_change, settled, worst
+from ident.vibrate.design_search import Requirements, Search, minimum_change
 from ident.vibrate.evaluator import (
     BinomialEstimate,
     Draws,
@@ -77,8 +77,6 @@ class Design:
             and the least amplitude are its ends.
         minimum_change: least change norm that keeps the limit; None without limit, where it can't be kept, and with
             draws, as it would hold for the arm itself only.
-        settled: whether the search for what is proposed, over phases that are not known, has come to an end; amplitudes
-            are the worst over them in any case, but less change, or less amplitude, might do.
     """
 
     evaluator: Evaluator
@@ -89,7 +87,6 @@ class Design:
     optima: tuple[Place, ...]
     curve: tuple[Place, ...]
     minimum_change: Place | None
-    settled: bool = True
 
 
 def design(
@@ -134,17 +131,21 @@ def design(
     search = Search(evaluator, required)
     if not search.can_be_met(seed):
         raise ModelError(_why_not(search, seed))
-    search, _ = worst(search, 0 * search.objective.scale)
-    begins = search.starts(starts, seed)
-    ends = side_by_side([partial(search.minimum_amplitude, begin) for begin in begins], progress)
+    first = search.with_phases()
+    ends = side_by_side([partial(first.minimum_amplitude, u) for u in first.starts(starts, seed)], progress)
     optima = [(_place(search, u, limit), u) for u in ends if u is not None]
     if not optima:
         raise ModelError(_why_not(search, seed))
     optima.sort(key=lambda pair: pair[0].largest)
-    places, least, is_settled = _settled(search, optima, limit)
+    places, least = [place for place, _ in optima], optima[0][1]
+    if first is not search and (u := search.minimum_amplitude(least)) is not None:
+        better = _place(search, u, limit)
+        if better.largest <= places[0].largest:
+            like, least = places[0].largest * (1 + ALIKE), u
+            places = [better if place.largest < like else place for place in places]
     likely = search.minimum_exceedance(least, limit) if evaluator.draws and limit else None
     norm = places[0].change_norm if curve else 0.0
-    further = [partial(search.minimum_amplitude, share * least, share * norm) for share in SHARES if norm > 0]
+    further = [partial(first.minimum_amplitude, share * least, share * norm) for share in SHARES if norm > 0]
     between = side_by_side(further)
     present = _place(search, 0 * least, limit)
     middle = [_place(search, u, limit) for u in between if u is not None]
@@ -157,45 +158,29 @@ def design(
         tuple(places),
         _efficient(present, [*middle, *places[1:]] if curve else [], places[0]),
         None,
-        is_settled,
     )
-    return found if limit is None or evaluator.draws else with_minimum_change(found, limit, search)
+    return found if limit is None or evaluator.draws else with_minimum_change(found, limit)
 
 
-def with_minimum_change(found: Design, aim: float, search: Search | None = None) -> Design:
+def with_minimum_change(found: Design, aim: float) -> Design:
     """Return a design that proposes the least change with an amplitude of an aim [m] at most, if there is one.
 
     Args:
         found: its optima and its curve are where the search starts.
         aim: the limit, or less where it shall hold by more than the fast method.
-        search: with the phases to begin with; those with which the arm as it is vibrates most when None.
     """
-    search = search or worst(Search(found.evaluator, found.required), 0 * found.best.changes)[0]
+    search = Search(found.evaluator, found.required)
     quiet = [place for place in found.curve if place.largest <= aim and place is not found.optima[0]]
     nearest = sorted(quiet, key=lambda place: place.change_norm)[:1]
     starts = [place.changes / search.objective.scale for place in (found.optima[0], *nearest)]
-    _, least, is_settled = minimum_change(search, starts, aim)
+    least = minimum_change(search, starts, aim)
     if least is None:
         return found
     place = _place(search, least, found.limit)
     curve = found.curve
     if len(curve) > 2:
         curve = _efficient(found.present, [*curve[1:-1], *found.optima[1:], place], found.optima[0])
-    return replace(found, best=place, minimum_change=place, curve=curve, settled=is_settled)
-
-
-def _settled(
-    search: Search, optima: Sequence[tuple[Place, Point]], limit: float | None
-) -> tuple[list[Place], Point, bool]:
-    """Return the optima, the first and its like after the search for the worst phases, and whether that is settled."""
-    places, (first, least) = [place for place, _ in optima], optima[0]
-    further, u, is_settled = settled(search, Search.minimum_amplitude, least)
-    if u is None or further is search:
-        return places, least, is_settled
-    better = _place(further, u, limit)
-    if better.largest > first.largest:
-        return places, least, is_settled
-    return [better if place.largest < first.largest * (1 + ALIKE) else place for place in places], u, is_settled
+    return replace(found, best=place, minimum_change=place, curve=curve)
 
 
 def _efficient(present: Place, places: Sequence[Place], least: Place) -> tuple[Place, ...]:

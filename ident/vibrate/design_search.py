@@ -1,16 +1,11 @@
-"""How a redesign is searched: objective, constraints, and the phases with which the arm vibrates most.
+"""How a redesign is searched: objective, constraints, and the search from several starts.
 
-The largest amplitude over all phases is a maximum over a set without end. So the search keeps the amplitude low with
-some sets of phases (cuts), at first those with which the arm as it is vibrates most. At what it finds the worst phases
-follow from the superposition. Where they give more than the cuts let expect, they become a cut too, and the search goes
-on from there: each is a search of its usual kind, with one simulation more for each cut.
-
-References:
-    Mutapcic and Boyd, "Cutting-set methods for robust convex optimization with pessimizing oracles", Optimization
-    Methods and Software 24(3), 2009, 2.
+Where phases are not known, the amplitude is the largest over them: at each moment a sum of what each phase can give,
+which has slopes like any other amplitude, at the cost of two simulations a phase (`simulate`, "Superposition"). A first
+search keeps the phases with which the arm as it is vibrates most.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -19,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.optimize import brentq, minimize
+from scipy.optimize import minimize
 from scipy.special import log_ndtr, logsumexp
 from scipy.stats import qmc
 
@@ -55,22 +50,20 @@ class Objective:
         scale: (V,) the widest change of each variable.
         low: (V,) lower bounds of u.
         high: (V,) upper bounds of u.
-        cuts: sets of phases, each by path: the amplitude is the largest with any; without, with those of the arm.
     """
 
     evaluator: Evaluator
     scale: Point
     low: Point
     high: Point
-    cuts: tuple[Mapping[str, float], ...] = ()
 
     @classmethod
-    def of(cls, evaluator: Evaluator, cuts: tuple[Mapping[str, float], ...] = ()) -> "Objective":
+    def of(cls, evaluator: Evaluator) -> "Objective":
         """Scale an evaluator's variables."""
         low, high = evaluator.bounds
         scale = np.maximum(np.abs(low), np.abs(high))
         evaluator = evaluator if evaluator.step else replace(evaluator, step=evaluator.step_for(evaluator.bounds))
-        return cls(evaluator, scale, low / scale, high / scale, cuts)
+        return cls(evaluator, scale, low / scale, high / scale)
 
     @cached_property
     def weight(self) -> Point:
@@ -112,9 +105,7 @@ class Objective:
         return lru_cache(CACHED)(lambda compute, u, *more: compute(self, np.frombuffer(u), *more))
 
     def _parts(self, u: Point) -> tuple[Float[np.ndarray, "J"], Float[np.ndarray, "J V"]]:
-        values, slopes = self.evaluator.slopes(u * self.scale, self.cuts or ({},))
-        worst = values.argmax(2)[..., None]  # of each window: more rows than windows would slow the optimiser down
-        values, slopes = np.take_along_axis(values, worst, 2), np.take_along_axis(slopes, worst[None], 3)
+        values, slopes = self.evaluator.slopes(u * self.scale)
         return values.ravel(), slopes.reshape((len(u), -1)).T * self.scale
 
     def _end_state(self, u: Point) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 V"]]:
@@ -233,6 +224,8 @@ FEW = 3
 """Places from which one that keeps the requirements is searched for."""
 CLOSE = 1e-7
 """Relative change of the amplitude at which an optimum counts as reached."""
+CLOSE_ENOUGH = 1e-5
+"""Change of the squared change norm at which the least change counts as reached."""
 ITERATIONS_WITH_DRAWS = 12
 """Iterations at most where each costs as many simulations as there are draws."""
 
@@ -246,19 +239,25 @@ class Search:
         required: what must be met.
         screened: places at which the amplitude is computed before some are chosen as starts; a power of two.
         iterations: from a start, at most.
-        cuts: sets of phases with which the amplitude is kept low, see `Objective`.
     """
 
     evaluator: Evaluator
     required: Requirements
     screened: int = 64
     iterations: int = 60
-    cuts: tuple[Mapping[str, float], ...] = ()
 
     @cached_property
     def objective(self) -> Objective:
         """The functions of u."""
-        return Objective.of(self.evaluator, self.cuts)
+        return Objective.of(self.evaluator)
+
+    def with_phases(self) -> "Search":
+        """Return the search in which the arm has the phases with which, as it is, it vibrates most."""
+        own = self.objective.evaluator
+        if not own.unknown:
+            return self
+        phases = own.superposition(0 * self.objective.scale).worst_phases(int(own.amplitude.first))
+        return replace(self, evaluator=replace(own, arm=own.arm.replace(phases), unknown=()))
 
     def minimum_amplitude(self, start: Point, change_norm: float = np.inf) -> Point | None:
         """Return the place of the least largest amplitude; None where the search ends at none that is allowed.
@@ -275,7 +274,7 @@ class Search:
         """Return the place of the least change norm that meets the limit; None where none is reached."""
         rows = self._constraints()
         within = [below(self.objective, limit), *rows]
-        u = self._minimize(self.objective.squared_norm, start, within)
+        u = self._minimize(self.objective.squared_norm, start, within, close=CLOSE_ENOUGH)
         return u if are_met(rows, u) and self.objective.largest(u) < limit * (1 + 1e-3) else None
 
     def missed(self, u: Point) -> float:
@@ -317,17 +316,11 @@ class Search:
         chosen = [np.zeros(len(scale))]
         if count > 1:
             places = self.spread(seed)
-            amplitude = self._seen.amplitudes(places * scale)[:, :, 0].max(0)
+            amplitude = self.objective.evaluator.alone.amplitudes(places * scale)[:, :, 0].max(0)
             for u in places[np.argsort(amplitude)]:
                 if len(chosen) < count and all(np.abs(u - other).max() > APART for other in chosen[1:]):
                     chosen.append(u)
         return chosen
-
-    @property
-    def _seen(self) -> Evaluator:
-        """The arm itself with the first set of phases that is seen, which costs less than all phases do."""
-        own = self.objective.evaluator.alone
-        return replace(own, arm=own.arm.replace(self.cuts[0]), unknown=()) if self.cuts else own
 
     def spread(self, seed: int) -> Float[np.ndarray, "places V"]:
         """Return places all over the bounds, no further than the largest change norm allows."""
@@ -345,6 +338,7 @@ class Search:
         start: np.ndarray,
         rows: Sequence[Constraint],
         iterations: int | None = None,
+        close: float = CLOSE,
     ) -> np.ndarray:
         """Minimise within the bounds of u; a further unknown is bounded by zero from below."""
         more = len(start) - len(self.objective.scale)
@@ -357,128 +351,29 @@ class Search:
             method="SLSQP",
             bounds=list(zip(low, high, strict=True)),
             constraints=[{"type": "ineq", "fun": row.value, "jac": row.slope} for row in rows],
-            options={"maxiter": iterations or self.iterations, "ftol": CLOSE},
+            options={"maxiter": iterations or self.iterations, "ftol": close},
         )
         return np.clip(answer.x, low, high)
 
 
-# -------- Worst case
-# Cuts: sets of phases that a search sees, until the worst phases of what it finds give no more.
+# -------- Least change
 
-ROUNDS = 4
-"""Further searches, with one cut more each, at most."""
-PHASES_CLOSE = 0.01
-"""Share by which the worst phases may give more than the cuts; assumed."""
-LONGER = 12
-"""Further searches for the least change: one that stops too early says that it is no answer; assumed."""
-GAP = 3e-3
-"""Share by which a change that keeps the limit with any phases may be larger than one that need not; assumed."""
 MARGIN = 1e-3
 """Share by which the least change keeps a limit better than asked for: the fast method differs less, mostly."""
 
-Oracle = Callable[[Search, Point], tuple[Search, float]]
-"""Returns a search that sees the worst phases of a place as well, and the amplitude with them [m]."""
-Settled = tuple[Search, Point | None, bool]
-"""A search with its cuts, what it has found, and whether the worst phases give no more than the cuts."""
 
-
-def settled(
-    search: Search,
-    solve: Callable[[Search, Point], Point | None],
-    u: Point | None,
-    oracle: Oracle | None = None,
-) -> Settled:
-    """Go on from what a search has found, with its worst phases as a cut, until they make no difference.
+def minimum_change(search: Search, starts: Sequence[Point], limit: float) -> Point | None:
+    """Return the least change that keeps a limit; None where the first start does not keep it.
 
     Args:
-        search: with the cuts to begin with.
-        solve: a problem, from a start on.
-        u: what the search has found; None for nothing.
-        oracle: knows what phases are worst; `worst` when None.
-    """
-    oracle = oracle or worst
-    for left in reversed(range(ROUNDS + 1)):
-        if u is None:
-            return search, None, True
-        further, largest = oracle(search, u)
-        if largest <= search.objective.largest(u) * (1 + PHASES_CLOSE):
-            return search, u, True
-        if left:
-            search = further
-            u = solve(search, u)
-    return search, u, False
-
-
-def minimum_change(search: Search, starts: Sequence[Point], limit: float) -> Settled:
-    """Return the least change that keeps a limit with any phases; none where the first start does not keep it.
-
-    The worst phases of what a search finds become a cut, and it goes on. A search that sees some phases only finds too
-    little change, if any; moved toward the first start until all phases keep the limit, it is one that does. The search
-    is settled where the two are the same size but for `GAP`.
-
-    Args:
-        search: with the cuts to begin with.
+        search: for it.
         starts: of least amplitude; the first one of all.
         limit: [m], kept by `MARGIN` more than asked for: it shall hold by the exact equations, and as it is printed.
     """
-    wanted, still = limit * (1 - MARGIN), np.zeros_like(starts[0])
-    if worst_amplitude(search, still) <= limit:
-        return search, still, True
-    if worst_amplitude(search, starts[0]) > wanted:
-        return search, None, True
-    size, best, closed = search.objective.change_norm, starts[0], list[bool]()
-    for start in starts:
-        at, aim = start, wanted
-        for left in reversed(range(LONGER + 1)):
-            u = search.minimum_change(at, aim)
-            if u is None and at is not start:  # a new cut forbids that place, and SLSQP may lose its way from there
-                u = search.minimum_change(start, aim)
-            if u is None:
-                break
-            at = u
-            best = min(best, _moved(search, u, starts[0], wanted), key=size)
-            is_closed = size(best) <= size(u) * (1 + GAP) and (aim > wanted * (1 - PHASES_CLOSE) or not search.cuts)
-            if is_closed or not left:
-                closed.append(is_closed)
-                break
-            search, _ = worst(search, u)
-            # The worst phases give a little more than a simulation with them, of second order; an RMS is a mean of all.
-            aim = wanted * min(1.0, search.objective.largest(u) / worst_amplitude(search, u))
-    return search, best, bool(closed) and all(closed)
-
-
-def _moved(search: Search, u: Point, least: Point, limit: float) -> Point:
-    """Return the place nearest to u on the way to that of least amplitude at which all phases keep a limit."""
-
-    def missed(share: float) -> float:
-        there = u + share * (least - u)
-        return max(worst_amplitude(search, there) / limit - 1, search.missed(there))
-
-    if missed(0.0) <= 0:
-        return u
-    share = float(brentq(missed, 0.0, 1.0, xtol=1e-4))
-    while missed(share) > 0:  # the root is one to within its tolerance
-        share = min(share + 2e-4, 1.0)
-    return np.asarray(u + share * (least - u))
-
-
-def worst_amplitude(search: Search, u: Point) -> float:
-    """Return the largest amplitude of the arm itself with any phases [m]."""
-    evaluator = search.objective.evaluator.alone
-    return float(evaluator.amplitudes((u * search.objective.scale)[None]).max())
-
-
-def worst(search: Search, u: Point) -> tuple[Search, float]:
-    """Return a search that sees the worst phases of a place as well, and the amplitude with them [m]."""
-    evaluator = search.objective.evaluator
-    if not evaluator.unknown or evaluator.measure == "rms":
-        return search, 0.0
-    first = int(evaluator.amplitude.first)
-    whole = evaluator.superposition(u * search.objective.scale)
-    phases = whole.worst_phases(first)
-    return with_cut(search, phases), float(whole.envelope[:, first:].max())
-
-
-def with_cut(search: Search, numbers: Mapping[str, float]) -> Search:
-    """Return a search that sees one more set of phases, by path [rad]."""
-    return replace(search, cuts=(*search.cuts, numbers))
+    objective, wanted, still = search.objective, limit * (1 - MARGIN), np.zeros_like(starts[0])
+    if objective.largest(still) <= limit:
+        return still
+    if objective.largest(starts[0]) > wanted:
+        return None
+    found = [u for start in starts if (u := search.minimum_change(start, wanted)) is not None]
+    return min([*found, starts[0]], key=objective.change_norm)

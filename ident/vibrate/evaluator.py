@@ -293,42 +293,48 @@ def linear_along(
 
 
 @jit
-def parts_along(
+def solved_along(
     arm: Arm,
     values: dict[str, Any],
     directions: dict[str, Any],
     linear: tuple[Linearised, Linearised],
     solve: FastMethod,
-    measure: Amplitude,
-) -> tuple[Float[Array, "3 more"], Float[Array, "WIDTH 3 more"]]:
-    """Return the largest sample of each window, or the RMS, and their slopes along directions.
-
-    Slopes of samples are computed at the largest alone: they are those of the maxima where it is the only one. There
-    may be more windows than `measure.count`, see `Amplitude.places`.
-    """
+) -> tuple[tuple[Fast, Fast], Float[Array, "3 T"]]:
+    """Return an arm's response, how it changes along directions, and its vibration at the samples [m]."""
 
     def excited(now: dict[str, Any], linear: Linearised) -> Fast:
         return solve.excited(arm.replace(now), linear)
 
-    def excited_along(direction: dict[str, Any], changing: Linearised) -> tuple[Fast, Fast]:
+    def along(direction: dict[str, Any], changing: Linearised) -> tuple[Fast, Fast]:
         return jax.jvp(excited, (values, linear[0]), (direction, changing))
 
-    solved, changing = jax.vmap(excited_along, out_axes=(None, 0))(directions, linear[1])
-    places = None
-    if measure.measure != "rms":
-        places = measure.places(solve.sampled(arm.replace(values), linear[0], solved, vibration_of))
+    pair: tuple[Fast, Fast] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1])
+    return pair, solve.sampled(arm.replace(values), linear[0], pair[0], vibration_of)
 
-    def parts(now: dict[str, Any], linear: Linearised, solved: Fast) -> Array:
+
+@jit
+def vibration_along(
+    arm: Arm,
+    values: dict[str, Any],
+    directions: dict[str, Any],
+    linear: tuple[Linearised, Linearised],
+    solved: tuple[Fast, Fast],
+    solve: FastMethod,
+    places: Int[AnyArray, "3 W"] | None,
+) -> tuple[Float[Array, "3 W"], Float[Array, "WIDTH 3 W"]]:
+    """Return the vibration at some samples of each direction, or at all, and its slopes along directions [m]."""
+
+    def seen(now: dict[str, Any], linear: Linearised, solved: Fast) -> Array:
         changed = arm.replace(now)
         if places is None:
-            return jnp.asarray(measure.root_mean_square(solve.sampled(changed, linear, solved, vibration_of)))
-        whole = vibration_of(solve.at(changed, linear, solved, jnp.asarray(solve.time)[places.ravel()]))
-        return jnp.abs(whole.reshape((3, *places.shape))[np.arange(3), np.arange(3)])
+            return jnp.asarray(solve.sampled(changed, linear, solved, vibration_of))
+        whole = vibration_of(solve.at(changed, linear, solved, jnp.asarray(solve.time)[jnp.ravel(places)]))
+        return jnp.asarray(whole.reshape((3, *places.shape)))[np.arange(3), np.arange(3)]
 
     def along(*tangents: Any) -> tuple[Array, Array]:
-        return jax.jvp(parts, (values, linear[0], solved), tangents)
+        return jax.jvp(seen, (values, linear[0], solved[0]), tangents)
 
-    pair: tuple[Array, Array] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1], changing)
+    pair: tuple[Array, Array] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1], solved[1])
     return pair
 
 
@@ -358,7 +364,7 @@ class Evaluator:
         rate: samples a second.
         step: longest time step [s]; that of the stiffest arm when None.
         unknown: phases over which the amplitude of the arm itself is the largest (an RMS is in the mean); each draw has
-            its own, and slopes are with those of the arm.
+            its own.
     """
 
     arm: Arm
@@ -443,22 +449,22 @@ class Evaluator:
         groups = (self.arm.replace({path: values[some] for path, values in numbers.items()}) for some in picked)
         return min(step_for(arms, self.motion) for arms in groups)
 
-    def slopes(
-        self, change: Float[np.ndarray, "V"], sets: Sequence[Mapping[str, float]] = ({},)
-    ) -> tuple[Float[np.ndarray, "3 W sets"], Float[np.ndarray, "V 3 W sets"]]:
+    def slopes(self, change: Float[np.ndarray, "V"]) -> tuple[Float[np.ndarray, "3 W 1"], Float[np.ndarray, "V 3 W 1"]]:
         """Return the parts of which an amplitude is the largest, and their exact derivatives by the changes.
+
+        A part is the largest sample of a window, with the phases that make it largest: of each sample others, and so
+        are the slopes (Danskin, "The theory of max-min", 1967). An RMS is one part.
 
         Args:
             change: of each variable.
-            sets: phases of what excites the arm, by path: with each of them instead of its own.
         """
         numbers = self.batch(change[None])
-        return self._slopes(change, [{path: values[0, ...] for path, values in numbers.items()}], sets)
+        return self._slopes(change, [{path: values[0, ...] for path, values in numbers.items()}], sets_of(self.unknown))
 
     def slopes_of_draws(
         self, change: Float[np.ndarray, "V"]
     ) -> tuple[Float[np.ndarray, "3 W D"], Float[np.ndarray, "V 3 W D"]]:
-        """Return the same of each of the draws."""
+        """Return the same of each of the draws, each with its phases."""
         numbers = self.batch(change[None])
         each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(1, self.size)]
         return self._slopes(change, each, ({},))
@@ -466,25 +472,28 @@ class Evaluator:
     def _slopes(
         self, change: np.ndarray, arms: Sequence[Mapping[str, np.ndarray]], sets: Sequence[Mapping[str, float]]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return parts and slopes of each of some arms with each of some sets, one after the other on the last axis."""
+        """Return parts and slopes of each of some arms, over the phases that some sets determine, see `sets_of`."""
         measure, solve = self.amplitude, self._solver(change[None])
         groups = [self.variables[first : first + WIDTH] for first in range(0, len(self.variables), WIDTH)]
         ways = [(dict(values), directions_of(values, variables)) for variables in groups for values in arms]
         turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
 
-        def one(values: dict[str, Any], along: dict[str, Any], linear: Any, own: dict[str, Any]) -> Any:
-            return jax.device_get(parts_along(self.arm, values | own, along, linear, solve, measure))
-
-        def all_sets(values: dict[str, Any], along: dict[str, Any]) -> list[Any]:
+        def one(values: dict[str, Any], along: dict[str, Any], run: Callable[[Any], list[Any]]) -> Any:
             linear = linear_along(self.arm, values, along, solve)
-            return [one(values, along, linear, own) for own in turned]
+            solved = run([partial(solved_along, self.arm, values | own, along, linear, solve) for own in turned])
+            places = measure.places(largest_over_phases(*parts_of(np.stack([x for _, x in solved], -1))))
+            jobs = [
+                partial(vibration_along, self.arm, values | own, along, linear, pair, solve, places)
+                for own, (pair, _) in zip(turned, solved, strict=True)
+            ]
+            seen, ways = (np.stack(part, -1) for part in zip(*jax.device_get(run(jobs)), strict=True))
+            return measure.with_slopes(parts_of(seen), parts_of(ways))
 
         if len(ways) > 1:
-            done = [pair for pairs in at_once([partial(all_sets, *way) for way in ways]) for pair in pairs]
+            done = at_once([partial(one, *way, lambda jobs: [job() for job in jobs]) for way in ways])
         else:
-            linear = linear_along(self.arm, *ways[0], solve)
-            done = at_once([partial(one, *ways[0], linear, own) for own in turned])
-        count = len(arms) * len(sets)
+            done = [one(*ways[0], at_once)]
+        count = len(arms)
         parts = np.stack([pair[0] for pair in done[:count]], -1)[:, : measure.count]
         by_group = [np.stack([pair[1] for pair in done[k : k + count]], -1) for k in range(0, len(done), count)]
         if not np.isfinite(parts).all():

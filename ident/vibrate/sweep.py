@@ -398,9 +398,7 @@ def changeable(arm: Arm) -> tuple[str, ...]:
 def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, progress: Progress = iter) -> Sensitivities:
     """Return how the amplitude of an evaluator changes with numbers of the arm, by exact slopes.
 
-    Where an amplitude is a peak, the slope is that of the largest window. Where phases are not known, each direction
-    has those with which its peak is the worst: the slope of a largest value over phases is that with the phases kept
-    (Danskin, "The theory of max-min", 1967). An RMS is with the phases of the arm. See `Evaluator`.
+    Where an amplitude is a peak, the slope is that of the largest window. See `Evaluator`.
 
     With phases that are known, or drawn, a number that changes how fast a pulley turns also shifts its vibration in
     time: a peak that is sampled a little beside its top then has another slope. So slopes by ratios are rough there.
@@ -413,23 +411,19 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
     paths = tuple(paths) if paths else changeable(evaluator.arm)
     for path in paths:
         check_path(evaluator.arm, path)
-    worst = _worst_phases(evaluator)
     together = WIDTH * cores()
     groups = [paths[first : first + together] for first in range(0, len(paths), together)]
     own, drawn = [], []
     for k in progress(range(len(groups))):
         seen = replace(evaluator, variables=tuple(Variable((path,), -np.inf, np.inf) for path in groups[k]))
         nothing = np.zeros(len(groups[k]))
-        parts, slopes = seen.slopes(nothing, worst or ({},))
-        each = _elasticities(evaluator.arm, seen.variables, parts, slopes)
-        own.append(np.diagonal(each, axis1=1, axis2=2) if worst else each[..., 0])
+        parts, slopes = seen.slopes(nothing)
+        own.append(_elasticities(evaluator.arm, seen.variables, parts, slopes)[..., 0])
         if evaluator.draws:
             drawn.append(_elasticities(evaluator.arm, seen.variables, *seen.slopes_of_draws(nothing)))
     each, draws = np.concatenate(own), np.concatenate(drawn) if drawn else None
     present = np.array([float(evaluator.arm.get(path)) for path in paths])
-    nothing = np.zeros((1, len(evaluator.variables)))
-    amplitude = evaluator.alone.amplitudes(nothing)[:, 0, 0] if evaluator.unknown else parts[:, :, 0].max(1)
-    found = Sensitivities(paths, present, amplitude, each, np.zeros(each.shape, bool), draws)
+    found = Sensitivities(paths, present, parts[:, :, 0].max(1), each, np.zeros(each.shape, bool), draws)
     unsure = _turning(evaluator, paths, each) if draws is None else (found.band[0] < 0) & (found.band[1] > 0)
     return replace(found, unsure=unsure)
 
@@ -455,14 +449,6 @@ def _turning(
 def _against(change: Float[np.ndarray, "V 3"], slope: Float[np.ndarray, "V 3"]) -> Bool[np.ndarray, "V 3"]:
     """Tell which changes are notable and have not the sign of their slope; a collapse has none."""
     return ~((np.abs(change) < FLAT) | (np.sign(change) == np.sign(slope)))
-
-
-def _worst_phases(evaluator: Evaluator) -> list[dict[str, float]]:
-    """Return the phases with which the peak of each direction is the worst; nothing where all phases are known."""
-    if not evaluator.unknown or evaluator.measure == "rms":
-        return []
-    whole = evaluator.superposition(np.zeros(len(evaluator.variables)))
-    return [whole.worst_phases(int(evaluator.amplitude.first), direction) for direction in range(3)]
 
 
 def _elasticities(
