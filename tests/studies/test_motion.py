@@ -33,7 +33,7 @@ def test_the_speed_along_the_path_vibrates_less_in_less_time(result):
     slower = next(each for each in others if each.kind == "speed")
     assert slower.worst <= 0.4e-3
     assert slower.time > as_it_is.time
-    assert [each.name for each in others if each.kind == "profile"] == ["s-curve", "trapezoid"]
+    assert [each.name for each in others if each.kind == "profile"] == ["s-curve", "trapezoid", "minimum-jerk"]
     assert not result.short
 
 
