@@ -409,7 +409,9 @@ class JointTable(BushingTable):
 
     def joint(self) -> Joint:
         """Return the joint as a value."""
-        rates = (np.inf if each is None else float(each.number) for each in (self.speed, self.acceleration, self.jerk))
+        speed, acceleration, jerk = (
+            np.inf if each is None else float(each.number) for each in (self.speed, self.acceleration, self.jerk)
+        )
         return Joint(
             self.name,
             axis=self.axis.number,
@@ -419,7 +421,7 @@ class JointTable(BushingTable):
             link=tuple(body.body() for body in self.link),
             driven=self.driven,
             limits=tuple(self.limits.number.tolist()) if self.limits else (-np.inf, np.inf),
-            rates=tuple(rates),
+            rates=(speed, acceleration, jerk),
         )
 
 
