@@ -276,12 +276,13 @@ def _halved(
     """Halve intervals in which the acceleration is no polynomial: it bends where a log or a moving average does."""
     places = np.linspace(0.0, 1.0 - SHORTEST, 3 * NODES)
     weights = np.stack([p(places) for p in basis(NODE_PLACES)])
-    done, most, largest = [], MOST_FINE * len(start), 0.0
+    done: list[tuple[np.ndarray, np.ndarray]] = []
+    most, largest = MOST_FINE * len(start), 0.0
     while len(start):
         at, nodes = (np.asarray(motion(start[:, None] + length[:, None] * x)[2]) for x in (places, NODE_PLACES))
         largest = max(largest, np.abs(at).max())
         rough = length * np.abs(at - nodes @ weights).max((0, 2)) > ROUGH * largest
-        rough &= (length > 2 * FINEST) & (len(start) + sum(len(each) for _, each in done) < most)
+        rough &= (length > 2 * FINEST) & bool(len(start) + sum(len(each) for _, each in done) < most)
         done.append((start[~rough], length[~rough]))
         half = length[rough] / 2
         start, length = np.concatenate([start[rough], start[rough] + half]), np.tile(half, 2)

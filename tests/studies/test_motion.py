@@ -88,22 +88,22 @@ def test_along_a_given_path_joints_keep_their_limits(tmp_path):
     time = np.arange(0.0, motion.arrival, 0.02)
     columns = np.column_stack([time, *np.degrees(motion(time)[0])])
     np.savetxt(log, columns, "%.10g", ",", header="time [s],joint1 [deg],joint2 [deg],joint3 [deg]", comments="")
-    result = ident.motion(arm, path=log, limit=0.4, time=25.0, segments=10)
+    result = ident.motion(arm, path=log, limit=0.6, time=25.0, segments=5)
     found = result.motions.candidates[-1]
     assert result.motions.recommended is found
     assert found.allowed
-    assert result.vibration < 0.4e-3
+    assert result.vibration < 0.6e-3
     path = result.motions.scheduling.path
     q, qd, _ = (np.asarray(part) for part in found.motion(np.arange(0.0, found.time, 1e-3)))
     np.testing.assert_allclose(q, np.array([1, -2, 1])[:, None] * q[0], atol=1e-6)
     assert (np.abs(qd).max(1) <= path.limits[0] * (1 + 1e-6)).all()
-    assert result.report().endswith("path.motion.csv") or f"--path {log}" not in result.report().split("Next:")[1]
+    assert str(log) not in result.report().split("Next:")[1]
     assert_one_screen(result.report(), files=3)
     assert not too_wide(result.report(details=True))
 
 
 def test_it_is_no_faster_than_the_limits_allow(result):
-    path, motion = result.motions.scheduling.stroke, result.motions.schedule.motion
+    path, motion = result.motions.basis.arm.stroke, result.motions.schedule.motion
     time = np.arange(0.0, motion.arrival, 4e-4)
     _, qd, qdd = (np.asarray(part)[0] for part in motion(time))
     assert np.abs(qd).max() <= 0.1 * float(path.speed) * (1 + 1e-9)

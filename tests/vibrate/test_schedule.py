@@ -101,7 +101,7 @@ def test_joints_keep_their_limits_along_a_bent_path_at_ten_times_the_rate(seed, 
     np.testing.assert_allclose(q[:, [0, -1]], [[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]], atol=1e-6)
     used = [np.abs(part).max(1) / limit for part, limit in zip((qd, qdd, np.diff(qdd) / step), rates, strict=True)]
     assert np.max(used) <= 1 + 1e-3
-    assert seed or np.max(used) > 0.55  # the fastest makes use of them: of acceleration half is for the bend
+    assert seed or np.max(used) > 0.55  # the fastest makes use of what the bend leaves
 
 
 def test_on_an_arc_the_speed_is_that_of_the_centripetal_acceleration():
