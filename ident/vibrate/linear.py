@@ -201,9 +201,9 @@ FEWEST = 24
 TOGETHER = 4
 """Intervals within which derivatives of the equations are computed together. Of the paper's arm along three directions
 all of the least program take 52 ms, eight at a time 31, four 30, three 28."""
-ROUGH, FINEST, MOST_FINE = 3e-3, 0.01, 8
+ROUGH, FINEST, MOST_FINE = 1e-2, 0.01, 8
 """An interval is halved where its polynomial misses the acceleration by more, times its length [s], than this share of
-the largest; down to this length [s] at least, and to so many times more intervals at most. With 3e-3 s the vibration of
+the largest; down to this length [s] at least, and to so many times more intervals at most. With 1e-2 s the vibration of
 shaped and averaged motions and of their logs is that of the exact equations within 2 %, without it within 7 to 50 %."""
 SHORTEST = 1e-9
 """Time [s] within which a jump counts as at the edge."""

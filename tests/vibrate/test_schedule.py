@@ -99,13 +99,14 @@ def test_joints_keep_their_limits_along_a_bent_path_at_ten_times_the_rate(seed, 
     q, qd, qdd = (np.asarray(part) for part in found(np.arange(0.0, found.arrival, step)))
     np.testing.assert_allclose(np.hypot(q[0] - 0.5, q[2]), 0.5, atol=1e-6)
     np.testing.assert_allclose(q[:, [0, -1]], [[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]], atol=1e-6)
-    used = [np.abs(part).max(1) / limit for part, limit in zip((qd, qdd, np.diff(qdd) / step), rates, strict=True)]
+    parts = zip((qd, qdd, np.diff(qdd) / step), rates, strict=True)
+    used = [np.abs(part).max(1) / limit for part, limit in parts]
     assert np.max(used) <= 1 + 1e-3
     assert seed or np.max(used) > 0.55  # the fastest makes use of what the bend leaves
 
 
 def test_on_an_arc_the_speed_is_that_of_the_centripetal_acceleration():
-    """|q''| = 1 / r, half the limit of acceleration is for it: v^2 / r = A / 2, where the joint's share is all of it."""
+    """|q''| = 1 / r, half the limit of acceleration is for it: v^2 / r = A / 2 for a joint that has all of it."""
     arm, motion = with_rates(np.array([[9.0] * 3, [0.1] * 3, [9e3] * 3])), replay(TIME, arc(TIME), name="arc")
     path = Path.of_motion(arm, motion)
     places = np.linspace(*path.ends, 201)
