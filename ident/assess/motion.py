@@ -18,7 +18,7 @@ from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, binomial
 from ident.vibrate.exact import Progress
 from ident.vibrate.motion import PROFILES, Motion, stroke
 from ident.vibrate.replay import replay
-from ident.vibrate.response import peak
+from ident.vibrate.response import belt_tension, peak, slack
 from ident.vibrate.schedule import RATE, Path, Schedule, Scheduling
 from ident.vibrate.shaping import shaped, shapers
 from ident.vibrate.simulate import Superposition
@@ -83,10 +83,12 @@ class MotionVerification:
     Attributes:
         largest: [m] vibration of the three directions with the worst phases, as the fast method finds them.
         keeps: probability of keeping the limit by fresh draws; None without a posterior.
+        slack: names of the belts that a span of would push: taken as rigid they do not, so nothing is confirmed.
     """
 
     largest: float
     keeps: BinomialEstimate | None
+    slack: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,7 @@ class MotionStudy:
         checks, keeps, largest = candidate.verification, candidate.keeps(self.limit), candidate.worst
         if checks is not None:
             keeps, largest = checks.keeps or keeps, checks.largest
-        good = largest <= self.limit and keeps.share >= CONFIDENT
+        good = largest <= self.limit and keeps.share >= CONFIDENT and not (checks and checks.slack)
         return good and (candidate.allowed or candidate.kind == "as it is")
 
     @property
@@ -340,4 +342,6 @@ def _verified(
     if fresh:
         drawn = replace(each, motion=held, draws=fresh, unknown=())
         _, keeps = keeping(drawn, np.zeros(0), limit)
-    return MotionVerification(float(np.max(peak(response.vibration))), keeps)
+    spans = slack(response.time, belt_tension(response))
+    belts = tuple(sorted({excited.belts[number].name for number, *_ in spans}))
+    return MotionVerification(float(np.max(peak(response.vibration))), keeps, belts)

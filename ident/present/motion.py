@@ -79,6 +79,12 @@ def _candidates(motions: "MotionStudy") -> Table:
 
 def _findings(motions: "MotionStudy") -> Iterator[Finding]:
     checked, found = motions.verification, motions.candidates[-1]
+    for each in motions.candidates:
+        if each.verification is not None and each.verification.slack:
+            belts = ", ".join(each.verification.slack)
+            yield Finding(
+                f"{each.name}: the exact equations have {belts} go slack: not confirmed", "raise the pretension"
+            )
     if checked.largest > motions.limit >= found.worst:
         yield Finding(
             f"the exact equations give {MM * checked.largest:.3f} mm along the path: more than the limit",

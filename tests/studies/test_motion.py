@@ -162,3 +162,26 @@ def test_an_arm_without_drives_has_nothing_to_choose():
     arm = ident.read_arm(FILE).arm
     with pytest.raises(InputError, match="no drive that excites"):
         ident.motion(eqx.tree_at(lambda arm: (arm.drives, arm.belts), arm, ((), ())))
+
+
+def test_a_motion_on_which_a_belt_goes_slack_is_not_confirmed():
+    result = ident.motion(FILE, set={"belt1.pretension": 0.0}, limit=0.6, time=28.0, segments=4)
+    assert "belt1" in result.motions.verification.slack
+    assert result.motions.recommended is None
+    assert "belt1 go slack: not confirmed" in result.report()
+
+
+def test_loss_factors_are_refused():
+    arm = ident.read_arm(FILE).arm
+    lossy = eqx.tree_at(lambda a: a.joints[0].loss_bend, arm, 0.01, is_leaf=lambda x: x is None)
+    with pytest.raises(InputError, match="loss factor"):
+        ident.motion(lossy)
+
+
+def test_a_path_that_starts_moving_is_refused(tmp_path):
+    time = np.linspace(0.0, 10.0, 51)
+    columns = np.column_stack([time, 100 - 4 * time, 8 * time - 200, 100 - 4 * time])
+    head = "time [s],joint1 [deg],joint2 [deg],joint3 [deg]"
+    np.savetxt(tmp_path / "path.csv", columns, "%.10g", ",", header=head, comments="")
+    with pytest.raises(InputError, match="a motion from rest without such jumps"):
+        ident.motion(FILE, path=tmp_path / "path.csv")
