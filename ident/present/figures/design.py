@@ -299,13 +299,15 @@ def shaper_figure(motions: "MotionStudy") -> Figure:
     each = {shaper.name: (shaper,) for shaper in shapers()}
     for (name, parts), color in zip({**each, "ZV x ZV": each["ZV"] * 2}.items(), COLORS, strict=False):
         left = np.prod([part.residual(frequency, f) for part, f in zip(parts, expected, strict=False)], 0)
-        label = f"{name}: {MM * candidates[f'{name} shaper'].left:.2g} mm left"
+        label = f"{name}: {MM * candidates[f'{name} shaper'].left:.2f} mm left"
         handles += top.plot(frequency, 100 * left, color=color, linewidth=1.3, label=label)
     along = np.degrees(np.linspace(motions.scheduling.places[0], motions.scheduling.places[-1], bands.shape[2]))
     for mode, name in enumerate(("mode 1", "mode 2")):
         below.fill_betweenx(along, bands[0, mode], bands[2, mode], color=ORANGE, alpha=0.25, linewidth=0)
         below.plot(bands[1, mode], along, **MODES[mode])
-        note(below, name, (bands[1, mode, 0], along[0]), (4, 4), fontsize=9, color=ORANGE)
+        at = -bands.shape[2] // 4  # where the lines are apart: names stand on their outer sides
+        side: tuple[int, str] = ((-6, "right"), (6, "left"))[mode]
+        note(below, name, (bands[1, mode, at], along[at]), (side[0], 0), ha=side[1], va="center", fontsize=9)
         for axes in (top, below):
             axes.axvspan(bands[0, mode, -1], bands[2, mode, -1], color=ORANGE, alpha=0.12, linewidth=0)
             axes.axvline(expected[mode], color=GREY, linewidth=0.8, linestyle=":")
