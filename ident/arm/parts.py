@@ -77,6 +77,7 @@ class Joint(eqx.Module):
         link: bodies after the pin.
         driven: False for an extra bushing that has no pin (flexibility of a link, the base or the fingers).
         limits: (lower, upper) [rad] of the pin angle.
+        rates: largest speed [rad/s], acceleration [rad/s^2] and jerk [rad/s^3] of the pin.
     """
 
     name: str = eqx.field(static=True)
@@ -92,6 +93,7 @@ class Joint(eqx.Module):
     link: tuple[Body, ...]
     driven: bool = eqx.field(static=True)
     limits: tuple[float, float] = eqx.field(static=True)
+    rates: tuple[float, float, float] = eqx.field(static=True)
 
     def __init__(
         self,
@@ -109,8 +111,9 @@ class Joint(eqx.Module):
         link: tuple[Body, ...] = (),
         driven: bool = True,
         limits: tuple[float, float] = (-np.inf, np.inf),
+        rates: tuple[float, float, float] = (np.inf, np.inf, np.inf),
     ):
-        self.name, self.driven, self.limits = name, driven, limits
+        self.name, self.driven, self.limits, self.rates = name, driven, limits, rates
         self.axis, self.offset, self.k_bend, self.k_tors, self.tau_bend, self.tau_tors = (
             jnp.asarray(x, float) for x in (axis, offset, k_bend, k_tors, tau_bend, tau_tors)
         )
@@ -326,7 +329,7 @@ class Servo(eqx.Module):
         _set_numbers(self, **numbers)
 
 
-PROFILES = ("s-curve", "trapezoid", "cycloid")
+PROFILES = ("s-curve", "trapezoid", "cycloid", "minimum-jerk")
 """How alpha may go from one end of a stroke to the other; see `ident.vibrate.motion`."""
 
 

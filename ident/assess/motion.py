@@ -7,28 +7,31 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
+from ident.arm.chain import at_posture
+from ident.arm.modes import natural_frequencies
 from ident.arm.multibody import exciting_orders
 from ident.arm.parts import Stroke
 from ident.assess.remedies import CONFIDENT, exact_response, keeping
 from ident.assess.scenario import Basis, over_phases
+from ident.errors import refusal
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, binomial_estimate
 from ident.vibrate.exact import Progress
 from ident.vibrate.motion import PROFILES, Motion, stroke
 from ident.vibrate.replay import replay
-from ident.vibrate.response import peak
-from ident.vibrate.schedule import MotionLimits, Schedule, Scheduling
+from ident.vibrate.response import belt_tension, peak, slack
+from ident.vibrate.schedule import RATE, Path, Schedule, Scheduling
 from ident.vibrate.shaping import shaped, shapers
 from ident.vibrate.simulate import Superposition
 
-RATE = 125.0
-"""Samples a second at which motions are compared: 15 in a period of 8 Hz, whose peak is then met within 2 %."""
 SLOWER = 0.95
 """Factor from one lower speed to the next that is tried, down to `SLOWEST` of the present one; assumed."""
 SLOWEST = 0.2
 TRIES = 5
 """Speeds that keep the limit nominally which are judged by draws, at most; assumed."""
 ALLOWED = 1.001
-"""Factor by which samples may exceed a limit of alpha: differences of them stand for the jerk."""
+"""Factor by which samples may exceed a limit: differences of them stand for the jerk."""
+ALONG = 33
+"""Places of the path at which frequencies are shown."""
 TOUCHED = 0.05
 """Share of the vibration that the motion itself must make for shapers to be tried; assumed."""
 TIGHTENED = 3
@@ -49,7 +52,8 @@ class Candidate:
         worst: [m] largest over the phases, of the nominal arm.
         left: [m] the same after the arrival.
         acceleration: [rad/s^2] largest of any joint.
-        allowed: whether alpha keeps its limits of speed, acceleration and jerk.
+        allowed: whether the joints keep their limits of speed, acceleration and jerk.
+        verification: by the exact equations; None where the motion was not proposed.
     """
 
     name: str
@@ -60,6 +64,7 @@ class Candidate:
     left: float
     acceleration: float
     allowed: bool
+    verification: "MotionVerification | None" = None
 
     @property
     def time(self) -> float:
@@ -78,10 +83,12 @@ class MotionVerification:
     Attributes:
         largest: [m] vibration of the three directions with the worst phases, as the fast method finds them.
         keeps: probability of keeping the limit by fresh draws; None without a posterior.
+        slack: names of the belts that a span of would push: taken as rigid they do not, so nothing is confirmed.
     """
 
     largest: float
     keeps: BinomialEstimate | None
+    slack: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -97,7 +104,7 @@ class MotionStudy:
         after: of the speeds along the path.
         candidates: as it is, the others, and the speeds along the path last.
         schedule: the speeds along the path.
-        verification: of these.
+        bands: (3, 2, K) [Hz] 5, 50 and 95 % of the draws of the two lowest frequencies at K even places of the path.
     """
 
     basis: Basis
@@ -108,17 +115,24 @@ class MotionStudy:
     after: Superposition
     candidates: tuple[Candidate, ...]
     schedule: Schedule
-    verification: MotionVerification
+    bands: Float[np.ndarray, "3 2 K"]
+
+    @property
+    def verification(self) -> MotionVerification:
+        """Of the speeds along the path."""
+        checks = self.candidates[-1].verification
+        assert checks is not None
+        return checks
 
     def met(self, candidate: Candidate) -> bool:
         """Tell whether a candidate keeps the limit, with the worst phases and 95 % of the draws, and its own limits.
 
-        That along the path by the exact equations and by fresh draws, too, all others by the fast method.
+        One that was verified keeps it by the exact equations and by fresh draws; all others by the fast method.
         """
-        good = candidate.worst <= self.limit and candidate.keeps(self.limit).share >= CONFIDENT
-        if candidate.kind == "along the path":
-            fresh = self.verification.keeps
-            good = self.verification.largest <= self.limit and (good if fresh is None else fresh.share >= CONFIDENT)
+        checks, keeps, largest = candidate.verification, candidate.keeps(self.limit), candidate.worst
+        if checks is not None:
+            keeps, largest = checks.keeps or keeps, checks.largest
+        good = largest <= self.limit and keeps.share >= CONFIDENT and not (checks and checks.slack)
         return good and (candidate.allowed or candidate.kind == "as it is")
 
     @property
@@ -128,13 +142,32 @@ class MotionStudy:
         return min(good, key=lambda each: (each.time, each.kind != "as it is")) if good else None
 
 
-def scheduling_of(basis: Basis, stroke_of: Stroke, *, segments: int, dwell: float, retract: bool) -> Scheduling:
-    """Return the search for the speeds along a stroke, none higher than the motion's, over what is not known."""
+def scheduling_of(
+    basis: Basis, stroke_of: Stroke | None, *, segments: int, dwell: float, retract: bool = False
+) -> Scheduling:
+    """Return the search for the speeds along a path, over what is not known.
+
+    Args:
+        basis: the arm and its motion.
+        stroke_of: the path, on which no speed is higher than the motion's; None for that of the motion itself, on which
+            the limits of the joints count alone.
+        segments: of the path.
+        dwell: [s] that the arm is held after arrival.
+        retract: whether the stroke is from unfolded to folded.
+
+    Raises:
+        InputError: no excitation; joints without limits, or a corner of the path.
+    """
     arm = basis.arm.replace(basis.unknown.highest)
+    if not exciting_orders(arm):
+        remedy = "give their eccentric_mass and eccentricity, or --errors; without them no speed matters"
+        raise refusal(arm.name, "no drive that excites", "imbalance or a transmission error of a [[drive]]", remedy)
     evaluator = Evaluator(arm, basis.motion, (), loads=basis.loads, rate=RATE, unknown=basis.unknown.phases)
-    speed = float(stroke_of.speed) * basis.percent / 100
-    limits = MotionLimits(speed, float(stroke_of.acceleration), float(stroke_of.jerk))
-    return Scheduling(evaluator, stroke_of, limits, segments, dwell, retract)
+    if stroke_of is None:
+        path = Path.of_motion(basis.arm, basis.motion)
+    else:
+        path = Path.of_stroke(basis.arm, stroke_of, basis.percent, retract=retract)
+    return Scheduling(evaluator, path, segments, dwell)
 
 
 def share_of_motion(scheduling: Scheduling, motion: Motion) -> float:
@@ -157,7 +190,7 @@ def motions(
     fresh: Draws,
     progress: Progress = iter,
 ) -> MotionStudy:
-    """Compare motions along the stroke of an arm, and search the speeds along it.
+    """Compare motions along a path of an arm, and search the speeds along it.
 
     Args:
         basis: the arm, its motion without dwell, and the draws that judge.
@@ -174,7 +207,7 @@ def motions(
     before = scheduling.vibration(basis.motion)
     as_it_is = judge("as it is", "as it is", basis.motion, before)
     share = share_of_motion(scheduling, basis.motion)
-    others = [judge(*each) for each in _profiles(basis, scheduling.retract)]
+    others = [judge(*each) for each in _profiles(basis, scheduling)]
     if share > TOUCHED:
         others += [judge(*each) for each in _shaped(scheduling, basis.motion)]
     others += _slower(scheduling, basis, limit, judge)
@@ -187,12 +220,17 @@ def motions(
         after = scheduling.vibration(schedule.motion)
         found = judge("speed along the path", "along the path", schedule.motion, after)
         checks = _verified(scheduling, schedule.motion, after, fresh, limit)
+        found = replace(found, verification=checks)
         every = (as_it_is, *others, found)
-        study = MotionStudy(basis, scheduling, limit, share, before, after, every, schedule, checks)
+        study = MotionStudy(basis, scheduling, limit, share, before, after, every, schedule, _bands(scheduling, basis))
         if time is not None or study.met(found):
             break
         high = float(np.quantile(found.peaks, CONFIDENT))
         aim *= MARGIN * min(1.0, limit / checks.largest, limit / high)
+    while (best := study.recommended) and best.verification is None:  # none is proposed that was not verified
+        checks = _verified(scheduling, best.motion, scheduling.vibration(best.motion), fresh, limit)
+        every = tuple(replace(each, verification=checks) if each is best else each for each in study.candidates)
+        study = replace(study, candidates=every)
     return study
 
 
@@ -220,21 +258,27 @@ def _candidate(
 
 
 def _kinematics(scheduling: Scheduling, motion: Motion) -> tuple[float, bool]:
-    """Return the largest acceleration of a joint [rad/s^2], and whether alpha keeps its limits, by dense samples."""
+    """Return the largest acceleration of a joint [rad/s^2], and whether joints keep their limits, by dense samples."""
     step = 0.1 / RATE
-    _, qd, qdd = motion(np.arange(0.0, motion.arrival, step))
-    speed, acceleration = scheduling.alpha(qd), scheduling.alpha(qdd)
-    rates = speed, acceleration, np.diff(acceleration, prepend=0.0, append=0.0) / step
-    sizes = zip((float(np.abs(rate).max()) for rate in rates), scheduling.limits, strict=True)
-    return float(np.abs(np.asarray(qdd)).max()), all(size <= ALLOWED * limit for size, limit in sizes)
+    _, qd, qdd = (np.asarray(part) for part in motion(np.arange(0.0, motion.arrival, step)))
+    still = np.zeros((len(qdd), 1))
+    rates = qd, qdd, np.diff(qdd, prepend=still, append=still) / step
+    sizes = np.array([np.abs(rate).max(1) for rate in rates])
+    return float(sizes[1].max()), bool((sizes <= ALLOWED * scheduling.path.limits).all())
 
 
-def _profiles(basis: Basis, retract: bool) -> Iterator[tuple[str, str, Motion]]:
-    """Yield the other profiles at the same speed."""
-    path = basis.arm.stroke
+def _profiles(basis: Basis, scheduling: Scheduling) -> Iterator[tuple[str, str, Motion]]:
+    """Yield the other profiles at the same speed; along a given path at the highest that is allowed everywhere."""
+    (start, end), own, percent = scheduling.path.ends, basis.arm.stroke, basis.percent
+    if basis.log is None and own is not None:
+        speed, acceleration, jerk = (float(each) for each in (own.speed, own.acceleration, own.jerk))
+    else:
+        speed, acceleration = (float(each.min()) for each in scheduling.allowed)
+        jerk, percent = 2 * acceleration / max(scheduling.windows), 100.0
+    alone = Stroke([1.0], folded=start, unfolded=end, speed=speed, acceleration=acceleration, jerk=jerk)
     for profile in PROFILES:
-        if path is not None and f", {profile}," not in basis.motion.name:
-            yield profile, "profile", stroke(path, percent=basis.percent, profile=profile, retract=retract)
+        if f", {profile}," not in basis.motion.name:
+            yield profile, "profile", scheduling.path.motion(stroke(alone, percent=percent, profile=profile))
 
 
 def _slower(scheduling: Scheduling, basis: Basis, limit: float, judge: Callable[..., Candidate]) -> Iterator[Candidate]:
@@ -255,12 +299,11 @@ def _slower(scheduling: Scheduling, basis: Basis, limit: float, judge: Callable[
 
 def _shaped(scheduling: Scheduling, motion: Motion) -> Iterator[tuple[str, str, Motion]]:
     """Yield the motion shaped for the first mode, and for both of the lowest, along the posture's frequencies."""
-    direction = np.asarray(scheduling.stroke.direction, float)
     along = np.linspace(scheduling.places.min(), scheduling.places.max(), 101)
     modes = scheduling.frequencies(along)
 
     def alpha(time: np.ndarray) -> np.ndarray:
-        return scheduling.alpha(motion(time)[0])
+        return scheduling.path.alpha(motion(time)[0])
 
     def frequency(mode: int) -> Callable[[np.ndarray], np.ndarray]:
         return lambda at: np.interp(at, along, modes[mode])
@@ -273,8 +316,19 @@ def _shaped(scheduling: Scheduling, motion: Motion) -> Iterator[tuple[str, str, 
     ]:
         time, shaped_alpha = shaped(alpha, motion.arrival, steps)
         even = np.linspace(0.0, time[-1], 1 + int(np.ceil(time[-1] * RATE)))
-        angles = np.interp(even, time, shaped_alpha) * direction[:, None]
+        angles = scheduling.path.angles(np.interp(even, time, shaped_alpha))
         yield f"{name} shaper", "shaper", replay(even, angles, name=name)
+
+
+def _bands(scheduling: Scheduling, basis: Basis) -> Float[np.ndarray, "3 2 K"]:
+    """Return quantiles over the draws of the two lowest frequencies along the path [Hz]."""
+    posture = scheduling.path.angles(np.linspace(*scheduling.path.ends, ALONG))
+    draws = {path: np.asarray(x) for path, x in (basis.draws or {}).items()}
+    count = len(next(iter(draws.values()), [0]))
+    arm = basis.arm.replace({path: np.tile(x, ALONG) for path, x in draws.items()})
+    chain = at_posture(arm, np.repeat(posture, count, 1), basis.loads)
+    each = np.asarray(natural_frequencies(chain, 2)).reshape(2, ALONG, count)
+    return np.quantile(each, (0.05, 0.5, 0.95), axis=2)
 
 
 def _verified(
@@ -288,4 +342,6 @@ def _verified(
     if fresh:
         drawn = replace(each, motion=held, draws=fresh, unknown=())
         _, keeps = keeping(drawn, np.zeros(0), limit)
-    return MotionVerification(float(np.max(peak(response.vibration))), keeps)
+    spans = slack(response.time, belt_tension(response))
+    belts = tuple(sorted({excited.belts[number].name for number, *_ in spans}))
+    return MotionVerification(float(np.max(peak(response.vibration))), keeps, belts)

@@ -185,6 +185,9 @@ class _Writer:
         yield from self.bushing(joint)
         if all(map(math.isfinite, joint.limits)):
             yield self.line("limits", np.degrees(joint.limits), "deg", joint.name)
+        for n, (key, rate) in enumerate(zip(("speed", "acceleration", "jerk"), joint.rates, strict=True)):
+            if math.isfinite(rate):
+                yield self.line(key, np.degrees(rate), ("deg/s", "deg/s^2", "deg/s^3")[n], joint.name)
         if not joint.driven:
             yield "driven = false"
         for kind, bodies in (("shaft", joint.shaft), ("link", joint.link)):

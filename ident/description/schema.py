@@ -223,7 +223,7 @@ LossFactor = Plain[Annotated[float, _range("loss_bend")]]
 class Profile(Sourced):
     """How a stroke goes from end to end."""
 
-    value: Literal["s-curve", "trapezoid", "cycloid"]
+    value: Literal["s-curve", "trapezoid", "cycloid", "minimum-jerk"]
 
 
 class Postures(
@@ -400,12 +400,18 @@ class JointTable(BushingTable):
     axis: Direction = UPRIGHT
     offset: Position
     limits: Limits | None = None
+    speed: AngleRate | None = None
+    acceleration: AngularAcceleration | None = None
+    jerk: AngularJerk | None = None
     driven: bool = True
     shaft: list[BodyTable] = Field(default_factory=list)
     link: list[BodyTable] = Field(default_factory=list)
 
     def joint(self) -> Joint:
         """Return the joint as a value."""
+        speed, acceleration, jerk = (
+            np.inf if each is None else float(each.number) for each in (self.speed, self.acceleration, self.jerk)
+        )
         return Joint(
             self.name,
             axis=self.axis.number,
@@ -415,6 +421,7 @@ class JointTable(BushingTable):
             link=tuple(body.body() for body in self.link),
             driven=self.driven,
             limits=tuple(self.limits.number.tolist()) if self.limits else (-np.inf, np.inf),
+            rates=(speed, acceleration, jerk),
         )
 
 

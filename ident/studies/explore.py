@@ -38,7 +38,7 @@ class ExploreOptions(ArmOptions):
     )
     speed: float = option(10.0, "percent of full speed to begin with", low=1.0, high=120.0)
     profile: str | None = option(
-        None, "of the stroke's speed: s-curve, trapezoid or cycloid; the arm file's by default", choices=STROKE_PROFILES
+        None, "how the stroke's speed rises and falls; the arm file's by default", choices=STROKE_PROFILES
     )
     draws: int = option(200, "draws of the posterior", low=2, high=100_000)
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import refusal
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from ident.assess.motion import MotionStudy
     from ident.description.file import ArmFile
     from ident.identify.values import Values
+    from ident.measure import Log
     from ident.studies.sample import SampleResult
 
 
@@ -27,7 +27,8 @@ class MotionOptions(HeldMotionOptions):
 
     speed: float | None = option(
         None,
-        "percent of full speed of the motion as it is, default 10; alpha never goes faster",
+        "percent of full speed of the motion as it is, default 10; the stroke never goes faster; "
+        "with --path of its own speed, default 100",
         above=0.0,
         high=1000.0,
     )
@@ -92,10 +93,11 @@ class MotionResult(Result):
         return self.motions.recommended is None
 
     def figures(self) -> "dict[str, Figure]":
-        """Return speed and vibration along the path, as it is and with the speeds that were found."""
-        from ident.present.figures.design import motion_figure
+        """Return speed and vibration along the path; what input shapers leave (`shapers`), where they were tried."""
+        from ident.present.figures.design import motion_figure, shaper_figure
 
-        return {"": motion_figure(self.motions)}
+        shaped = any(each.kind == "shaper" for each in self.motions.candidates)
+        return {"": motion_figure(self.motions)} | ({"shapers": shaper_figure(self.motions)} if shaped else {})
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.present.motion import write_path
@@ -113,34 +115,36 @@ def motion(
     arm: "ArmFile",
     options: MotionOptions = DEFAULT,
     *,
+    path: "Log | None" = None,
     fit: "Values | None" = None,
     posterior: "Values | SampleResult | str | Path | None" = None,
     progress: Progress = silent,
 ) -> MotionResult:
-    """Choose the speed along the stroke so that the arm keeps a limit of vibration in the least time.
+    """Choose the speed along the stroke, or a path, so that the arm keeps a limit of vibration in the least time.
 
     Compared with the motion as it is, slower, by other profiles and, where the motion itself shakes the arm, by input
     shapers. The path stays; what is proposed is verified by the exact equations and by draws it was not chosen by.
 
     Args:
-        arm: the arm; it has a stroke.
+        arm: the arm; it has a stroke, or its joints have limits of speed, acceleration and jerk.
         options: the motion as it is, the limit, and how finely the speed may change.
+        path: a joint path to follow instead of the stroke: a log, or its file; it starts and ends at rest.
         fit: fitted values that the arm takes over: a result, or its file.
         posterior: draws by which the limit is kept with 95 %: a sample, or its file.
         progress: shows how far it is, over the steps of the search.
 
     Raises:
-        InputError: an arm without stroke or drives, a time out of reach.
+        InputError: an arm without excitation; a time out of reach; a path with a corner, or that starts moving.
         ModelError: the arm collapses.
     """
     from ident.assess.motion import motions, scheduling_of
+    from ident.vibrate.simulate import refuse_jumps
 
     judging, fresh = drawn_groups(posterior, arm, options.draws, options.fresh, options.seed, options)
-    basis = basis_of(arm, options, fit=fit, posterior=judging)
+    basis = basis_of(arm, options, path=path, fit=fit, posterior=judging)
     check_place(f"{basis.name}.motion", basis.sources)
-    stroke = basis.arm.stroke
-    if stroke is None or not basis.arm.drives:
-        raise refusal(basis.arm.name, "no drive", "drives whose imbalance excites the arm", "add its [[drive]]")
+    refuse_jumps(basis.arm, basis.motion)
+    stroke = None if path else basis.arm.stroke
     found = motions(
         basis,
         scheduling_of(basis, stroke, segments=options.segments, dwell=options.dwell, retract=options.retract),

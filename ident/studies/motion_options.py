@@ -34,7 +34,7 @@ class MovingOptions(ArmOptions):
         None, "percent of full speed, default 10; with --path of its own speed, default 100", above=0.0, high=1000.0
     )
     profile: str | None = option(
-        None, "of the stroke's speed: s-curve, trapezoid or cycloid; the arm file's by default", choices=STROKE_PROFILES
+        None, "how the stroke's speed rises and falls; the arm file's by default", choices=STROKE_PROFILES
     )
     retract: bool = option(False, "from unfolded to folded")
     smoothing: float = option(0.0, "noise of that path, rms [deg]", low=0.0, high=90.0)

@@ -208,7 +208,7 @@ def renamed(kind: type[Options], problem: Problem) -> Problem:
 # -------- Words
 # Words that options choose from and that belong to rooms which are too heavy to be imported for `ident --help`.
 
-STROKE_PROFILES = ("s-curve", "trapezoid", "cycloid")
+STROKE_PROFILES = ("s-curve", "trapezoid", "cycloid", "minimum-jerk")
 """Those of `ident.arm.parts`."""
 WINDOWS = ("hann", "boxcar", "hamming", "blackmanharris", "flattop")
 """Those of `ident.vibrate.spectra`."""

@@ -268,8 +268,9 @@ def stroke(
     """Return the motion along the straight path, from rest to rest, the shortest of its profile within the limits.
 
     `s-curve` has bounded jerk, `trapezoid` ignores the jerk limit, both are time-optimal; `cycloid` is
-    alpha = s - sin(2 pi s) / (2 pi), s = t/T, of the shortest T within all three limits. Not differentiable in path
-    and limits, which are numbers.
+    alpha = s - sin(2 pi s) / (2 pi), s = t/T, and `minimum-jerk` alpha = 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan,
+    J. Neurosci. 5, 1985), of the shortest T within all three limits. Not differentiable in path and limits, which are
+    numbers.
 
     The percentage p slows the clock: speed x p, acceleration x p^2, jerk x p^3, so the same path is passed with the
     same shape of motion over time, only more slowly. So does the speed override of common robot controllers; that
@@ -350,7 +351,17 @@ def _about(middle: float, start: float) -> Float[np.ndarray, " powers"]:
     return taylor(Polynomial([start, 1.0])).coef
 
 
-def cycloid_duration(distance: float, limits: tuple[float, float, float]) -> float:
+def _minimum_jerk(distance: float, limits: _Limits) -> Pieces:
+    duration = cycloid_duration(distance, limits, (15 / 8, 10 / np.sqrt(3), 60.0))
+    s = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0]) / duration ** np.arange(5, -1, -1)
+    return np.array([duration]), s[:, None]
+
+
+def cycloid_duration(
+    distance: float,
+    limits: tuple[float, float, float],
+    peaks: tuple[float, float, float] = (2.0, 2 * np.pi, 4 * np.pi**2),
+) -> float:
     """Return the shortest duration [s] of a cycloid within the limits of speed, acceleration and jerk.
 
     Its peaks are 2 D/T, 2 pi D/T^2 and 4 pi^2 D/T^3.
@@ -358,15 +369,17 @@ def cycloid_duration(distance: float, limits: tuple[float, float, float]) -> flo
     Args:
         distance: () [rad] D.
         limits: [rad/s, rad/s^2, rad/s^3]; an infinite one limits nothing.
+        peaks: of a motion over 1 rad in 1 s: the cycloid's, or another's.
     """
-    peaks = zip((2.0, 2 * np.pi, 4 * np.pi**2), limits, strict=True)
-    return max((peak * distance / limit) ** (1 / n) for n, (peak, limit) in enumerate(peaks, start=1))
+    pairs = zip(peaks, limits, strict=True)
+    return max((peak * distance / limit) ** (1 / n) for n, (peak, limit) in enumerate(pairs, start=1))
 
 
 PROFILES: dict[str, Callable[[float, _Limits], Pieces]] = {
     "s-curve": _s_curve,
     "trapezoid": lambda distance, limits: _s_curve(distance, limits._replace(jerk=math.inf)),
     "cycloid": _cycloid,
+    "minimum-jerk": _minimum_jerk,
 }
 """How alpha goes from start to end, by name."""
 

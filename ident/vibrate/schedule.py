@@ -1,9 +1,9 @@
-"""The speed along a stroke, chosen: least time that keeps a limit of vibration, or least vibration in a given time.
+"""The speed along a path, chosen: least time that keeps a limit of vibration, or least vibration in a given time.
 
-The path stays: alpha alone goes faster or slower. Between places on it alpha accelerates evenly; moving averages over
-one period of each of the two lowest modes at the arrival round that off (`shaping.averaged`) and leave these modes
-nearly at rest there, but for their damping. What is chosen is the speed at the places, so that a controller with a
-speed for each segment can follow.
+The path stays: alpha, by which its joint angles are given, alone goes faster or slower. Between places on it alpha
+accelerates evenly; moving averages over one period of each of the two lowest modes at the arrival round that off
+(`shaping.averaged`) and leave these modes nearly at rest there, but for their damping. What is chosen is the speed at
+the places, so that a controller with a speed for each segment can follow.
 
 The search is a sequence of linear programs: the largest vibration over the phases that are not known, within each bin
 of the path, is a smooth function of the speeds, and its logarithm is nearly linear in theirs, even near a resonance.
@@ -19,8 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import linprog
 
+from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.modes import natural_frequencies
 from ident.arm.multibody import orders_of
@@ -30,9 +33,19 @@ from ident.programs import AnyArray
 from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.exact import Progress
 from ident.vibrate.motion import Motion
+from ident.vibrate.replay import DEGREE
 from ident.vibrate.shaping import averaged
 from ident.vibrate.simulate import Superposition, superposition
 
+RATE, SHORT = 125.0, 1e-4
+"""Pieces a second of a motion along a path that bends, and their shortest length [s]."""
+KNOTS, TRACED = 200, 20_000
+"""Equal lengths of a given path between which its angles are a spline, and times at which it is read."""
+CORNER, STRAY = np.radians(20.0), 1e-3
+"""Change of a path's direction [rad] in one of these lengths that counts as a corner, and how far [rad] the spline may
+stray from the path; assumed."""
+FINE = 20
+"""Places within a segment at which limits of joints are looked at."""
 BINS, LATER = 40, 8
 """Bins of the path, and of the time after arrival, in each of which the largest vibration counts on its own."""
 SMALL = 1e-7
@@ -61,26 +74,152 @@ EXACT, SCALINGS = 1e-9, 100
 """Share of a time by which a schedule may miss it, and how often its speeds are scaled for that at most."""
 
 
-class MotionLimits(NamedTuple):
-    """What alpha may do: speed [rad/s], acceleration [rad/s^2] and jerk [rad/s^3]."""
+class Allowed(NamedTuple):
+    """What alpha may do: speed [rad/s] at the inner places, acceleration [rad/s^2] in the segments."""
 
-    speed: float
-    acceleration: float
-    jerk: float
+    speed: Float[np.ndarray, "inner"]
+    acceleration: Float[np.ndarray, "segments"]
+
+
+@dataclass(frozen=True)
+class Path:
+    """Where a motion goes, however fast: joint angles over alpha, the speed of which along the joints' space is even.
+
+    Attributes:
+        spline: joint angles [rad] over alpha [rad]: a line for a stroke.
+        ends: alpha at start and end [rad].
+        limits: (3, driven) [rad/s, rad/s^2, rad/s^3] of each joint's speed, acceleration and jerk.
+    """
+
+    spline: BSpline
+    ends: tuple[float, float]
+    limits: Float[np.ndarray, "3 driven"]
+
+    @classmethod
+    def of_stroke(cls, arm: Arm, stroke: Stroke, percent: float, *, retract: bool = False) -> "Path":
+        """Return the path of a stroke: joints keep its limits, of the speed a percentage, and the arm file's."""
+        folded, unfolded = float(stroke.folded), float(stroke.unfolded)
+        direction, ends = np.asarray(stroke.direction, float), np.sort([folded, unfolded])
+        own = np.array([float(stroke.speed) * percent / 100, float(stroke.acceleration), float(stroke.jerk)])
+        with np.errstate(invalid="ignore"):
+            shares = np.where(direction == 0, np.inf, np.abs(direction) * own[:, None])
+        limits = np.minimum(shares, np.array([joint.rates for joint in arm.driven]).T)
+        spline = make_interp_spline(ends, ends[:, None] * direction, k=1)
+        return cls(spline, (unfolded, folded) if retract else (folded, unfolded), limits)
+
+    @classmethod
+    def of_motion(cls, arm: Arm, motion: Motion) -> "Path":
+        """Return the path of a motion: alpha is its length in the space of the joint angles, from its start.
+
+        Raises:
+            InputError: joints without limits, a motion that goes nowhere, turns back or has a corner.
+        """
+        if free := [joint.name for joint in arm.driven if not np.isfinite(joint.rates).all()]:
+            remedy = 'add them to each [[joint]], as speed = { value = 90, unit = "deg/s", origin = "datasheet" }'
+            got, expected = f"no limits of {', '.join(free)}", "speed, acceleration and jerk of each joint, for a path"
+            raise refusal(arm.name, got, expected, remedy)
+        time = np.linspace(0.0, motion.arrival, TRACED)
+        angles = np.asarray(motion(time)[0])
+        way = lengths(angles)
+        if not way[-1] > 0:
+            raise refusal(motion.name, "a path that goes nowhere", "a motion", "give another path")
+        even = np.linspace(0.0, way[-1], KNOTS + 1)
+        moving = np.append(True, np.diff(way) > 0)
+        at = [np.interp(even, way[moving], angle[moving]) for angle in angles]
+        spline = make_interp_spline(even, np.stack(at, 1), k=DEGREE)
+        _refuse_corners(motion.name, spline, time, way, angles)
+        return cls(spline, (0.0, float(way[-1])), np.array([joint.rates for joint in arm.driven]).T)
+
+    def angles(self, alpha: Float[np.ndarray, "K"], order: int = 0) -> Float[np.ndarray, "driven K"]:
+        """Return the joint angles [rad], or their derivatives by alpha of an order."""
+        return np.asarray(self.spline(alpha, order)).T
+
+    def alpha(self, angles: AnyArray) -> Float[np.ndarray, "T"]:
+        """Return alpha [rad] of joint angles (driven, T) that follow the path from its start."""
+        start, end = self.ends
+        steepness = float(np.linalg.norm(self.angles(np.array([start]), 1)))
+        return np.asarray(start + np.sign(end - start) * lengths(np.asarray(angles)) / steepness)
+
+    def motion(self, alpha: Motion) -> Motion:
+        """Return the motion of all driven joints by that of alpha alone.
+
+        On a path that bends by quintic pieces with the angles, speeds and accelerations at their ends (Hermite).
+        """
+        if self.spline.k == 1:
+            direction = self.angles(np.array(self.ends[:1]), 1)[:, 0]
+            return Motion(alpha.name, alpha.breaks, alpha.coefficients * direction, alpha.arrival)
+        even = np.linspace(0.0, alpha.arrival, 2 + int(alpha.arrival * RATE))
+        t = np.sort(np.concatenate([even, alpha.breaks]))
+        t = t[np.append(np.diff(t) > SHORT, True)]
+        at, rate, change = (np.asarray(part)[0] for part in alpha(t))
+        first, second = self.angles(at, 1), self.angles(at, 2)
+        q, v, a = self.angles(at).T, (first * rate).T, (second * rate**2 + first * change).T
+        h = np.diff(t)[:, None]
+        d, e, f = (
+            q[1:] - q[:-1] - (v[:-1] + a[:-1] * h / 2) * h,
+            (v[1:] - v[:-1] - a[:-1] * h) * h,
+            (a[1:] - a[:-1]) * h**2 / 2,
+        )
+        highest = (6 * d - 3 * e + f) / h**5, (7 * e - 15 * d - 2 * f) / h**4, (10 * d - 4 * e + f) / h**3
+        return Motion(alpha.name, t, np.stack([*highest, a[:-1] / 2, v[:-1], q[:-1]]))
+
+    def allowed(self, places: Float[np.ndarray, "places"], windows: tuple[float, float]) -> Allowed:
+        """Return what alpha may do between places so that the joints keep their limits.
+
+        With speed v, acceleration a and jerk j of alpha, and d1, d2, d3 an angle's derivatives by alpha: |d1| v <= V,
+        |d2| v^2 + |d1| a <= A, |d3| v^3 + 3 |d2| v a + |d1| j <= J. Bends may take half of A and J, acceleration takes
+        the rest. Averaged over a window w the jerk is at most 2 a / w; what averaging mixes keeps its tightest limit.
+        """
+        shares = np.linspace(0.0, 1.0, FINE)
+        fine = (places[:-1, None] + np.diff(places)[:, None] * shares).ravel()
+        first, second, third = (np.abs(self.angles(fine, order)) for order in (1, 2, 3))
+        speed, acceleration, jerk = self.limits[..., None]
+        with np.errstate(divide="ignore"):
+            v = np.minimum(np.sqrt(acceleration / 2 / second), np.cbrt(jerk / 2 / third))
+            v = np.minimum(speed / first, v).min(0)
+            a = (jerk - third * v**3) / (3 * second * v + 2 * first / max(windows))
+            a = np.minimum((acceleration - second * v**2) / first, a).min(0)
+        passed = cumulative_trapezoid(1 / v, np.abs(fine - fine[0]), initial=0.0)
+        mixed = np.abs(passed[:, None] - passed) <= sum(windows)
+        v, a = (np.where(mixed, each, np.inf).min(1).reshape(-1, FINE).min(1) for each in (v, a))
+        return Allowed(np.minimum(v[:-1], v[1:]), a)
+
+
+def lengths(angles: Float[np.ndarray, "driven T"]) -> Float[np.ndarray, "T"]:
+    """Return the length of a path in the space of joint angles up to each of its points [rad]."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(angles, axis=1), axis=0)))
+
+
+def _refuse_corners(
+    name: str,
+    spline: BSpline,
+    time: Float[np.ndarray, "T"],
+    way: Float[np.ndarray, "T"],
+    angles: Float[np.ndarray, "driven T"],
+) -> None:
+    """Refuse a path that turns back or has a corner: there alpha would have to stop."""
+    even = np.linspace(0.0, way[-1], KNOTS + 1)
+    bends = np.linalg.norm(spline(even, 2), axis=1) * even[1]
+    strays = np.abs(spline(way) - angles.T).max(1)
+    if bends.max() > CORNER or strays.max() > STRAY:
+        at = np.interp(even[bends.argmax()], way, time) if bends.max() > CORNER else time[strays.argmax()]
+        got = f"a path that turns back or has a corner at {at:.4g} s"
+        remedy = "split it there, round the corner, or smooth a noisy log (`smoothing`)"
+        raise refusal(name, got, "a smooth path", remedy)
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """Speeds along a stroke.
+    """Speeds along a path.
 
     Attributes:
-        stroke: the path.
+        path: the path.
         places: (K + 1,) [rad] alpha, from the start to the end.
         speeds: (K + 1,) [rad/s] there, 0 at both ends.
         windows: [s] of the moving averages.
     """
 
-    stroke: Stroke
+    path: Path
     places: Float[np.ndarray, "places"]
     speeds: Float[np.ndarray, "places"]
     windows: tuple[float, float]
@@ -106,34 +245,30 @@ class Schedule:
         way = np.sign(self.places[-1] - self.places[0])
         alpha = np.stack([way * self.accelerations / 2, way * self.speeds[:-1], self.places[:-1]])
         breaks = np.append(0.0, np.cumsum(self.times))
-        evenly = Motion("speed along the path", breaks, alpha[..., None] * np.asarray(self.stroke.direction, float))
-        return averaged(averaged(evenly, self.windows[0]), self.windows[1])
+        evenly = Motion("speed along the path", breaks, alpha[..., None])
+        return self.path.motion(averaged(averaged(evenly, self.windows[0]), self.windows[1]))
 
 
 @dataclass(frozen=True)
 class Scheduling:
-    """A search for the speeds along a stroke.
+    """A search for the speeds along a path.
 
     Attributes:
         evaluator: the arm with the highest transmission errors, its loads, phases that are not known, samples a second.
-        stroke: the path.
-        limits: of alpha.
+        path: the path.
         segments: number K of segments.
         dwell: [s] that the arm is held after arrival; its vibration then counts, too.
-        retract: whether the stroke is from unfolded to folded.
     """
 
     evaluator: Evaluator
-    stroke: Stroke
-    limits: MotionLimits
+    path: Path
     segments: int
     dwell: float
-    retract: bool = False
 
     @cached_property
     def places(self) -> Float[np.ndarray, "places"]:
-        """Alpha at the ends of the segments, which are shorter towards the ends of the stroke [rad]."""
-        start, end = (float(self.stroke.unfolded), float(self.stroke.folded))[:: 1 if self.retract else -1]
+        """Alpha at the ends of the segments, which are shorter towards the ends of the path [rad]."""
+        start, end = self.path.ends
         return np.asarray(start + (end - start) * (1 - np.cos(np.linspace(0, np.pi, self.segments + 1))) / 2)
 
     @cached_property
@@ -142,27 +277,23 @@ class Scheduling:
         first, second = self.frequencies(self.places[-1:])[:, 0]
         return float(1 / first), float(1 / second)
 
-    @property
-    def acceleration(self) -> float:
-        """Largest acceleration of a segment [rad/s^2]; averaged over a window w its jerk is at most twice that / w."""
-        return min(self.limits.acceleration, self.limits.jerk * max(self.windows) / 2)
+    @cached_property
+    def allowed(self) -> Allowed:
+        """What alpha may do."""
+        return self.path.allowed(self.places, self.windows)
 
     def frequencies(self, alpha: Float[np.ndarray, "K"]) -> Float[np.ndarray, "2 K"]:
         """Return the two lowest natural frequencies along the path [Hz]."""
-        posture = alpha * np.asarray(self.stroke.direction, float)[:, None]
+        posture = self.path.angles(alpha)
         return np.asarray(natural_frequencies(at_posture(self.evaluator.arm, posture, self.evaluator.loads), 2))
 
-    def alpha(self, angles: AnyArray) -> Float[np.ndarray, "T"]:
-        """Return alpha [rad] of joint angles (driven, T) along the stroke; likewise its rates of theirs."""
-        direction = np.asarray(self.stroke.direction, float)
-        return np.asarray(direction @ np.asarray(angles) / (direction @ direction))
-
-    def orders(self) -> Float[np.ndarray, "orders"]:
-        """Return the frequencies that excite the arm, over the speed of alpha: cycles a radian."""
+    def orders(self, alpha: Float[np.ndarray, "K"]) -> Float[np.ndarray, "orders K"]:
+        """Return the frequencies that excite the arm along the path, over the speed of alpha: cycles a radian."""
         arm = self.evaluator.arm
-        share = dict(zip([joint.name for joint in arm.driven], np.asarray(self.stroke.direction), strict=True))
-        turns = [(abs(float(d.ratio) * share[d.joint]) / (2 * np.pi), orders_of(arm, d.name)) for d in arm.drives]
-        return np.unique([turn * order for turn, orders in turns for order in orders if turn])
+        share = dict(zip([joint.name for joint in arm.driven], self.path.angles(alpha, 1), strict=True))
+        turns = [(np.abs(float(d.ratio) * share[d.joint]) / (2 * np.pi), orders_of(arm, d.name)) for d in arm.drives]
+        each = [turn * order for turn, orders in turns for order in orders if turn.any()]
+        return np.unique(np.reshape(each, (len(each), len(alpha))).round(9), axis=0)
 
     def vibration(self, motion: Motion) -> Superposition:
         """Return the vibration over a motion, and while the arm is held after it."""
@@ -170,20 +301,20 @@ class Scheduling:
         return superposition(each.arm, motion.dwell(self.dwell), each.unknown, loads=each.loads, rate=each.rate)
 
     def schedule(self, speeds: Float[np.ndarray, "inner"]) -> Schedule:
-        """Return the schedule of speeds within the stroke, none of them higher than the limits allow [rad/s]."""
-        reach = 2 * self.acceleration * np.abs(np.diff(self.places))
-        squares = np.pad(np.minimum(speeds, self.limits.speed) ** 2, 1)
+        """Return the schedule of speeds within the path, none of them higher than the limits allow [rad/s]."""
+        reach = 2 * self.allowed.acceleration * np.abs(np.diff(self.places))
+        squares = np.pad(np.minimum(speeds, self.allowed.speed) ** 2, 1)
         for k in range(1, len(squares)):
             squares[k] = min(squares[k], squares[k - 1] + reach[k - 1])
             squares[-k - 1] = min(squares[-k - 1], squares[-k] + reach[-k])
-        return Schedule(self.stroke, self.places, np.sqrt(squares), self.windows)
+        return Schedule(self.path, self.places, np.sqrt(squares), self.windows)
 
     def by_bins(self, schedule: Schedule) -> Float[np.ndarray, "bins"]:
         """Return ln of the largest vibration [m] over the unknown phases in each bin and direction."""
         motion, rate = schedule.motion, self.evaluator.rate
         envelope = self.vibration(motion).envelope
         time = np.arange(envelope.shape[1]) / rate
-        share = (self.alpha(motion(time)[0]) - self.places[0]) / (self.places[-1] - self.places[0])
+        share = (self.path.alpha(motion(time)[0]) - self.places[0]) / (self.places[-1] - self.places[0])
         later = LATER * (time - motion.arrival) / max(self.dwell, 1 / rate)
         bins = np.where(later >= 0, BINS + np.clip(later, 0, LATER - 1), np.clip(BINS * share, 0, BINS - 1))
         largest = np.full((3, BINS + LATER), SMALL)
@@ -226,7 +357,7 @@ class Scheduling:
         """Return the schedule of least vibration that takes a time [s].
 
         Raises:
-            InputError: a time in which the stroke can't be made.
+            InputError: a time in which the path can't be gone.
         """
         fastest = self.schedule(np.full(self.segments - 1, np.inf))
         if fastest.duration > time:
@@ -255,8 +386,9 @@ class Scheduling:
 
     def _starts(self) -> list[Schedule]:
         """Return where the search may start: as fast as allowed, or an order of the pulleys below the first mode."""
-        first = self.frequencies(self.places[1:-1])[0]
-        speeds = [np.full(len(first), np.inf), *(below * first / order for order in self.orders() for below in BELOW)]
+        first, orders = self.frequencies(self.places[1:-1])[0], self.orders(self.places[1:-1])
+        with np.errstate(divide="ignore"):
+            speeds = [np.full(len(first), np.inf), *(below * first / order for order in orders for below in BELOW)]
         return list({each.speeds.tobytes(): each for each in map(self.schedule, speeds)}.values())
 
     def _search(self, schedule: Schedule, time: float, progress: Progress = iter, region: float = REGION) -> Schedule:
@@ -271,7 +403,7 @@ class Scheduling:
             if slopes is None:
                 beside = [self.in_time(self.schedule(np.exp(u - DIFFERENCE * each)), time) for each in np.eye(count)]
                 slopes, exact = np.stack([(now - self.by_bins(each)) / DIFFERENCE for each in beside], 1), True
-            highest = np.clip(np.log(self.limits.speed) - u, 0.0, region)
+            highest = np.clip(np.log(self.allowed.speed) - u, 0.0, region)
             bounds = [*((-region, high) for high in highest), (None, None)]
             rows = np.hstack([slopes, -np.ones((len(now), 1))])
             line, most = now, 0.0

@@ -497,7 +497,7 @@ def test_the_profile_of_the_stroke_is_read_and_a_wrong_one_is_told():
     profiled = text.replace("[stroke]\n", '[stroke]\nprofile = { value = "cycloid", origin = "assumed" }\n')
     assert parse_arm(profiled).stroke.profile == "cycloid"
     line = 1 + profiled[: profiled.index("profile = ")].count("\n")
-    with pytest.raises(InputError, match="expected 's-curve', 'trapezoid' or 'cycloid'") as caught:
+    with pytest.raises(InputError, match="expected 's-curve', 'trapezoid', 'cycloid' or 'minimum-jerk'") as caught:
         parse_arm(profiled.replace('"cycloid"', '"cosine"'))
     assert [p.where for p in caught.value.problems] == [f"arm.toml:{line}"]
 

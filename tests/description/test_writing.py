@@ -34,10 +34,12 @@ def test_what_is_written_is_read_back(seed, joints, stiffness, limited, name, no
         np.testing.assert_allclose(numbers[path], value, rtol=1e-11, atol=2e-12, err_msg=path)
     for one, other in zip(again.joints, arm.joints, strict=True):
         np.testing.assert_allclose(one.limits, other.limits, rtol=1e-11)
+        np.testing.assert_allclose(one.rates, other.rates, rtol=1e-11)
 
 
 def _changed(joint, stiffness, limited):
-    return replace(joint, k_bend=stiffness, k_tors=stiffness / 3, limits=(-1.5, 2.5) if limited else joint.limits)
+    held = {"limits": (-1.5, 2.5), "rates": (1.5, 10.0, 99.0)} if limited else {}
+    return replace(joint, k_bend=stiffness, k_tors=stiffness / 3, **held)
 
 
 @settings(max_examples=15)

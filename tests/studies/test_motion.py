@@ -5,8 +5,12 @@ import numpy as np
 import pytest
 from arms import DATA
 from commands import posterior
+from moving_engines import MujocoMoving
+from mujoco_arm import MujocoTransient, displacement, equilibrium
+from oracles import table_of
 from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
+from scipy.interpolate import CubicSpline
 
 import ident
 from ident.errors import InputError
@@ -33,7 +37,7 @@ def test_the_speed_along_the_path_vibrates_less_in_less_time(result):
     slower = next(each for each in others if each.kind == "speed")
     assert slower.worst <= 0.4e-3
     assert slower.time > as_it_is.time
-    assert [each.name for each in others if each.kind == "profile"] == ["s-curve", "trapezoid"]
+    assert [each.name for each in others if each.kind == "profile"] == ["s-curve", "trapezoid", "minimum-jerk"]
     assert not result.short
 
 
@@ -53,8 +57,57 @@ def test_the_joint_path_that_is_written_is_the_motion(result, tmp_path):
     assert float(again.peak.max()) == pytest.approx(result.motions.candidates[-1].worst, rel=0.01)
 
 
+def test_another_engine_confirms_what_is_proposed(result):
+    """MuJoCo's equations, integrated by MuJoCo, about the equilibria that MuJoCo has of the arm held there.
+
+    Its bushings are three hinges in series, which differ by up to 1e-2 (`tests/vibrate/test_transient.py`): here
+    less than 1 % for one motion and 1.3 % for another.
+    """
+    study = result.motions
+    motion = study.schedule.motion.dwell(2.0)
+    arm = study.basis.arm.replace(study.after.worst_phases())
+    table, end = table_of(motion), float(motion.breaks[-1]) - 5e-3
+    found = MujocoTransient(arm, table, end).run(1e-3, every=4)
+    engine, some = MujocoMoving(arm), np.linspace(0.0, found.time[-1], 121)
+    still = [table(np.array([t]))[0] * [[[1.0]], [[0.0]], [[0.0]]] for t in some]
+    rest = np.stack([equilibrium(engine, each[..., 0]) for each in still], 1)
+    sagging = CubicSpline(some, displacement(engine, table, some, rest), axis=1)(found.time)
+    peak = np.abs(found.displacement - sagging).max()
+    assert peak == pytest.approx(result.vibration, rel=0.02)
+    assert peak < 1e-3 * result.options.limit
+
+
+def test_along_a_given_path_joints_keep_their_limits(tmp_path):
+    """The stroke's own path, logged, with its limits on the joints: what is found is as good as along the stroke."""
+    text = FILE.read_text()
+    for joint, share in (("joint1", 1), ("joint2", 2), ("joint3", 1)):
+        numbers = zip(("speed", "acceleration", "jerk"), (9, 100, 200), ("deg/s", "deg/s^2", "deg/s^3"), strict=True)
+        lines = [
+            f'{key} = {{ value = {share * n}, unit = "{unit}", origin = "datasheet" }}' for key, n, unit in numbers
+        ]
+        text = text.replace(f'name = "{joint}"\n', "\n".join([f'name = "{joint}"', *lines, ""]), 1)
+    arm, log = tmp_path / "arm.toml", tmp_path / "path.csv"
+    arm.write_text(text)
+    motion = stroke(ident.read_arm(FILE).arm.stroke, percent=10.0)
+    time = np.arange(0.0, motion.arrival, 0.02)
+    columns = np.column_stack([time, *np.degrees(motion(time)[0])])
+    np.savetxt(log, columns, "%.10g", ",", header="time [s],joint1 [deg],joint2 [deg],joint3 [deg]", comments="")
+    result = ident.motion(arm, path=log, limit=0.6, time=25.0, segments=5)
+    found = result.motions.candidates[-1]
+    assert result.motions.recommended is found
+    assert found.allowed
+    assert result.vibration < 0.6e-3
+    path = result.motions.scheduling.path
+    q, qd, _ = (np.asarray(part) for part in found.motion(np.arange(0.0, found.time, 1e-3)))
+    np.testing.assert_allclose(q, np.array([1, -2, 1])[:, None] * q[0], atol=1e-6)
+    assert (np.abs(qd).max(1) <= path.limits[0] * (1 + 1e-6)).all()
+    assert str(log) not in result.report().split("Next:")[1]
+    assert_one_screen(result.report(), files=3)
+    assert not too_wide(result.report(details=True))
+
+
 def test_it_is_no_faster_than_the_limits_allow(result):
-    path, motion = result.motions.scheduling.stroke, result.motions.schedule.motion
+    path, motion = result.motions.basis.arm.stroke, result.motions.schedule.motion
     time = np.arange(0.0, motion.arrival, 4e-4)
     _, qd, qdd = (np.asarray(part)[0] for part in motion(time))
     assert np.abs(qd).max() <= 0.1 * float(path.speed) * (1 + 1e-9)
@@ -68,7 +121,7 @@ def test_at_full_speed_shapers_leave_less_after_the_arrival():
     kinds = {each.name: each for each in result.motions.candidates}
     assert result.motions.share_of_motion > 0.5
     assert {"ZV shaper", "EI shaper", "ZV x ZV shaper"} <= kinds.keys()
-    assert min(each.left for each in kinds.values() if each.kind == "shaper") < 0.2 * kinds["as it is"].left
+    assert min(each.left for each in kinds.values() if each.kind == "shaper") < 0.3 * kinds["as it is"].left
     assert max(each.time for each in kinds.values() if each.kind == "shaper") < kinds["as it is"].time + 0.6
 
 
@@ -103,7 +156,36 @@ def test_a_time_out_of_reach_is_refused():
         ident.motion(FILE, segments=4, time=10.0)
 
 
+def test_drives_that_do_not_excite_have_nothing_to_choose():
+    balanced = {f"drive{k}.eccentricity": 0.0 for k in (1, 2, 3)}
+    with pytest.raises(InputError, match=r"no drive that excites, expected .*eccentricity"):
+        ident.motion(FILE, set=balanced)
+
+
 def test_an_arm_without_drives_has_nothing_to_choose():
     arm = ident.read_arm(FILE).arm
-    with pytest.raises(InputError, match="no drive"):
+    with pytest.raises(InputError, match="no drive that excites"):
         ident.motion(eqx.tree_at(lambda arm: (arm.drives, arm.belts), arm, ((), ())))
+
+
+def test_a_motion_on_which_a_belt_goes_slack_is_not_confirmed():
+    result = ident.motion(FILE, set={"belt1.pretension": 0.0}, limit=0.6, time=28.0, segments=4)
+    assert "belt1" in result.motions.verification.slack
+    assert result.motions.recommended is None
+    assert "belt1 go slack: not confirmed" in result.report()
+
+
+def test_loss_factors_are_refused():
+    arm = ident.read_arm(FILE).arm
+    lossy = eqx.tree_at(lambda a: a.joints[0].loss_bend, arm, 0.01, is_leaf=lambda x: x is None)
+    with pytest.raises(InputError, match="loss factor"):
+        ident.motion(lossy)
+
+
+def test_a_path_that_starts_moving_is_refused(tmp_path):
+    time = np.linspace(0.0, 10.0, 51)
+    columns = np.column_stack([time, 100 - 4 * time, 8 * time - 200, 100 - 4 * time])
+    head = "time [s],joint1 [deg],joint2 [deg],joint3 [deg]"
+    np.savetxt(tmp_path / "path.csv", columns, "%.10g", ",", header=head, comments="")
+    with pytest.raises(InputError, match="a motion from rest without such jumps"):
+        ident.motion(FILE, path=tmp_path / "path.csv")

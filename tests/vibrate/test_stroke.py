@@ -37,9 +37,9 @@ def alpha(motion):
 
 
 def peaks(motion):
-    """Largest speed, acceleration and jerk of alpha, from a fine grid on each piece with both its ends."""
+    """Largest speed, acceleration and jerk of alpha, by a grid with ends and minimum jerk's peaks."""
     path = alpha(motion)
-    x = np.linspace(0, 1, 401)[:, None] * np.diff(path.x)
+    x = np.append(np.linspace(0, 1, 401), (1 + np.array([-1, 1]) / np.sqrt(3)) / 2)[:, None] * np.diff(path.x)
     values = [[np.polyval(np.polyder(path.c[:, k], n), x[:, k]) for k in range(x.shape[1])] for n in (1, 2, 3)]
     return [float(np.abs(v).max()) for v in values]
 
@@ -127,6 +127,24 @@ def test_each_limit_can_set_the_cycloids_duration(limits, touched):
     assert cycloid_duration(3.0, limits) == pytest.approx((3.0 * touched) ** (1 / order), rel=1e-8)
 
 
+def test_minimum_jerk_has_the_least_integral_of_the_jerk_squared():
+    """720 D^2/T^5 (Flash and Hogan 1985), which no other profile of the same time falls below."""
+
+    def integral(motion):
+        jerk = alpha(motion).derivative(3)
+        return float(
+            (jerk(np.linspace(0, motion.arrival, 20001)[:-1] + motion.arrival / 40002) ** 2).mean() * motion.arrival
+        )
+
+    motion = stroke(path_with(folded=0.0, unfolded=1.0), profile="minimum-jerk")
+    T = motion.arrival
+    assert pytest.approx(max(1.875 / 1.2, (10 / np.sqrt(3) / 4.0) ** 0.5, (60 / 30.0) ** (1 / 3))) == T
+    assert integral(motion) == pytest.approx(720 / T**5, rel=1e-6)
+    for profile in ("s-curve", "cycloid"):
+        other = stroke(path_with(folded=0.0, unfolded=1.0), profile=profile)
+        assert integral(other) * other.arrival**5 > 720 * 1.05
+
+
 @pytest.mark.parametrize("profile", PROFILES)
 def test_a_tenth_of_the_speed_is_the_same_path_slower(profile):
     full, tenth = stroke(PATH, profile=profile, dwell=1.0), stroke(PATH, profile=profile, dwell=1.0, percent=10)
@@ -154,7 +172,7 @@ def test_the_profile_is_the_path_s_own_unless_another_is_asked_for():
 
 def test_an_unknown_profile():
     assert problems(profile="S_curve") == [
-        "profile: got 'S_curve', expected one of s-curve, trapezoid, cycloid; did you mean s-curve?"
+        "profile: got 'S_curve', expected one of s-curve, trapezoid, cycloid, minimum-jerk; did you mean s-curve?"
     ]
     assert problems(profile="")[0].endswith("choose one of them")
 

@@ -4,8 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from arms import lcd_arm
+from scipy.interpolate import BarycentricInterpolator
 
-from ident.vibrate.linear import TimeIntervals, some_at_a_time
+from ident.vibrate.linear import FINEST, NODE_PLACES, ROUGH, TimeIntervals, some_at_a_time, time_intervals
+from ident.vibrate.motion import Motion, stroke
+from ident.vibrate.replay import replay
+from ident.vibrate.shaping import averaged
 
 
 def of(scale: float, grid: TimeIntervals) -> dict[str, jax.Array]:
@@ -43,3 +48,31 @@ def test_nothing_is_computed_for_intervals_that_are_none() -> None:
     np.testing.assert_allclose(lengths[:6], 0.14)
     assert np.isfinite(lengths).all()
     assert not lengths[8:].any()
+
+
+def logged(motion: Motion) -> Motion:
+    time = np.arange(0.0, motion.arrival + 0.008, 0.008)
+    return replay(time, np.asarray(motion(time)[0]))
+
+
+TRAPEZOID = stroke(lcd_arm().stroke, percent=100.0, profile="trapezoid")
+
+
+@pytest.mark.parametrize("motion", [averaged(averaged(TRAPEZOID, 0.24), 0.2), logged(TRAPEZOID)])
+def test_intervals_are_short_where_the_acceleration_bends(motion: Motion) -> None:
+    """The polynomial through an interval's nodes is the acceleration, or the interval is a short one."""
+    grid = time_intervals(motion, motion.arrival, 2e-3)
+    start, length = np.asarray(grid.start), np.asarray(grid.step) * grid.steps
+    np.testing.assert_allclose(start[1:], (start + length)[:-1], atol=1e-9)
+    largest = np.abs(motion(np.linspace(0.0, motion.arrival, 4001))[2]).max()
+    for low, size in zip(start, length, strict=True):
+        nodes, at = low + size * NODE_PLACES, low + size * np.linspace(0.0, 0.999, 50)
+        polynomial = BarycentricInterpolator(nodes, np.asarray(motion(nodes)[2]).T)
+        missed = np.abs(polynomial(at) - np.asarray(motion(at)[2]).T).max()
+        assert size * missed < 1.3 * ROUGH * largest or size <= 2 * FINEST + 1e-9
+
+
+def test_intervals_of_a_smooth_motion_are_as_long_as_it_turns() -> None:
+    motion = stroke(lcd_arm().stroke, percent=10.0)
+    grid = time_intervals(motion, motion.arrival, 1.0)
+    assert np.ptp(np.asarray(grid.step)) < 1e-12

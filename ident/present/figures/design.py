@@ -1,4 +1,4 @@
-"""Figures of cures: of a design, and of the speed along a path."""
+"""Figures of cures: of a design, of the speed along a path, and of input shapers."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -30,6 +30,7 @@ from ident.present.figures.style import (
 )
 from ident.present.report import cut
 from ident.present.words import MM, value_in_words
+from ident.vibrate.shaping import shapers
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import NEARBY
 
@@ -257,14 +258,14 @@ def motion_figure(motions: "MotionStudy") -> Figure:
     highest = 0.0
     for candidate, style in ((motions.candidates[0], BEFORE), (motions.candidates[-1], AFTER)):
         time = np.linspace(0.0, candidate.motion.arrival, 1001)
-        q, qd, _ = (np.asarray(part) for part in candidate.motion(time))
-        alpha, rate = (np.degrees(scheduling.alpha(part)) for part in (q, qd))
-        top.plot(alpha, np.abs(rate), **style)
-        highest = max(highest, float(np.abs(rate).max()))
+        alpha = np.degrees(scheduling.path.alpha(candidate.motion(time)[0]))
+        rate = np.abs(np.gradient(alpha, time))
+        top.plot(alpha, rate, **style)
+        highest = max(highest, float(rate.max()))
     along = np.linspace(scheduling.places[0], scheduling.places[-1], 101)
-    for order in scheduling.orders():
+    for order in scheduling.orders(along):
         for frequencies, style in zip(scheduling.frequencies(along), MODES, strict=True):
-            speeds = np.degrees(frequencies / order)
+            speeds = np.degrees(frequencies / np.maximum(order, 1e-9))
             top.plot(np.degrees(along), np.where(speeds < 1.3 * highest, speeds, np.nan), **style)
     for whole, style in ((motions.before, BEFORE), (motions.after, AFTER)):
         below.plot(whole.time, MM * whole.envelope.max(0), **style)
@@ -273,7 +274,7 @@ def motion_figure(motions: "MotionStudy") -> Figure:
         plain(axes, grid=True)
         axes.set_ylim(bottom=0)
     top.set_xlim(np.degrees(along[[0, -1]]))
-    top.set(xlabel="alpha along the stroke [deg]", ylabel="speed of alpha [deg/s]")
+    top.set(xlabel="alpha along the path [deg]", ylabel="speed of alpha [deg/s]")
     below.set_xlim(left=0)
     below.set(xlabel="time [s]", ylabel="largest vibration over the phases [mm]")
     handles = [
@@ -284,4 +285,37 @@ def motion_figure(motions: "MotionStudy") -> Figure:
         Line2D([], [], label=f"limit, {MM * motions.limit:g} mm", **LIMIT),
     ]
     key_below(figure, handles, "fast method; largest of X, Y, Z", columns=5)
+    return figure
+
+
+def shaper_figure(motions: "MotionStudy") -> Figure:
+    """Draw what shapers leave of a mode over its frequency; below, the two lowest frequencies along the path."""
+    bands, expected = motions.bands, motions.bands[1, :, -1]
+    figure = titled((8.0, 7.0), motion_title("What input shapers leave of each mode", motions.basis), (0.08, 0.1))
+    top, below = figure.subplots(2, 1, sharex=True)
+    frequency = np.linspace(0.75 * bands.min(), 1.1 * bands.max(), 601)
+    candidates = {each.name: each for each in motions.candidates if each.kind == "shaper"}
+    handles = []
+    each = {shaper.name: (shaper,) for shaper in shapers()}
+    for (name, parts), color in zip({**each, "ZV x ZV": each["ZV"] * 2}.items(), COLORS, strict=False):
+        left = np.prod([part.residual(frequency, f) for part, f in zip(parts, expected, strict=False)], 0)
+        label = f"{name}: {MM * candidates[f'{name} shaper'].left:.2f} mm left"
+        handles += top.plot(frequency, 100 * left, color=color, linewidth=1.3, label=label)
+    along = np.degrees(np.linspace(motions.scheduling.places[0], motions.scheduling.places[-1], bands.shape[2]))
+    for mode, name in enumerate(("mode 1", "mode 2")):
+        below.fill_betweenx(along, bands[0, mode], bands[2, mode], color=ORANGE, alpha=0.25, linewidth=0)
+        below.plot(bands[1, mode], along, **MODES[mode])
+        at = -bands.shape[2] // 4  # where the lines are apart: names stand on their outer sides
+        side: tuple[int, str] = ((-6, "right"), (6, "left"))[mode]
+        note(below, name, (bands[1, mode, at], along[at]), (side[0], 0), ha=side[1], va="center", fontsize=9)
+        for axes in (top, below):
+            axes.axvspan(bands[0, mode, -1], bands[2, mode, -1], color=ORANGE, alpha=0.12, linewidth=0)
+            axes.axvline(expected[mode], color=GREY, linewidth=0.8, linestyle=":")
+    for axes in (top, below):
+        plain(axes, grid=True)
+    top.set(ylim=(0, 100), ylabel="residual of a mode [%]", xlim=frequency[[0, -1]])
+    below.set(xlabel="frequency [Hz]", ylabel="alpha along the path [deg]", ylim=along[[0, -1]])
+    spread = f"bands: 5 to 95 % of {len(motions.candidates[0].peaks)} draws; " if motions.basis.draws else ""
+    words = f"{spread}dotted: at the arrival, for which the curves are; the shapers follow the posture"
+    key_below(figure, handles, words, columns=3)
     return figure
