@@ -27,7 +27,7 @@ from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from ident.errors import refusal
-from ident.measure.series import JointLog
+from ident.measure.joint_log import JointLog
 
 BLOCKS = 12
 """Parts of the logs, each of which is left out once: fewer widen intervals, more let one error span several parts."""

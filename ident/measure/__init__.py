@@ -9,7 +9,7 @@ from ident.measure.reading import format_campaign, parse_campaign, read_campaign
 from ident.units import to_si
 
 if TYPE_CHECKING:
-    from ident.measure.series import JointLog, Log, Pulley, Trace, read_joint_log, read_log, read_pulleys, read_trace
+    from ident.measure.series import Log, Pulley, Trace, read_log, read_pulleys, read_trace
 
 __all__ = [
     "DEFINITIONS",
@@ -17,7 +17,6 @@ __all__ = [
     "KINDS",
     "OWN_WEIGHT",
     "Campaign",
-    "JointLog",
     "Load",
     "Log",
     "Measurement",
@@ -26,7 +25,6 @@ __all__ = [
     "format_campaign",
     "parse_campaign",
     "read_campaign",
-    "read_joint_log",
     "read_log",
     "read_pulleys",
     "read_trace",
@@ -34,7 +32,7 @@ __all__ = [
     "write_campaign",
 ]
 
-_SERIES = ("JointLog", "Log", "Pulley", "Trace", "read_joint_log", "read_log", "read_pulleys", "read_trace")
+_SERIES = ("Log", "Pulley", "Trace", "read_log", "read_pulleys", "read_trace")
 """Series in time: they need NumPy, for which a campaign that is refused need not wait."""
 
 

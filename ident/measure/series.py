@@ -364,7 +364,7 @@ def parse_trace(data: bytes, path: str | Path) -> Trace:
     """Read a trace from the bytes of a CSV file; `path` names it in messages."""
     findings = Findings()
     series = parse_series(data, path, {direction: tuple(KINDS) for direction in DIRECTIONS}, TRACE_ROWS_MIN, findings)
-    findings += [*_kind_problems(series), *_sampling_problems(series)]
+    findings += [*_kind_problems(series), *sampling_problems(series)]
     refuse(findings)
     given = [direction for direction in DIRECTIONS if direction in series]
     kind = KINDS[series.columns[given[0]].quantity]
@@ -385,7 +385,7 @@ def _kind_problems(series: Series) -> Iterator[Problem]:
             yield Problem(series.header, f"{kind} in '{column.unit}'", expected, remedy, column.name)
 
 
-def _sampling_problems(series: Series) -> Iterator[Problem]:
+def sampling_problems(series: Series) -> Iterator[Problem]:
     """Find the interval that differs most from the mean one, once time increases."""
     steps = np.diff(series[TIME]) if TIME in series else np.zeros(0)
     if not steps.size or not (steps > 0).all():
@@ -397,94 +397,6 @@ def _sampling_problems(series: Series) -> Iterator[Problem]:
         expected = f"{mean:.6g} s within 1 %, the mean interval"
         remedy = "resample at equal intervals; if only the times are rounded, write more digits"
         yield Problem(series.where[row + 1], got, expected, remedy, TIME)
-
-
-# -------- Joint logs
-# The motor and link of joints over time, for `ident joint`: angles and torques, all counted at the joint.
-
-CHANNELS = {"motor": "angle", "link": "angle", "torque": "moment", "load": "moment"}
-"""Columns of a joint, `joint1.motor [deg]`, and the quantity of each: angles of motor and link, the motor's torque,
-and the torque in the joint, of a sensor or a model of the arm."""
-
-_CHANNEL = re.compile(rf"(?P<name>(?P<joint>{NAME})\.(?P<channel>{'|'.join(CHANNELS)}))\s*(\[.*\])?")
-
-
-@dataclass(frozen=True)
-class JointLog:
-    """Joints over time.
-
-    Attributes:
-        path: the file it was read from.
-        sha256: hash of the file's bytes.
-        time: (T,) [s] increasing, uniform within 1 %.
-        columns: (T,) [rad or N m] by joint and channel, a name in `CHANNELS`.
-    """
-
-    path: str
-    sha256: str
-    time: Float[np.ndarray, " T"]
-    columns: Mapping[str, Mapping[str, Float[np.ndarray, " T"]]]
-
-    @property
-    def interval(self) -> float:
-        """Mean time [s] between two samples."""
-        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
-
-
-def read_joint_log(path: str | Path, *, locked: bool = False) -> JointLog:
-    """Read joints from a CSV file: `time [s]` and, of each, `joint1.motor [deg]`, `joint1.link [deg]` and a torque.
-
-    Args:
-        path: the file; UTF-8, columns separated by comma, semicolon or tab, in any order; further ones are ignored.
-        locked: whether the links were clamped, and need no column.
-
-    Returns:
-        The log in SI units.
-
-    Raises:
-        InputError: the file can't be read, or something in it is wrong; every problem is listed.
-    """
-    data, findings = read_table(path, LARGEST_SAMPLES), Findings()
-    header = parse_series(data, path, {}, TRACE_ROWS_MIN, Findings())
-    there = [match for match in map(_CHANNEL.fullmatch, header.ignored) if match]
-    wanted = {match["name"]: (CHANNELS[match["channel"]],) for match in there}
-    series = parse_series(data, path, wanted, TRACE_ROWS_MIN, findings)
-    names = tuple(dict.fromkeys(match["joint"] for match in there))
-    if not names:
-        expected = "columns as 'joint1.motor [deg]', 'joint1.link [deg]' and 'joint1.torque [N*m]'"
-        findings.append(Problem(series.header, "no joint", expected, "name the columns so"))
-    findings += [
-        *_sampling_problems(series),
-        *(each for name in names for each in _channel_problems(series, name, locked)),
-    ]
-    refuse(findings)
-    columns = {n: {c: series[f"{n}.{c}"] for c in CHANNELS if f"{n}.{c}" in series} for n in names}
-    return JointLog(str(path), series.sha256, series[TIME], columns)
-
-
-def _channel_problems(series: Series, joint: str, locked: bool) -> Iterator[Problem]:
-    """Yield which channels a joint lacks, and those that do not move or vary."""
-    given = {channel: f"{joint}.{channel}" for channel in CHANNELS if f"{joint}.{channel}" in series}
-    if series.at_fault:
-        return
-    for channel in ("motor", *(() if locked else ("link",))):
-        if channel not in given:
-            yield missing_column(series.header, f"{joint}.{channel}", "angle", series.ignored)
-    if not {"torque", "load"} & {*given}:
-        yield missing_column(series.header, f"{joint}.torque", "moment", series.ignored)
-    if locked and "link" in given:
-        yield Problem(
-            series.header, "a link's angle", "none, for the link is `locked`", "drop one of them", given["link"]
-        )
-    for channel, name in given.items():
-        span = float(np.ptp(series[name]))
-        if span == 0:
-            got = "one value throughout"
-            expected = "a joint that moves" if CHANNELS[channel] == "angle" else "a torque that varies"
-            yield Problem(series.where[0], got, expected, "log a motion to and fro", name)
-        elif CHANNELS[channel] == "angle" and series.columns[name].unit == "rad" and span > FARTHEST:
-            remedy = f"if it is in degrees, write '{name} [deg]'; if it is the motor's own, give its `ratio`"
-            yield Problem(series.where[0], f"a range of {span:.4g} rad", f"at most {FARTHEST:.3g} rad", remedy, name)
 
 
 # -------- Pulleys

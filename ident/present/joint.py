@@ -11,7 +11,7 @@ from ident.units import stiffness_unit
 
 if TYPE_CHECKING:
     from ident.identify.joint import JointNumber, JointTwist
-    from ident.measure import JointLog
+    from ident.measure.joint_log import JointLog
 
 HEADS = {
     "stiffness": "stiffness",

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.identify.joint import JointTwist
-    from ident.measure import JointLog
+    from ident.measure.joint_log import JointLog
 
 EACH: Any = {"repeated": True, "read": reading.by_name}
 """How an option is read that may differ between joints."""
@@ -117,7 +117,7 @@ def joint(
         InputError: a log is wrong, or has other columns than the first; an option names no joint of theirs.
     """
     from ident.identify.joint import TwistSetting, joint_twist
-    from ident.measure import JointLog, read_joint_log
+    from ident.measure.joint_log import JointLog, read_joint_log
 
     given = [logs] if isinstance(logs, JointLog | str | Path) else [*logs]
     if not given:

@@ -338,6 +338,44 @@ def vibration_along(
     return pair
 
 
+def places_of(measure: Amplitude, size: Float[np.ndarray, "3 T"]) -> Int[np.ndarray, "3 more"] | None:
+    """Return the samples of which a peak is the largest, of each window and direction; None for all (an RMS).
+
+    There may be more windows than `measure.count`, of which the last ones mean nothing.
+    """
+    if measure.measure == "rms":
+        return None
+    first, end = int(measure.first), int(measure.end)
+    late = np.roll(size, -first, 1)
+    late[:, end - first :] = 0.0
+    windows = np.pad(late, ((0, 0), (0, -late.shape[1] % measure.window))).reshape((3, -1, measure.window))
+    within = np.arange(windows.shape[1]) * measure.window + windows.argmax(2)
+    return np.minimum(first + within, size.shape[1] - 1)
+
+
+def with_slopes(
+    measure: Amplitude, parts: tuple[Any, Any, Any], changing: tuple[Any, Any, Any]
+) -> tuple[Float[np.ndarray, "3 W"], Float[np.ndarray, "V 3 W"]]:
+    """Return the amplitude over the phases at each of its places, or the RMS, and its slopes.
+
+    Args:
+        measure: the amplitude.
+        parts: what is sure `(3, T)`, and each phase's parts of cosine and sine `(U, 3, T)` there, see `parts_of`.
+        changing: how they change with each variable, `(V, 3, T)` and `(U, V, 3, T)`.
+    """
+    sure, cosine, sine = parts
+    way, of_cosine, of_sine = changing
+    turning = cosine[:, None] * of_cosine + sine[:, None] * of_sine
+    if measure.measure == "rms":
+        end = int(measure.end)
+        mean = np.sqrt((rms_over_phases(*parts) ** 2)[:, :end].mean(1, keepdims=True))
+        slope = (sure * way + turning.sum(0) / 2)[..., :end].mean(-1, keepdims=True)
+        return mean, slope / np.where(mean > 0, mean, 1.0)
+    size = np.hypot(cosine, sine)
+    each = turning / np.where(size > 0, size, 1.0)[:, None]
+    return largest_over_phases(*parts), np.sign(sure) * way + each.sum(0)
+
+
 # -------- Evaluator
 
 BATCH = 64
@@ -481,13 +519,13 @@ class Evaluator:
         def one(values: dict[str, Any], along: dict[str, Any], run: Callable[[Any], list[Any]]) -> Any:
             linear = linear_along(self.arm, values, along, solve)
             solved = run([partial(solved_along, self.arm, values | own, along, linear, solve) for own in turned])
-            places = measure.places(largest_over_phases(*parts_of(np.stack([x for _, x in solved], -1))))
+            places = places_of(measure, largest_over_phases(*parts_of(np.stack([x for _, x in solved], -1))))
             jobs = [
                 partial(vibration_along, self.arm, values | own, along, linear, pair, solve, places)
                 for own, (pair, _) in zip(turned, solved, strict=True)
             ]
             seen, ways = (np.stack(part, -1) for part in zip(*jax.device_get(run(jobs)), strict=True))
-            return measure.with_slopes(parts_of(seen), parts_of(ways))
+            return with_slopes(measure, parts_of(seen), parts_of(ways))
 
         if len(ways) > 1:
             done = at_once([partial(one, *way, lambda jobs: [job() for job in jobs]) for way in ways])

@@ -262,40 +262,6 @@ class Amplitude(eqx.Module):
         """Number W of windows."""
         return 1 if self.measure == "rms" else -(-int(self.end - self.first) // self.window)
 
-    def places(self, size: Float[np.ndarray, "3 T"]) -> Int[np.ndarray, "3 more"] | None:
-        """Return the samples of which a peak is the largest, of each window and direction; None for all (an RMS).
-
-        There may be more windows than `count`, of which the last ones mean nothing.
-        """
-        if self.measure == "rms":
-            return None
-        late = np.roll(size, -int(self.first), 1)
-        late[:, int(self.end - self.first) :] = 0.0
-        windows = np.pad(late, ((0, 0), (0, -late.shape[1] % self.window))).reshape((3, -1, self.window))
-        within = np.arange(windows.shape[1]) * self.window + windows.argmax(2)
-        return np.minimum(int(self.first) + within, size.shape[1] - 1)
-
-    def with_slopes(
-        self, parts: tuple[Any, Any, Any], changing: tuple[Any, Any, Any]
-    ) -> tuple[Float[np.ndarray, "3 W"], Float[np.ndarray, "V 3 W"]]:
-        """Return the amplitude over the phases at each of its `places`, or the RMS, and its slopes.
-
-        Args:
-            parts: what is sure `(3, T)`, and each phase's parts of cosine and sine `(U, 3, T)` there, see `parts_of`.
-            changing: how they change with each variable, `(V, 3, T)` and `(U, V, 3, T)`.
-        """
-        sure, cosine, sine = parts
-        way, of_cosine, of_sine = changing
-        turning = cosine[:, None] * of_cosine + sine[:, None] * of_sine
-        if self.measure == "rms":
-            end = int(self.end)
-            mean = np.sqrt((rms_over_phases(*parts) ** 2)[:, :end].mean(1, keepdims=True))
-            slope = (sure * way + turning.sum(0) / 2)[..., :end].mean(-1, keepdims=True)
-            return mean, slope / np.where(mean > 0, mean, 1.0)
-        size = np.hypot(cosine, sine)
-        each = turning / np.where(size > 0, size, 1.0)[:, None]
-        return largest_over_phases(*parts), np.sign(sure) * way + each.sum(0)
-
 
 def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
     """Return a measure for a motion sampled at a rate."""

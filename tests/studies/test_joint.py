@@ -12,7 +12,7 @@ from results import assert_comes_back, assert_plain
 
 import ident
 from ident.errors import InputError
-from ident.measure import read_joint_log
+from ident.measure.joint_log import read_joint_log
 
 KR300 = Path(__file__).parents[2] / "data" / "kr300"
 LOGS = [KR300 / f"{name}.csv" for name in "abc"]

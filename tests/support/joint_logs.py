@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from ident.measure.series import JointLog
+from ident.measure.joint_log import JointLog
 
 RATE = 250.0
 SMOOTH = 2e-3
