@@ -177,7 +177,7 @@ def balance(
     if not any(row["told"] for row in rows):
         where, expected = one_line(values.path or "source"), "one at least"
         raise refusal(where, "no imbalance that is told", expected, "measure more runs, see ident show of it")
-    pulleys = {name: _pulley(drive, basis.arm, options) for name, drive in drives.items()}
+    pulleys = {name: pulley_of(drive, basis.arm, options) for name, drive in drives.items()}
     rotors = [
         rotor_of(basis, drives[row["drive"]], pulleys[row["drive"]], record.parameters, row, record.phases, tried)
         for row in rows
@@ -238,8 +238,12 @@ def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tup
     return arm, record, Values.of_arm(drawn, arm.arm, path, sha256)
 
 
-def _pulley(drive: "Drive", arm: "Arm", options: BalanceOptions) -> "Pulley":
-    """Return where masses can be mounted on a drive."""
+def pulley_of(drive: "Drive", arm: "Arm", options: BalanceOptions) -> "Pulley":
+    """Return where masses can be mounted on a drive.
+
+    Raises:
+        InputError: no radius is given, and no belt runs over a pulley of it.
+    """
     from ident.assess.balance import Pulley
 
     sizes = [float(belt.driver_radius) for belt in arm.belts if belt.driver == drive.joint]
