@@ -49,7 +49,7 @@ def along_path(task: Task, other: Remedy | None = None) -> Remedy | None:
         other: a remedy that is carried out as well.
 
     Returns:
-        The remedy; None where the motion is no stroke, or no drive turns.
+        The remedy; None where the motion is no stroke, no drive turns, or each takes longer than the lowest speed.
     """
     stroke, own = task.basis.arm.stroke, task.basis.motion
     if task.basis.log or stroke is None or not task.basis.arm.drives:
@@ -60,7 +60,9 @@ def along_path(task: Task, other: Remedy | None = None) -> Remedy | None:
     retract = bool(ends[1] > ends[0]) == bool(stroke.folded > stroke.unfolded)
     basis = replace(after.basis, arm=evaluator.changed_arm(changes))
     search = scheduling_of(basis, stroke, segments=SEGMENTS, dwell=float(own.breaks[-1] - own.arrival), retract=retract)
+    slowest = own.arrival / min(task.effort.speeds)  # what takes longer than the lowest speed is no cure
     schedules = sorted(_below_first_mode(search), key=lambda each: each.duration)
+    schedules = [each for each in schedules if each.duration <= slowest]
     if not schedules:
         return None
     every = [replace(evaluator, motion=held(task, each)) for each in schedules]

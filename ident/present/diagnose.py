@@ -11,6 +11,7 @@ import numpy as np
 from ident.arm.multibody import IMBALANCE, exciting_orders
 from ident.assess.cures import SHARES
 from ident.assess.remedies import AND, CONFIDENT, EFFORTS, MOVED, STIFFER, VERIFIED, Remedy
+from ident.present.balance import needs_words
 from ident.present.basis import (
     assumed,
     basis_findings,
@@ -147,11 +148,12 @@ def _unbalanced(diagnosis: "Diagnosis") -> str:
     """Say why balancing was not computed."""
     if diagnosis.excited is None:
         return "not computed: give --runs, see ident source"
-    rotors = diagnosis.excited.balance.rotors if diagnosis.excited.balance else ()
-    against = [
-        f"{spaced(each.drive.name)} {each.state}" for each in rotors if each.state not in ("balance", "not worth it")
-    ]
-    return f"{joined(against) or 'not computed'}: see ident balance"
+    for rotor in diagnosis.excited.balance.rotors if diagnosis.excited.balance else ():
+        if rotor.state == "does not fit":
+            return f"{needs_words(rotor)}; give --radius"
+        if rotor.state in ("cannot be told", "trials contradict"):
+            return f"{rotor.drive.name}: {rotor.state}; see ident balance"
+    return "not computed: see ident balance"
 
 
 def _has_schedule(diagnosis: "Diagnosis") -> bool:

@@ -1,7 +1,7 @@
 """Balance the joint drives' rotors by what `ident source` has identified: which mass goes where, and what it brings."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import radians
 from pathlib import Path
@@ -80,6 +80,14 @@ class BalanceOptions(MovingOptions):
         pattern = f"a whole number from {FEWEST}: two neighbours hold a mass at any angle"
         bad += [("holes", x, pattern) for x in self.holes.values() if not FEWEST <= x <= 1000 or x != int(x)]
         return [*super().problems(), *(Problem(name, f"{x:g}", expected, "correct it") for name, x, expected in bad)]
+
+    def check_drives(self, drives: Collection[str]) -> None:
+        """Refuse what is said of a drive that the arm has not."""
+        for name in BY_DRIVE:
+            for given in getattr(self, name):
+                if given and given not in drives:
+                    remedy = did_you_mean(given, tuple(drives), "name a drive of the arm")
+                    raise refusal(name, f"the drive {one_line(given)}", f"one of {', '.join(drives)}", remedy)
 
     def of_drive(self, name: str, drive: str, default: float | None = None) -> Any:
         """Return what an option says of a drive."""
@@ -164,11 +172,7 @@ def balance(
     arm, record, values = _taken(source, options)
     options = replace(options, set=_numbers(record, options.set))
     drives = {drive.name: drive for drive in arm.arm.drives}
-    for name in BY_DRIVE:
-        for given in getattr(options, name):
-            if given and given not in drives:
-                remedy = did_you_mean(given, tuple(drives), "name a drive of the arm")
-                raise refusal(name, f"the drive {one_line(given)}", f"one of {', '.join(drives)}", remedy)
+    options.check_drives(drives)
     log = read_log(path, [joint.name for joint in arm.arm.driven]) if isinstance(path, str | Path) else path
     basis = basis_of(arm, options, path=log, posterior=values)
     check_place(f"{basis.name}.balance", {"arm": arm, "source": values, "path": log})

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 from ident.assess.effort import DiagnosisEffort
-from ident.errors import InputError
-from ident.studies.balance import BalanceOptions, pulley_of
+from ident.errors import InputError, refusal
+from ident.studies.balance import EACH, BalanceOptions, pulley_of
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.motion_options import HeldMotionOptions, basis_of
@@ -222,7 +222,8 @@ def _balanced(job: Job, study: "SourceStudy", drawn: "Mapping[str, Any]") -> "Ba
     if not study.usable or not any(each.told for each in found):
         return None
     try:
-        pulleys = {name: pulley_of(drive, basis.arm, BalanceOptions()) for name, drive in drives.items()}
+        where = BalanceOptions(radius=job.options.radius)
+        pulleys = {name: pulley_of(drive, basis.arm, where) for name, drive in drives.items()}
     except InputError:  # no radius is known
         return None
     phases = {each.source.drive: (each.phase, each.phase_sd) for each in found}
@@ -263,6 +264,11 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
 
     limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
+    radius: dict[str, float] = option(
+        {},
+        "with --runs: radius [mm] at which balancing masses can sit, as drive2=90; default: the largest pulley's",
+        **EACH,
+    )
     effort: DiagnosisEffort = field(default_factory=DiagnosisEffort)
     force: bool = False
 
@@ -419,6 +425,9 @@ def diagnose(
     basis = basis_of(arm, options, path=path)
     refuse_jumps(basis.arm, basis.motion)  # what can be refused is refused before the posterior is sampled
     loads_of(basis.arm, basis.load)
+    if options.radius and runs is None:
+        raise refusal("radius", "it without runs", "traces that tell the imbalances", "give `runs`, or drop it")
+    BalanceOptions(radius=options.radius).check_drives([drive.name for drive in basis.arm.drives])
     if runs is not None:
         posed(basis.arm, runs, offset=SourceOptions().offset)
     check_place(_name(campaign), {"arm": arm, "campaign": campaign, "path": path, "runs": runs})
