@@ -8,12 +8,26 @@ import numpy as np
 
 from ident.assess.balance import Rotor
 from ident.assess.motion import scheduling_of
-from ident.assess.remedies import AND, EFFORTS, Remedy, Task, assessed, carried_out, held, least, rank, remedies
+from ident.assess.remedies import (
+    AND,
+    EFFORTS,
+    STIFFER,
+    Remedy,
+    Task,
+    assessed,
+    carried_out,
+    held,
+    least,
+    rank,
+    remedies,
+)
 from ident.vibrate.exact import Progress
 from ident.vibrate.schedule import Schedule, Scheduling
 
 SEGMENTS = 12
 """Segments of the path, as `ident motion` has by default."""
+STEPS = 4
+"""Stiffnesses of a joint that are tried together with the speed along the path."""
 SHARES = (0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.875, 0.9, 0.925, 0.95, 0.975)
 """Frequency of an order of a pulley over the posture's first natural frequency, which are tried; assumed."""
 
@@ -95,16 +109,36 @@ def balancing(task: Task, rotors: tuple[Rotor, ...]) -> Remedy:
 def pairs(task: Task, ranked: Sequence[Remedy]) -> Iterator[Remedy]:
     """Yield the best remedies of two efforts together, the least effort first, up to a pair that meets the limit.
 
+    Where the speed along the path is one of them, the other is also a joint that is stiffer: the motion is as quick as
+    the first natural frequency is high, for which no part is chosen that is alone.
+
     Args:
         task: what is asked.
         ranked: single remedies, the best first.
     """
     best = {effort: next((each for each in ranked if each.effort == effort), None) for effort in EFFORTS.values()}
     for cheap, dear in combinations(filter(None, best.values()), 2):
-        remedy = along_path(task, dear) if EFFORTS["schedule"] == cheap.effort else None  # searched on the changed arm
-        yield (remedy := remedy or _both(task, cheap, dear))
+        tried: list[Remedy] = []
+        if cheap.effort == EFFORTS["schedule"]:  # the speed is searched on the changed arm
+            for other in (dear, *(_stiffer(task, dear) if dear.effort == EFFORTS["torsion"] else ())):
+                if remedy := along_path(task, other):
+                    tried.append(remedy)
+                    if remedy.meets_limit:
+                        break
+        yield (remedy := min(tried or [_both(task, cheap, dear)], key=rank))
         if remedy.meets_limit:
             return
+
+
+def _stiffer(task: Task, template: Remedy) -> Iterator[Remedy]:
+    """Yield remedies in which that joint is made stiffer, step by step, which raises the first frequency most."""
+    every = task.evaluator(*task.torsion)
+    raised = every.end_states(np.diag(every.bounds[1])).frequency
+    variable = task.torsion[int(np.argmax(raised))]
+    before = {path: float(task.basis.arm.get(path)) for path in variable.paths}
+    for factor in STIFFER ** np.linspace(0.25, 1.0, STEPS):
+        values = {path: float(factor * number) for path, number in before.items()}
+        yield replace(template, kind="torsion", values=values, before=before)
 
 
 def _both(task: Task, cheap: Remedy, dear: Remedy) -> Remedy:
