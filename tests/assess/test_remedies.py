@@ -14,6 +14,7 @@ from ident.assess.effort import DiagnosisEffort
 from ident.assess.motion import scheduling_of
 from ident.assess.remedies import Remedy, Task, Verification, at_confidence, rank, verify_in_turn, verify_remedy
 from ident.identify.values import Values
+from ident.present.diagnose import change_words
 from ident.studies.diagnose import DiagnoseOptions
 from ident.studies.motion_options import basis_of
 from ident.vibrate.evaluator import binomial_estimate
@@ -125,6 +126,8 @@ def test_a_balanced_arm_has_the_imbalance_that_is_left(task):
     rng = np.random.default_rng(0)
     left = 1e-5 * (rng.normal(size=40) + 1j * rng.normal(size=40))
     after = task.balanced((rotor(left),))
+    mounted = replace(remedy(True), kind="balance", rotors=(rotor(left),))
+    assert change_words(mounted) == "mount 22.2 g at 0 deg, 90 mm from the axis, on drive 2"  # 2000 g mm at 90 mm
     mass = float(ARM.arm.get("drive2.eccentric_mass"))
     drawn = after.basis.draws
     made = mass * drawn["drive2.eccentricity"] * np.exp(1j * drawn["drive2.phase"])
