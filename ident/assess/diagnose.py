@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from ident.assess.balance import Balance, Rotor
 from ident.assess.remedies import Remedy, Task, Verification, VibrationAssessment
 from ident.assess.source import SourceStudy
 from ident.identify.compare import CampaignSample, Validation, parts_of
@@ -60,10 +61,19 @@ class Excited:
     Attributes:
         study: sources, stiffness and damping by the runs, with the posterior of the measurements as the prior.
         task: what is asked, of the arm with the medians of draws of these.
+        balance: of the drives' rotors; None where no imbalance is told, or nothing says where a mass can sit.
     """
 
     study: SourceStudy
     task: Task
+    balance: Balance | None = None
+
+    @property
+    def rotors(self) -> tuple[Rotor, ...]:
+        """The rotors that can be balanced: none where masses do not gain or the one trial run leaves it open."""
+        if self.balance is None or not self.study.usable or not self.balance.gains:
+            return ()
+        return tuple(each for each in self.balance.balanced if not each.calibration.state)
 
 
 @dataclass(frozen=True)

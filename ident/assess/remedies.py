@@ -1,20 +1,24 @@
-"""Which change meets the limit: another speed, mass centres, torsional stiffness, or the last two together."""
+"""Which change meets the limit: another motion, balancing, mass centres, torsional stiffness, or two of them."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from scipy.stats import binomtest
 
+from ident.assess.balance import Rotor
 from ident.assess.effort import DiagnosisEffort
 from ident.assess.scenario import Basis, OverPhases, Unknowns, at_share, over_phases
 from ident.errors import refusal
 from ident.vibrate.design_search import Point, Requirements, Search
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, Variable, binomial_estimate, side_by_side
 from ident.vibrate.exact import Progress
+from ident.vibrate.motion import Motion
 from ident.vibrate.response import Response, peak
+from ident.vibrate.schedule import Schedule
 from ident.vibrate.simulate import sample_times, simulate
 
 # -------- Task
@@ -93,6 +97,26 @@ class Task:
         """Return the same over all phases that are not known, with the highest transmission errors that may be."""
         unknown = self.basis.unknown
         return replace(evaluator, arm=evaluator.arm.replace(unknown.highest), unknown=unknown.phases)
+
+    def balanced(self, rotors: Sequence[Rotor]) -> "Task":
+        """Return the task of the arm with corrections mounted, each at its rotor's height.
+
+        Each draw has the imbalance that its correction leaves; the arm itself one that `CONFIDENT` of them do not
+        exceed.
+        """
+        if not rotors:
+            return self
+        basis, own, drawn = self.basis, dict[str, float](), dict[str, np.ndarray]()
+        assert basis.posterior is not None  # what is balanced was identified
+        for rotor in rotors:
+            mass, size, phase = (f"{rotor.drive.name}.{x}" for x in ("eccentric_mass", "eccentricity", "phase"))
+            high = rotor.left[np.argsort(np.abs(rotor.left))[int(np.ceil(CONFIDENT * len(rotor.left))) - 1]]
+            drawn |= {size: np.abs(rotor.left) / basis.draws.get(mass, basis.arm.get(mass))}
+            drawn |= {phase: np.angle(rotor.left)}
+            own |= {size: float(np.abs(high) / basis.arm.get(mass)), phase: float(np.angle(high))}
+        posterior = replace(basis.posterior, values={**basis.posterior.values, **drawn})
+        unknown = replace(basis.unknown, phases=tuple(path for path in basis.unknown.phases if path not in own))
+        return replace(self, basis=replace(basis, arm=basis.arm.replace(own), posterior=posterior, unknown=unknown))
 
     def _first(self, count: int) -> Draws:
         return {path: values[:count] for path, values in self.basis.draws.items()}
@@ -253,8 +277,17 @@ def exact_response(evaluator: Evaluator) -> Response:
 
 # -------- Remedies
 
-EFFORTS = {"speed": "software", "mass centre": "screwdriver", "torsion": "new part", "both": "new part"}
+EFFORTS = {
+    "schedule": "software",
+    "speed": "software",
+    "balance": "screwdriver",
+    "mass centre": "screwdriver",
+    "torsion": "new part",
+    "both": "new part",
+}
 """Kinds of remedies and what each takes, the least effort first; assumed."""
+AND = " + "
+"""Between the kinds of a remedy that combines two."""
 FULL = 100.0
 """Speed [%] above which none is advised."""
 CANDIDATES = 10
@@ -272,8 +305,8 @@ class Remedy:
     """A change and what comes of it.
 
     Attributes:
-        kind: `torsion`, `mass centre`, `both` or `speed`.
-        values: the numbers after the change, by path [SI]; none for another speed.
+        kind: one of `EFFORTS`, or two joined by `AND`.
+        values: the numbers after the change, by path [SI]; none where no number of the arm changes.
         before: the same numbers as they are.
         percent: [%] speed after the change.
         percent_before: [%] speed as it is.
@@ -281,7 +314,10 @@ class Remedy:
         keeps: probability that the limit is kept.
         frequency: [Hz] first natural frequency, the lower of both ends of the motion.
         deflection: [m] static deflection, the larger of both ends.
-        change_norm: [-] size of the change, see `design.Place`; of speed, in powers of two.
+        change_norm: [-] size of the change, see `design.Place`; of speed and time, in powers of two.
+        time: [s] from start to arrival.
+        schedule: speeds along the path; None for the motion's own.
+        rotors: that are balanced.
     """
 
     kind: str
@@ -294,11 +330,14 @@ class Remedy:
     frequency: float
     deflection: float
     change_norm: float
+    time: float = 0.0
+    schedule: Schedule | None = None
+    rotors: tuple[Rotor, ...] = ()
 
     @property
     def effort(self) -> str:
-        """What it takes: software, a screwdriver, a new part."""
-        return EFFORTS[self.kind]
+        """What it takes: software, a screwdriver, a new part; or two of them."""
+        return " and ".join(EFFORTS[kind] for kind in self.kind.split(AND))
 
     @property
     def meets_limit(self) -> bool:
@@ -349,7 +388,7 @@ def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Rem
         progress: shows how far it is, over the remedies.
     """
     jobs = list(_jobs(task, task.limit / max(scatter, 1.0)))
-    return tuple(sorted(side_by_side(jobs, progress), key=_rank))
+    return tuple(sorted(side_by_side(jobs, progress), key=rank))
 
 
 def _jobs(task: Task, aim: float) -> Iterator[Callable[[], Remedy]]:
@@ -364,11 +403,13 @@ def _jobs(task: Task, aim: float) -> Iterator[Callable[[], Remedy]]:
         yield partial(_alone, task, variable, kind)
 
 
-def _rank(remedy: Remedy) -> tuple[bool, int, float]:
-    """Sort what meets the limit by effort and the change norm, then what does not by its amplitude."""
+def rank(remedy: Remedy) -> tuple[bool, Any, float, int, float]:
+    """Sort what meets the limit by effort, time, kind and the change norm, then what does not by its amplitude."""
+    kinds, efforts = remedy.kind.split(AND), list(dict.fromkeys(EFFORTS.values()))
     if remedy.meets_limit:
-        return False, list(EFFORTS).index(remedy.kind), remedy.change_norm
-    return True, 0, remedy.largest
+        every = len(kinds), [efforts.index(EFFORTS[kind]) for kind in kinds]
+        return False, every, remedy.time, list(EFFORTS).index(kinds[0]), remedy.change_norm
+    return True, (), remedy.largest, 0, 0.0
 
 
 def _alone(task: Task, variable: Variable, kind: str) -> Remedy:
@@ -377,12 +418,12 @@ def _alone(task: Task, variable: Variable, kind: str) -> Remedy:
     amplitude = task.evaluator(variable).amplitudes(changes)[:, :, 0].max(0)
     size = np.abs(changes[:, 0]) / np.abs(changes).max()
     evaluator = task.evaluator(variable, draws=task.assessment_draws)
-    return _least(
-        size, amplitude, task.limit, lambda k: _remedy(task, evaluator, kind, changes[k], change_norm=float(size[k]))
+    return least(
+        size, amplitude, task.limit, lambda k: assessed(task, evaluator, kind, changes[k], change_norm=float(size[k]))
     )
 
 
-def _least(
+def least(
     size: Float[np.ndarray, "K"], amplitude: Float[np.ndarray, "K"], limit: float, remedy: Callable[[int], Remedy]
 ) -> Remedy:
     """Return the remedy of the least size that meets the limit, else that of the least amplitude."""
@@ -426,7 +467,7 @@ def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) 
         quiet = quiet or [u for start in near if (u := search.minimum_amplitude(start)) is not None]
         best = min([0 * objective.scale, *starts, *quiet], key=objective.largest)
     evaluator = task.evaluator(*variables, draws=task.assessment_draws)
-    return _remedy(task, evaluator, kind, best * objective.scale, change_norm=objective.change_norm(best))
+    return assessed(task, evaluator, kind, best * objective.scale, change_norm=objective.change_norm(best))
 
 
 def _with_likely(task: Task, search: Search, u: Point) -> Search:
@@ -448,15 +489,15 @@ def _slower_or_faster(task: Task) -> Remedy:
     ]
     amplitude = np.array([each.alone.amplitudes(np.zeros((1, 0))).max() for each in evaluators])
     size = np.abs(np.log2(ratios))
-    return _least(
+    return least(
         size,
         amplitude,
         task.limit,
-        lambda k: _remedy(task, evaluators[k], "speed", np.zeros(0), ratio=ratios[k], change_norm=float(size[k])),
+        lambda k: assessed(task, evaluators[k], "speed", np.zeros(0), ratio=ratios[k], change_norm=float(size[k])),
     )
 
 
-def _remedy(
+def assessed(
     task: Task,
     evaluator: Evaluator,
     kind: str,
@@ -464,8 +505,10 @@ def _remedy(
     *,
     change_norm: float,
     ratio: float = 1.0,
+    schedule: Schedule | None = None,
+    rotors: tuple[Rotor, ...] = (),
 ) -> Remedy:
-    """Assess a change by the draws."""
+    """Assess a change by the draws of an evaluator, whose motion and excitation are those after it."""
     amplitude, keeps = keeping(evaluator, changes, task.limit)
     end_state = evaluator.end_states(changes[None])
     values = evaluator.values(changes)
@@ -480,6 +523,9 @@ def _remedy(
         float(end_state.frequency[0]),
         float(end_state.deflection[0]),
         change_norm,
+        float(evaluator.motion.arrival - evaluator.motion.breaks[0]),
+        schedule,
+        rotors,
     )
 
 
@@ -498,14 +544,28 @@ def verify_in_turn(ranked: Sequence[Remedy], verify: Callable[[Remedy], Verifica
     return tuple(verifications)
 
 
+def carried_out(task: Task, remedy: Remedy) -> tuple[Task, Evaluator, Float[np.ndarray, "V"]]:
+    """Return the task with a remedy's corrections, an evaluator with its motion and variables, and their changes."""
+    task, ratio = task.balanced(remedy.rotors), remedy.percent / task.basis.percent
+    motion = task.basis.motion.at_speed(100 * ratio)
+    if remedy.schedule:
+        motion = held(task, remedy.schedule)
+    variables = tuple(Variable((path,), value, value) for path, value in remedy.values.items())
+    evaluator = task.evaluator(*variables, draws=task.assessment_draws)
+    changes = np.array([float(variable.change(task.basis.arm, variable.low)) for variable in variables])
+    return task, replace(evaluator, motion=motion, step=task.step / max(ratio, 1.0)), changes
+
+
+def held(task: Task, schedule: Schedule) -> Motion:
+    """Return the motion of a schedule, held at its end as long as the task's own."""
+    own = task.basis.motion
+    return schedule.motion.dwell(float(own.breaks[-1] - own.arrival))
+
+
 def verify_remedy(task: Task, remedy: Remedy, progress: Progress = iter) -> Verification:
     """Simulate a remedy exactly, and with draws that it was not chosen by."""
-    ratio = remedy.percent / task.basis.percent
-    motion = task.basis.motion.at_speed(100 * ratio)
-    variables = tuple(Variable((path,), value, value) for path, value in remedy.values.items())
-    evaluator = task.evaluator(*variables, draws=task.fresh_draws)
-    evaluator = replace(evaluator, motion=motion, step=task.step / max(ratio, 1.0))
-    changes = np.array([float(variable.change(task.basis.arm, variable.low)) for variable in variables])
+    task, evaluator, changes = carried_out(task, remedy)
+    evaluator = replace(evaluator, draws=task.fresh_draws)
     excitation = likely_excitation(task.over_phases(evaluator), task.basis.unknown, changes)
     response = exact_response(replace(evaluator, arm=evaluator.changed_arm(changes).replace(excitation)))
     _, keeps = keeping(evaluator, changes, task.limit, progress)

@@ -43,7 +43,7 @@ def _verdict(balance: "Balance") -> Verdict:
         return Verdict("NO GAIN", f"No imbalance makes more than {most:.0f} % of the vibration's peak.", "caution")
     if not done:
         if (large := next((each for each in balance.rotors if each.state == "does not fit"), None)) is not None:
-            return Verdict("DOES NOT FIT", f"{_needs(large)}.", "bad")
+            return Verdict("DOES NOT FIT", f"{needs_words(large)}.", "bad")
         if "trials contradict" in states:
             return Verdict("CONTRADICTING", "The trial masses contradict each other: no mass is recommended.", "bad")
         return Verdict("NOT TOLD", "The runs do not tell the imbalances that matter.", "bad")
@@ -64,7 +64,8 @@ def _verdict(balance: "Balance") -> Verdict:
     return Verdict("BALANCE", f"{falls}.", "good")
 
 
-def _needs(rotor: "Rotor") -> str:
+def needs_words(rotor: "Rotor") -> str:
+    """Say which mass a rotor needs that does not fit."""
     mass = 1e3 * max(body.mass for body in rotor.bodies)
     return f"{rotor.drive.name} needs {mass:.3g} g at {MM * rotor.pulley.radius:g} mm: does not fit"
 
@@ -122,7 +123,7 @@ def _findings(balance: "Balance") -> Iterator[Finding]:
             mass = max(body.mass for body in each.bodies)
             radius = MM * each.pulley.radius * mass / each.pulley.most
             remedy = f"mount at {radius:.0f} mm (--radius {name}={radius:.0f}), or allow more (--most)"
-            yield Finding(f"{_needs(each)} ({1e3 * each.pulley.most:g} g at most)", remedy)
+            yield Finding(f"{needs_words(each)} ({1e3 * each.pulley.most:g} g at most)", remedy)
         if calibration.trials > 1 and not calibration.state:
             yield Finding(f"{name}: masses act {_acts(calibration)}: allowed for")
         for tried in balance.tried:

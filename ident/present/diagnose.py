@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.arm.multibody import IMBALANCE, exciting_orders
-from ident.assess.remedies import CONFIDENT, EFFORTS, MOVED, STIFFER, VERIFIED, Remedy
+from ident.assess.cures import SHARES
+from ident.assess.remedies import AND, CONFIDENT, EFFORTS, MOVED, STIFFER, VERIFIED, Remedy
+from ident.present.balance import needs_words
 from ident.present.basis import (
     assumed,
     basis_findings,
@@ -40,8 +42,12 @@ if TYPE_CHECKING:
 
 def change_words(remedy: Remedy) -> str:
     """Say what a remedy changes, as something to do; not what would be written as 0 % or 0 mm."""
-    if remedy.kind == "speed":
-        return f"run at {remedy.percent:.3g} % of full speed instead of {remedy.percent_before:.3g} %"
+    words = ["set the speed along the path"] if remedy.schedule else []
+    if remedy.percent != remedy.percent_before:
+        words += [f"run at {remedy.percent:.3g} % of full speed instead of {remedy.percent_before:.3g} %"]
+    for rotor in remedy.rotors:
+        mass = joined([f"{1e3 * body.mass:.3g} g at {np.degrees(body.angle):.0f} deg" for body in rotor.bodies])
+        words += [f"mount {mass}, {MM * rotor.pulley.radius:.3g} mm from the axis, on {spaced(rotor.drive.name)}"]
     stiffer, moved = [], []
     for path, value in remedy.values.items():
         more, further = value / remedy.before[path] - 1, value - remedy.before[path]
@@ -49,7 +55,7 @@ def change_words(remedy: Remedy) -> str:
             stiffer.append(f"{spaced(path)} {100 * abs(more):.0f} % {'stiffer' if more > 0 else 'softer'}")
         elif not is_stiffness(path) and abs(further) > 0.0005:
             moved.append(f"the mass centre of {spaced(path)} by {MM * further:+.0f} mm in {path[-1]}")
-    words = [f"make {joined(stiffer)} in torsion"] if stiffer else []
+    words += [f"make {joined(stiffer)} in torsion"] if stiffer else []
     words += [f"move {joined(moved)}"] if moved else []
     return joined(words) or "change nothing"
 
@@ -126,16 +132,28 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
         yield "Remedy", f"{none}; the best: {change_words(best)}: {outcome}"
         return
     yield "Remedy", f"{_offer(diagnosis, best)}: {outcome} (exact equations and fresh draws)"
-    if best.kind == "speed" and best.percent < best.percent_before and _has_schedule(diagnosis):
-        yield "or", f"{best.effort}: slower only where it matters, to lose less time (not computed): see ident motion"
-    if best.effort != "new part" and cause.startswith(IMBALANCE):
-        yield "or", f"{EFFORTS['mass centre']}: balance that drive (not computed): see ident source and ident balance"
-    further = [each for each in diagnosis.remedies[len(diagnosis.verifications) :] if each.meets_limit]
-    others = {each.effort: each for each in reversed(further) if each.effort != best.effort}  # the first of each
-    for other in sorted(others.values(), key=further.index):
+    further = diagnosis.remedies[len(diagnosis.verifications) :]
+    balanced = next((each for each in diagnosis.remedies if each.kind == "balance"), None)
+    if balanced is None and best.effort != EFFORTS["torsion"] and cause.startswith(IMBALANCE):
+        yield "or", f"{EFFORTS['balance']}: balance that drive ({_unbalanced(diagnosis)})"
+    offers = [each for each in further if each.meets_limit or each is balanced]
+    others = {each.effort: each for each in reversed(offers) if each.effort != best.effort}  # the first of each
+    for other in sorted(others.values(), key=offers.index):
         size = f"{rounded(MM * other.largest)} mm, limit kept with probability {chance_words(other.keeps)}"
         by = "fast method and the search's own draws, not verified"
         yield "or", f"{_offer(diagnosis, other)}: {size} ({by})"
+
+
+def _unbalanced(diagnosis: "Diagnosis") -> str:
+    """Say why balancing was not computed."""
+    if diagnosis.excited is None:
+        return "not computed: give --runs, see ident source"
+    for rotor in diagnosis.excited.balance.rotors if diagnosis.excited.balance else ():
+        if rotor.state == "does not fit":
+            return f"{needs_words(rotor)}; give --radius"
+        if rotor.state in ("cannot be told", "trials contradict"):
+            return f"{rotor.drive.name}: {rotor.state}; see ident balance"
+    return "not computed: see ident balance"
 
 
 def _has_schedule(diagnosis: "Diagnosis") -> bool:
@@ -167,15 +185,20 @@ def _resonant(resonance: "ResonanceAssessment", arm: "Arm") -> str:
 
 
 def _numbers(diagnosis: "Diagnosis", remedy: Remedy) -> str:
-    """Write the number that a remedy changes, or how long the motion takes with it; nothing of several numbers."""
-    if remedy.kind == "speed":
-        before = diagnosis.task.basis.motion.arrival
-        return f" ({before * remedy.percent_before / remedy.percent:.3g} s instead of {before:.3g} s)"
-    if len(remedy.values) != 1:
-        return ""
-    ((path, value),) = remedy.values.items()
-    (before, unit), (after, _) = (in_shown_unit(path, number) for number in (remedy.before[path], value))
-    return short_power(f" ({before:.3g} to {after:.3g} {unit})")
+    """Write the number that a remedy changes, how long the motion takes with it, and what masses leave."""
+    words, time = [], diagnosis.task.basis.motion.arrival
+    if len(remedy.values) == 1:
+        ((path, value),) = remedy.values.items()
+        (before, unit), (after, _) = (in_shown_unit(path, number) for number in (remedy.before[path], value))
+        words.append(short_power(f"{before:.3g} to {after:.3g} {unit}"))
+    if remedy.schedule or remedy.percent != remedy.percent_before:
+        words.append(f"{remedy.time:.3g} s instead of {time:.3g} s")
+    slower = next((each for each in diagnosis.remedies if each.kind == "speed" and each.meets_limit), None)
+    if remedy.kind == "schedule" and slower:
+        words.append(f"at one lower speed {slower.time:.3g} s")
+    if remedy.rotors and diagnosis.excited and diagnosis.excited.balance:
+        words.append(f"transmission error, {rounded(MM * diagnosis.excited.balance.errors)} mm, stays")
+    return f" ({'; '.join(words)})" if words else ""
 
 
 def of_model(diagnosis: "Diagnosis") -> str:
@@ -471,10 +494,17 @@ def remedies_line(remedies: Sequence[Remedy]) -> str:
 def _remedies(diagnosis: "Diagnosis") -> Iterator[Part]:
     yield f"{remedies_line(diagnosis.remedies)}."
     moved = f" mass centres of the last joint's bodies moved by {100 * MOVED:g} % of their length,"
-    yield (
-        f"Tried: torsional stiffness from 1/{STIFFER:g} to {STIFFER:g} times,{moved * bool(diagnosis.task.centres)} "
-        "speeds from half to one and a half times, not above full speed. These ranges are assumed."
+    path = (
+        f" speeds along the path with an order of a pulley at {100 * SHARES[0]:g} to {100 * SHARES[-1]:g} % of the "
+        "first natural frequency (`ident motion` searches the speed of each segment, and may find a quicker one),"
     )
+    yield (
+        f"Tried: torsional stiffness from 1/{STIFFER:g} to {STIFFER:g} times,{moved * bool(diagnosis.task.centres)}"
+        f"{path * _has_schedule(diagnosis)} speeds from half to one and a half times, not above full speed. These "
+        "ranges are assumed."
+    )
+    if any(AND in each.kind for each in diagnosis.remedies):
+        yield "No remedy keeps the limit alone: the best of each effort were combined, two at a time."
     rows = []
     for rank, each in enumerate(diagnosis.remedies, 1):
         numbers = f"{100 * each.keeps.share:.3g} %", each.frequency, MM * each.deflection, each.change_norm
@@ -490,9 +520,9 @@ def _remedies(diagnosis: "Diagnosis") -> Iterator[Part]:
         "size [-]",
     )
     note = (
-        "Ranking: what keeps the limit first (software, screwdriver, new part; the smallest change of each), then what "
-        "vibrates least. Size: change relative to the largest allowed; of speed, in powers of two. First "
-        "mode and deflection are side effects, the worse of both ends of the motion."
+        "Ranking: what keeps the limit first (software, screwdriver, new part, two of them; the quickest and smallest "
+        "change of each), then what vibrates least. Size: change relative to the largest allowed; of time, in powers "
+        "of two. First mode and deflection are side effects, the worse of both ends of the motion."
     )
     strong = tuple(i for i, remedy in enumerate(diagnosis.remedies) if remedy.meets_limit)
     yield Table("Remedies", head, tuple(rows), ("", "", "", ".3f", "", ".2f", ".1f", ".2f"), note, strong)
@@ -524,6 +554,18 @@ def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
         note += " All were verified with the same draws, so the draws have had a part in choosing among them."
     head = ("change", "exact [mm]", "limit", "kept by draws", "probability")
     yield Table("Verified remedies", head, tuple(rows), note=note)
+    title = "What to change" if verified.holds else "What the first of them changes"
+    if remedy.schedule and (stroke := diagnosis.task.basis.arm.stroke):
+        places, speeds = np.degrees(remedy.schedule.places), remedy.schedule.speeds
+        percents = 100 * speeds / float(stroke.speed)
+        note = f"Between these places alpha accelerates evenly; the arrival is after {remedy.time:.2f} s."
+        yield Table(
+            f"{title}: speed along the path",
+            ("alpha [deg]", "speed [deg/s]", "of full speed [%]"),
+            tuple(zip(places.tolist(), np.degrees(speeds).tolist(), percents.tolist(), strict=True)),
+            (".1f", ".2f", ".2f"),
+            note,
+        )
     changes: list[tuple[Cell, ...]] = []
     for path, value in remedy.values.items():
         now, unit = in_shown_unit(path, remedy.before[path])
@@ -531,7 +573,6 @@ def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
         change = f"x {value / remedy.before[path]:.3f}" if is_stiffness(path) else moved
         changes.append((path, now, in_shown_unit(path, value)[0], change, unit))
     if changes:
-        title = "What to change" if verified.holds else "What the first of them changes"
         yield Table(title, ("number", "now", "after", "change", "unit"), tuple(changes), ("", ".4g", ".4g", "", ""))
 
 
@@ -561,6 +602,7 @@ def diagnose_rows(diagnosis: "Diagnosis") -> list[dict[str, Any]]:
             "effort": remedy.effort,
             "change": change_words(remedy),
             "speed_percent": remedy.percent,
+            "time": remedy.time,
             "amplitude": remedy.largest,
             "probability": remedy.keeps.share,
             "first_frequency": remedy.frequency,

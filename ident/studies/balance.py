@@ -1,7 +1,7 @@
 """Balance the joint drives' rotors by what `ident source` has identified: which mass goes where, and what it brings."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from math import radians
 from pathlib import Path
@@ -73,6 +73,14 @@ class BalanceOptions(MovingOptions):
         pattern = f"a whole number from {FEWEST}: two neighbours hold a mass at any angle"
         bad += [("holes", x, pattern) for x in self.holes.values() if not FEWEST <= x <= 1000 or x != int(x)]
         return [*super().problems(), *(Problem(name, f"{x:g}", expected, "correct it") for name, x, expected in bad)]
+
+    def check_drives(self, drives: Collection[str]) -> None:
+        """Refuse what is said of a drive that the arm has not."""
+        for name in BY_DRIVE:
+            for given in getattr(self, name):
+                if given and given not in drives:
+                    remedy = did_you_mean(given, tuple(drives), "name a drive of the arm")
+                    raise refusal(name, f"the drive {one_line(given)}", f"one of {', '.join(drives)}", remedy)
 
     def of_drive(self, name: str, drive: str, default: float | None = None) -> Any:
         """Return what an option says of a drive."""
@@ -157,11 +165,7 @@ def balance(
     arm, record, values = _taken(source, options)
     options = replace(options, set=_numbers(record, options.set))
     drives = {drive.name: drive for drive in arm.arm.drives}
-    for name in BY_DRIVE:
-        for given in getattr(options, name):
-            if given and given not in drives:
-                remedy = did_you_mean(given, tuple(drives), "name a drive of the arm")
-                raise refusal(name, f"the drive {one_line(given)}", f"one of {', '.join(drives)}", remedy)
+    options.check_drives(drives)
     log = read_log(path, [joint.name for joint in arm.arm.driven]) if isinstance(path, str | Path) else path
     basis = basis_of(arm, options, path=log, posterior=values)
     check_place(f"{basis.name}.balance", {"arm": arm, "source": values, "path": log})
@@ -170,7 +174,7 @@ def balance(
     if not any(row["told"] for row in rows):
         where, expected = one_line(values.path or "source"), "one at least"
         raise refusal(where, "no imbalance that is told", expected, "measure more runs, see ident show of it")
-    pulleys = {name: _pulley(drive, basis.arm, options) for name, drive in drives.items()}
+    pulleys = {name: pulley_of(drive, basis.arm, options) for name, drive in drives.items()}
     rotors = [
         rotor_of(basis, drives[row["drive"]], pulleys[row["drive"]], record.parameters, row, record.phases, tried)
         for row in rows
@@ -231,8 +235,12 @@ def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tup
     return arm, record, Values.of_arm(drawn, arm.arm, path, sha256)
 
 
-def _pulley(drive: "Drive", arm: "Arm", options: BalanceOptions) -> "Pulley":
-    """Return where masses can be mounted on a drive."""
+def pulley_of(drive: "Drive", arm: "Arm", options: BalanceOptions) -> "Pulley":
+    """Return where masses can be mounted on a drive.
+
+    Raises:
+        InputError: no radius is given, and no belt runs over a pulley of it.
+    """
     from ident.assess.balance import Pulley
 
     sizes = [float(belt.driver_radius) for belt in arm.belts if belt.driver == drive.joint]

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 from ident.assess.effort import DiagnosisEffort
-from ident.errors import InputError
+from ident.errors import InputError, refusal
+from ident.studies.balance import EACH, BalanceOptions, pulley_of
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.motion_options import HeldMotionOptions, basis_of
@@ -24,8 +25,10 @@ from ident.units import USUAL
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ident.assess.balance import Balance
     from ident.assess.diagnose import Diagnosis, Excited, Identification, Verdict
     from ident.assess.remedies import Remedy, Task, Verification, VibrationAssessment
+    from ident.assess.source import SourceStudy
     from ident.codec import Store
     from ident.description.file import ArmFile
     from ident.identify.fit import CampaignFit
@@ -107,8 +110,9 @@ def discard_stages(folder: str | Path) -> None:
 
 def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
     """Carry out the stages in order; each is computed from those before or taken over from an earlier run, and kept."""
+    from ident.assess.cures import cures
     from ident.assess.diagnose import LEAVE, Diagnosis, assess_resonance, assess_trust, chosen, stages_of
-    from ident.assess.remedies import assess_vibration, remedies, verify_in_turn, verify_remedy
+    from ident.assess.remedies import assess_vibration, verify_in_turn, verify_remedy
     from ident.identify.compare import Validation
     from ident.present.diagnose import (
         StageReport,
@@ -164,7 +168,8 @@ def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
     )
     if vibration.accepted:
         return Diagnosis(identified, trust, resonance, vibration, slopes, excited=excited)
-    ranked = stage("remedies", lambda: remedies(task, vibration.scatter, job.progress("remedies")), remedies_line)
+    rotors = excited.rotors if excited else ()
+    ranked = stage("remedies", lambda: cures(task, vibration.scatter, rotors, job.progress("remedies")), remedies_line)
     verified = stage("verification", lambda: verify_in_turn(ranked, verify), advised_line)
     return Diagnosis(identified, trust, resonance, vibration, slopes, ranked, verified, excited)
 
@@ -189,7 +194,7 @@ def _excited(job: Job, runs: "Runs", identified: "Identification") -> "Excited":
     from ident.arm.multibody import possible_orders
     from ident.assess.diagnose import Excited
     from ident.assess.source import studied
-    from ident.identify.values import Draws, Values
+    from ident.identify.values import Draws
 
     options, count = job.options, job.options.effort.draws
     known = Draws.of_sample(identified.sampled.sample).some(job.arm.arm, MOST_DRAWS)
@@ -198,10 +203,42 @@ def _excited(job: Job, runs: "Runs", identified: "Identification") -> "Excited":
     study = studied(arm, runs, known.without(options.set), offset=SourceOptions().offset, progress=progress)
     middle = {path: np.full(count, value) for path, value in known.medians.items()}
     drawn = {**middle, **study.found.draws(count, options.seed)}
+    balance = _balanced(job, study, drawn)
     if len(study.found.place.parts) > 1:  # each group has phases of its own, and so has the next motion
         phases = {each.phase for each in possible_orders(arm)}
         drawn = {path: values for path, values in drawn.items() if path not in phases}
-    return Excited(study, _task(job, Values.of_arm({(path,): values for path, values in drawn.items()}, job.arm.arm)))
+    return Excited(study, _task(job, _values(job, drawn)), balance)
+
+
+def _balanced(job: Job, study: "SourceStudy", drawn: "Mapping[str, Any]") -> "Balance | None":
+    """Balance the drives' rotors, with masses where `ident balance` has them by default."""
+    from ident.arm.multibody import IMBALANCE
+    from ident.assess.balance import balanced, rotor_of
+
+    basis = basis_of(job.arm, job.options, path=job.log, posterior=_values(job, drawn))
+    middle = study.found.numbers()
+    drives = {drive.name: drive for drive in basis.arm.drives}
+    found = [each for each in study.found.estimates if each.source.kind == IMBALANCE]
+    if not study.usable or not any(each.told for each in found):
+        return None
+    try:
+        where = BalanceOptions(radius=job.options.radius)
+        pulleys = {name: pulley_of(drive, basis.arm, where) for name, drive in drives.items()}
+    except InputError:  # no radius is known
+        return None
+    phases = {each.source.drive: (each.phase, each.phase_sd) for each in found}
+    tried = study.tried(job.options.effort.draws, job.options.seed)
+    rotors = []
+    for each in found:
+        row, name = {"told": each.told, "sd": each.sd, "amplitude": each.amplitude}, each.source.drive
+        rotors.append(rotor_of(basis, drives[name], pulleys[name], middle, row, phases, tried))
+    return balanced(basis, rotors, tried, middle)
+
+
+def _values(job: Job, drawn: "Mapping[str, Any]") -> "Values":
+    from ident.identify.values import Values
+
+    return Values.of_arm({(path,): values for path, values in drawn.items()}, job.arm.arm)
 
 
 def _task(job: Job, draws: "Values") -> "Task":
@@ -227,6 +264,11 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
 
     limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
+    radius: dict[str, float] = option(
+        {},
+        "with --runs: radius [mm] at which balancing masses can sit, as drive2=90; default: the largest pulley's",
+        **EACH,
+    )
     effort: DiagnosisEffort = field(default_factory=DiagnosisEffort)
     force: bool = False
 
@@ -353,7 +395,8 @@ def diagnose(
 ) -> DiagnoseResult:
     """Diagnose an arm, step by step: posterior, resonance, vibration, sensitivities, remedies and their verification.
 
-    Remedies by their effort: another speed, then mass centres, then torsional stiffness.
+    Remedies by their effort: the speed, along the path or of all of it; then balancing, where runs are given, and mass
+    centres; then torsional stiffness; where none is enough, two of them.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.
@@ -382,6 +425,9 @@ def diagnose(
     basis = basis_of(arm, options, path=path)
     refuse_jumps(basis.arm, basis.motion)  # what can be refused is refused before the posterior is sampled
     loads_of(basis.arm, basis.load)
+    if options.radius and runs is None:
+        raise refusal("radius", "it without runs", "traces that tell the imbalances", "give `runs`, or drop it")
+    BalanceOptions(radius=options.radius).check_drives([drive.name for drive in basis.arm.drives])
     if runs is not None:
         posed(basis.arm, runs, offset=SourceOptions().offset)
     check_place(_name(campaign), {"arm": arm, "campaign": campaign, "path": path, "runs": runs})

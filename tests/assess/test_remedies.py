@@ -4,12 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arms import DATA
 
+import ident
+from ident.assess.balance import Calibration, Pulley, Rotor
+from ident.assess.cures import SEGMENTS, _below_first_mode, along_path, pairs
 from ident.assess.diagnose import chosen
-from ident.assess.remedies import Remedy, Verification, _rank, verify_in_turn
+from ident.assess.effort import DiagnosisEffort
+from ident.assess.motion import scheduling_of
+from ident.assess.remedies import Remedy, Task, Verification, at_confidence, rank, verify_in_turn, verify_remedy
+from ident.identify.values import Values
+from ident.present.diagnose import change_words
+from ident.studies.diagnose import DiagnoseOptions
+from ident.studies.motion_options import basis_of
 from ident.vibrate.evaluator import binomial_estimate
 
 LIMIT = 5e-4
+ARM = ident.read_arm(DATA / "lcd_arm" / "arm.toml")
 
 
 def remedy(meets_limit: bool) -> Remedy:
@@ -44,11 +55,108 @@ def test_what_takes_less_effort_comes_first_among_what_meets_the_limit():
     kinds = ("both", "torsion", "speed", "mass centre")
     every = [replace(remedy(meets), kind=kind) for meets in (True, False) for kind in kinds]
     every.append(replace(remedy(True), kind="torsion", change_norm=0.1))
-    ranked = sorted(every, key=_rank)
+    ranked = sorted(every, key=rank)
     assert [each.kind for each in ranked[:5]] == ["speed", "mass centre", "torsion", "torsion", "both"]
     assert ranked[2].change_norm == 0.1
     assert not any(each.meets_limit for each in ranked[5:])
     assert [each.effort for each in ranked[:3]] == ["software", "screwdriver", "new part"]
+
+
+def test_of_software_the_quickest_comes_first_and_two_remedies_after_one():
+    speed, path = replace(remedy(True), kind="speed", time=50.0), replace(remedy(True), kind="schedule", time=25.0)
+    pair = replace(remedy(True), kind="schedule + balance", time=20.0)
+    further = replace(pair, kind="schedule + torsion")
+    part = replace(remedy(True), kind="torsion", time=30.0)
+    assert sorted([further, pair, part, speed, path], key=rank) == [path, speed, part, pair, further]
+    assert (pair.effort, further.effort) == ("software and screwdriver", "software and new part")
+
+
+def test_pairs_are_of_the_best_of_each_effort_and_end_with_one_that_holds(task, monkeypatch):
+    tried = []
+
+    def both(task, cheap, dear):
+        tried.append((cheap.kind, dear.kind))
+        return replace(remedy(len(tried) == 2), kind=f"{cheap.kind} + {dear.kind}")
+
+    monkeypatch.setattr("ident.assess.cures._both", both)
+    monkeypatch.setattr("ident.assess.cures.along_path", lambda task, other: None)
+    singles = [replace(remedy(False), kind=kind) for kind in ("balance", "torsion", "speed", "mass centre", "both")]
+    found = list(pairs(task, singles))
+    assert tried == [("speed", "balance"), ("speed", "torsion")]
+    assert [each.meets_limit for each in found] == [False, True]
+
+
+@pytest.mark.slow
+def test_speed_and_a_stiffer_joint_keep_a_limit_that_neither_keeps_alone(task):
+    """At 24 % of full speed and 0.2 mm; the pair by the exact equations, and by draws it was not chosen by."""
+    basis = basis_of(ARM, DiagnoseOptions(speed=24.0), posterior=task.basis.posterior)
+    asked = at_confidence(replace(task, basis=basis, limit=2e-4))
+    stiffer = replace(remedy(False), values={}, before={}, percent=24.0, percent_before=24.0)
+    singles = [along_path(asked), stiffer]
+    assert not singles[0].meets_limit
+    (pair,) = pairs(asked, singles)
+    assert (pair.kind, pair.effort) == ("schedule + torsion", "software and new part")
+    assert pair.values["joint1.k_tors"] > 1.1 * pair.before["joint1.k_tors"]
+    checked = verify_remedy(asked, pair)
+    assert pair.meets_limit
+    assert checked.largest <= asked.limit
+    assert checked.keeps.count == checked.keeps.draws >= 19
+
+
+def rotor(left):
+    """A rotor of the LCD arm's drive 2 whose correction leaves these imbalances [kg m]."""
+    drive = next(each for each in ARM.arm.drives if each.name == "drive2")
+    calibration = Calibration(np.ones(len(left), complex))
+    pulley = Pulley(0.09, float(drive.height), 1.0, 0.5)
+    found = -2e-3 + 0j
+    draws = found + left
+    return Rotor(drive, pulley, found, draws, True, 0.01, np.nan, calibration, 8.0, 1e-3, 1.0)
+
+
+@pytest.fixture(scope="module")
+def task():
+    count = 40
+    spread = np.random.default_rng(1).normal(1.0, 0.01, count)
+    known = Values.of_arm({("joint1.k_tors",): spread * float(ARM.arm.get("joint1.k_tors"))}, ARM.arm)
+    basis = basis_of(ARM, DiagnoseOptions(), posterior=known)
+    return Task(basis, LIMIT, DiagnosisEffort(draws=count, assessment_draws=20))
+
+
+def test_a_balanced_arm_has_the_imbalance_that_is_left(task):
+    rng = np.random.default_rng(0)
+    left = 1e-5 * (rng.normal(size=40) + 1j * rng.normal(size=40))
+    after = task.balanced((rotor(left),))
+    mounted = replace(remedy(True), kind="balance", rotors=(rotor(left),))
+    assert change_words(mounted) == "mount 22.2 g at 0 deg, 90 mm from the axis, on drive 2"  # 2000 g mm at 90 mm
+    mass = float(ARM.arm.get("drive2.eccentric_mass"))
+    drawn = after.basis.draws
+    made = mass * drawn["drive2.eccentricity"] * np.exp(1j * drawn["drive2.phase"])
+    np.testing.assert_allclose(made, left, atol=1e-15)
+    assert "drive2.phase" in task.basis.unknown.phases
+    assert set(task.basis.unknown.phases) - set(after.basis.unknown.phases) == {"drive2.phase"}
+    own = mass * float(after.basis.arm.get("drive2.eccentricity"))
+    assert (np.abs(left) <= own * (1 + 1e-12)).mean() == 0.95
+    assert set(after.fresh_draws) == set(after.assessment_draws) >= {"joint1.k_tors", "drive2.phase"}
+
+
+def test_along_the_path_a_pulley_stays_below_the_first_mode():
+    """Its frequency over the posture's first one is the share that was asked for at the places, and nowhere higher."""
+    basis = basis_of(ARM, DiagnoseOptions(phases="file"))
+    search = scheduling_of(basis, basis.arm.stroke, segments=SEGMENTS, dwell=0.5, retract=False)
+    first = search.frequencies(search.places[1:-1])[0]
+    slow = [each for each in _below_first_mode(search) if (each.speeds[1:-1] < 0.999 * search.limits.speed).all()]
+    ratios = [each.speeds[1:-1] * search.orders()[:, None] / first for each in slow]
+    constant = [np.ptp(ratio, axis=1).min() < 1e-9 for ratio in ratios]
+    assert sum(constant) >= 5
+    schedule = slow[constant.index(True)]
+    time = np.linspace(0.0, schedule.duration, 400)
+    q, qd, _ = schedule.motion(time)
+    joint = [each.name for each in ARM.arm.driven].index("joint2")
+    ratio = abs(float(next(each for each in ARM.arm.drives if each.name == "drive2").ratio))
+    turns = ratio * np.abs(np.asarray(qd)[joint]) / (2 * np.pi)
+    natural = search.frequencies(search.alpha(q))[0]
+    share = ratios[constant.index(True)].max()
+    assert (turns / natural).max() < 1.03 * share < 1.03
 
 
 def test_a_remedy_holds_by_the_exact_equations_and_by_the_draws():

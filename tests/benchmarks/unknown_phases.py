@@ -13,6 +13,7 @@ run goes on with `--file`.
 import argparse
 import hashlib
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -26,10 +27,10 @@ from scipy.stats import fisher_exact
 from timing import commit, machine
 
 from ident.assess.diagnose import Diagnosis
-from ident.assess.remedies import RATE
+from ident.assess.remedies import RATE, carried_out
 from ident.identify.values import Draws
 from ident.studies.rerun import rerun
-from ident.vibrate.evaluator import BinomialEstimate, Evaluator, Variable
+from ident.vibrate.evaluator import BinomialEstimate, Evaluator
 from ident.vibrate.response import peak
 from ident.vibrate.simulate import simulate
 
@@ -49,21 +50,18 @@ def evaluator(path: str, advised: bool, count: int, seed: int) -> tuple[Evaluato
     diagnosis = diagnosed(path)
     task, remedy = diagnosis.task, diagnosis.advised if advised else None
     values = Draws.of_sample(diagnosis.identification.sampled.sample).some(task.basis.arm, count, seed)
-    changed = remedy.values if remedy else {}
-    variables = tuple(Variable((name,), value, value) for name, value in changed.items())
-    each = task.evaluator(*variables, draws=task.basis.drawn(values, seed))
-    change = np.array([float(variable.change(task.basis.arm, variable.low)) for variable in variables])
+    each, change = task.evaluator(), np.zeros(0)
+    if remedy:
+        _, each, change = carried_out(task, remedy)
+    each = replace(each, draws=task.basis.drawn(values, seed))
     return each, each.batch(change[None])
 
 
 def work(advised: bool, draw: int, path: str, count: int, seed: int) -> float:
     """Return the peak [m] of one draw by the exact equations."""
     each, numbers = evaluator(path, advised, count, seed)
-    diagnosis = diagnosed(path)
-    remedy, motion = diagnosis.advised if advised else None, each.motion
-    motion = motion.at_speed(100 * remedy.percent / remedy.percent_before) if remedy else motion
     arm = each.arm.replace({name: column[1 + draw] for name, column in numbers.items()})
-    response = simulate(arm, motion, loads=each.loads, method="exact", rate=RATE)
+    response = simulate(arm, each.motion, loads=each.loads, method="exact", rate=RATE)
     return float(np.max(peak(response.vibration)))
 
 

@@ -227,7 +227,7 @@ def test_without_a_folder_nothing_is_kept(result, good, tmp_path, monkeypatch):
         "ident.assess.diagnose.assess_resonance": known.resonance,
         "ident.assess.remedies.assess_vibration": known.vibration,
         "ident.vibrate.sweep.sensitivities": known.sensitivities,
-        "ident.assess.remedies.remedies": known.remedies,
+        "ident.assess.cures.cures": known.remedies,
         "ident.assess.remedies.verify_in_turn": known.verifications,
     }.items():
         monkeypatch.setattr(computes, lambda *_, value=value: value)
