@@ -19,22 +19,16 @@ from ident.measure.runs import RunRow, Runs, Trace
 from ident.vibrate.motion import Motion, beyond_limits, stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.source_identification import (
-    CLOCK_SD,
     LAGS,
-    LEVEL,
     WIDE,
-    Channel,
     Identification,
-    Prior,
-    SourceProblem,
-    Trial,
     clock_offsets,
     explained,
     gain,
     identified,
-    slow_columns,
     with_further,
 )
+from ident.vibrate.source_problem import CLOCK_SD, LEVEL, Channel, Prior, SourceProblem, Trial, slow_columns
 from ident.vibrate.sources import UNITS, Run, Sensor, with_units
 from ident.vibrate.triage import MovingTrace
 

@@ -37,7 +37,8 @@ from ident.description.file import ArmFile
 from ident.identify.values import Values
 from ident.vibrate.motion import Motion, stroke
 from ident.vibrate.simulate import simulate
-from ident.vibrate.source_identification import Channel, Prior, SourceProblem, Trial, identified
+from ident.vibrate.source_identification import identified
+from ident.vibrate.source_problem import Channel, Prior, SourceProblem, Trial
 from ident.vibrate.sources import Run
 
 STEP, EVERY, HOLES, DRAWS = 1e-3, 4, 12, 200

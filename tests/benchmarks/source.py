@@ -37,7 +37,8 @@ from ident.identify.binding import loads_of
 from ident.measure import Load
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
-from ident.vibrate.source_identification import Channel, Prior, SourceProblem, identified
+from ident.vibrate.source_identification import identified
+from ident.vibrate.source_problem import Channel, Prior, SourceProblem
 from ident.vibrate.sources import Run, Sensor, unit_of
 
 ARM = Path(__file__).parents[2] / "data" / "lcd_arm" / "arm.toml"
