@@ -18,6 +18,7 @@ from ident.measure import Log, read_log
 from ident.measure.runs import RunRow, Runs, Trace
 from ident.vibrate.motion import Motion, beyond_limits, stroke
 from ident.vibrate.replay import replay
+from ident.vibrate.source_causes import Causes, check_peak, compared
 from ident.vibrate.source_identification import (
     LAGS,
     WIDE,
@@ -154,12 +155,14 @@ class SourceStudy:
         known: whether stiffnesses come from a posterior.
         further: standard deviations [units] of the sources' amplitudes with a further run, by its speed [%]; none where
             all are told, or the arm has no stroke.
+        causes: what makes the peak that was asked about.
     """
 
     found: Identification
     held: tuple[Prediction, ...]
     known: bool
     further: Mapping[float, Float[np.ndarray, "S"]] = field(default_factory=dict)
+    causes: Causes | None = None
 
     @property
     def next_run(self) -> tuple[float, list[ExcitingOrder]]:
@@ -228,6 +231,8 @@ def studied(
     *,
     offset: float,
     hold_out: Sequence[str] = (),
+    peak: float | None = None,
+    teeth: Mapping[str, float] | None = None,
     progress: Any = iter,
 ) -> SourceStudy:
     """Identify what excites an arm from a table of runs, and predict those that are held out.
@@ -238,6 +243,8 @@ def studied(
         draws: of its stiffnesses, by path; none where no posterior is given.
         offset: [s] by which clocks may be off.
         hold_out: files of the runs to predict.
+        peak: frequency [Hz] of a peak whose cause is asked for.
+        teeth: of the belts' driving pulleys, by the belt's name.
         progress: shows how far the search is.
 
     Raises:
@@ -255,6 +262,8 @@ def studied(
     problem = posed(arm, table, used, prior, offset=offset)
     for name in hold_out:
         _posed(arm, table, [name], prior, offset)
+    if peak is not None or teeth:
+        check_peak(problem, peak, teeth or {})
     found = identified(problem, progress)
     for run, (clock, _) in zip(problem.runs, found.place.clock.tolist(), strict=True):
         if abs(clock) > offset * (1 - 1e-9):
@@ -263,17 +272,15 @@ def studied(
             raise refusal(run.name, got, f"at most {1e3 * offset:.0f} ms", remedy)
     held = [prediction for name in hold_out for prediction in _predicted(found, table, name, used)]
     known = all(path in draws for path in stiffness_paths(arm))
-    return SourceStudy(found, tuple(held), known, _further(found))
-
-
-def _further(found: Identification) -> dict[float, Float[np.ndarray, "S"]]:
-    """Return what further runs along the stroke would tell, where some source is not told."""
-    problem = found.problem
-    if problem.arm.stroke is None or all(each.told for each in found.estimates):
-        return {}
-    first, rate = problem.runs[0], min(channel.rate for channel in problem.channels)
-    runs = [replace(first, motion=stroke(problem.arm.stroke, percent=speed, dwell=1.0)) for speed in FURTHER]
-    return {speed: with_further(found, run, rate) for speed, run in zip(FURTHER, runs, strict=True)}
+    first, rate, further = problem.runs[0], min(channel.rate for channel in problem.channels), dict[float, Run]()
+    if arm.stroke is not None:
+        further = {speed: replace(first, motion=stroke(arm.stroke, percent=speed, dwell=1.0)) for speed in FURTHER}
+    hidden = not all(each.told for each in found.estimates)
+    tells = {speed: with_further(found, run, rate) for speed, run in further.items()} if hidden else {}
+    causes = None
+    if peak is not None:
+        causes = compared(problem, found.place, found.covariance, peak, teeth=teeth, further=further)
+    return SourceStudy(found, tuple(held), known, tells, causes)
 
 
 def moving_traces(arm: Arm, table: Runs) -> list[MovingTrace]:

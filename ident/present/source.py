@@ -12,7 +12,17 @@ from ident.vibrate.sources import unit_of
 
 if TYPE_CHECKING:
     from ident.assess.source import Prediction, SourceStudy, Tried
+    from ident.vibrate.source_causes import Cause, Causes
     from ident.vibrate.source_identification import Estimate
+
+CAUSES = {
+    "imbalance": "imbalance",
+    "error": "transmission error",
+    "mesh": "belt mesh",
+    "finger": "a flexible finger",
+    "line": "a fixed frequency",
+}
+"""Causes of a peak in words."""
 
 
 def source_sections(study: "SourceStudy") -> Report:
@@ -85,6 +95,8 @@ def estimates(study: "SourceStudy") -> Table:
 
 def source_findings(study: "SourceStudy") -> Iterator[Finding]:
     """Yield what is wrong with the runs, how a left-out one is predicted, and what is not told."""
+    if study.causes:
+        yield cause_finding(study.causes)
     for name, gain in study.poor.items():
         yield Finding(
             f"{name} does not follow the computed vibration (gain {gain:.2f})",
@@ -176,6 +188,8 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
     of_traces = ("Trace", "samples a second", "explained [%]", "tilt [deg]", "tilt, other way [deg]")
     yield Section("Traces", (Table("", of_traces, tuple(traces), ("", ".4g", ".1f", ".2f", ".2f")),))
 
+    if study.causes:
+        yield _cause_section(study.causes)
     if study.further:
         head = ("Source", *(f"{speed:g} %" for speed in study.further))
         rows = [
@@ -193,6 +207,45 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
         head = ("Trace", "predicted [%]", "rms [%]", "largest, measured", "2.5 %", "97.5 % of draws")
         table = Table("", head, tuple(predicted), ("", ".1f", "+.1f", ".4g", ".4g", ".4g"))
         yield Section("Runs that were left out (SI; the measured ones with their noise)", (table,))
+
+
+def said(cause: "Cause") -> str:
+    """Name a cause: `a fixed frequency at 9.50 Hz`, `transmission error (drive2, order 2)`."""
+    if cause.source is None:
+        return f"{CAUSES[cause.kind]} at {cause.frequency:.2f} Hz"
+    order = f", order {cause.source.order:g}" if cause.source.of_error else ""
+    return f"{CAUSES[cause.kind]} ({cause.source.drive}{order})"
+
+
+def cause_finding(causes: "Causes") -> Finding:
+    """Say what makes a peak, or what would tell."""
+    first, *others = causes.causes
+    at = f"peak at {causes.peak:g} Hz"
+    if not causes.explained:
+        what = "none of the causes tested explains it"
+        return Finding(f"{at}: {what} ({100 * (1 - causes.left):.0f} % at most)", "look at the trace with ident triage")
+    if causes.told:
+        beside = f", the next, {said(others[0])}, {100 * max(0.0, others[0].predicted):.0f} %" if others else ""
+        return Finding(f"{at}: {said(first)}, predicts {100 * first.predicted:.0f} % of blocks left out{beside}")
+    rival = max(others, key=lambda cause: max(cause.evidence, cause.held_out))
+    remedy = f"add a run at {causes.speed:g} %" if causes.speed else "add a sensor elsewhere, or a longer run"
+    return Finding(f"{at} cannot be told: {said(first)} or {said(rival)}", remedy)
+
+
+def _cause_section(causes: "Causes") -> Section:
+    rows = [
+        (said(each), *(100 * x for x in (each.explained, each.predicted, each.evidence, each.held_out)))
+        for each in causes.causes
+    ]
+    head = ("Largest cause", "explains [%]", "predicts [%]", "p by evidence [%]", "p by prediction [%]")
+    low, high = causes.band
+    untested = [f"{CAUSES[kind]}: not tested, {why}." for kind, why in causes.untested.items()]
+    text = (
+        f"Shares of the energy from {low:.3g} to {high:.3g} Hz, noise included, by the best set of causes in which "
+        "this one is the largest; predicted: of blocks that were left out."
+    )
+    table = Table("", head, tuple(rows), ("", *(".0f",) * 4))
+    return Section(f"What makes the peak at {causes.peak:g} Hz?", (text, *untested, table))
 
 
 def _interval(each: "Prediction") -> tuple[float, float, float]:

@@ -281,7 +281,7 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
     whitenings = _coloured(problem, responses, place, whitenings, 0)
     settled, rounds, coloured = False, 0, False
     for rounds in progress(range(1, MOST_ROUNDS + 1)):
-        parts = _whitened(problem, responses, problem.slopes(place), place, whitenings)
+        parts = whitened(problem, responses, problem.slopes(place), place, whitenings)
         precision, step = _step(problem, parts, place)
         sd = np.sqrt(np.diag(np.linalg.inv(precision)))
         settled = bool((np.abs(step) < SETTLED * sd).all())
@@ -393,12 +393,12 @@ def _coloured(
     return [old._replace(filter=whitening_filter(r, lags)) for old, (r, _) in zip(whitenings, plain, strict=True)]
 
 
-def _whitened(
+def whitened(
     problem: SourceProblem,
     responses: Sequence[Response],
     slopes: Sequence[Response],
     place: Place,
-    whitenings: Sequence[Whitening],
+    whitenings: Sequence[Any],
 ) -> Whitened:
     """Return residuals and slopes by all unknowns."""
     sizes = [part.size for part in place]
@@ -518,7 +518,7 @@ def with_further(found: Identification, run: Run, rate: float) -> Float[np.ndarr
     here = alone.start._replace(changes=place.changes, parts=place.parts[:1])
     noise = [float(np.std(found.residual[k])) for k in own]
     whitenings = [Whitening(slow_columns(each), np.array([1 / sd])) for each, sd in zip(channels, noise, strict=True)]
-    columns = np.concatenate(_whitened(alone, alone.responses(here), alone.slopes(here), here, whitenings).columns)
+    columns = np.concatenate(whitened(alone, alone.responses(here), alone.slopes(here), here, whitenings).columns)
     sizes = [part.size for part in here]
     shared = np.r_[0 : sizes[0], sum(sizes[:3]) : sum(sizes)]
     rest = np.arange(sizes[0], sum(sizes[:3]))
