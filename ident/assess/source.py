@@ -355,6 +355,21 @@ def _from_start(arm: Arm, table: Runs, traces: Sequence[Trace]) -> tuple[Trace, 
     return tuple(replace(each, time=each.time - first) for each in traces)
 
 
+def unmeasured(arm: Arm, table: Runs, rate: float) -> Runs:
+    """Return a table of runs that are not measured yet with traces of zeros, until a second after arrival.
+
+    Raises:
+        InputError: a run that the arm can't make.
+    """
+    traces = list[Trace]()
+    for trace in table.traces:
+        row = trace.row
+        first = float(_log(arm, table, row.path).time[0]) if row.path else 0.0
+        time = np.arange(0.0, _motion(arm, table, [trace]).arrival + 1.0, 1 / rate)
+        traces.append(replace(trace, time=first + time, values=np.zeros(len(time))))
+    return replace(table, traces=tuple(traces))
+
+
 def _log(arm: Arm, table: Runs, path: str) -> Log:
     return read_log(table.files[path].path, [joint.name for joint in arm.driven])
 

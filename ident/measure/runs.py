@@ -213,13 +213,37 @@ def read_runs(path: str | Path) -> Runs:
         for row in own:
             trace = findings.attempt(row.where, "", _trace, row, by_name)
             traces += [trace] if trace else []
-    for name in dict.fromkeys(row.path for row in rows if row.path):
-        log = folder / name
-        log_data = findings.attempt(name, "", read_table, log)
-        if log_data is not None:
-            files[name] = SourceFile(str(log), hashlib.sha256(log_data).hexdigest())
+    files |= _logs(rows, folder, findings)
     refuse(findings)
     return Runs(str(path), hashlib.sha256(data).hexdigest(), tuple(traces), files)
+
+
+def planned_runs(path: str | Path) -> Runs:
+    """Read a table of runs that are not measured yet: each trace is two zeros, a second apart.
+
+    Raises:
+        InputError: the table or a log of the joints can't be read, or something is wrong in it, a unit missing too.
+    """
+    data, findings = read_table(path), Findings()
+    rows = _rows(data, path, findings)
+    refuse(findings)
+    derivatives = [findings.attempt(row.where, "", _measured, row, "") for row in rows]
+    files = dict(_logs(rows, Path(path).parent, findings))
+    refuse(findings)
+    traces = [
+        Trace(row, each[0], np.array([0.0, 1.0]), np.zeros(2))
+        for row, each in zip(rows, derivatives, strict=True)
+        if each
+    ]
+    return Runs(str(path), hashlib.sha256(data).hexdigest(), tuple(traces), files)
+
+
+def _logs(rows: list[RunRow], folder: Path, findings: Findings) -> Iterator[tuple[str, SourceFile]]:
+    """Yield the logs of the joints by name."""
+    for name in dict.fromkeys(row.path for row in rows if row.path):
+        data = findings.attempt(name, "", read_table, folder / name)
+        if data is not None:
+            yield name, SourceFile(str(folder / name), hashlib.sha256(data).hexdigest())
 
 
 def _rows(data: bytes, path: str | Path, findings: Findings) -> list[RunRow]:

@@ -11,6 +11,7 @@ from ident.present.words import MM, counted
 from ident.vibrate.sources import unit_of
 
 if TYPE_CHECKING:
+    from ident.assess.run_plan import RunPlan
     from ident.assess.source import Prediction, SourceStudy, Tried
     from ident.vibrate.source_causes import Cause, Causes
     from ident.vibrate.source_identification import Estimate
@@ -23,6 +24,8 @@ CAUSES = {
     "line": "a fixed frequency",
 }
 """Causes of a peak in words."""
+LISTED = 5
+"""Further runs on the first screen, at most."""
 
 
 def source_sections(study: "SourceStudy") -> Report:
@@ -272,6 +275,65 @@ def tried_section(every: "Iterable[Tried]") -> Section:
     head = ("Run", "drive", "stated [g mm]", "at [deg]", "acts as", "error", "turned [deg]", "error [deg]", "p that 1")
     forms = ("", "", ".0f", ".0f", ".3f", ".3f", "+.1f", ".1f", ".2g")
     return Section("Masses that were added for runs", (Table("", head, tuple(rows), forms),))
+
+
+def run_plan_sections(plan: "RunPlan") -> Report:
+    """Return what planned runs would tell, and which further run would tell more."""
+    problem, count = plan.problem, len(plan.problem.sources)
+    what = f"{counted(len(problem.runs), 'run')}, {counted(len(problem.channels), 'trace')}"
+    told, sized = len(plan.told), plan.sized
+    words = f"{told} of the {sized} sources that the arm's file has would be told"
+    words += f" (noise {100 * plan.noise:g} % of each trace's peak, assumed)."
+    if told == sized:
+        verdict = Verdict("SUFFICIENT", words, "good")
+    else:
+        verdict = Verdict(f"PARTLY {told} OF {sized}" if told else "NOT SUFFICIENT", words, "caution")
+    rows = []
+    for k, source in enumerate(problem.sources):
+        size, unit = (2.0, "arcsec p-p") if source.of_error else (plan.masses[source.drive], "kg mm")
+        own = float(plan.amplitude[k])
+        said = f"{size * own:.4g}" if own else "not given"
+        answer = ("yes" if own > plan.least[k] else "no") if own else "from that on"
+        rows.append((named(source), said, f"{size * plan.sd[k]:.3g}", f"{size * plan.least[k]:.3g}", unit, answer))
+    head = ("Source", "in the file", "std. error", "least told", "unit", "told?")
+    note = "Least told: a 95 % interval is half of the amplitude either way. Stiffness known to 10 % before (assumed)."
+    first = _further_table(plan, LISTED)
+    return Report(
+        f"Planned runs of {cut(problem.arm.name, 40)}: {what} of {count} possible sources",
+        verdict,
+        (Table("", head, tuple(rows), ("",) * 6, note), *((first,) if plan.further else ())),
+        next="ident source {runs} --arm {arm}",
+        details=(Section("Further runs", (_further_table(plan, len(plan.further)),)),) if plan.further else (),
+    )
+
+
+def _further_table(plan: "RunPlan", count: int) -> Table:
+    rows = tuple(
+        (
+            *(f"{each.speed:g} %, {each.part}", f"{each.point} {each.direction}", each.gain),
+            ", ".join(map(named, plan.also(each))) or None,
+        )
+        for each in plan.further[:count]
+    )
+    return Table(
+        "Further runs, one sensor each", ("Run", "sensor", "gain [nat]", "tells also"), rows, ("", "", ".1f", "")
+    )
+
+
+def run_plan_rows(plan: "RunPlan") -> list[dict[str, Any]]:
+    """Return a row for each source [SI]."""
+    return [
+        {
+            "drive": source.drive,
+            "kind": source.kind,
+            "order": source.order,
+            "amplitude": float(plan.amplitude[k]) * unit_of(source),
+            "sd": float(plan.sd[k]) * unit_of(source),
+            "least": float(plan.least[k]) * unit_of(source),
+            "told": source in plan.told,
+        }
+        for k, source in enumerate(plan.problem.sources)
+    ]
 
 
 def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:

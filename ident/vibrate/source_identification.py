@@ -511,25 +511,48 @@ def with_further(found: Identification, run: Run, rate: float) -> Float[np.ndarr
         rate: samples a second.
     """
     problem, place = found.problem, found.place
-    time = np.arange(float(run.motion.breaks[0]) + 0.1, float(run.motion.breaks[-1]) - 0.1, 1 / rate)
     own = [k for k, channel in enumerate(problem.channels) if channel.run == 0]
-    channels = tuple(Channel("", 0, problem.channels[k].sensor, time, np.zeros(len(time))) for k in own)
-    alone = replace(problem, runs=(run,), groups=(0,), channels=channels, trials=())
+    alone = further_run(problem, run, [problem.channels[k].sensor for k in own], rate)
     here = alone.start._replace(changes=place.changes, parts=place.parts[:1])
-    noise = [float(np.std(found.residual[k])) for k in own]
-    whitenings = [Whitening(slow_columns(each), np.array([1 / sd])) for each, sd in zip(channels, noise, strict=True)]
-    columns = np.concatenate(whitened(alone, alone.responses(here), alone.slopes(here), here, whitenings).columns)
-    sizes = [part.size for part in here]
-    shared = np.r_[0 : sizes[0], sum(sizes[:3]) : sum(sizes)]
-    rest = np.arange(sizes[0], sum(sizes[:3]))
-    precision = columns.T @ columns
-    precision[rest, rest] += np.diag(alone.priors[0])[rest]
-    told = precision[np.ix_(shared, shared)] - precision[np.ix_(shared, rest)] @ np.linalg.solve(
-        precision[np.ix_(rest, rest)], precision[np.ix_(rest, shared)]
-    )
-    first = sum(part.size for part in place[:-1])
-    known = np.r_[0 : sizes[0], first : first + sizes[-1]]
-    covariance = np.linalg.inv(np.linalg.inv(found.covariance[np.ix_(known, known)]) + told)[sizes[0] :, sizes[0] :]
+    columns = noisy_columns(alone, here, [float(np.std(found.residual[k])) for k in own])
+    told, known = shared_information(alone, columns), shared_unknowns(place)
+    count = place.changes.size
+    covariance = np.linalg.inv(np.linalg.inv(found.covariance[np.ix_(known, known)]) + told)[count:, count:]
     blocks = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(problem.sources))]
     along = [way @ block @ way for way, block in zip(_ways(place.parts[0]), blocks, strict=True)]
     return np.sqrt(found.consistency * np.array(along))
+
+
+def further_run(problem: SourceProblem, run: Run, sensors: Sequence[int], rate: float) -> SourceProblem:
+    """Return a run that is not measured yet, seen by some of its sensors, as a problem of the same arm and sources."""
+    time = np.arange(float(run.motion.breaks[0]) + 0.1, float(run.motion.breaks[-1]) - 0.1, 1 / rate)
+    channels = tuple(Channel("", 0, sensor, time, np.zeros(len(time))) for sensor in sensors)
+    return replace(problem, runs=(run,), groups=(0,), channels=channels, trials=())
+
+
+def noisy_columns(problem: SourceProblem, place: Place, noise: Sequence[float]) -> tuple[np.ndarray, ...]:
+    """Return columns (T, n) of each channel by all unknowns, over white noise of these standard deviations [SI]."""
+    pairs = zip(problem.channels, noise, strict=True)
+    whitenings = [Whitening(slow_columns(each), np.array([1 / sd])) for each, sd in pairs]
+    return whitened(problem, problem.responses(place), problem.slopes(place), place, whitenings).columns
+
+
+def shared_unknowns(place: Place) -> np.ndarray:
+    """Return the places of what a further run of the first phase group shares: the arm's numbers, sources' parts."""
+    first = sum(part.size for part in place[:-1])
+    return np.r_[0 : place.changes.size, first : first + place.parts[0].size]
+
+
+def shared_information(alone: SourceProblem, columns: Sequence[np.ndarray]) -> Float[np.ndarray, "K K"]:
+    """Return what a run alone tells of what it shares, its clock and its sensors' tilt being its own.
+
+    Args:
+        alone: the run.
+        columns: of its channels, or of some of them.
+    """
+    sizes, precision = [part.size for part in alone.start], sum(each.T @ each for each in columns)
+    shared = np.r_[0 : sizes[0], sum(sizes[:3]) : sum(sizes)]
+    rest = np.arange(sizes[0], sum(sizes[:3]))
+    across = precision[np.ix_(rest, shared)]
+    own = precision[np.ix_(rest, rest)] + np.diag(np.diag(alone.priors[0])[rest])
+    return np.asarray(precision[np.ix_(shared, shared)] - across.T @ np.linalg.solve(own, across))

@@ -273,3 +273,44 @@ def test_triage_names_the_drive_without_anything_identified(folder, tmp_path):
     assert_plain(assert_comes_back(found, tmp_path).table())
     assert_one_screen(found.report(), files=2)
     assert [path.name for path in found.save_figures(tmp_path)] == ["triage.triage.png"]
+
+
+@pytest.mark.slow
+def test_planned_runs_say_what_they_would_tell(folder, result, tmp_path):
+    """The run that was measured above, planned: as sure as it was, within a factor of two, and told where it told."""
+    (tmp_path / "planned.csv").write_text(
+        "file,channel,direction,unit,speed [%],group\n" + "".join(f"a.csv,{w},{w},mm,12,a\n" for w in "yz")
+    )
+    planned = ident.plan(FILE, runs=tmp_path / "planned.csv")
+    rows = {(row["drive"], row["kind"]): row for row in planned.table()}
+    for row in result.table():
+        if row["kind"] == "imbalance":  # of the errors' size the arm's file says nothing
+            assert 0.5 < rows[row["drive"], row["kind"]]["sd"] / row["sd"] < 2
+    gains = [each.gain for each in planned.plan.further]
+    assert gains == sorted(gains, reverse=True)
+    assert min(gains) > 0
+    assert all((each.sd <= planned.plan.sd).all() for each in planned.plan.further)
+    assert_one_screen(planned.report(), files=1)
+    assert not too_wide(planned.report(details=True))
+    assert_plain(assert_comes_back(planned, tmp_path).table())
+
+
+def test_planned_runs_need_a_unit_and_no_campaign(tmp_path):
+    (tmp_path / "planned.csv").write_text("file,channel,direction,speed [%]\na.csv,y,y,12\n")
+    with pytest.raises(InputError, match="no unit"):
+        ident.plan(FILE, runs=tmp_path / "planned.csv")
+    with pytest.raises(InputError, match="one of them"):
+        ident.plan(FILE, DATA / "lcd_arm" / "campaign.csv", runs=tmp_path / "planned.csv")
+
+
+@pytest.mark.slow
+def test_a_peak_has_a_cause_on_the_first_screen(folder, tmp_path):
+    """Drive 2 turns with up to 9.6 Hz at 12 %: its imbalance makes the peak there."""
+    asked = ident.source(table(folder, (12.0,), "peak.csv"), peak=9.0)
+    assert asked.causes[0]["kind"] == "imbalance"
+    assert asked.causes[0]["told"]
+    assert "1. peak at 9 Hz: imbalance (drive2), predicts" in asked.report()
+    assert "What makes the peak at 9 Hz?" in asked.report(details=True)
+    assert_one_screen(asked.report(), files=2)
+    assert not too_wide(asked.report(details=True))
+    assert_plain(assert_comes_back(asked, tmp_path).table())
