@@ -1,8 +1,9 @@
 """What planned runs would tell of what excites an arm, from the model alone, and which further run would tell more.
 
 White noise of a share of each trace's peak, in further runs the largest of these; sources as large as the arm has
-them. Their phases are unknown: a standard deviation is the root mean square of those of a source's two parts. Further runs are ranked by the information that they
-add on all sources, 1/2 ln of the ratio of the determinants of the covariance before and after.
+them. Their phases are unknown: a standard deviation is the root mean square of those of a source's two parts. Further
+runs are ranked by the information that they add on all sources, 1/2 ln of the ratio of the determinants of the
+covariance before and after.
 """
 
 from collections.abc import Iterator
