@@ -386,7 +386,10 @@ def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:
         raise refusal(row.where, "no motion", "a stroke of the arm, or a path", remedy, "path")
     else:
         assert row.speed is not None  # the table has a speed where it has no path
-        motion = stroke(arm.stroke, percent=row.speed, retract=row.retract)
+        try:
+            motion = stroke(arm.stroke, percent=row.speed, retract=row.retract)
+        except InputError as error:
+            raise InputError(replace(each, where=row.where, column="speed") for each in error.problems) from None
     beyond_limits(arm, motion)
     end = max(float(trace.time[-1]) for trace in traces)
     return motion.dwell(min(max(0.0, end - motion.arrival), LONGEST_DWELL))

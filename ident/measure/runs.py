@@ -358,6 +358,9 @@ def _trace(row: RunRow, channels: Mapping[str, Channel]) -> Trace:
     if not np.isfinite(values).all():
         got = f"{np.count_nonzero(~np.isfinite(values))} samples missing"
         raise refusal("", got, "a record without gaps", "cut the record, or export it again", "channel")
+    if not np.ptp(values) > 0:
+        got, remedy = f"{values[0]:g} in all samples", "check the sensor and its cable, or leave the row out"
+        raise refusal("", got, "a record that varies", remedy, "channel")
     if longest := _clipped(values):
         got = f"{longest} samples in a row at the largest value: clipped"
         raise refusal("", got, "a record within the sensor's range", "measure again, less amplified", "channel")
@@ -386,7 +389,7 @@ def _measured(row: RunRow, said: str) -> tuple[int, float]:
     for derivative, known in enumerate(QUANTITIES.values()):
         factor = sensor_factor(unit, known)
         if factor is not None:
-            if row.unit and said and row.sensitivity is None and sensor_factor(said, known) not in (None, factor):
+            if row.unit and physical and row.sensitivity is None and sensor_factor(said, known) != factor:
                 got, remedy = quoted(row.unit), "correct it, or leave the cell empty"
                 raise refusal("", got, f"{quoted(said)}, as in the file", remedy, "unit")
             return derivative, factor / (row.sensitivity or 1.0)

@@ -53,12 +53,13 @@ LENGTH = 3.0
 """Length of the low pass, in periods of half the band: it lets through 3 % a quarter of the band beyond its edges."""
 MISFIT = 0.05
 """Share of an amplitude to which the model of a cause is right; assumed."""
-SCANNED, REFINED = 31, 5
-"""Frequencies of a finger that are tried in the band, and then about the best one."""
 FINE = 8
 """Frequencies of a line that are tried in each resolved step, one over the length of the longest trace."""
 DAMPING = (0.002, 0.006, 0.02)
 """Damping ratios of a finger that are tried: steel to glued plates; assumed."""
+SCANNED = ((WIDTH, 31), (0.01, 7), (0.002, 5))
+"""Frequencies of a finger that are tried: so many within so wide a share of the best one so far, first of the peak. The
+last are 0.1 % apart, a fifth of a resonance with the least damping of `DAMPING`."""
 WIDER = 3.0
 """By which standard deviations of clock, stiffness, damping and tilt are widened: an unknown cause was fitted along."""
 BLOCKS, FOLDS = 8, 4
@@ -400,7 +401,8 @@ class _Contest:
                     return np.sum((own.T @ rest) ** 2)
 
                 finger = (rows.bands[0].frequency, DAMPING[1])
-                for width, count, ratios in ((WIDTH, SCANNED, DAMPING[1:2]), (2 * WIDTH / SCANNED, REFINED, DAMPING)):
+                for width, count in SCANNED:
+                    ratios = DAMPING[1:2] if width == WIDTH else DAMPING
                     tried = finger[0] * np.linspace(1 - width, 1 + width, count)
                     finger = max(((f, ratio) for f in tried.tolist() for ratio in ratios), key=gained)
                 fingers[finger] = scaled(swinging(*finger))
@@ -440,9 +442,9 @@ class _Contest:
             found = _solved(matrix[used], self.values[used])
             out = ~used if fold is not None else used
             rest[out] = self.values[out] - matrix[out] @ found
-        traces = range(int(self.trace.max()) + 1)
-        energy = [(np.sum(x[self.trace == k] ** 2) for x in (rest, self.values)) for k in traces]
-        return np.array([left / max(whole, 1e-300) for left, whole in energy])
+        data = self.trace >= 0
+        left, energy = (np.bincount(self.trace[data], x[data] ** 2) for x in (rest, self.values))
+        return np.asarray(left / np.maximum(energy, 1e-300))
 
     def _score(self, left: np.ndarray) -> float:
         count = np.bincount(self.trace[self.trace >= 0])

@@ -52,7 +52,7 @@ def moved(true: Arm, motion: Motion, bodies: Bodies) -> tuple[np.ndarray, np.nda
     def table(t: np.ndarray) -> tuple[np.ndarray, ...]:
         return tuple(np.asarray(part) for part in motion(t))
 
-    still = true.replace({f"{drive.name}.error": 0.0 for drive in true.drives})
+    still = true.replace({each.amplitude: 0.0 for each in possible_orders(true) if each.of_error})
     response = MujocoTransient(true, table, float(motion.breaks[-1]) - 2 * STEP, added=bodies).run(STEP, EVERY)
     pins = [rigid_path(MujocoMoving(each), table, response.time).T for each in (true, still)]
     known = simulate(true, motion, rate=1 / (STEP * EVERY)).quasi_static

@@ -203,6 +203,7 @@ def test_a_run_under_another_load_is_noticed(folder, true_arm):
         (("a,", "a,crane"), "wrong.csv:2, load: got 'crane'"),
         (("direction", "way"), "the unknown column"),
         ((",12,", ",,"), "neither speed nor path"),
+        ((",12,", ",1e9,"), "wrong.csv:2, speed: got 1e"),
         (("speed [%]", "speed [rad/s]"), "% of full speed"),
         (("group", "direction"), "the column twice"),
     ],
@@ -221,6 +222,7 @@ def test_what_is_wrong_in_the_table_is_said(folder, change, complaint):
         (lambda v: np.clip(v, -0.3 * np.abs(v).max(), None), "clipped"),
         (lambda v: np.where(np.arange(len(v)) == 500, np.nan, v), "samples missing"),
         (lambda v: v[:400], "turns of the fastest pulley"),
+        (lambda v: 0 * v + 0.5, "0.5 in all samples"),
     ],
 )
 def test_what_is_wrong_in_a_record_is_said(folder, spoil, complaint):
@@ -235,7 +237,12 @@ def test_what_is_wrong_in_a_record_is_said(folder, spoil, complaint):
 
 @pytest.mark.parametrize(
     ("unit", "sensitivity", "complaint"),
-    [("V", "", "a file in 'V'"), ("m/s^2", "100", "a sensitivity of a file in"), ("", "", "no unit")],
+    [
+        ("mm", "", "'mm', as in the file"),
+        ("V", "", "a file in 'V'"),
+        ("m/s^2", "100", "a sensitivity of a file in"),
+        ("", "", "no unit"),
+    ],
 )
 def test_a_unit_that_the_file_does_not_have_is_refused(folder, unit, sensitivity, complaint):
     text = (folder / "run12.csv").read_text()
