@@ -338,6 +338,7 @@ class _Contest:
         fold: (n,) turn in which a number is left out; -1 of what is known.
         kinds: of each source its cause.
         noise: (C,) [SI] rms of what all causes leave of each trace.
+        energy: (C,) of each trace, as a displacement.
     """
 
     problem: SourceProblem
@@ -349,6 +350,7 @@ class _Contest:
     fold: np.ndarray
     kinds: tuple[str, ...]
     noise: np.ndarray
+    energy: np.ndarray
 
     @classmethod
     def of(
@@ -417,7 +419,10 @@ class _Contest:
         causes = {kind: {(np.nan, np.nan): sources[:, of_source == kind]} for kind in CAUSES[:3] if kind in kinds}
         causes |= {"finger": fingers, "line": lines}
         scale = noise * np.array([own for own, _ in rms])
-        return cls(problem, place, values, columns, causes, trace, fold, tuple(kinds), scale)
+        derived = [problem.runs[each.run].sensors[each.sensor].derivative for each in problem.channels]
+        omega = 2 * np.pi * rows.bands[0].frequency
+        energy = [np.sum(own**2) / omega ** (2 * k) for own, k in zip(rows.values, derived, strict=True)]
+        return cls(problem, place, values, columns, causes, trace, fold, tuple(kinds), scale, np.array(energy))
 
     @cached_property
     def sets(self) -> dict[frozenset[str], "_Set"]:
@@ -451,9 +456,8 @@ class _Contest:
         return float(-(count * np.log(left + MISFIT**2)).sum() / 2)
 
     def _explained(self, left: np.ndarray) -> float:
-        """Return the share of the energy that is not left, where traces count by their energy over their noise."""
-        energy = np.bincount(self.trace[self.trace >= 0], self.values[self.trace >= 0] ** 2)
-        return float(1 - energy @ left / energy.sum())
+        """Return the share of the energy that is not left, of all traces together."""
+        return float(1 - self.energy @ left / self.energy.sum())
 
     def evidence(self, chosen: frozenset[str]) -> float:
         """Return the evidence of a set [nat]; the frequency of a line counts as a column, that of a finger as two."""
