@@ -1,7 +1,6 @@
 """What planned runs would tell of what excites an arm, from the model alone, and which further run would tell more.
 
-White noise of a share of each trace's peak, in further runs the largest of these; sources as large as the arm has
-them. Their phases are unknown: a standard deviation is the root mean square of those of a source's two parts. Further
+White noise of a share of each trace's peak, in further runs the largest of these; sources as the arm has them. Further
 runs are ranked by the information that they add on all sources, 1/2 ln of the ratio of the determinants of the
 covariance before and after.
 """
@@ -128,7 +127,9 @@ def planned(arm: Arm, table: Runs, *, noise: float, progress: Any = iter) -> Run
     covariance, groups = np.linalg.inv(precision), place.parts.shape[0]
     count = place.changes.size
     first = sum(part.size for part in place[:-1])
-    sd = _sd(covariance[first:, first:]).reshape((groups, -1))
+    size = place.parts[0].size
+    ends = [first + group * size for group in range(groups)]
+    sd = np.stack([_sd(covariance[end : end + size, end : end + size], place.parts[0]) for end in ends])
     known = shared_unknowns(place)
     before = np.linalg.inv(covariance[np.ix_(known, known)])
     further = list[FurtherRun]()
@@ -141,7 +142,7 @@ def planned(arm: Arm, table: Runs, *, noise: float, progress: Any = iter) -> Run
             dets = [np.linalg.slogdet(each)[1] for each in (covariance[np.ix_(known, known)][count:, count:], after)]
             name = next(name for name, way in WAYS.items() if way == sensor.direction)
             others = np.square(1 / sd[1:]).sum(0)  # phase groups that the run is not of
-            more = (1 / np.square(_sd(after)) + others) ** -0.5
+            more = (1 / np.square(_sd(after, place.parts[0])) + others) ** -0.5
             further.append(FurtherRun(label[0], label[1], sensor.point, name, (dets[0] - dets[1]) / 2, more))
     further.sort(key=lambda each: -each.gain)
     pooled = np.square(1 / sd).sum(0) ** -0.5
@@ -173,9 +174,14 @@ def _noise(problem: SourceProblem, place: Place, share: float) -> list[float]:
     return found
 
 
-def _sd(covariance: np.ndarray) -> np.ndarray:
-    """Return standard deviations of sources, of whose two parts (2 n, 2 n) is the covariance."""
-    return np.asarray(np.sqrt(np.diag(covariance).reshape((-1, 2)).mean(1)))
+def _sd(covariance: np.ndarray, parts: Float[np.ndarray, "S 2"]) -> np.ndarray:
+    """Return standard deviations (S,) of amplitudes from the covariance (2 S, 2 S) of parts, of one phase group.
+
+    Along the parts; their root mean square where an amplitude is 0, which has no direction.
+    """
+    blocks = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(parts))]
+    squares = [p @ b @ p / (p @ p) if p.any() else np.trace(b) / 2 for p, b in zip(parts, blocks, strict=True)]
+    return np.sqrt(np.array(squares))
 
 
 def _candidates(problem: SourceProblem) -> Iterator[tuple[Run, tuple[float, str]]]:

@@ -79,7 +79,7 @@ def test_a_peak_that_the_traces_do_not_show_is_refused(peak, teeth, complaint):
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("kind", CAUSES)
 def test_each_cause_is_told_where_it_is_true(kind):
-    """Never a wrong one; the third imbalance, of whose band 29 % is noise and the rest is in one trace, is not told."""
+    """Never a wrong one; the third imbalance, of whose band 29 % is noise, is not told."""
     every = [peaks.causes(peaks.problem(kind, seed)) for seed in range(3)]
     told = [found.causes[0].kind for found in every if found.told]
     assert set(told) == {kind}
