@@ -466,16 +466,20 @@ class _Contest:
         return self._score(self.sets[chosen].left) - columns / 2 * float(np.log(np.sum(self.trace >= 0)))
 
     def shares(self, chosen: frozenset[str]) -> dict[str, float]:
-        """Return each cause's share of the energy: the mean of what it explains alone and beside the rest."""
+        """Return each cause's share of the energy in a set, part' y / y'y with its part of y: they add up to the whole.
 
-        def explained(some: frozenset[str]) -> float:
-            return self._explained(self.sets[some].left)
+        What a cause explains alone would not do, since imbalance and transmission error of one frequency replace each
+        other for a while.
+        """
+        found, data = self._coefficients(chosen), self.trace >= 0
+        energy = np.bincount(self.trace[data], self.values[data] ** 2)
 
-        nothing = explained(frozenset())
-        return {
-            kind: (explained(frozenset({kind})) - nothing + explained(chosen) - explained(chosen - {kind})) / 2
-            for kind in chosen
-        }
+        def share(kind: str) -> float:
+            made = self.causes[kind][self.sets[chosen].how[kind]] @ found[kind]
+            part = np.bincount(self.trace[data], (made * self.values)[data]) / np.maximum(energy, 1e-300)
+            return float(self.energy @ part / self.energy.sum())
+
+        return {kind: share(kind) for kind in found}
 
     def judged(self, peak: float, untested: Mapping[str, str], further: Mapping[float, Run]) -> Causes:
         """Return which cause is the largest, how sure that is, and the run that would tell."""
