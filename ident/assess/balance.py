@@ -29,7 +29,7 @@ from ident.assess.scenario import Basis
 from ident.assess.source import CHANCE, NEAR, Tried
 from ident.vibrate.fast import FastMethod, numbers_of, vibrations
 from ident.vibrate.simulate import fast_method, refuse_collapse
-from ident.vibrate.source_identification import LEVEL
+from ident.vibrate.source_problem import LEVEL
 
 RATE = 200.0
 """Samples a second: the peak of a vibration of 8 Hz is 0.8 % lower at most between two of them."""

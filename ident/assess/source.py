@@ -18,23 +18,18 @@ from ident.measure import Log, read_log
 from ident.measure.runs import RunRow, Runs, Trace
 from ident.vibrate.motion import Motion, beyond_limits, stroke
 from ident.vibrate.replay import replay
+from ident.vibrate.source_causes import Causes, check_peak, compared
 from ident.vibrate.source_identification import (
-    CLOCK_SD,
     LAGS,
-    LEVEL,
     WIDE,
-    Channel,
     Identification,
-    Prior,
-    SourceProblem,
-    Trial,
     clock_offsets,
     explained,
     gain,
     identified,
-    slow_columns,
     with_further,
 )
+from ident.vibrate.source_problem import CLOCK_SD, LEVEL, Channel, Prior, SourceProblem, Trial, slow_columns
 from ident.vibrate.sources import UNITS, Run, Sensor, with_units
 from ident.vibrate.triage import MovingTrace
 
@@ -160,12 +155,14 @@ class SourceStudy:
         known: whether stiffnesses come from a posterior.
         further: standard deviations [units] of the sources' amplitudes with a further run, by its speed [%]; none where
             all are told, or the arm has no stroke.
+        causes: what makes the peak that was asked about.
     """
 
     found: Identification
     held: tuple[Prediction, ...]
     known: bool
     further: Mapping[float, Float[np.ndarray, "S"]] = field(default_factory=dict)
+    causes: Causes | None = None
 
     @property
     def next_run(self) -> tuple[float, list[ExcitingOrder]]:
@@ -234,6 +231,8 @@ def studied(
     *,
     offset: float,
     hold_out: Sequence[str] = (),
+    peak: float | None = None,
+    teeth: Mapping[str, float] | None = None,
     progress: Any = iter,
 ) -> SourceStudy:
     """Identify what excites an arm from a table of runs, and predict those that are held out.
@@ -244,6 +243,8 @@ def studied(
         draws: of its stiffnesses, by path; none where no posterior is given.
         offset: [s] by which clocks may be off.
         hold_out: files of the runs to predict.
+        peak: frequency [Hz] of a peak whose cause is asked for.
+        teeth: of the belts' driving pulleys, by the belt's name.
         progress: shows how far the search is.
 
     Raises:
@@ -261,6 +262,8 @@ def studied(
     problem = posed(arm, table, used, prior, offset=offset)
     for name in hold_out:
         _posed(arm, table, [name], prior, offset)
+    if peak is not None or teeth:
+        check_peak(problem, peak, teeth or {})
     found = identified(problem, progress)
     for run, (clock, _) in zip(problem.runs, found.place.clock.tolist(), strict=True):
         if abs(clock) > offset * (1 - 1e-9):
@@ -269,17 +272,15 @@ def studied(
             raise refusal(run.name, got, f"at most {1e3 * offset:.0f} ms", remedy)
     held = [prediction for name in hold_out for prediction in _predicted(found, table, name, used)]
     known = all(path in draws for path in stiffness_paths(arm))
-    return SourceStudy(found, tuple(held), known, _further(found))
-
-
-def _further(found: Identification) -> dict[float, Float[np.ndarray, "S"]]:
-    """Return what further runs along the stroke would tell, where some source is not told."""
-    problem = found.problem
-    if problem.arm.stroke is None or all(each.told for each in found.estimates):
-        return {}
-    first, rate = problem.runs[0], min(channel.rate for channel in problem.channels)
-    runs = [replace(first, motion=stroke(problem.arm.stroke, percent=speed, dwell=1.0)) for speed in FURTHER]
-    return {speed: with_further(found, run, rate) for speed, run in zip(FURTHER, runs, strict=True)}
+    first, rate, further = problem.runs[0], min(channel.rate for channel in problem.channels), dict[float, Run]()
+    if arm.stroke is not None:
+        further = {speed: replace(first, motion=stroke(arm.stroke, percent=speed, dwell=1.0)) for speed in FURTHER}
+    hidden = not all(each.told for each in found.estimates)
+    tells = {speed: with_further(found, run, rate) for speed, run in further.items()} if hidden else {}
+    causes = None
+    if peak is not None:
+        causes = compared(problem, found.place, found.covariance, peak, teeth=teeth, further=further)
+    return SourceStudy(found, tuple(held), known, tells, causes)
 
 
 def moving_traces(arm: Arm, table: Runs) -> list[MovingTrace]:
@@ -354,6 +355,21 @@ def _from_start(arm: Arm, table: Runs, traces: Sequence[Trace]) -> tuple[Trace, 
     return tuple(replace(each, time=each.time - first) for each in traces)
 
 
+def unmeasured(arm: Arm, table: Runs, rate: float) -> Runs:
+    """Return a table of runs that are not measured yet with traces of zeros, until a second after arrival.
+
+    Raises:
+        InputError: a run that the arm can't make.
+    """
+    traces = list[Trace]()
+    for trace in table.traces:
+        row = trace.row
+        first = float(_log(arm, table, row.path).time[0]) if row.path else 0.0
+        time = np.arange(0.0, _motion(arm, table, [trace]).arrival + 1.0, 1 / rate)
+        traces.append(replace(trace, time=first + time, values=np.zeros(len(time))))
+    return replace(table, traces=tuple(traces))
+
+
 def _log(arm: Arm, table: Runs, path: str) -> Log:
     return read_log(table.files[path].path, [joint.name for joint in arm.driven])
 
@@ -370,7 +386,10 @@ def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:
         raise refusal(row.where, "no motion", "a stroke of the arm, or a path", remedy, "path")
     else:
         assert row.speed is not None  # the table has a speed where it has no path
-        motion = stroke(arm.stroke, percent=row.speed, retract=row.retract)
+        try:
+            motion = stroke(arm.stroke, percent=row.speed, retract=row.retract)
+        except InputError as error:
+            raise InputError(replace(each, where=row.where, column="speed") for each in error.problems) from None
     beyond_limits(arm, motion)
     end = max(float(trace.time[-1]) for trace in traces)
     return motion.dwell(min(max(0.0, end - motion.arrival), LONGEST_DWELL))

@@ -134,6 +134,7 @@ def plan_command(
         Path | None, typer.Argument(help="what is measured already, a CSV file; leave it out for nothing")
     ] = None,
     arm: ArmOption = None,
+    runs: flag("table of runs to measure on the moving arm (see ident source): what they would tell") = None,  # type: ignore[valid-type]
     out: OutOption = Path("out"),
     no_figure: NoFigureOption = False,
 ) -> None:
@@ -144,7 +145,12 @@ def plan_command(
     """
     from ident.description.file import read_arm
 
-    if campaign is not None:
+    if runs is not None:
+        if campaign is not None:
+            raise refusal("--runs", "a campaign too", "one of them", "plan them one after the other")
+        result = plan(arm or runs.parent / "arm.toml", None, options, runs=runs, progress=running.progress)
+        finish(result, out, no_figure)
+    elif campaign is not None:
         measured, described = running.read(campaign, arm)
         result = plan(described, measured, options, progress=running.progress)
         finish(result, out, no_figure)

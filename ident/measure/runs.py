@@ -213,13 +213,37 @@ def read_runs(path: str | Path) -> Runs:
         for row in own:
             trace = findings.attempt(row.where, "", _trace, row, by_name)
             traces += [trace] if trace else []
-    for name in dict.fromkeys(row.path for row in rows if row.path):
-        log = folder / name
-        log_data = findings.attempt(name, "", read_table, log)
-        if log_data is not None:
-            files[name] = SourceFile(str(log), hashlib.sha256(log_data).hexdigest())
+    files |= _logs(rows, folder, findings)
     refuse(findings)
     return Runs(str(path), hashlib.sha256(data).hexdigest(), tuple(traces), files)
+
+
+def planned_runs(path: str | Path) -> Runs:
+    """Read a table of runs that are not measured yet: each trace is two zeros, a second apart.
+
+    Raises:
+        InputError: the table or a log of the joints can't be read, or something is wrong in it, a unit missing too.
+    """
+    data, findings = read_table(path), Findings()
+    rows = _rows(data, path, findings)
+    refuse(findings)
+    derivatives = [findings.attempt(row.where, "", _measured, row, "") for row in rows]
+    files = dict(_logs(rows, Path(path).parent, findings))
+    refuse(findings)
+    traces = [
+        Trace(row, each[0], np.array([0.0, 1.0]), np.zeros(2))
+        for row, each in zip(rows, derivatives, strict=True)
+        if each
+    ]
+    return Runs(str(path), hashlib.sha256(data).hexdigest(), tuple(traces), files)
+
+
+def _logs(rows: list[RunRow], folder: Path, findings: Findings) -> Iterator[tuple[str, SourceFile]]:
+    """Yield the logs of the joints by name."""
+    for name in dict.fromkeys(row.path for row in rows if row.path):
+        data = findings.attempt(name, "", read_table, folder / name)
+        if data is not None:
+            yield name, SourceFile(str(folder / name), hashlib.sha256(data).hexdigest())
 
 
 def _rows(data: bytes, path: str | Path, findings: Findings) -> list[RunRow]:
@@ -334,6 +358,9 @@ def _trace(row: RunRow, channels: Mapping[str, Channel]) -> Trace:
     if not np.isfinite(values).all():
         got = f"{np.count_nonzero(~np.isfinite(values))} samples missing"
         raise refusal("", got, "a record without gaps", "cut the record, or export it again", "channel")
+    if not np.ptp(values) > 0:
+        got, remedy = f"{values[0]:g} in all samples", "check the sensor and its cable, or leave the row out"
+        raise refusal("", got, "a record that varies", remedy, "channel")
     if longest := _clipped(values):
         got = f"{longest} samples in a row at the largest value: clipped"
         raise refusal("", got, "a record within the sensor's range", "measure again, less amplified", "channel")
@@ -362,7 +389,7 @@ def _measured(row: RunRow, said: str) -> tuple[int, float]:
     for derivative, known in enumerate(QUANTITIES.values()):
         factor = sensor_factor(unit, known)
         if factor is not None:
-            if row.unit and said and row.sensitivity is None and sensor_factor(said, known) not in (None, factor):
+            if row.unit and physical and row.sensitivity is None and sensor_factor(said, known) != factor:
                 got, remedy = quoted(row.unit), "correct it, or leave the cell empty"
                 raise refusal("", got, f"{quoted(said)}, as in the file", remedy, "unit")
             return derivative, factor / (row.sensitivity or 1.0)

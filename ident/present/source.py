@@ -11,8 +11,21 @@ from ident.present.words import MM, counted
 from ident.vibrate.sources import unit_of
 
 if TYPE_CHECKING:
+    from ident.assess.run_plan import RunPlan
     from ident.assess.source import Prediction, SourceStudy, Tried
+    from ident.vibrate.source_causes import Cause, Causes
     from ident.vibrate.source_identification import Estimate
+
+CAUSES = {
+    "imbalance": "imbalance",
+    "error": "transmission error",
+    "mesh": "belt mesh",
+    "finger": "a flexible finger",
+    "line": "a fixed frequency",
+}
+"""Causes of a peak in words."""
+LISTED = 5
+"""Further runs on the first screen, at most."""
 
 
 def source_sections(study: "SourceStudy") -> Report:
@@ -85,6 +98,8 @@ def estimates(study: "SourceStudy") -> Table:
 
 def source_findings(study: "SourceStudy") -> Iterator[Finding]:
     """Yield what is wrong with the runs, how a left-out one is predicted, and what is not told."""
+    if study.causes:
+        yield cause_finding(study.causes)
     for name, gain in study.poor.items():
         yield Finding(
             f"{name} does not follow the computed vibration (gain {gain:.2f})",
@@ -176,6 +191,8 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
     of_traces = ("Trace", "samples a second", "explained [%]", "tilt [deg]", "tilt, other way [deg]")
     yield Section("Traces", (Table("", of_traces, tuple(traces), ("", ".4g", ".1f", ".2f", ".2f")),))
 
+    if study.causes:
+        yield _cause_section(study.causes)
     if study.further:
         head = ("Source", *(f"{speed:g} %" for speed in study.further))
         rows = [
@@ -193,6 +210,45 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
         head = ("Trace", "predicted [%]", "rms [%]", "largest, measured", "2.5 %", "97.5 % of draws")
         table = Table("", head, tuple(predicted), ("", ".1f", "+.1f", ".4g", ".4g", ".4g"))
         yield Section("Runs that were left out (SI; the measured ones with their noise)", (table,))
+
+
+def said(cause: "Cause") -> str:
+    """Name a cause: `a fixed frequency at 9.50 Hz`, `transmission error (drive2, order 2)`."""
+    if cause.source is None:
+        return f"{CAUSES[cause.kind]} at {cause.frequency:.2f} Hz"
+    order = f", order {cause.source.order:g}" if cause.source.of_error else ""
+    return f"{CAUSES[cause.kind]} ({cause.source.drive}{order})"
+
+
+def cause_finding(causes: "Causes") -> Finding:
+    """Say what makes a peak, or what would tell."""
+    first, *others = causes.causes
+    at = f"peak at {causes.peak:g} Hz"
+    if not causes.explained:
+        what = "none of the causes tested explains it"
+        return Finding(f"{at}: {what} ({100 * (1 - causes.left):.0f} % at most)", "look at the trace with ident triage")
+    if causes.told:
+        beside = f", the next, {said(others[0])}, {100 * max(0.0, others[0].predicted):.0f} %" if others else ""
+        return Finding(f"{at}: {said(first)}, predicts {100 * first.predicted:.0f} % of blocks left out{beside}")
+    rival = max(others, key=lambda cause: max(cause.evidence, cause.held_out))
+    remedy = f"add a run at {causes.speed:g} %" if causes.speed else "add a sensor elsewhere, or a longer run"
+    return Finding(f"{at} cannot be told: {said(first)} or {said(rival)}", remedy)
+
+
+def _cause_section(causes: "Causes") -> Section:
+    rows = [
+        (said(each), *(100 * x for x in (each.explained, each.predicted, each.evidence, each.held_out)))
+        for each in causes.causes
+    ]
+    head = ("Largest cause", "explains [%]", "predicts [%]", "p by evidence [%]", "p by prediction [%]")
+    low, high = causes.band
+    untested = [f"{CAUSES[kind]}: not tested, {why}." for kind, why in causes.untested.items()]
+    text = (
+        f"Shares of the energy from {low:.3g} to {high:.3g} Hz, noise included, by the best set of causes in which "
+        "this one is the largest; predicted: of blocks that were left out."
+    )
+    table = Table("", head, tuple(rows), ("", *(".0f",) * 4))
+    return Section(f"What makes the peak at {causes.peak:g} Hz?", (text, *untested, table))
 
 
 def _interval(each: "Prediction") -> tuple[float, float, float]:
@@ -219,6 +275,65 @@ def tried_section(every: "Iterable[Tried]") -> Section:
     head = ("Run", "drive", "stated [g mm]", "at [deg]", "acts as", "error", "turned [deg]", "error [deg]", "p that 1")
     forms = ("", "", ".0f", ".0f", ".3f", ".3f", "+.1f", ".1f", ".2g")
     return Section("Masses that were added for runs", (Table("", head, tuple(rows), forms),))
+
+
+def run_plan_sections(plan: "RunPlan") -> Report:
+    """Return what planned runs would tell, and which further run would tell more."""
+    problem, count = plan.problem, len(plan.problem.sources)
+    what = f"{counted(len(problem.runs), 'run')}, {counted(len(problem.channels), 'trace')}"
+    told, sized = len(plan.told), plan.sized
+    words = f"{told} of the {sized} sources that the arm's file has would be told"
+    words += f" (noise {100 * plan.noise:g} % of each trace's peak, assumed)."
+    if told == sized:
+        verdict = Verdict("SUFFICIENT", words, "good")
+    else:
+        verdict = Verdict(f"PARTLY {told} OF {sized}" if told else "NOT SUFFICIENT", words, "caution")
+    rows = []
+    for k, source in enumerate(problem.sources):
+        size, unit = (2.0, "arcsec p-p") if source.of_error else (plan.masses[source.drive], "kg mm")
+        own = float(plan.amplitude[k])
+        said = f"{size * own:.4g}" if own else "not given"
+        answer = ("yes" if own > plan.least[k] else "no") if own else "from that on"
+        rows.append((named(source), said, f"{size * plan.sd[k]:.3g}", f"{size * plan.least[k]:.3g}", unit, answer))
+    head = ("Source", "in the file", "std. error", "least told", "unit", "told?")
+    note = "Least told: a 95 % interval is half of the amplitude either way. Stiffness known to 10 % before (assumed)."
+    first = _further_table(plan, LISTED)
+    return Report(
+        f"Planned runs of {cut(problem.arm.name, 40)}: {what} of {count} possible sources",
+        verdict,
+        (Table("", head, tuple(rows), ("",) * 6, note), *((first,) if plan.further else ())),
+        next="ident source {runs} --arm {arm}",
+        details=(Section("Further runs", (_further_table(plan, len(plan.further)),)),) if plan.further else (),
+    )
+
+
+def _further_table(plan: "RunPlan", count: int) -> Table:
+    rows = tuple(
+        (
+            *(f"{each.speed:g} %, {each.part}", f"{each.point} {each.direction}", each.gain),
+            ", ".join(map(named, plan.also(each))) or None,
+        )
+        for each in plan.further[:count]
+    )
+    return Table(
+        "Further runs, one sensor each", ("Run", "sensor", "gain [nat]", "tells also"), rows, ("", "", ".1f", "")
+    )
+
+
+def run_plan_rows(plan: "RunPlan") -> list[dict[str, Any]]:
+    """Return a row for each source [SI]."""
+    return [
+        {
+            "drive": source.drive,
+            "kind": source.kind,
+            "order": source.order,
+            "amplitude": float(plan.amplitude[k]) * unit_of(source),
+            "sd": float(plan.sd[k]) * unit_of(source),
+            "least": float(plan.least[k]) * unit_of(source),
+            "told": source in plan.told,
+        }
+        for k, source in enumerate(plan.problem.sources)
+    ]
 
 
 def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:

@@ -6,6 +6,7 @@ from math import log1p, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions, fit
@@ -13,10 +14,14 @@ from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.assess.run_plan import RunPlan
     from ident.description.file import ArmFile
     from ident.identify.candidates import HammerPlan
     from ident.identify.plan import CampaignPlan, PlanSettings
     from ident.measure import Campaign
+    from ident.measure.runs import Runs
     from ident.present.report import Report
 
 
@@ -64,6 +69,9 @@ class PlanOptions(FitOptions):
         high=60,
     )
     hit_noise: float = option(0.1, "standard deviation of one hit's shape, as a share of it", above=0.0, high=1.0)
+    run_noise: float = option(
+        5.0, "noise of planned runs (--runs), in percent of each trace's peak", above=0.0, high=100.0
+    )
     draws: int = option(8, "points besides the best estimate over which gains are averaged", low=0, high=1000)
 
     @property
@@ -163,24 +171,73 @@ class PlanResult(Result):
         return {"arm": self.arm, "campaign": self.plan.fit.campaign if self.plan.fit else None}
 
 
+@dataclass(frozen=True, repr=False, eq=False)
+class RunPlanResult(Result):
+    """What planned runs of the moving arm would tell of its drives, and which further run would tell more.
+
+    Its table has a row for each source: amplitude in the arm's file, standard deviation, least amplitude told [SI].
+
+    Attributes:
+        arm: the arm as its file has it.
+        plan: what the runs would tell.
+        runs: their table.
+        options: what was asked for.
+    """
+
+    arm: "ArmFile"
+    plan: "RunPlan"
+    runs: "Runs"
+    options: PlanOptions = field(default_factory=PlanOptions)
+
+    form = PlanResult.form
+    shown = ("plan",)
+
+    @property
+    def name(self) -> str:
+        """The table of runs, and the study."""
+        return f"{Path(self.runs.path).stem}.plan"
+
+    def sections(self) -> "Report":
+        """Return all that is said of the runs."""
+        from ident.present.source import run_plan_sections
+
+        report = run_plan_sections(self.plan)
+        return replace(report, next=self._command(report.next))
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return no figure."""
+        return {}
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return a row for each source [SI]."""
+        from ident.present.source import run_plan_rows
+
+        return run_plan_rows(self.plan)
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "runs": self.runs}
+
+
 @study
 def plan(
     arm: "ArmFile",
     campaign: "Campaign | None" = None,
     options: PlanOptions = DEFAULT,
     *,
+    runs: "Runs | str | Path | None" = None,
     progress: Progress = silent,
-) -> PlanResult:
+) -> "PlanResult | RunPlanResult":
     """Choose what to measure next on an arm, by what it would tell for its cost.
 
     Args:
         arm: its joint limits and workspace say which postures can be held.
         campaign: what is measured already; None for nothing, so that the priors alone are known.
         options: what to choose from, for what, and what is unknown.
-        progress: shows how far it is, over the starts of the fit.
+        runs: table of runs to measure on the moving arm, instead of a campaign: what they would tell of its drives.
+        progress: shows how far it is, over the starts of the fit, or over further runs.
 
     Raises:
-        InputError: arm, campaign and options do not fit together.
+        InputError: arm, campaign and options do not fit together; a campaign with runs.
         ModelError: the campaign can't be fitted, or the arm stands in no posture.
     """
     import numpy as np
@@ -189,6 +246,8 @@ def plan(
     from ident.identify.instruments import all_postures
     from ident.identify.plan import plan_campaign
 
+    if runs is not None:
+        return _of_runs(arm, campaign, runs, options, progress)
     check_place(_name(arm, campaign), {"arm": arm, "campaign": campaign})
     settings = options.settings
     all_postures(arm.arm, settings.step, settings.seed)  # what is wrong with a step is said before the fit
@@ -203,3 +262,18 @@ def plan(
 
 def _name(arm: "ArmFile", campaign: "Campaign | None") -> str:
     return f"{(arm if campaign is None else campaign).name}.plan"
+
+
+def _of_runs(
+    arm: "ArmFile", campaign: "Campaign | None", runs: "Runs | str | Path", options: PlanOptions, progress: Progress
+) -> RunPlanResult:
+    """Plan runs of the moving arm."""
+    from ident.assess.run_plan import planned
+    from ident.measure.runs import Runs, planned_runs
+
+    if campaign is not None:
+        raise refusal("runs", f"the campaign {campaign.name} too", "one of them", "plan them one after the other")
+    table = runs if isinstance(runs, Runs) else planned_runs(runs)
+    check_place(f"{Path(table.path).stem}.plan", {"arm": arm, "runs": table})
+    made = planned(arm.arm, table, noise=options.run_noise / 100, progress=progress("further runs"))
+    return RunPlanResult(arm, made, table, options)

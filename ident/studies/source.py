@@ -36,6 +36,13 @@ class SourceOptions(ArmOptions):
     hold_out: tuple[str, ...] = option(
         (), "file of a run to leave out and to predict; may be repeated", repeated=True, read=reading.names
     )
+    peak: float | None = option(None, "frequency [Hz] of a peak: which cause makes it", above=0.0, high=1e3)
+    teeth: dict[str, float] = option(
+        {},
+        "teeth of a belt's driving pulley, as belt1=40: its mesh as a cause; may be repeated",
+        repeated=True,
+        read=reading.numbers,
+    )
     draws: int = option(400, "draws of what was identified, for --posterior of other commands", low=1, high=10_000)
     seed: int = option(0, "seed of these draws", low=0, high=1e18)
 
@@ -62,7 +69,7 @@ class SourceResult(Result):
 
     form = "ident-source/10"
     shown = ("study",)
-    summary = ("parameters", "draws", "phases", "trials")
+    summary = ("parameters", "draws", "phases", "trials", "causes")
 
     @property
     def name(self) -> str:
@@ -99,6 +106,16 @@ class SourceResult(Result):
             | {name: (x.real, x.imag) for name, x in (("stated", each.stated), ("factor", each.factor))}
             | {"draws": np.stack([each.draws.real, each.draws.imag])}
             for each in found
+        ]
+
+    @property
+    def causes(self) -> list[dict[str, Any]]:
+        """What may make the peak that was asked about, the most probable first; none where none was."""
+        found = self.study.causes
+        told = {"peak": found.peak, "told": found.told} if found else {}
+        return [
+            told | vars(each) | {"source": each.source and list(each.source[:3])}
+            for each in (found.causes if found else ())
         ]
 
     @property
@@ -163,6 +180,13 @@ def source(
     check_place(f"{Path(runs.path).stem}.source", {"arm": arm, "runs": runs, "posterior": drawn})
     draws = drawn.without(options.set) if drawn else {}
     found = studied(
-        described, runs, draws, offset=options.offset, hold_out=options.hold_out, progress=progress("search")
+        described,
+        runs,
+        draws,
+        offset=options.offset,
+        hold_out=options.hold_out,
+        peak=options.peak,
+        teeth=options.teeth,
+        progress=progress("search"),
     )
     return SourceResult(found, arm, runs, options, drawn)

@@ -12,61 +12,44 @@ through resonances are not averaged over blocks, and white noise is used to the 
 source explains the vibration wherever it should, is tested along the motion and widens its interval, see `consistency`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import cho_factor, cho_solve, solve_toeplitz
+from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize_scalar
-from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from ident.arm.arm import Arm
-from ident.arm.fields import DAMPING, STIFFNESS
 from ident.arm.multibody import ExcitingOrder
-from ident.errors import refusal
-from ident.vibrate.sources import (
-    Response,
-    Run,
-    changed_responses,
-    excited_by,
-    unit_response,
-    with_units,
+from ident.vibrate.source_problem import (
+    LARGEST,
+    LEVEL,
+    STEP,
+    Channel,
+    Place,
+    SourceProblem,
+    Whitening,
+    slow_columns,
+    whitening_filter,
 )
+from ident.vibrate.sources import Response, Run, excited_by, with_units
 
-SLOW = 0.5
-"""Frequency [Hz] below which a trace is left out: drift, tilt against gravity, the motion itself; assumed."""
 LAGS = 20
 """Order of the autoregressive model: 0.1 s at 200 samples a second, half a period of the lowest modes."""
 APART, THINNED = 5e-3, 4
 """Step [s] of the clock offsets that are tried before the search, a tenth of a period at 20 Hz; on one of so many
 samples."""
-STEP = 1e-4
-"""Relative step of differences by stiffness and damping: of a resonance with a quality of 200 they err by 2 %."""
 MOST_ROUNDS = 12
 """Gauss-Newton rounds at most; three or four do."""
 RECOLOURED = 5
 """Rounds up to which residuals are coloured again: later the noise model stays, so that the search ends."""
 SETTLED = 0.02
 """Change of each unknown, in its standard deviations, at which the search ends."""
-DAMPING_SD = 0.7
-"""Standard deviation of ln(damping), of bending and torsion each: a factor of two; assumed."""
-CLOCK_SD = 1e-4
-"""Standard deviation of a clock's relative rate; assumed, ten times that of a quartz."""
-TILT_SD = np.deg2rad(2.0)
-"""Standard deviation of a sensor's direction [rad] each way; assumed."""
-TIED = 1e-6
-"""Share of a variance that numbers do not have in common, even where draws tie them; else no precision exists."""
-STIFFNESS_SD = 0.1
-"""Standard deviation of ln(stiffness) where no posterior is given; assumed."""
 RIDGE = 1e-13
 """Added to the unit diagonal of normal equations: their rounding."""
-LARGEST, UNSEEN = 1000.0, 100.0
-"""Standard deviation [units] of a source's parts a priori, a metre or a thousand arc seconds; and that beyond which a
-source was not seen at all, as of a drive that stands still: then the arm keeps the number that it has."""
 BLOCK = 1.0
 """Length [s] of the blocks in which a source is tested: some periods of what excites."""
 CHANCE = 0.05
@@ -75,278 +58,9 @@ FAINT = 0.02
 """Share of a source's information below which a block tells nothing of it."""
 WIDE = 0.5
 """Half a 95 % interval, as a share of the amplitude, beyond which a source is not told."""
-LEVEL = 1.96
-"""Half a 95 % interval, in standard deviations."""
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A trace of one sensor.
-
-    Attributes:
-        name: file and channel, for messages.
-        run: number of its run.
-        sensor: number of the sensor in that run.
-        time: (T,) [s] on the recorder's clock, on which the motion starts near 0.
-        values: (T,) [SI] displacement, velocity or acceleration.
-    """
-
-    name: str
-    run: int
-    sensor: int
-    time: Float[np.ndarray, "T"]
-    values: Float[np.ndarray, "T"]
-
-    @property
-    def rate(self) -> float:
-        """Samples a second."""
-        return (len(self.time) - 1) / float(self.time[-1] - self.time[0])
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What is known of the arm's numbers before the runs, as changes from its values: ln(factor).
-
-    Attributes:
-        groups: paths that change together, by the name of the unknown.
-        mean: (P,) changes.
-        covariance: (P, P) of them.
-    """
-
-    groups: Mapping[str, tuple[str, ...]]
-    mean: Float[np.ndarray, "P"]
-    covariance: Float[np.ndarray, "P P"]
-
-    @classmethod
-    def of(cls, arm: Arm, draws: Mapping[str, Float[np.ndarray, "D"]]) -> "Prior":
-        """Return the normal distribution of some draws' changes, and what is assumed of all else.
-
-        Args:
-            arm: from whose numbers changes count.
-            draws: of numbers of the arm, by path, of which stiffness and damping count; a stiffness that none is of is
-                known within `STIFFNESS_SD`.
-
-        Raises:
-            InputError: so few draws that they have no covariance.
-        """
-        stiffnesses = [f"{joint.name}.{kind}" for joint in arm.joints for kind in STIFFNESS]
-        damping = [f"{joint.name}.{kind}" for joint in arm.joints for kind in DAMPING]
-        known = {path: np.asarray(values) for path, values in draws.items() if path in (*stiffnesses, *damping)}
-        known = {path: values for path, values in known.items() if np.ptp(values) > 0}
-        if known and len(next(iter(known.values()))) < len(known) + 2:
-            got = f"{len(next(iter(known.values())))} draws of {len(known)} numbers"
-            raise refusal("posterior", got, f"at least {len(known) + 2}", "give more draws")
-        paths = [*known, *(path for path in stiffnesses if path not in known)]
-        mean, covariance = np.zeros(len(paths)), STIFFNESS_SD**2 * np.eye(len(paths))
-        if known:
-            own = slice(len(known))
-            changes = np.stack([np.log(values / float(arm.get(path))) for path, values in known.items()])
-            mean[own], covariance[own, own] = changes.mean(1), np.atleast_2d(np.cov(changes))
-            covariance[own, own] += TIED * np.diag(np.diag(covariance[own, own]))
-        groups: dict[str, tuple[str, ...]] = {path: (path,) for path in paths}
-        for kind in DAMPING:
-            damped = tuple(f"{joint.name}.{kind}" for joint in arm.joints if float(getattr(joint, kind)) > 0)
-            if damped and not set(damped) & set(paths):
-                groups[kind] = damped
-        more = len(groups) - len(paths)
-        whole = np.zeros((len(groups), len(groups)))
-        whole[: len(paths), : len(paths)] = covariance
-        whole[len(paths) :, len(paths) :] = DAMPING_SD**2 * np.eye(more)
-        return cls(groups, np.append(mean, np.zeros(more)), whole)
-
-    def numbers(self, arm: Arm, changes: Float[np.ndarray, "P"]) -> dict[str, float]:
-        """Return the arm's numbers after changes, by path."""
-        return {
-            path: float(arm.get(path)) * float(np.exp(change))
-            for paths, change in zip(self.groups.values(), changes.tolist(), strict=True)
-            for path in paths
-        }
-
-
-class Place(NamedTuple):
-    """A point of the search.
-
-    Attributes:
-        changes: (P,) of the arm's numbers, see `Prior`.
-        clock: (R, 2) offset [s] and relative rate of each run's clock.
-        tilt: (C, 2) [rad] of each channel's direction, about two axes across it.
-        factors: (F, 2) by which each trial mass acts, real and imaginary part; 1 where model and table are right.
-        parts: (G, S, 2) of the sources in each phase group, in units.
-    """
-
-    changes: np.ndarray
-    clock: np.ndarray
-    tilt: np.ndarray
-    factors: np.ndarray
-    parts: np.ndarray
-
-    def moved(self, step: np.ndarray) -> "Place":
-        """Return the point after a step of all unknowns, in their order."""
-        sizes = np.cumsum([part.size for part in self])[:-1]
-        return Place(*(own + part.reshape(own.shape) for own, part in zip(self, np.split(step, sizes), strict=True)))
-
-
-class Trial(NamedTuple):
-    """A mass that was added to a drive for a run.
-
-    Attributes:
-        run: number of the run.
-        source: number of the drive's imbalance among the sources.
-        parts: (2,) of the added imbalance in phase with cosine and sine, in units.
-    """
-
-    run: int
-    source: int
-    parts: tuple[float, float]
-
-
-class Whitening(NamedTuple):
-    """What takes the slow part out of a channel, and makes its noise white and of unit variance.
-
-    Attributes:
-        slow: (T, K) orthonormal slow columns.
-        filter: (L + 1,) coefficients; the first L results are left out.
-    """
-
-    slow: np.ndarray
-    filter: np.ndarray
-
-    def __call__(self, columns: np.ndarray) -> np.ndarray:
-        """Return columns (T, ...) after both."""
-        rest = columns - self.slow @ (self.slow.T @ columns)
-        return np.asarray(lfilter(self.filter, [1.0], rest, axis=0)[len(self.filter) - 1 :])
-
-
-def slow_columns(channel: Channel) -> np.ndarray:
-    """Return cosines over the trace slower than `SLOW`, a constant and a line, orthonormal.
-
-    At the middles of even intervals cosines are orthogonal, the discrete cosine transform's: nothing is decomposed.
-    """
-    size = len(channel.time)
-    count = int(2 * SLOW * (channel.time[-1] - channel.time[0]))
-    share = (np.arange(size) + 0.5) / size - 0.5
-    waves = np.sqrt(2 / size) * np.cos(np.pi * np.outer(share + 0.5, np.arange(1, count + 1)))
-    line = share - waves @ (waves.T @ share)
-    return np.column_stack([np.full(size, size**-0.5), line / np.linalg.norm(line), waves])
-
-
-def _colour(residual: np.ndarray, lags: int) -> np.ndarray:
-    """Return the filter that whitens a residual, by the Yule-Walker equations."""
-    size = len(residual)
-    covariance = np.array([residual[: size - k] @ residual[k:] for k in range(lags + 1)]) / size
-    covariance[0] *= 1 + 1e-9  # a pure tone has a singular matrix
-    if not lags:
-        return np.array([1.0]) / np.sqrt(covariance[0])
-    ahead = solve_toeplitz(covariance[:-1], covariance[1:])
-    return np.append(1.0, -ahead) / np.sqrt(covariance[0] - ahead @ covariance[1:])
-
-
-@dataclass(frozen=True)
-class SourceProblem:
-    """Traces of some runs, what may excite the arm, and what is known of it.
-
-    Attributes:
-        arm: the arm.
-        runs: the motions, with their sensors.
-        groups: of each run, the number of its phase group: within one the pulleys have kept their phases.
-        channels: the traces.
-        sources: what may excite the arm.
-        prior: of the arm's numbers.
-        offset: [s] by which a clock may be wrong.
-        trials: masses that were added, one at most of each source in a run.
-    """
-
-    arm: Arm
-    runs: tuple[Run, ...]
-    groups: tuple[int, ...]
-    channels: tuple[Channel, ...]
-    sources: tuple[ExcitingOrder, ...]
-    prior: Prior
-    offset: float
-    trials: tuple[Trial, ...] = ()
-
-    @property
-    def start(self) -> Place:
-        """Where the search begins."""
-        shape = (max(self.groups) + 1, len(self.sources), 2)
-        clock, tilt = np.zeros((len(self.runs), 2)), np.zeros((len(self.channels), 2))
-        right = np.tile([1.0, 0.0], (len(self.trials), 1))
-        return Place(np.zeros(len(self.prior.mean)), clock, tilt, right, np.zeros(shape))
-
-    @cached_property
-    def mixing(self) -> tuple[np.ndarray, ...]:
-        """Of each run (2 S, n): its sources' parts by the n linear unknowns, `factors` and then `parts`.
-
-        Parts a + i b are a complex number, and so is a trial mass's t: it adds f t where its factor is f.
-        """
-        count, trials = 2 * len(self.sources), len(self.trials)
-        every = []
-        for run, group in enumerate(self.groups):
-            own = np.zeros((count, 2 * trials + count * (max(self.groups) + 1)))
-            own[:, 2 * trials + group * count :][:, :count] = np.eye(count)
-            for k, trial in enumerate(self.trials):
-                a, b = trial.parts
-                if trial.run == run:
-                    own[2 * trial.source :, 2 * k :][:2, :2] = [[a, -b], [b, a]]
-            every.append(own)
-        return tuple(every)
-
-    def parts_of(self, run: int, place: Place) -> Float[np.ndarray, "S 2"]:
-        """Return the parts of all sources during a run, its trial masses with them, in units."""
-        linear = np.concatenate([place.factors.ravel(), place.parts.ravel()])
-        return np.asarray((self.mixing[run] @ linear).reshape((-1, 2)))
-
-    @cached_property
-    def priors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Precision (n, n) and mean (n,) of all unknowns a priori; of the sources only that they are not absurd."""
-        here = self.start
-        sizes = [part.size for part in here]
-        precision, mean = np.zeros((sum(sizes), sum(sizes))), np.zeros(sum(sizes))
-        known = sizes[0]
-        precision[:known, :known], mean[:known] = np.linalg.inv(self.prior.covariance), self.prior.mean
-        clock = np.tile([self.offset / LEVEL, CLOCK_SD], len(self.runs))
-        rest = np.concatenate([clock, np.full(sizes[2], TILT_SD), np.full(sizes[3] + sizes[4], LARGEST)])
-        places = np.arange(known, known + len(rest))
-        precision[places, places] = 1 / rest**2
-        return precision, mean
-
-    def arm_at(self, place: Place) -> Arm:
-        """Return the arm with its numbers changed."""
-        return self.arm.replace(self.prior.numbers(self.arm, place.changes))
-
-    def responses(self, place: Place) -> list[Response]:
-        """Return what the sensors see of unit sources, run by run."""
-        arm = self.arm_at(place)
-        return [unit_response(arm, run, self.sources) for run in self.runs]
-
-    def slopes(self, place: Place) -> list[Response]:
-        """Return what the sensors see of the sources as they are, run by run, and with each number changed a little."""
-        steps = STEP * np.vstack([np.zeros(len(place.changes)), np.eye(len(place.changes))])
-        numbers = [self.prior.numbers(self.arm, place.changes + step) for step in steps]
-        arm = self.arm_at(place)
-        pairs = [(run, self.parts_of(k, place)) for k, run in enumerate(self.runs)]
-        return [changed_responses(arm, run, self.sources, parts, numbers) for run, parts in pairs]
-
-    def clock_of(self, channel: Channel, place: Place) -> np.ndarray:
-        """Return a channel's times on the clock of the motion."""
-        offset, rate = place.clock[channel.run]
-        return np.asarray(channel.time * (1 + rate) + offset)
-
-    def across(self, direction: np.ndarray) -> np.ndarray:
-        """Return two directions (T, 2, 3) across a sensor's, into which it may be tilted."""
-        least = np.eye(3)[np.argmin(np.abs(direction).max(0))]
-        first = np.cross(direction, least)
-        first /= np.linalg.norm(first, axis=1, keepdims=True)
-        return np.stack([first, np.cross(direction, first)], 1)
-
-    def seen(self, number: int, response: Response, place: Place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what a channel sees of the motion (T,), of unit sources (T, 2 S), and by tilts (T, 2, 1 + 2 S)."""
-        channel = self.channels[number]
-        values, direction = response.at(channel.sensor, self.clock_of(channel, place))
-        across = self.across(direction)
-        tilted = direction + np.einsum("k,ski->si", place.tilt[number], across)
-        columns = np.einsum("sik,si->sk", values, tilted)
-        return columns[:, 0], columns[:, 1:], np.einsum("sik,sji->sjk", values, across)
+UNSEEN = 100.0
+"""Standard deviation [units] of a source's parts beyond which it was not seen at all, as of a drive that stands still:
+then the arm keeps the number that it has."""
 
 
 @dataclass(frozen=True)
@@ -567,7 +281,7 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
     whitenings = _coloured(problem, responses, place, whitenings, 0)
     settled, rounds, coloured = False, 0, False
     for rounds in progress(range(1, MOST_ROUNDS + 1)):
-        parts = _whitened(problem, responses, problem.slopes(place), place, whitenings)
+        parts = whitened(problem, responses, problem.slopes(place), place, whitenings)
         precision, step = _step(problem, parts, place)
         sd = np.sqrt(np.diag(np.linalg.inv(precision)))
         settled = bool((np.abs(step) < SETTLED * sd).all())
@@ -676,15 +390,15 @@ def _coloured(
 ) -> list[Whitening]:
     """Return what whitens the residuals of a point."""
     plain = _plain(problem, responses, place, whitenings)
-    return [old._replace(filter=_colour(r, lags)) for old, (r, _) in zip(whitenings, plain, strict=True)]
+    return [old._replace(filter=whitening_filter(r, lags)) for old, (r, _) in zip(whitenings, plain, strict=True)]
 
 
-def _whitened(
+def whitened(
     problem: SourceProblem,
     responses: Sequence[Response],
     slopes: Sequence[Response],
     place: Place,
-    whitenings: Sequence[Whitening],
+    whitenings: Sequence[Any],
 ) -> Whitened:
     """Return residuals and slopes by all unknowns."""
     sizes = [part.size for part in place]
@@ -797,25 +511,48 @@ def with_further(found: Identification, run: Run, rate: float) -> Float[np.ndarr
         rate: samples a second.
     """
     problem, place = found.problem, found.place
-    time = np.arange(float(run.motion.breaks[0]) + 0.1, float(run.motion.breaks[-1]) - 0.1, 1 / rate)
     own = [k for k, channel in enumerate(problem.channels) if channel.run == 0]
-    channels = tuple(Channel("", 0, problem.channels[k].sensor, time, np.zeros(len(time))) for k in own)
-    alone = replace(problem, runs=(run,), groups=(0,), channels=channels, trials=())
+    alone = further_run(problem, run, [problem.channels[k].sensor for k in own], rate)
     here = alone.start._replace(changes=place.changes, parts=place.parts[:1])
-    noise = [float(np.std(found.residual[k])) for k in own]
-    whitenings = [Whitening(slow_columns(each), np.array([1 / sd])) for each, sd in zip(channels, noise, strict=True)]
-    columns = np.concatenate(_whitened(alone, alone.responses(here), alone.slopes(here), here, whitenings).columns)
-    sizes = [part.size for part in here]
-    shared = np.r_[0 : sizes[0], sum(sizes[:3]) : sum(sizes)]
-    rest = np.arange(sizes[0], sum(sizes[:3]))
-    precision = columns.T @ columns
-    precision[rest, rest] += np.diag(alone.priors[0])[rest]
-    told = precision[np.ix_(shared, shared)] - precision[np.ix_(shared, rest)] @ np.linalg.solve(
-        precision[np.ix_(rest, rest)], precision[np.ix_(rest, shared)]
-    )
-    first = sum(part.size for part in place[:-1])
-    known = np.r_[0 : sizes[0], first : first + sizes[-1]]
-    covariance = np.linalg.inv(np.linalg.inv(found.covariance[np.ix_(known, known)]) + told)[sizes[0] :, sizes[0] :]
+    columns = noisy_columns(alone, here, [float(np.std(found.residual[k])) for k in own])
+    told, known = shared_information(alone, columns), shared_unknowns(place)
+    count = place.changes.size
+    covariance = np.linalg.inv(np.linalg.inv(found.covariance[np.ix_(known, known)]) + told)[count:, count:]
     blocks = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(problem.sources))]
     along = [way @ block @ way for way, block in zip(_ways(place.parts[0]), blocks, strict=True)]
     return np.sqrt(found.consistency * np.array(along))
+
+
+def further_run(problem: SourceProblem, run: Run, sensors: Sequence[int], rate: float) -> SourceProblem:
+    """Return a run that is not measured yet, seen by some of its sensors, as a problem of the same arm and sources."""
+    time = np.arange(float(run.motion.breaks[0]) + 0.1, float(run.motion.breaks[-1]) - 0.1, 1 / rate)
+    channels = tuple(Channel("", 0, sensor, time, np.zeros(len(time))) for sensor in sensors)
+    return replace(problem, runs=(run,), groups=(0,), channels=channels, trials=())
+
+
+def noisy_columns(problem: SourceProblem, place: Place, noise: Sequence[float]) -> tuple[np.ndarray, ...]:
+    """Return columns (T, n) of each channel by all unknowns, over white noise of these standard deviations [SI]."""
+    pairs = zip(problem.channels, noise, strict=True)
+    whitenings = [Whitening(slow_columns(each), np.array([1 / sd])) for each, sd in pairs]
+    return whitened(problem, problem.responses(place), problem.slopes(place), place, whitenings).columns
+
+
+def shared_unknowns(place: Place) -> np.ndarray:
+    """Return the places of what a further run of the first phase group shares: the arm's numbers, sources' parts."""
+    first = sum(part.size for part in place[:-1])
+    return np.r_[0 : place.changes.size, first : first + place.parts[0].size]
+
+
+def shared_information(alone: SourceProblem, columns: Sequence[np.ndarray]) -> Float[np.ndarray, "K K"]:
+    """Return what a run alone tells of what it shares, its clock and its sensors' tilt being its own.
+
+    Args:
+        alone: the run.
+        columns: of its channels, or of some of them.
+    """
+    sizes, precision = [part.size for part in alone.start], sum(each.T @ each for each in columns)
+    shared = np.r_[0 : sizes[0], sum(sizes[:3]) : sum(sizes)]
+    rest = np.arange(sizes[0], sum(sizes[:3]))
+    across = precision[np.ix_(rest, shared)]
+    own = precision[np.ix_(rest, rest)] + np.diag(np.diag(alone.priors[0])[rest])
+    return np.asarray(precision[np.ix_(shared, shared)] - across.T @ np.linalg.solve(own, across))

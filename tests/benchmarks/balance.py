@@ -37,7 +37,8 @@ from ident.description.file import ArmFile
 from ident.identify.values import Values
 from ident.vibrate.motion import Motion, stroke
 from ident.vibrate.simulate import simulate
-from ident.vibrate.source_identification import Channel, Prior, SourceProblem, Trial, identified
+from ident.vibrate.source_identification import identified
+from ident.vibrate.source_problem import Channel, Prior, SourceProblem, Trial
 from ident.vibrate.sources import Run
 
 STEP, EVERY, HOLES, DRAWS = 1e-3, 4, 12, 200
@@ -51,7 +52,7 @@ def moved(true: Arm, motion: Motion, bodies: Bodies) -> tuple[np.ndarray, np.nda
     def table(t: np.ndarray) -> tuple[np.ndarray, ...]:
         return tuple(np.asarray(part) for part in motion(t))
 
-    still = true.replace({f"{drive.name}.error": 0.0 for drive in true.drives})
+    still = true.replace({each.amplitude: 0.0 for each in possible_orders(true) if each.of_error})
     response = MujocoTransient(true, table, float(motion.breaks[-1]) - 2 * STEP, added=bodies).run(STEP, EVERY)
     pins = [rigid_path(MujocoMoving(each), table, response.time).T for each in (true, still)]
     known = simulate(true, motion, rate=1 / (STEP * EVERY)).quasi_static

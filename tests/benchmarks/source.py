@@ -1,6 +1,6 @@
 """How well `ident source` finds what excites an arm: errors, coverage, what is told, and wrong tables that are noticed.
 
-`python tests/benchmarks/source.py [--sets 100] [--seed 0] [--wrong KIND] [--resume FILE]`
+`python tests/benchmarks/source.py [--sets 100] [--seed 0] [--wrong KIND] [--mujoco] [--resume FILE]`
 
 Each set is an arm whose stiffnesses are 1.5 % (sd) off the file's, with the file's imbalances, transmission errors of 3
 arc seconds peak to peak at order 2, random phases: three runs at 7, 10 and 13 % of full speed by the exact equations, y
@@ -9,9 +9,15 @@ What is known before: the stiffnesses to 1.5 %, and the arm as its file has it.
 
 `--wrong load` measures one run under the glass without saying so, `speed` one run 5 % faster than said, `drives` an arm
 whose drives 1 and 2 are swapped: how often the verdict is NOT USABLE.
+
+`--mujoco` moves the arm by MuJoCo's equations instead, and gives each drive errors of 1 arc second peak to peak at
+orders 1 and 4, too. It also prints how long the same least squares would take there by differences, at the least: the
+time of one residual, which is one simulation of each run, times the evaluations that the search needs. These are, in
+each round, one, one for each stiffness and damping, and two for each source, whose columns are differences, too.
 """
 
 import argparse
+import time
 
 import jax
 
@@ -30,14 +36,15 @@ from timing import commit, machine
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.fields import names_of
 from ident.arm.multibody import IMBALANCE, possible_orders
-from ident.arm.parts import Drive
+from ident.arm.parts import Drive, ErrorOrder
 from ident.assess.source import SourceStudy
 from ident.description.file import read_arm
 from ident.identify.binding import loads_of
 from ident.measure import Load
-from ident.vibrate.motion import stroke
+from ident.vibrate.motion import Motion, stroke
 from ident.vibrate.simulate import simulate
-from ident.vibrate.source_identification import Channel, Prior, SourceProblem, identified
+from ident.vibrate.source_identification import identified
+from ident.vibrate.source_problem import Channel, Prior, SourceProblem
 from ident.vibrate.sources import Run, Sensor, unit_of
 
 ARM = Path(__file__).parents[2] / "data" / "lcd_arm" / "arm.toml"
@@ -46,21 +53,30 @@ KNOWN, ERROR = 0.015, np.deg2rad(1.5 / 3600)
 SENSORS = (Sensor("tip", (0.0, 1.0, 0.0)), Sensor("tip", (0.0, 0.0, 1.0)))
 SPREAD = np.random.default_rng(0).standard_normal((6, 4000))
 KINDS = ("", "load", "speed", "drives")
+FURTHER, SMALL = (1.0, 4.0), ERROR / 3
+"""Orders and amplitude [rad] of the further errors of `--mujoco`."""
 
 
 @cache
-def arm() -> Arm:
-    """Return the shipped arm."""
-    return read_arm(ARM).arm
+def arm(further: bool = False) -> Arm:
+    """Return the shipped arm; its drives may have errors at further orders."""
+    known = read_arm(ARM).arm
+    return replace(known, drives=tuple(map(with_errors, known.drives))) if further else known
 
 
-def truth(rng: np.random.Generator, wrong: str) -> Arm:
+def with_errors(drive: Drive) -> Drive:
+    """Return a drive with errors at further orders."""
+    numbers = {name: getattr(drive, name) for name in names_of("Drive")}
+    return Drive(drive.name, drive.joint, errors=tuple(ErrorOrder(drive.name, o) for o in FURTHER), **numbers)
+
+
+def truth(rng: np.random.Generator, wrong: str, further: bool = False) -> Arm:
     """Return an arm with stiffnesses, transmission errors and phases that are drawn."""
-    known = arm()
+    known = arm(further)
     numbers = {path: float(known.get(path)) * np.exp(KNOWN * rng.standard_normal()) for path in stiffness_paths(known)}
     for each in possible_orders(known):
         numbers |= {each.phase: rng.uniform(-np.pi, np.pi)} | (
-            {} if each.kind == IMBALANCE else {each.amplitude: ERROR}
+            {} if each.kind == IMBALANCE else {each.amplitude: ERROR if each.order == 2 else SMALL}
         )
     if wrong == "drives":
         first, second, third = known.drives
@@ -71,32 +87,37 @@ def truth(rng: np.random.Generator, wrong: str) -> Arm:
 
 def on_joint(drive: Drive, joint: str) -> Drive:
     """Return a drive on another joint."""
-    return Drive(drive.name, joint, **{name: getattr(drive, name) for name in names_of("Drive")})
+    return Drive(drive.name, joint, errors=drive.errors, **{name: getattr(drive, name) for name in names_of("Drive")})
 
 
-def work(number: int, seed: int, wrong: str) -> dict[str, Any]:
+def work(number: int, seed: int, wrong: str, mujoco: bool = False) -> dict[str, Any]:
     """Identify the sources of one set."""
     rng = np.random.default_rng([seed, number])
-    true, runs, channels = truth(rng, wrong), [], []
+    true, runs, channels, peer = truth(rng, wrong, mujoco), [], [], 0.0
     assert true.stroke is not None
     for r, speed in enumerate(SPEEDS):
         odd = r == 1
         load = Load.parse("glass" if wrong == "load" and odd else "")
         driven = stroke(true.stroke, percent=speed * (1.05 if wrong == "speed" and odd else 1.0), dwell=2.0)
-        response = simulate(true, driven, method="exact", loads=loads_of(true, load), rate=250.0)
+        start = time.perf_counter()
+        at, moved = by_mujoco(true, driven) if mujoco else by_exact(true, driven, load)
+        peer += time.perf_counter() - start
         runs.append(Run(f"{speed:g} %", stroke(true.stroke, percent=speed, dwell=2.0), None, SENSORS))
-        curve = make_interp_spline(response.time, np.asarray(response.vibration).T, k=5)
-        time = np.arange(0.2, min(float(response.time[-1]), float(runs[-1].motion.breaks[-1])) - 0.2, 1 / 200)
+        curve = make_interp_spline(at, moved.T, k=5)
+        times = np.arange(0.2, min(float(at[-1]), float(runs[-1].motion.breaks[-1])) - 0.2, 1 / 200)
         offset, rate = rng.uniform(-0.02, 0.02), 1e-4 * rng.standard_normal()
-        values = curve(time * (1 + rate) + offset)[:, 1:]
+        values = curve(times * (1 + rate) + offset)[:, 1:]
         values += 0.05 * np.abs(values).max(0) * rng.standard_normal(values.shape)
-        channels += [Channel(f"{speed:g} % {'yz'[s]}", r, s, time, values[:, s]) for s in range(2)]
-    known = arm()
+        channels += [Channel(f"{speed:g} % {'yz'[s]}", r, s, times, values[:, s]) for s in range(2)]
+    known = arm(mujoco)
     paths = stiffness_paths(known)
     draws = {path: float(known.get(path)) * np.exp(KNOWN * each) for path, each in zip(paths, SPREAD, strict=True)}
     sources, prior = tuple(possible_orders(known)), Prior.of(known, draws)
     problem = SourceProblem(known, tuple(runs), (0, 0, 0), tuple(channels), sources, prior, 0.05)
+    start = time.perf_counter()
     found = identified(problem)
+    own = time.perf_counter() - start
+    evaluations = found.rounds * (1 + len(prior.mean) + 2 * len(sources))
     study = SourceStudy(found, (), True)
     each = []
     for k, estimate in enumerate(found.estimates):
@@ -112,7 +133,21 @@ def work(number: int, seed: int, wrong: str) -> dict[str, Any]:
         for k, paths in enumerate(problem.prior.groups.values())
     ]
     wide = float(found.consistency.max())
-    return {"each": each, "pulls": pulls, "doubtful": study.doubtful, "settled": found.settled, "wide": wide}
+    result = {"each": each, "pulls": pulls, "doubtful": study.doubtful, "settled": found.settled, "wide": wide}
+    return result | ({"seconds": own, "peer": peer * evaluations, "evaluations": evaluations} if mujoco else {})
+
+
+def by_exact(true: Arm, driven: Motion, load: Load) -> tuple[np.ndarray, np.ndarray]:
+    """Return times, and the vibration of the end point (3, T) by the exact equations."""
+    response = simulate(true, driven, method="exact", loads=loads_of(true, load), rate=250.0)
+    return np.asarray(response.time), np.asarray(response.vibration)
+
+
+def by_mujoco(true: Arm, driven: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """Return the same by MuJoCo."""
+    from balance import moved  # which imports this file
+
+    return moved(true, driven, {})
 
 
 def main() -> None:
@@ -121,23 +156,31 @@ def main() -> None:
     parser.add_argument("--sets", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--wrong", choices=KINDS, default="")
+    parser.add_argument("--mujoco", action="store_true", help="truth by MuJoCo's equations, with further errors")
     parser.add_argument("--resume", type=Path, metavar="FILE", help="JSON lines to go on with, or to begin")
     asked = parser.parse_args()
+    if asked.mujoco and asked.wrong == "load":
+        parser.error("--wrong load is by the exact equations alone")
     print(f"{machine()}, seed {asked.seed}, commit {commit()}")
-    wanted = [(number, asked.seed, asked.wrong) for number in range(asked.sets)]
-    found = list(resumable.run(work, wanted, {"seed": asked.seed, "wrong": asked.wrong}, asked.resume, 1).values())
+    wanted = [(number, asked.seed, asked.wrong, asked.mujoco) for number in range(asked.sets)]
+    about = {"seed": asked.seed, "wrong": asked.wrong, "mujoco": asked.mujoco}
+    found = list(resumable.run(work, wanted, about, asked.resume, 1).values())
     lost = sum(not f["settled"] for f in found)
     print(f"NOT USABLE {sum(f['doubtful'] or not f['settled'] for f in found)} of {len(found)}, not settled {lost}")
     table = np.array([f["each"] for f in found], float)
-    for k, source in enumerate(possible_orders(arm())):
+    for k, source in enumerate(possible_orders(arm(asked.mujoco))):
         error, sd, turned, chi, told = table[:, k].T
         worst = 100 * np.quantile(np.abs(error), 0.95), np.quantile(np.abs(turned), 0.95)
         inside = np.sum(np.abs(error) < 1.96 * sd), np.sum(chi < 5.99)
         print(
-            f"{source.drive} {source.kind}: 95 % of errors below {worst[0]:.2f} % and {worst[1]:.2f} deg; sd"
-            f" {100 * np.median(sd):.2f} %; amplitude inside {inside[0]}, parts {inside[1]}; told {int(told.sum())}"
+            f"{source.drive} {source.kind} {source.order:g}:"
+            f" 95 % of errors below {worst[0]:.2f} % and {worst[1]:.2f} deg;"
+            f" sd {100 * np.median(sd):.2f} %; amplitude inside {inside[0]}, parts {inside[1]}; told {int(told.sum())}"
         )
     pulls = np.array([f["pulls"] for f in found])
+    if asked.mujoco:
+        own, peer = (np.array([f[name] for f in found]) for name in ("seconds", "peer"))
+        print(f"{np.median(own):.0f} s a set; by MuJoCo and differences {np.median(peer / own):.0f} times as long")
     print("stiffness and damping in their 95 % intervals:", (np.abs(pulls) < 1.96).sum(0).tolist())
 
 

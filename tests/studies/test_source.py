@@ -22,6 +22,7 @@ from ident.studies.result import silent
 from ident.studies.saved import files_of
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
+from ident.vibrate.source_causes import WIDTH, Band
 
 
 @pytest.fixture(scope="module")
@@ -203,6 +204,7 @@ def test_a_run_under_another_load_is_noticed(folder, true_arm):
         (("a,", "a,crane"), "wrong.csv:2, load: got 'crane'"),
         (("direction", "way"), "the unknown column"),
         ((",12,", ",,"), "neither speed nor path"),
+        ((",12,", ",1e9,"), "wrong.csv:2, speed: got 1e"),
         (("speed [%]", "speed [rad/s]"), "% of full speed"),
         (("group", "direction"), "the column twice"),
     ],
@@ -221,6 +223,7 @@ def test_what_is_wrong_in_the_table_is_said(folder, change, complaint):
         (lambda v: np.clip(v, -0.3 * np.abs(v).max(), None), "clipped"),
         (lambda v: np.where(np.arange(len(v)) == 500, np.nan, v), "samples missing"),
         (lambda v: v[:400], "turns of the fastest pulley"),
+        (lambda v: 0 * v + 0.5, "0.5 in all samples"),
     ],
 )
 def test_what_is_wrong_in_a_record_is_said(folder, spoil, complaint):
@@ -235,7 +238,12 @@ def test_what_is_wrong_in_a_record_is_said(folder, spoil, complaint):
 
 @pytest.mark.parametrize(
     ("unit", "sensitivity", "complaint"),
-    [("V", "", "a file in 'V'"), ("m/s^2", "100", "a sensitivity of a file in"), ("", "", "no unit")],
+    [
+        ("mm", "", "'mm', as in the file"),
+        ("V", "", "a file in 'V'"),
+        ("m/s^2", "100", "a sensitivity of a file in"),
+        ("", "", "no unit"),
+    ],
 )
 def test_a_unit_that_the_file_does_not_have_is_refused(folder, unit, sensitivity, complaint):
     text = (folder / "run12.csv").read_text()
@@ -273,3 +281,49 @@ def test_triage_names_the_drive_without_anything_identified(folder, tmp_path):
     assert_plain(assert_comes_back(found, tmp_path).table())
     assert_one_screen(found.report(), files=2)
     assert [path.name for path in found.save_figures(tmp_path)] == ["triage.triage.png"]
+
+
+@pytest.mark.slow
+def test_planned_runs_say_what_they_would_tell(folder, result, tmp_path):
+    """The run that was measured above, planned: as sure as it was, within a factor of two, and told where it told."""
+    (tmp_path / "planned.csv").write_text(
+        "file,channel,direction,unit,speed [%],group\n" + "".join(f"a.csv,{w},{w},mm,12,a\n" for w in "yz")
+    )
+    planned = ident.plan(FILE, runs=tmp_path / "planned.csv")
+    rows = {(row["drive"], row["kind"]): row for row in planned.table()}
+    for row in result.table():
+        if row["kind"] == "imbalance":  # of the errors' size the arm's file says nothing
+            assert 0.5 < rows[row["drive"], row["kind"]]["sd"] / row["sd"] < 2
+    gains = [each.gain for each in planned.plan.further]
+    assert gains == sorted(gains, reverse=True)
+    assert min(gains) > 0
+    assert all((each.sd <= planned.plan.sd).all() for each in planned.plan.further)
+    assert_one_screen(planned.report(), files=1)
+    assert not too_wide(planned.report(details=True))
+    assert_plain(assert_comes_back(planned, tmp_path).table())
+
+
+def test_planned_runs_need_a_unit_and_no_campaign(tmp_path):
+    (tmp_path / "planned.csv").write_text("file,channel,direction,speed [%]\na.csv,y,y,12\n")
+    with pytest.raises(InputError, match="no unit"):
+        ident.plan(FILE, runs=tmp_path / "planned.csv")
+    with pytest.raises(InputError, match="one of them"):
+        ident.plan(FILE, DATA / "lcd_arm" / "campaign.csv", runs=tmp_path / "planned.csv")
+
+
+@pytest.mark.slow
+def test_a_peak_has_a_cause_on_the_first_screen(folder, true_arm, tmp_path):
+    """It is what makes more of the band in simulations of the true arm with imbalances, or with errors, alone."""
+    asked = ident.source(table(folder, (12.0,), "peak.csv"), peak=9.0)
+    energy, motion = {}, stroke(true_arm.stroke, percent=12.0, dwell=1.0)
+    for kind, other in (("imbalance", "error"), ("error", "eccentricity")):
+        alone = true_arm.replace({f"drive{k}.{other}": 0.0 for k in (1, 2, 3)})
+        seen = np.asarray(simulate(alone, motion, rate=200.0).vibration)[1:].T
+        energy[kind] = np.square(Band(9.0, WIDTH * 9.0, 200.0)(seen)).sum()
+    assert asked.causes[0]["kind"] == max(energy, key=energy.get)
+    assert asked.causes[0]["told"]
+    assert "1. peak at 9 Hz: " in asked.report()
+    assert "What makes the peak at 9 Hz?" in asked.report(details=True)
+    assert_one_screen(asked.report(), files=2)
+    assert not too_wide(asked.report(details=True))
+    assert_plain(assert_comes_back(asked, tmp_path).table())

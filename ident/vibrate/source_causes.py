@@ -1,0 +1,654 @@
+"""What makes a peak of the vibration: imbalance, transmission error, belt mesh, flexible finger or fixed frequency.
+
+Each cause is a set of columns beside the motion itself. Imbalance and transmission error have those of the drives'
+sources, belt mesh those of a transmission error at the order of its teeth, a fixed frequency has a cosine and a sine
+for each trace, a finger has the motion y of a light oscillator at the sensor, driven by the acceleration a there:
+
+    y'' + 2 zeta omega y' + omega^2 y = -a
+
+In a band about the peak a trace x becomes complex samples that are about independent of each other,
+
+    z_n = sum over t of h(t_n - t) x(t) exp(-2 pi i f t),    h a low pass.
+
+A set S of causes leaves the share u_k(S) of the energy of trace k, by least squares in which clock, stiffness, damping
+and tilt may move as far as they are known. Its evidence is Schwarz's, with p columns and frequencies, n numbers, of
+which n_k are of trace k:
+
+    -1/2 sum over k of n_k ln(u_k + MISFIT^2) - p/2 ln n
+
+This form needs no level of noise, and a cause that only mends what the model errs by gains little. What a set predicts
+of blocks that were left out is scored alike, without p. All sets compete. A peak's cause is the one with the largest
+share in its set, if both evidence and prediction say so.
+
+References:
+    Schwarz, "Estimating the dimension of a model", Ann. Statist. 6(2), 1978.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from itertools import combinations, product
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import make_interp_spline
+from scipy.signal import cont2discrete, firwin, lfilter, upfirdn
+
+from ident.arm.fields import names_of
+from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders
+from ident.arm.parts import Drive, ErrorOrder
+from ident.errors import refusal
+from ident.text import quoted
+from ident.vibrate.source_identification import RIDGE, whitened
+from ident.vibrate.source_problem import Channel, Place, SourceProblem
+from ident.vibrate.sources import Response, Run
+
+CAUSES = ("imbalance", "error", "mesh", "finger", "line")
+"""Causes that compete."""
+WIDTH = 0.15
+"""Half the band about a peak, as a share of its frequency: two peaks nearer than that are one; assumed."""
+LENGTH = 3.0
+"""Length of the low pass, in periods of half the band: it lets through 3 % a quarter of the band beyond its edges."""
+MISFIT = 0.05
+"""Share of an amplitude to which the model of a cause is right; assumed."""
+FINE = 8
+"""Frequencies of a line that are tried in each resolved step, one over the length of the longest trace."""
+DAMPING = (0.002, 0.006, 0.02)
+"""Damping ratios of a finger that are tried: steel to glued plates; assumed."""
+SCANNED = ((WIDTH, 31), (0.01, 7), (0.002, 5))
+"""Frequencies of a finger that are tried: so many within so wide a share of the best one so far, first of the peak. The
+last are 0.1 % apart, a fifth of a resonance with the least damping of `DAMPING`."""
+WIDER = 3.0
+"""By which standard deviations of clock, stiffness, damping and tilt are widened: an unknown cause was fitted along."""
+BLOCKS, FOLDS = 8, 4
+"""Blocks of each trace, which are left out in so many turns."""
+SURE = 0.95
+"""Least probability of a cause that can be told; assumed."""
+NEEDED = 3.0
+"""Score [nat] by which a further run must set rivals apart: odds of 20."""
+SEEN = 0.2
+"""Share of the energy in the band, noise included, that a set must explain to be an explanation; assumed."""
+
+
+class Band(NamedTuple):
+    """What takes out of a trace what lies in a band, as real and imaginary part of a slow signal.
+
+    Attributes:
+        frequency: [Hz] its middle.
+        half: [Hz] half its width.
+        rate: samples a second of the trace.
+    """
+
+    frequency: float
+    half: float
+    rate: float
+
+    @property
+    def step(self) -> int:
+        """Samples of the trace for one of the result."""
+        return max(1, int(self.rate / (2 * self.half)))
+
+    def __call__(self, columns: np.ndarray) -> np.ndarray:
+        """Return columns (T, ...) as (2 n, ...)."""
+        taps = firwin(int(LENGTH * self.rate / self.half) | 1, self.half, fs=self.rate)
+        turned = np.exp(-2j * np.pi * self.frequency / self.rate * np.arange(len(columns)))
+        found = upfirdn(taps, columns * turned.reshape((-1, *(1,) * (columns.ndim - 1))), down=self.step, axis=0)
+        ends = -(-(len(taps) - 1) // self.step)
+        inner = found[ends : (len(columns) - 1) // self.step + 1]
+        return np.concatenate([inner.real, inner.imag])
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What may make a peak.
+
+    Attributes:
+        kind: one of `CAUSES`.
+        source: the strongest source of its kind; None of a finger and of a fixed frequency.
+        frequency: [Hz] of a finger or a line; NaN of sources, which have none of their own.
+        explained: share of the band's energy that it explains in its set, the best one in which it is the largest.
+        predicted: share of the energy of blocks left out that this set predicts.
+        evidence: probability by evidence that it is the largest cause.
+        held_out: probability of the same by prediction.
+    """
+
+    kind: str
+    source: ExcitingOrder | None
+    frequency: float
+    explained: float
+    predicted: float
+    evidence: float
+    held_out: float
+
+    @property
+    def probability(self) -> float:
+        """The lower of both probabilities."""
+        return min(self.evidence, self.held_out)
+
+
+@dataclass(frozen=True)
+class Causes:
+    """What makes a peak.
+
+    Attributes:
+        peak: [Hz]
+        band: [Hz] from, to.
+        causes: that were compared, the most probable first.
+        untested: why others were not, by kind.
+        left: share of the band's energy that the best set leaves.
+        speed: [%] of the further run that sets the first two apart best; 0 where none does, or none is needed.
+    """
+
+    peak: float
+    band: tuple[float, float]
+    causes: tuple[Cause, ...]
+    untested: Mapping[str, str]
+    left: float
+    speed: float
+
+    @property
+    def explained(self) -> bool:
+        """Whether some set of them explains the peak."""
+        return self.left < 1 - SEEN
+
+    @property
+    def told(self) -> bool:
+        """Whether the first is told from the others, by evidence and by prediction."""
+        return self.explained and self.causes[0].probability >= SURE
+
+
+def check_peak(problem: SourceProblem, peak: float | None, teeth: Mapping[str, float]) -> None:
+    """Refuse a peak outside the band of the traces or too low for their length, and teeth of no belt.
+
+    Raises:
+        InputError: one of them.
+    """
+    names = [belt.name for belt in problem.arm.belts]
+    for name, count in teeth.items():
+        if name not in names:
+            raise refusal("teeth", quoted(name), f"one of {', '.join(names)}", "name a belt of the arm")
+        if not (count >= 1 and float(count).is_integer()):
+            raise refusal("teeth", f"{name}={count:g}", "a whole number from 1", "correct it")
+        if peak is None:
+            raise refusal("teeth", f"{name}={count:g} without a peak", "both", "give `peak`, in Hz, too")
+    if peak is None:
+        return
+    for channel in problem.channels:
+        highest, seconds = channel.rate / 2 / (1 + WIDTH), len(channel.time) / channel.rate
+        lowest = 2 * LENGTH / (WIDTH * seconds)
+        if not lowest <= peak <= highest:
+            expected = f"from {lowest:.3g} to {highest:.3g}, by the length and the samples of {channel.name}"
+            raise refusal("peak", f"{peak:g} Hz", expected, "ask for another, or measure longer or faster")
+
+
+def compared(
+    problem: SourceProblem,
+    place: Place,
+    covariance: Float[np.ndarray, "n n"],
+    peak: float,
+    *,
+    teeth: Mapping[str, float] | None = None,
+    further: Mapping[float, Run] | None = None,
+) -> Causes:
+    """Compare what may make a peak.
+
+    Args:
+        problem: traces, and what may excite the arm.
+        place: where the search for its sources has ended.
+        covariance: of all unknowns there.
+        peak: frequency [Hz].
+        teeth: of a belt's driving pulley, by the belt's name; without it belt mesh is not tested.
+        further: runs that could be measured, by their speed [%]: which would set rivals apart.
+
+    Raises:
+        InputError: see `check_peak`.
+    """
+    check_peak(problem, peak, teeth or {})
+    meshed, untested = _with_mesh(problem, teeth or {}, peak)
+    more = len(meshed.sources) - len(problem.sources)
+    place = place._replace(parts=np.pad(place.parts, ((0, 0), (0, more), (0, 0))))
+    known = sum(part.size for part in place[:-1])
+    loose = np.linalg.cholesky(WIDER**2 * covariance[:known, :known])
+    responses = meshed.responses(place)
+    rows = _rows(meshed, place, responses, peak)
+    kinds = ["imbalance" if each.kind == IMBALANCE else "error" for each in problem.sources] + ["mesh"] * more
+    contest = _Contest.of(rows, np.linalg.inv(loose), meshed, place, responses, kinds)
+    return contest.judged(peak, untested, further or {})
+
+
+def _with_mesh(problem: SourceProblem, teeth: Mapping[str, float], peak: float) -> tuple[SourceProblem, dict[str, str]]:
+    """Return the problem with what meshing belts excite, and why that of others is not tested."""
+    arm, low = problem.arm, peak * (1 - WIDTH)
+    if not teeth:
+        return problem, {"mesh": "the belts' numbers of teeth are not given"}
+    joints, orders, spans = [joint.name for joint in arm.driven], dict[str, list[float]](), list[float]()
+    for belt in (belt for belt in arm.belts if belt.name in teeth):
+        count = float(teeth[belt.name])
+        own = {belt.driver: count, belt.driven: count * float(belt.driven_radius) / float(belt.driver_radius)}
+        for drive in arm.drives:
+            taken = [2.0, *(each.order for each in drive.errors), *orders.get(drive.name, [])]
+            if drive.joint in own and own[drive.joint] not in taken:
+                turning = np.abs(np.concatenate([_speeds(run)[joints.index(drive.joint)] for run in problem.runs]))
+                highest = own[drive.joint] * abs(float(drive.ratio)) * turning.max() / (2 * np.pi)
+                spans.append(highest)
+                if highest > low:
+                    orders.setdefault(drive.name, []).append(own[drive.joint])
+    if not orders:
+        return problem, {"mesh": f"teeth mesh at {max(spans, default=0.0):.3g} Hz at most in these runs"}
+    drives = tuple(
+        Drive(
+            drive.name,
+            drive.joint,
+            errors=(*drive.errors, *(ErrorOrder(drive.name, order) for order in orders.get(drive.name, []))),
+            **{name: getattr(drive, name) for name in names_of("Drive")},
+        )
+        for drive in arm.drives
+    )
+    meshing = eqx.tree_at(lambda a: a.drives, arm, drives)
+    added = [
+        each
+        for each in possible_orders(meshing)
+        if each not in problem.sources and each.order in orders.get(each.drive, [])
+    ]
+    return replace(problem, arm=meshing, sources=(*problem.sources, *added)), {}
+
+
+def _speeds(run: Run) -> np.ndarray:
+    """Return the driven joints' speeds over a run [rad/s], (driven, times)."""
+    return np.asarray(run.motion(np.linspace(float(run.motion.breaks[0]), float(run.motion.breaks[-1]), 400))[1])
+
+
+class _Rows(NamedTuple):
+    """Traces in a band.
+
+    Attributes:
+        values: of each trace (n_k,) what is measured beyond the motion itself.
+        known: of each trace (n_k, m) by what is known of clock, stiffness, damping, tilt and trial masses.
+        sources: of each trace (n_k, G S 2) by the parts of the sources.
+        bands: of each trace.
+    """
+
+    values: tuple[np.ndarray, ...]
+    known: tuple[np.ndarray, ...]
+    sources: tuple[np.ndarray, ...]
+    bands: tuple[Band, ...]
+
+
+def _rows(problem: SourceProblem, place: Place, responses: Sequence[Response], peak: float) -> _Rows:
+    """Return all traces in the band about a peak."""
+    bands = tuple(Band(peak, WIDTH * peak, channel.rate) for channel in problem.channels)
+    whole = whitened(problem, responses, problem.slopes(place), place, bands)
+    first = sum(part.size for part in place[:-1])
+    values = [
+        residual + columns[:, first:] @ place.parts.ravel()
+        for residual, columns in zip(whole.residual, whole.columns, strict=True)
+    ]
+    known, sources = zip(*((columns[:, :first], columns[:, first:]) for columns in whole.columns), strict=True)
+    return _Rows(tuple(values), known, sources, bands)
+
+
+def _driving(problem: SourceProblem, place: Place, responses: Sequence[Response]) -> Iterator[np.ndarray]:
+    """Yield of each channel the acceleration along its sensor (T,) [m/s^2], at the times of its response."""
+    for channel in problem.channels:
+        response = responses[channel.run]
+        weights = np.append(1.0, problem.parts_of(channel.run, place).ravel())
+        vibration, whole = np.split(response.moved[response.run.sensors[channel.sensor].point], 2)
+        moved = make_interp_spline(response.time, ((vibration + whole) @ weights).T, k=5)(response.time, nu=2)
+        yield np.einsum("ti,it->t", moved, response.directions[channel.sensor])
+
+
+def _swinging(
+    problem: SourceProblem, place: Place, response: Response, channel: Channel, driving: np.ndarray, how: Any
+) -> np.ndarray:
+    """Return what a sensor sees of a light oscillator [rad/s, damping ratio] that its point drives, (T,)."""
+    omega, damping = how
+    step = float(response.time[1] - response.time[0])
+    above, below, _ = cont2discrete(([-1.0], [1.0, 2 * damping * omega, omega**2]), step, "foh")
+    swing = make_interp_spline(response.time, lfilter(np.ravel(above), below, driving), k=5)
+    return np.asarray(swing(problem.clock_of(channel, place), nu=response.run.sensors[channel.sensor].derivative))
+
+
+class _Set(NamedTuple):
+    """Causes together.
+
+    Attributes:
+        how: frequency [Hz] and damping ratio of each, by kind; NaN where it has none.
+        left: (C,) share of each trace's energy that they leave.
+        unseen: (C,) share that they leave of blocks that were left out.
+    """
+
+    how: Mapping[str, tuple[float, float]]
+    left: np.ndarray
+    unseen: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Contest:
+    """Sets of causes that compete.
+
+    Attributes:
+        problem: traces and sources.
+        place: where the columns count from.
+        values: (n,) all traces, each scaled by its noise, then zeros for what is known.
+        columns: (n, m) by what is known, which all sets have.
+        causes: (n, p) columns of each cause by kind, then by frequency [Hz] and damping ratio that it may have.
+        trace: (n,) number of the trace; -1 of what is known.
+        fold: (n,) turn in which a number is left out; -1 of what is known.
+        kinds: of each source its cause.
+        noise: (C,) [SI] rms of what all causes leave of each trace.
+        energy: (C,) of each trace, as a displacement.
+    """
+
+    problem: SourceProblem
+    place: Place
+    values: np.ndarray
+    columns: np.ndarray
+    causes: Mapping[str, Mapping[tuple[float, float], np.ndarray]]
+    trace: np.ndarray
+    fold: np.ndarray
+    kinds: tuple[str, ...]
+    noise: np.ndarray
+    energy: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        rows: _Rows,
+        loose: np.ndarray,
+        problem: SourceProblem,
+        place: Place,
+        responses: Sequence[Response],
+        kinds: Sequence[str],
+    ) -> "_Contest":
+        """Return the contest, with the finger and the line that explain most beside all sources.
+
+        Args:
+            rows: the traces.
+            loose: (m, m) what whitens what is known.
+            problem: its problem.
+            place: where its columns count from.
+            responses: of each run.
+            kinds: cause of each source.
+        """
+        sizes = [len(values) for values in rows.values]
+        trace, fold = np.repeat(np.arange(len(sizes)), sizes), np.concatenate(list(map(_folds, sizes)))
+        more = np.full(len(loose), -1)
+        trace, fold = np.append(trace, more), np.append(fold, more)
+        driving = list(_driving(problem, place, responses))
+
+        @cache
+        def swinging(frequency: float, damping: float) -> list[np.ndarray]:
+            return _fingers(problem, place, responses, driving, rows.bands, frequency, damping)
+
+        noise = np.array([np.std(values) for values in rows.values])
+        for again in (True, False):  # first each trace counts by its size, then by what all causes leave of it
+            weight = np.append(np.repeat(1 / noise, sizes), np.zeros(len(loose)))[:, None]
+
+            def scaled(parts: Sequence[np.ndarray], weight: np.ndarray = weight) -> np.ndarray:
+                every = np.concatenate([part.reshape((len(part), -1)) for part in parts])
+                return weight * np.concatenate([every, np.zeros((len(loose), every.shape[1]))])
+
+            values, sources, columns = scaled(rows.values)[:, 0], scaled(rows.sources), scaled(rows.known)
+            columns[len(columns) - len(loose) :] = loose
+            fingers, lines = dict[tuple[float, float], np.ndarray](), dict[tuple[float, float], np.ndarray]()
+            for others in (columns, np.column_stack([columns, sources])):  # sources may be like a line for a while
+                beside, _ = np.linalg.qr(_unit(others))
+                rest = values - beside @ (beside.T @ values)
+
+                def gained(how: Any, beside: Any = beside, rest: Any = rest, scaled: Any = scaled) -> Any:
+                    block = scaled(swinging(*how))
+                    own, _ = np.linalg.qr(_unit(block - beside @ (beside.T @ block)))
+                    return np.sum((own.T @ rest) ** 2)
+
+                finger = (rows.bands[0].frequency, DAMPING[1])
+                for width, count in SCANNED:
+                    ratios = DAMPING[1:2] if width == WIDTH else DAMPING
+                    tried = finger[0] * np.linspace(1 - width, 1 + width, count)
+                    finger = max(((f, ratio) for f in tried.tolist() for ratio in ratios), key=gained)
+                fingers[finger] = scaled(swinging(*finger))
+                line = _strongest_line(problem, rows.bands, np.split(rest[: sum(sizes)], np.cumsum(sizes)[:-1]))
+                lines[line, 0.0] = scaled(_lines(problem, rows.bands, line))
+            every = np.column_stack([columns, sources, *fingers.values(), *lines.values()])
+            left = values - _fitted(every, values)
+            rms = [(np.std(left[trace == k]), np.std(values[trace == k])) for k in range(len(sizes))]
+            if again:
+                noise = noise * np.array([np.hypot(own, MISFIT * size) for own, size in rms])
+        of_source = np.repeat(np.tile(kinds, place.parts.shape[0]), 2)
+        causes = {kind: {(np.nan, np.nan): sources[:, of_source == kind]} for kind in CAUSES[:3] if kind in kinds}
+        causes |= {"finger": fingers, "line": lines}
+        scale = noise * np.array([own for own, _ in rms])
+        derived = [problem.runs[each.run].sensors[each.sensor].derivative for each in problem.channels]
+        omega = 2 * np.pi * rows.bands[0].frequency
+        energy = [np.sum(own**2) / omega ** (2 * k) for own, k in zip(rows.values, derived, strict=True)]
+        return cls(problem, place, values, columns, causes, trace, fold, tuple(kinds), scale, np.array(energy))
+
+    @cached_property
+    def sets(self) -> dict[frozenset[str], "_Set"]:
+        """What each set of causes leaves, with the frequencies that fit best."""
+        found = {}
+        for names in (s for count in range(len(self.causes) + 1) for s in combinations(self.causes, count)):
+            chosen = [dict(zip(names, how, strict=True)) for how in product(*(self.causes[kind] for kind in names))]
+            left = [self._left(self._matrix(each)) for each in chosen]
+            best = max(range(len(chosen)), key=lambda k: self._score(left[k]))
+            unseen = self._left(self._matrix(chosen[best]), range(FOLDS))
+            found[frozenset(names)] = _Set(chosen[best], left[best], unseen)
+        return found
+
+    def _matrix(self, chosen: Mapping[str, tuple[float, float]]) -> np.ndarray:
+        return np.column_stack([self.columns, *(self.causes[kind][how] for kind, how in chosen.items())])
+
+    def _left(self, matrix: np.ndarray, folds: Sequence[int] = ()) -> np.ndarray:
+        """Return the share of each trace's energy that columns leave, or leave of what they have not seen."""
+        rest = self.values.copy()
+        for fold in folds or (None,):
+            used = self.fold != fold
+            found = _solved(matrix[used], self.values[used])
+            out = ~used if fold is not None else used
+            rest[out] = self.values[out] - matrix[out] @ found
+        data = self.trace >= 0
+        left, energy = (np.bincount(self.trace[data], x[data] ** 2) for x in (rest, self.values))
+        return np.asarray(left / np.maximum(energy, 1e-300))
+
+    def _score(self, left: np.ndarray) -> float:
+        count = np.bincount(self.trace[self.trace >= 0])
+        return float(-(count * np.log(left + MISFIT**2)).sum() / 2)
+
+    def _explained(self, left: np.ndarray) -> float:
+        """Return the share of the energy that is not left, of all traces together."""
+        return float(1 - self.energy @ left / self.energy.sum())
+
+    def evidence(self, chosen: frozenset[str]) -> float:
+        """Return the evidence of a set [nat]; the frequency of a line counts as a column, that of a finger as two."""
+        sizes = [self.causes[kind][how].shape[1] for kind, how in self.sets[chosen].how.items()]
+        columns = sum(sizes) + 2 * ("finger" in chosen) + ("line" in chosen)
+        return self._score(self.sets[chosen].left) - columns / 2 * float(np.log(np.sum(self.trace >= 0)))
+
+    def shares(self, chosen: frozenset[str]) -> dict[str, float]:
+        """Return each cause's share of the energy in a set, part' y / y'y with its part of y: they add up to the whole.
+
+        What a cause explains alone would not do, since imbalance and transmission error of one frequency replace each
+        other for a while.
+        """
+        found, data = self._coefficients(chosen), self.trace >= 0
+        energy = np.bincount(self.trace[data], self.values[data] ** 2)
+
+        def share(kind: str) -> float:
+            made = self.causes[kind][self.sets[chosen].how[kind]] @ found[kind]
+            part = np.bincount(self.trace[data], (made * self.values)[data]) / np.maximum(energy, 1e-300)
+            return float(self.energy @ part / self.energy.sum())
+
+        return {kind: share(kind) for kind in found}
+
+    def judged(self, peak: float, untested: Mapping[str, str], further: Mapping[float, Run]) -> Causes:
+        """Return which cause is the largest, how sure that is, and the run that would tell."""
+        every = {chosen: self.shares(chosen) for chosen in self.sets if chosen}
+        largest = {chosen: max(own, key=lambda kind: own[kind]) for chosen, own in every.items()}
+        scores = {chosen: (self.evidence(chosen), self._score(self.sets[chosen].unseen)) for chosen in largest}
+        top = [max(each[k] for each in scores.values()) for k in (0, 1)]
+        causes, sets = list[Cause](), dict[str, frozenset[str]]()
+        for kind in self.causes:
+            own = [chosen for chosen in scores if largest[chosen] == kind]
+            if not own:
+                continue
+            best = sets[kind] = max(own, key=lambda chosen: scores[chosen])
+            odds = [
+                sum(np.exp(scores[s][k] - top[k]) for s in own)
+                / sum(np.exp(each[k] - top[k]) for each in scores.values())
+                for k in (0, 1)
+            ]
+            shown = [self._explained(part) for part in (self.sets[best].left, self.sets[best].unseen)]
+            frequency = self.sets[best].how[kind][0]
+            causes.append(Cause(kind, self._strongest(kind, best), frequency, shown[0], shown[1], *map(float, odds)))
+        causes.sort(key=lambda cause: (-cause.evidence, -cause.held_out, -cause.predicted))
+        band = (peak * (1 - WIDTH), peak * (1 + WIDTH))
+        result = Causes(peak, band, tuple(causes), untested, 1 - max(cause.explained for cause in causes), 0.0)
+        if result.told or len(causes) < 2:
+            return result
+        first, second = causes[0], max(causes[1:], key=lambda cause: max(cause.evidence, cause.held_out))
+        gains = {speed: self._apart(sets[first.kind], sets[second.kind], run, peak) for speed, run in further.items()}
+        speed = max(gains, key=lambda speed: gains[speed], default=0.0)
+        return replace(result, speed=speed if gains and gains[speed] > NEEDED else 0.0)
+
+    def _strongest(self, kind: str, chosen: frozenset[str]) -> ExcitingOrder | None:
+        """Return the source that makes most of the band's energy, of a cause that has several."""
+        if kind not in CAUSES[:3]:
+            return None
+        parts = self._parts(chosen)
+        own = [k for k, each in enumerate(self.kinds) if each == kind]
+        (columns,) = self.causes[kind].values()
+        columns = columns.reshape((len(self.values), -1, len(own), 2))
+        made = np.einsum("ngsi,gsi->sn", columns, parts[:, own])
+        return self.problem.sources[own[int(np.argmax((made**2).sum(1)))]]
+
+    def _coefficients(self, chosen: frozenset[str]) -> dict[str, np.ndarray]:
+        """Return the coefficients of the columns of each cause of a set, in their order."""
+        how = self.sets[chosen].how
+        found = _solved(self._matrix(how), self.values)[self.columns.shape[1] :]
+        ends = np.cumsum([self.causes[kind][each].shape[1] for kind, each in how.items()])
+        return dict(zip(how, np.split(found, ends[:-1]), strict=True))
+
+    def _parts(self, chosen: frozenset[str]) -> Float[np.ndarray, "G S 2"]:
+        """Return the parts of all sources, as a set has them."""
+        found, parts = self._coefficients(chosen), np.zeros(self.place.parts.shape)
+        for kind in set(chosen) & set(CAUSES[:3]):
+            own = [k for k, each in enumerate(self.kinds) if each == kind]
+            parts[:, own] = found[kind].reshape((len(parts), -1, 2))
+        return parts
+
+    def _apart(self, true: frozenset[str], rival: frozenset[str], run: Run, peak: float) -> float:
+        """Return by how much the score of one set would exceed that of a rival if it were true, in a further run.
+
+        Measured by the sensors of the first run with their noise; what the sources are in the runs at hand, the rival
+        has to keep, a fixed line may start anew.
+        """
+        own = [k for k, channel in enumerate(self.problem.channels) if channel.run == 0]
+        rate = min(self.problem.channels[k].rate for k in own)
+        time = np.arange(float(run.motion.breaks[0]) + 0.1, float(run.motion.breaks[-1]) - 0.1, 1 / rate)
+        channels = tuple(Channel("", 0, self.problem.channels[k].sensor, time, np.zeros(len(time))) for k in own)
+        alone = replace(self.problem, runs=(run,), groups=(0,), channels=channels, trials=())
+        bands = tuple(Band(peak, WIDTH * peak, rate) for _ in channels)
+        if len(time) / rate < 2 * LENGTH / bands[0].half:
+            return 0.0
+        seen = [self._seen(alone, chosen, bands) for chosen in (true, rival)]
+        score = 0.0
+        for k, number in enumerate(own):
+            (here, line), (other, free) = seen[0][k], seen[1][k]
+            whole = here + line.sum(1) if line.size else here
+            off = whole - other
+            if free.size:
+                off = off - _fitted(free, off)
+            noise = self.noise[number] ** 2 * len(off) + MISFIT**2 * float(whole @ whole)
+            score += len(off) / 2 * float(np.log1p(float(off @ off) / noise))
+        return score
+
+    def _seen(
+        self, alone: SourceProblem, chosen: frozenset[str], bands: Sequence[Band]
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return of each channel of a run what a set makes of it (n,), and a line's columns (n, 2), if it has one."""
+        parts, found, how = self._parts(chosen)[:1], self._coefficients(chosen), self.sets[chosen].how
+        place = alone.start._replace(changes=self.place.changes, parts=parts)
+        (response,) = alone.responses(place)
+        driving = list(_driving(alone, place, [response])) if "finger" in chosen else []
+        result = []
+        for k, band in enumerate(bands):
+            _, columns, _ = alone.seen(k, response, place)
+            made = band(columns @ parts[0].ravel())
+            if "finger" in chosen:
+                block = _fingers(alone, place, [response], driving, bands, *how["finger"])[k]
+                made = made + block @ found["finger"][: block.shape[1]]
+            line = np.zeros((len(made), 0))
+            if "line" in chosen:
+                size = found["line"].reshape((-1, 2))[k]
+                line = _lines(alone, bands, how["line"][0])[k][:, 2 * k : 2 * k + 2] * np.hypot(*size) / np.sqrt(2)
+            result.append((made, line))
+        return result
+
+
+def _folds(size: int) -> np.ndarray:
+    """Return the turn in which each number of a trace is left out, real and imaginary parts alike."""
+    return np.tile(np.arange(size // 2) * BLOCKS // (size // 2) % FOLDS, 2)
+
+
+def _unit(columns: np.ndarray) -> np.ndarray:
+    """Return columns of unit length; those of nothing stay."""
+    size = np.linalg.norm(columns, axis=0)
+    return columns / np.where(size > 0, size, 1.0)
+
+
+def _solved(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the least-squares coefficients, by normal equations of columns of unit length."""
+    size = np.linalg.norm(columns, axis=0)
+    scaled = columns / np.where(size > 0, size, 1.0)
+    normal = scaled.T @ scaled + RIDGE * np.eye(len(size))
+    return np.asarray(np.linalg.solve(normal, scaled.T @ values) / np.where(size > 0, size, 1.0))
+
+
+def _fitted(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return np.asarray(columns @ _solved(columns, values))
+
+
+def _strongest_line(problem: SourceProblem, bands: Sequence[Band], rest: Sequence[np.ndarray]) -> float:
+    """Return the frequency [Hz] at which most of what is left of all traces is in a line."""
+    longest = max(len(channel.time) / channel.rate for channel in problem.channels)
+    middle, half = bands[0].frequency, bands[0].half
+    tried = np.linspace(-half, half, int(2 * half * longest * FINE) + 2)
+    power = np.zeros(len(tried))
+    for own, band in zip(rest, bands, strict=True):
+        real, imaginary = np.split(own, 2)
+        time = np.arange(len(real)) * band.step / band.rate
+        power += np.abs(np.exp(-2j * np.pi * np.outer(tried, time)) @ (real + 1j * imaginary)) ** 2 / len(real)
+    return float(middle + tried[power.argmax()])
+
+
+def _lines(problem: SourceProblem, bands: Sequence[Band], frequency: float) -> list[np.ndarray]:
+    """Return cosine and sine of a fixed frequency in each trace (n_k, 2 C): each has its own."""
+    found = []
+    for k, (channel, band) in enumerate(zip(problem.channels, bands, strict=True)):
+        turned = 2 * np.pi * frequency * (channel.time - channel.time[0])
+        own = band(np.column_stack([np.cos(turned), np.sin(turned)]))
+        found.append(np.zeros((len(own), 2 * len(problem.channels))))
+        found[-1][:, 2 * k : 2 * k + 2] = own
+    return found
+
+
+def _fingers(
+    problem: SourceProblem,
+    place: Place,
+    responses: Sequence[Response],
+    driving: Sequence[np.ndarray],
+    bands: Sequence[Band],
+    frequency: float,
+    damping: float,
+) -> list[np.ndarray]:
+    """Return what a finger makes of each trace (n_k, K): as much for all sensors of a point and direction."""
+    sensors = [problem.runs[channel.run].sensors[channel.sensor] for channel in problem.channels]
+    ways = [(each.point, each.direction, each.body) for each in sensors]
+    alike, found = list(dict.fromkeys(ways)), []
+    for channel, way, force, band in zip(problem.channels, ways, driving, bands, strict=True):
+        response = responses[channel.run]
+        own = band(_swinging(problem, place, response, channel, force, (2 * np.pi * frequency, damping)))
+        found.append(np.zeros((len(own), len(alike))))
+        found[-1][:, alike.index(way)] = own
+    return found
