@@ -1,6 +1,7 @@
 """A joint's numbers from its own logs: against the equations of two masses, solved by SciPy, and a closed form."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -117,6 +118,12 @@ def test_a_slow_log_is_refused():
         found_in(TRUTH, slow)
 
 
+@cache
+def simulated(truth, seed):
+    """A log of all channels, for all who look at some of them."""
+    return joint_log(truth, seed, channels=("motor", "link", "torque", "load"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("truth", "channels", "alone"),
@@ -124,10 +131,12 @@ def test_a_slow_log_is_refused():
     ids=["motor", "alone", "load"],
 )
 def test_intervals_cover(truth, channels, alone):
-    """Of 100 logs with coloured noise; no quick test finds intervals that are too narrow."""
+    """Of 60 logs with coloured noise; no quick test finds intervals that are too narrow."""
     inside = {name: [] for name in QUANTITIES}
-    for seed in range(100):
-        found = found_in(truth, joint_log(truth, seed, channels=channels), alone=alone)
+    for seed in range(60):
+        log = simulated(truth, seed)
+        seen = {name: log.columns["joint"][name] for name in channels}
+        found = found_in(truth, replace(log, columns={"joint": seen}), alone=alone)
         for name in QUANTITIES:
             number, expected = found.numbers[name], truth.expected(name, found.parted)
             if not np.isnan(number.value) and not (name == "damping" and not found.parted):
@@ -135,4 +144,4 @@ def test_intervals_cover(truth, channels, alone):
     for name, each in inside.items():
         if each:
             assert binom.ppf(0.001, len(each), 0.95) <= sum(each), f"{name}: {sum(each)} of {len(each)}"
-            assert len(each) > 80
+            assert len(each) > 48
