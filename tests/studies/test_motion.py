@@ -60,9 +60,9 @@ def test_the_joint_path_that_is_written_is_the_motion(result, tmp_path):
 def test_another_engine_confirms_what_is_proposed(result):
     """MuJoCo's equations, integrated by MuJoCo, about the equilibria that MuJoCo has of the arm held there.
 
-    With hinges in series for bushings (`MujocoTransient`) the peak was 1.1 % off, by the weight of turning masses, which
-    121 equilibria sample too coarsely, 0.2 % more; half the step changes 1e-7. Bushings and equilibria of centred masses
-    are 2e-6 off.
+    With hinges in series for bushings (`MujocoTransient`) the peak was 1.1 % off, by the weight of turning masses,
+    which 121 equilibria sample too coarsely, 0.2 % more; half the step changes 1e-7. Bushings and equilibria of
+    centred masses are 2e-6 off.
     """
     study = result.motions
     motion = study.schedule.motion.dwell(2.0)
