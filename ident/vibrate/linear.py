@@ -274,7 +274,7 @@ def time_intervals(motion: Motion, end: float, step: float, *, turn: float = TUR
 def _halved(
     motion: Motion, start: Float[np.ndarray, "P"], length: Float[np.ndarray, "P"], most_missed: float
 ) -> tuple[Float[np.ndarray, "more"], Float[np.ndarray, "more"]]:
-    """Halve intervals whose polynomial misses an impulse [rad/s]: the acceleration bends where a log or an average does."""
+    """Halve intervals whose polynomial misses an impulse [rad/s]: the acceleration bends in a log or an average."""
     places = np.linspace(0.0, 1.0 - SHORTEST, 3 * NODES)
     weights = np.stack([p(places) for p in basis(NODE_PLACES)])
     done: list[tuple[np.ndarray, np.ndarray]] = []
