@@ -298,22 +298,25 @@ def _slower(scheduling: Scheduling, basis: Basis, limit: float, judge: Callable[
 
 
 def _shaped(scheduling: Scheduling, motion: Motion) -> Iterator[tuple[str, str, Motion]]:
-    """Yield the motion shaped for the first mode, and for both of the lowest, along the posture's frequencies."""
+    """Yield the motion shaped for the first mode, for both of the lowest, and between them, as the posture has them.
+
+    Between them, at the root of their product, a ZVD is nearly that of both where they are close.
+    """
     along = np.linspace(scheduling.places.min(), scheduling.places.max(), 101)
-    modes = scheduling.frequencies(along)
+    first, second = scheduling.frequencies(along)
 
     def alpha(time: np.ndarray) -> np.ndarray:
         return scheduling.path.alpha(motion(time)[0])
 
-    def frequency(mode: int) -> Callable[[np.ndarray], np.ndarray]:
-        return lambda at: np.interp(at, along, modes[mode])
+    def frequency(mode: Float[np.ndarray, "K"]) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda at: np.interp(at, along, mode)
 
-    each = shapers()
-    zv = next(shaper for shaper in each if shaper.name == "ZV")
-    for name, steps in [
-        *((s.name, ((s, frequency(0)),)) for s in each),
-        ("ZV x ZV", ((zv, frequency(0)), (zv, frequency(1)))),
-    ]:
+    each = {shaper.name: shaper for shaper in shapers()}
+    for name, steps in {
+        **{name: ((shaper, frequency(first)),) for name, shaper in each.items()},
+        "ZV x ZV": ((each["ZV"], frequency(first)), (each["ZV"], frequency(second))),
+        "mid-mode ZVD": ((each["ZVD"], frequency(np.sqrt(first * second))),),
+    }.items():
         time, shaped_alpha = shaped(alpha, motion.arrival, steps)
         even = np.linspace(0.0, time[-1], 1 + int(np.ceil(time[-1] * RATE)))
         angles = scheduling.path.angles(np.interp(even, time, shaped_alpha))

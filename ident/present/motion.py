@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.assess.motion import TOUCHED
+from ident.assess.motion import TOUCHED, Candidate
 from ident.assess.remedies import CONFIDENT
 from ident.files import replace_file
 from ident.present.basis import all_findings, assumed_section, motion_section, same_motion, subject
@@ -24,7 +24,7 @@ def motion_sections(motions: "MotionStudy") -> Report:
     return Report(
         f"Motions of {subject(motions.basis)}: {counted(len(motions.candidates), 'way')} along the same path",
         _verdict(motions),
-        (_touched(motions), _candidates(motions)),
+        (_touched(motions), _candidates(motions, _shown(motions))),
         tuple(_findings(motions)),
         next=_next(motions),
         details=tuple(_details(motions)),
@@ -53,9 +53,16 @@ def _touched(motions: "MotionStudy") -> str:
     return f"The motion itself makes {100 * share:.0f} % of the vibration as it is, the drives the rest: {what}."
 
 
-def _candidates(motions: "MotionStudy") -> Table:
+def _shown(motions: "MotionStudy") -> tuple[Candidate, ...]:
+    """Return the candidates without shapers than which another is quicker and leaves less."""
+    shapers = [each for each in motions.candidates if each.kind == "shaper"]
+    beaten = {one.name for one in shapers for each in shapers if each.time <= one.time and each.left < one.left}
+    return tuple(each for each in motions.candidates if each.name not in beaten or each is motions.recommended)
+
+
+def _candidates(motions: "MotionStudy", candidates: tuple[Candidate, ...]) -> Table:
     now, best, rows = motions.candidates[0], motions.recommended, []
-    for each in motions.candidates:
+    for each in candidates:
         keeps = each.keeps(motions.limit)
         if each.verification is not None and each.verification.keeps is not None:
             keeps = each.verification.keeps
@@ -71,9 +78,9 @@ def _candidates(motions: "MotionStudy") -> Table:
         *("Motion", "time [s]", "added [s]", "vibration, median [mm]", "95 % [mm]", "worst phases [mm]"),
         *("after arrival [mm]", "keeps limit [%]", "joint acceleration [deg/s^2]"),
     )
-    strong = tuple(k for k, each in enumerate(motions.candidates) if each is best)
+    strong = tuple(k for k, each in enumerate(candidates) if each is best)
     beyond = "* beyond the arm file's limits of speed, acceleration or jerk: not recommended."
-    note = "" if all(each.allowed for each in motions.candidates) else beyond
+    note = "" if all(each.allowed for each in candidates) else beyond
     return Table("", head, tuple(rows), ("", ".1f", "+.1f", *(".2f",) * 4, ".0f", ".0f"), note, strong)
 
 
@@ -118,6 +125,12 @@ def _details(motions: "MotionStudy") -> Iterator[Section]:
         rate=motions.scheduling.evaluator.rate,
         method="fast, the proposed motion also exact",
     )
+    if len(_shown(motions)) < len(motions.candidates):
+        every = (
+            "With the shapers than which another is quicker and leaves less.",
+            _candidates(motions, motions.candidates),
+        )
+        yield Section("All motions", every)
     full = np.degrees(allowed.speed.max()) * (1 if basis.log else 100 / basis.percent)
     rows = [
         (k + 1, np.degrees(a), np.degrees(b), 100 * np.degrees(v) / full, 100 * np.degrees(w) / full, np.degrees(acc))

@@ -7,7 +7,8 @@ prints how far MuJoCo, Pinocchio and ident are from one another in a second of m
 
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -72,7 +73,7 @@ class MujocoTransient:
         self.qpos, self.qvel = np.zeros(self.model.nq), np.zeros(self.model.nv)
         self.qpos[self.motors], self.qvel[self.motors] = at, rate
         if settled:
-            self._settle()
+            self._settle(self.model.jnt_stiffness[self.elastic])
 
     def run(self, timestep: float, every: int = 1) -> Response:
         """Integrate by RK4. What depends on the step alone is kept, so that a second run is but the integration.
@@ -115,15 +116,52 @@ class MujocoTransient:
     def _hinges(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return hinge_table(self.kinematics, self.table, times)
 
-    def _settle(self) -> None:
+    def _settle(self, k: np.ndarray) -> None:
         """Equilibrium at rest, by Newton's method with the springs' stiffness alone."""
-        data, k = self.data, self.model.jnt_stiffness[self.elastic]
+        data = self.data
         data.qpos[:], data.qvel[:] = self.qpos, 0.0
         for _ in range(60):
             mujoco.mj_forward(self.model, data)
             force = data.qfrc_bias - data.qfrc_passive
             data.qpos[self.elastic] -= force[self.elastic] / k
         self.qpos = data.qpos.copy()
+
+
+class BushedTransient(MujocoTransient):
+    """The same with the bushings' own springs and dampers, by a callback in Python, which takes as long again.
+
+    The rotation vector of hinges x, y, z in series is (x + yz/2, y - xz/2, z + xy/2) to the second order, J its slope;
+    the hinges feel J' (k phi + c dphi/dt).
+    """
+
+    def __init__(self, arm: Arm, table: MotionTable, duration: float):
+        super().__init__(arm, table, duration, settled=False)
+        stiffness, damping = (part[self.elastic] for part in (self.model.jnt_stiffness, self.model.dof_damping))
+        self.springs, self.dampers = stiffness.reshape(-1, 3).T, damping.reshape(-1, 3).T
+        self.model.jnt_stiffness[self.elastic] = self.model.dof_damping[self.elastic] = 0.0
+        with self._bushed():
+            self._settle(stiffness)
+
+    def run(self, timestep: float, every: int = 1) -> Response:
+        """Integrate by RK4; see `MujocoTransient`."""
+        with self._bushed():
+            return super().run(timestep, every)
+
+    @contextmanager
+    def _bushed(self) -> Iterator[None]:
+        mujoco.set_mjcb_passive(self._passive)
+        try:
+            yield
+        finally:
+            mujoco.set_mjcb_passive(None)
+
+    def _passive(self, _: mujoco.MjModel, data: mujoco.MjData) -> None:
+        (x, y, z), v = data.qpos[self.elastic].reshape(-1, 3).T, data.qvel[self.elastic].reshape(-1, 3).T
+        one = np.ones_like(x)
+        J = np.array([[one, z / 2, y / 2], [-z / 2, one, -x / 2], [y / 2, x / 2, one]])
+        phi = np.array([x + y * z / 2, y - x * z / 2, z + x * y / 2])
+        torque = self.springs * phi + self.dampers * np.einsum("ijn,jn->in", J, v)
+        data.qfrc_passive[self.elastic] -= np.einsum("jin,jn->ni", J, torque).ravel()
 
 
 def transient_model(arm: MujocoMoving) -> tuple[mujoco.MjModel, np.ndarray, np.ndarray]:

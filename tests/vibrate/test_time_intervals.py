@@ -64,12 +64,12 @@ def test_intervals_are_short_where_the_acceleration_bends(motion: Motion) -> Non
     grid = time_intervals(motion, motion.arrival, 2e-3)
     start, length = np.asarray(grid.start), np.asarray(grid.step) * grid.steps
     np.testing.assert_allclose(start[1:], (start + length)[:-1], atol=1e-9)
-    largest = np.abs(motion(np.linspace(0.0, motion.arrival, 4001))[2]).max()
+    fastest = np.abs(motion(np.linspace(0.0, motion.arrival, 4001))[1]).max()
     for low, size in zip(start, length, strict=True):
         nodes, at = low + size * NODE_PLACES, low + size * np.linspace(0.0, 0.999, 50)
         polynomial = BarycentricInterpolator(nodes, np.asarray(motion(nodes)[2]).T)
         missed = np.abs(polynomial(at) - np.asarray(motion(at)[2]).T).max()
-        assert size * missed < 1.3 * ROUGH * largest or size <= 2 * FINEST + 1e-9
+        assert size * missed < 1.3 * ROUGH * fastest or size <= 2 * FINEST + 1e-9
 
 
 def test_intervals_of_a_smooth_motion_are_as_long_as_it_turns() -> None:

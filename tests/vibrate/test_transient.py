@@ -7,6 +7,7 @@ import pytest
 from arms import lcd_arm
 from moving_engines import PinocchioMoving
 from mujoco_arm import (
+    BushedTransient,
     HingedBushings,
     MotionTable,
     MujocoTransient,
@@ -60,3 +61,11 @@ def test_hinges_are_nearly_a_bushing() -> None:
     bushings, hinges = exact()[0], exact(HingedBushings)[0]
     apart = np.abs(bushings.displacement - hinges.displacement).max() / exact()[2]
     assert 1e-6 < apart < 1e-2
+
+
+def test_mujoco_with_the_bushings_own_springs_moves_like_them() -> None:
+    """To the third order of the angles, here up to some hundredths."""
+    found, (bushings, _, peak) = BushedTransient(lcd_arm(), motion(), DURATION).run(2.5e-4, every=20), exact()
+    off = np.abs(found.displacement - bushings.displacement).max() / peak
+    apart = np.abs(exact(HingedBushings)[0].displacement - bushings.displacement).max() / peak
+    assert off < 0.05 * apart

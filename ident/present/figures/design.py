@@ -291,16 +291,19 @@ def motion_figure(motions: "MotionStudy") -> Figure:
 def shaper_figure(motions: "MotionStudy") -> Figure:
     """Draw what shapers leave of a mode over its frequency; below, the two lowest frequencies along the path."""
     bands, expected = motions.bands, motions.bands[1, :, -1]
-    figure = titled((8.0, 7.0), motion_title("What input shapers leave of each mode", motions.basis), (0.08, 0.1))
+    figure = titled((5.5, 7.0), motion_title("What input shapers leave", motions.basis), (0.08, 0.1))
     top, below = figure.subplots(2, 1, sharex=True)
     frequency = np.linspace(0.75 * bands.min(), 1.1 * bands.max(), 601)
     candidates = {each.name: each for each in motions.candidates if each.kind == "shaper"}
     handles = []
-    each = {shaper.name: (shaper,) for shaper in shapers()}
-    for (name, parts), color in zip({**each, "ZV x ZV": each["ZV"] * 2}.items(), COLORS, strict=False):
-        left = np.prod([part.residual(frequency, f) for part, f in zip(parts, expected, strict=False)], 0)
-        label = f"{name}: {MM * candidates[f'{name} shaper'].left:.2f} mm left"
-        handles += top.plot(frequency, 100 * left, color=color, linewidth=1.3, label=label)
+    each = {shaper.name: shaper for shaper in shapers()}
+    curves = {name: shaper.residual(frequency, expected[0]) for name, shaper in each.items()}
+    curves["ZV x ZV"] = curves["ZV"] * each["ZV"].residual(frequency, expected[1])
+    curves["mid-mode ZVD"] = each["ZVD"].residual(frequency, np.sqrt(expected.prod()))
+    for (name, left), color in zip(curves.items(), (*COLORS, GREY), strict=False):
+        if found := candidates.get(f"{name} shaper"):
+            label = f"{name}: {MM * found.left:.2f} mm left"
+            handles += top.plot(frequency, 100 * left, color=color, linewidth=1.3, label=label)
     along = np.degrees(np.linspace(motions.scheduling.places[0], motions.scheduling.places[-1], bands.shape[2]))
     for mode, name in enumerate(("mode 1", "mode 2")):
         below.fill_betweenx(along, bands[0, mode], bands[2, mode], color=ORANGE, alpha=0.25, linewidth=0)
@@ -316,6 +319,6 @@ def shaper_figure(motions: "MotionStudy") -> Figure:
     top.set(ylim=(0, 100), ylabel="residual of a mode [%]", xlim=frequency[[0, -1]])
     below.set(xlabel="frequency [Hz]", ylabel="alpha along the path [deg]", ylim=along[[0, -1]])
     spread = f"bands: 5 to 95 % of {len(motions.candidates[0].peaks)} draws; " if motions.basis.draws else ""
-    words = f"{spread}dotted: at the arrival, for which the curves are; the shapers follow the posture"
-    key_below(figure, handles, words, columns=3)
+    words = f"{spread}dotted: at the arrival, for which\nthe curves are; the shapers follow the posture"
+    key_below(figure, handles, words, columns=2)
     return figure
