@@ -190,7 +190,7 @@ assert (power["9 to 10 Hz"] < 1e-4 * power["3.5 to 8.5 Hz"]).all()
 # Hz, because half way pulley 2 stays at 8 Hz, at the very end of it.
 #
 # Verdict: **agrees**. Nearly all of the vibration lies where the paper says. **Agrees too** in what is missing:
-# like the paper's simulation, ours has nothing near 9.5 Hz. Notebook 05 looks for the reason.
+# like the paper's simulation, ours has nothing near 9.5 Hz. Notebook 05 asks which cause makes such a peak.
 #
 # A single spectrum hides what a spectrogram shows: pulley lines that come, stay and go, and the mode that rings on.
 

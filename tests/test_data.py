@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 from scipy.stats import binom
 
 import ident
@@ -142,3 +143,23 @@ def test_the_six_axis_arm_is_oblique_and_has_its_licence():
     assert cosines[3:] == pytest.approx([0.5, 0.5], abs=1e-5)
     assert "BSD 3-Clause" in (SIX / "arm.xml").read_text()
     assert "Redistribution and use" in (SIX / "LICENSE").read_text()
+
+
+def test_mujoco_moves_the_arm_whose_numbers_the_runs_of_notebook_05_name():
+    """The truth is made again; of the run at 13 %, what MuJoCo leaves is the noise."""
+    make = program("make", LCD / "mujoco")
+    rows = [line.split(",") for line in (LCD / "mujoco" / "truth.csv").read_text().splitlines()[2:]]
+    arm_file = read_arm(LCD / "arm.toml")
+    true = make.true_arm(arm_file, np.random.default_rng(make.SEED))
+    assert {path: pytest.approx(float(value), rel=1e-4, abs=1e-9) for path, value in rows} == {
+        path: float(true.get(path)) for path, _ in rows
+    }
+    others = [path for path in true.paths() if path not in dict(rows)]
+    assert all(np.array_equal(true.get(path), arm_file.arm.get(path)) for path in others)
+    at, vibration = make.moved(true, make.stroke(true.stroke, percent=13, dwell=2.0), {})
+    time, *measured = np.loadtxt(LCD / "mujoco" / "run13.csv", delimiter=",", skiprows=2, unpack=True)
+    for way, trace in zip(1e3 * vibration[1:], measured, strict=True):
+        curve, peak = make_interp_spline(at, way, k=5), np.abs(way).max()
+        clocks = np.linspace(-make.OFFSET, make.OFFSET, 81)
+        left = min(float(np.std(trace - curve(time + clock))) for clock in clocks)
+        assert 0.9 < left / (make.NOISE * peak) < 1.15
