@@ -292,10 +292,10 @@ FULL = 100.0
 """Speed [%] above which none is advised."""
 CANDIDATES = 10
 """Values of a single number that are assessed by draws, at most; for the time that they take."""
-ROUNDS = 5
-"""Searches at most, each with the excitation that is likely after the change that the one before has found."""
+ROUNDS = 3
+"""Searches at most, each for the ratio of amplitudes after the change that the one before has found; assumed."""
 NO_MORE = 0.01
-"""Share by which that may make the arm vibrate more than it did in the search; assumed."""
+"""Share by which the amplitude may then miss the aim; assumed."""
 VERIFIED = 3
 """Remedies that are verified at most, until one is; for the time that they take."""
 
@@ -438,43 +438,60 @@ def least(
 
 
 def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) -> Remedy:
-    """Take the least change of several numbers that reaches the aim, or the least amplitude; from two starts."""
+    """Take the least change of several numbers that reaches the aim, or the least amplitude.
+
+    From the arm as it is; from the quietest of some places where that leads to neither, or all are above the aim.
+    """
     whole = Search(task.evaluator(*variables), Requirements(), task.effort.screened, task.effort.iterations)
-    search = _with_likely(task, whole, np.zeros(len(variables)))
+    evaluator = whole.objective.evaluator
+    excitation = likely_excitation(task.over_phases(evaluator), task.basis.unknown, np.zeros(len(variables)))
+    search = replace(whole, evaluator=replace(evaluator, arm=evaluator.arm.replace(excitation)))
     starts, objective = search.starts(2, seed=0), search.objective
-    quiet: list[Point] = []
-    near = starts
-    if min(map(objective.largest, starts)) > aim:  # out of reach, it seems: the least amplitude tells
-        quiet = [u for start in starts if (u := search.minimum_amplitude(start)) is not None]
+    quietest, quiet = min(starts, key=objective.largest), list[Point]()
+    near: Sequence[Point] = starts
+    if objective.largest(quietest) > aim:  # out of reach, it seems: the least amplitude tells
+        quiet = [u for u in [search.minimum_amplitude(quietest)] if u is not None]
         near = [u for u in quiet if objective.largest(u) <= aim]
-
-    def least_change(start: Point) -> Point | None:
-        """Search with the excitation that is likely after what was found, until that makes no difference."""
-        seen, u = search, start
-        for _ in range(ROUNDS):
-            found = seen.minimum_change(u, aim)
-            if found is None:
-                return None
-            seen, u = _with_likely(task, whole, found), found
-            if seen.objective.largest(u) <= aim * (1 + NO_MORE):
-                break
-        return u
-
-    reached = [u for start in near if (u := least_change(start)) is not None]
-    if reached:
-        best = min(reached, key=objective.change_norm)
-    else:
+    over = replace(whole, evaluator=task.over_phases(evaluator))
+    best = next((u for start in near if (u := _least_change(task, over, start, aim)) is not None), None)
+    if best is None:
         quiet = quiet or [u for start in near if (u := search.minimum_amplitude(start)) is not None]
         best = min([0 * objective.scale, *starts, *quiet], key=objective.largest)
     evaluator = task.evaluator(*variables, draws=task.assessment_draws)
     return assessed(task, evaluator, kind, best * objective.scale, change_norm=objective.change_norm(best))
 
 
-def _with_likely(task: Task, search: Search, u: Point) -> Search:
-    """Return a search of the arm with the excitation that is likely at a place."""
-    evaluator, change = search.objective.evaluator, u * search.objective.scale
-    excitation = likely_excitation(task.over_phases(evaluator), task.basis.unknown, change)
-    return replace(search, evaluator=replace(evaluator, arm=evaluator.arm.replace(excitation)))
+def _least_change(task: Task, search: Search, start: Point, aim: float) -> Point | None:
+    """Return the least change with which `CONFIDENT` of all phases reach an aim [m]; None where none is found.
+
+    The amplitude over all phases is smooth, that of a share of them is not: so the former is searched, for the aim
+    times the ratio of both, which a change hardly alters, until it alters no more.
+
+    Args:
+        task: what is asked.
+        search: over all phases that are not known.
+        start: where it starts.
+        aim: [m]
+    """
+
+    def reached(u: Point) -> tuple[float, float]:
+        """Return the amplitude with the share of the phases, and with all of them [m]."""
+        superposed = search.objective.evaluator.superposition(u * search.objective.scale)
+        largest = float(superposed.worst.max())
+        if not superposed.unknown:
+            return largest, largest
+        peaks = over_phases(superposed, task.basis.unknown).peaks.max(0)
+        return float(np.quantile(peaks, CONFIDENT, method="higher")), largest
+
+    u, (share, largest) = start, reached(start)
+    for _ in range(ROUNDS):
+        found = search.minimum_change(u, aim * largest / share)
+        if found is None:
+            return None
+        u, (share, largest) = found, reached(found)
+        if abs(share / aim - 1) <= NO_MORE:
+            break
+    return u
 
 
 def _slower_or_faster(task: Task) -> Remedy:

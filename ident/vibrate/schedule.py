@@ -86,12 +86,16 @@ class Path:
     """Where a motion goes, however fast: joint angles over alpha, the speed of which along the joints' space is even.
 
     Attributes:
-        spline: joint angles [rad] over alpha [rad]: a line for a stroke.
+        knots: (K,) [rad] of a B-spline over alpha.
+        coefficients: (K - degree - 1, driven) [rad] of the joint angles.
+        degree: of the spline: 1 for a stroke, which is a line.
         ends: alpha at start and end [rad].
         limits: (3, driven) [rad/s, rad/s^2, rad/s^3] of each joint's speed, acceleration and jerk.
     """
 
-    spline: BSpline
+    knots: Float[np.ndarray, "K"]
+    coefficients: Float[np.ndarray, "C driven"]
+    degree: int
     ends: tuple[float, float]
     limits: Float[np.ndarray, "3 driven"]
 
@@ -105,7 +109,7 @@ class Path:
             shares = np.where(direction == 0, np.inf, np.abs(direction) * own[:, None])
         limits = np.minimum(shares, np.array([joint.rates for joint in arm.driven]).T)
         spline = make_interp_spline(ends, ends[:, None] * direction, k=1)
-        return cls(spline, (unfolded, folded) if retract else (folded, unfolded), limits)
+        return cls(spline.t, spline.c, 1, (unfolded, folded) if retract else (folded, unfolded), limits)
 
     @classmethod
     def of_motion(cls, arm: Arm, motion: Motion) -> "Path":
@@ -128,7 +132,13 @@ class Path:
         at = [np.interp(even, way[moving], angle[moving]) for angle in angles]
         spline = make_interp_spline(even, np.stack(at, 1), k=DEGREE)
         _refuse_corners(motion.name, spline, time, way, angles)
-        return cls(spline, (0.0, float(way[-1])), np.array([joint.rates for joint in arm.driven]).T)
+        limits = np.array([joint.rates for joint in arm.driven]).T
+        return cls(spline.t, spline.c, DEGREE, (0.0, float(way[-1])), limits)
+
+    @cached_property
+    def spline(self) -> BSpline:
+        """Joint angles [rad] over alpha [rad]."""
+        return BSpline(self.knots, self.coefficients, self.degree)
 
     def angles(self, alpha: Float[np.ndarray, "K"], order: int = 0) -> Float[np.ndarray, "driven K"]:
         """Return the joint angles [rad], or their derivatives by alpha of an order."""
@@ -145,7 +155,7 @@ class Path:
 
         On a path that bends by quintic pieces with the angles, speeds and accelerations at their ends (Hermite).
         """
-        if self.spline.k == 1:
+        if self.degree == 1:
             direction = self.angles(np.array(self.ends[:1]), 1)[:, 0]
             return Motion(alpha.name, alpha.breaks, alpha.coefficients * direction, alpha.arrival)
         even = np.linspace(0.0, alpha.arrival, 2 + int(alpha.arrival * RATE))

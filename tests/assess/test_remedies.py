@@ -144,8 +144,8 @@ def test_along_the_path_a_pulley_stays_below_the_first_mode():
     basis = basis_of(ARM, DiagnoseOptions(phases="file"))
     search = scheduling_of(basis, basis.arm.stroke, segments=SEGMENTS, dwell=0.5, retract=False)
     first = search.frequencies(search.places[1:-1])[0]
-    slow = [each for each in _below_first_mode(search) if (each.speeds[1:-1] < 0.999 * search.limits.speed).all()]
-    ratios = [each.speeds[1:-1] * search.orders()[:, None] / first for each in slow]
+    slow = [each for each in _below_first_mode(search) if (each.speeds[1:-1] < 0.999 * search.allowed.speed).all()]
+    ratios = [each.speeds[1:-1] * search.orders(search.places[1:-1]) / first for each in slow]
     constant = [np.ptp(ratio, axis=1).min() < 1e-9 for ratio in ratios]
     assert sum(constant) >= 5
     schedule = slow[constant.index(True)]
@@ -154,7 +154,7 @@ def test_along_the_path_a_pulley_stays_below_the_first_mode():
     joint = [each.name for each in ARM.arm.driven].index("joint2")
     ratio = abs(float(next(each for each in ARM.arm.drives if each.name == "drive2").ratio))
     turns = ratio * np.abs(np.asarray(qd)[joint]) / (2 * np.pi)
-    natural = search.frequencies(search.alpha(q))[0]
+    natural = search.frequencies(search.path.alpha(q))[0]
     share = ratios[constant.index(True)].max()
     assert (turns / natural).max() < 1.03 * share < 1.03
 
