@@ -18,7 +18,7 @@
 # 9.5 Hz in the vertical spectrum unexplained. Its Figures 5 to 7 compare measured and computed traces. Here such traces
 # lead to the cause, and the cause to a cure.
 #
-# The traces are **synthetic**. MuJoCo, not ident, moves an arm near that of `arm.toml`: its stiffnesses are off by a
+# The traces are **synthetic**. MuJoCo, not ident, moves an arm near that of `arm.toml`: its stiffnesses differ by a
 # draw of the fit of notebook 01, its drives have transmission errors, all phases are drawn. Recorders add noise and
 # have clocks of their own (`data/lcd_arm/mujoco/make.py`). ident knows the file and the traces at 7, 10 and 13 % of
 # full speed. Run it in the folder `notebooks`.
