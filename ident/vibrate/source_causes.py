@@ -64,6 +64,8 @@ WIDER = 3.0
 """By which standard deviations of clock, stiffness, damping and tilt are widened: an unknown cause was fitted along."""
 BLOCKS, FOLDS = 8, 4
 """Blocks of each trace, which are left out in so many turns."""
+MOST_TEETH = 1000
+"""Teeth of a pulley, at most: more are no pulley's."""
 SURE = 0.95
 """Least probability of a cause that can be told; assumed."""
 NEEDED = 3.0
@@ -108,7 +110,8 @@ class Cause:
         kind: one of `CAUSES`.
         source: the strongest source of its kind; None of a finger and of a fixed frequency.
         frequency: [Hz] of a finger or a line; NaN of sources, which have none of their own.
-        explained: share of the band's energy that it explains in its set, the best one in which it is the largest.
+        share: share of the band's energy that it makes itself in its set, the best one in which it is the largest.
+        explained: share that this set explains.
         predicted: share of the energy of blocks left out that this set predicts.
         evidence: probability by evidence that it is the largest cause.
         held_out: probability of the same by prediction.
@@ -117,6 +120,7 @@ class Cause:
     kind: str
     source: ExcitingOrder | None
     frequency: float
+    share: float
     explained: float
     predicted: float
     evidence: float
@@ -169,8 +173,8 @@ def check_peak(problem: SourceProblem, peak: float | None, teeth: Mapping[str, f
     for name, count in teeth.items():
         if name not in names:
             raise refusal("teeth", quoted(name), f"one of {', '.join(names)}", "name a belt of the arm")
-        if not (count >= 1 and float(count).is_integer()):
-            raise refusal("teeth", f"{name}={count:g}", "a whole number from 1", "correct it")
+        if not (1 <= count <= MOST_TEETH and float(count).is_integer()):
+            raise refusal("teeth", f"{name}={count:g}", f"a whole number from 1 to {MOST_TEETH}", "correct it")
         if peak is None:
             raise refusal("teeth", f"{name}={count:g} without a peak", "both", "give `peak`, in Hz, too")
     if peak is None:
@@ -499,8 +503,8 @@ class _Contest:
                 for k in (0, 1)
             ]
             shown = [self._explained(part) for part in (self.sets[best].left, self.sets[best].unseen)]
-            frequency = self.sets[best].how[kind][0]
-            causes.append(Cause(kind, self._strongest(kind, best), frequency, shown[0], shown[1], *map(float, odds)))
+            source, frequency = self._strongest(kind, best), self.sets[best].how[kind][0]
+            causes.append(Cause(kind, source, frequency, every[best][kind], *shown, *map(float, odds)))
         causes.sort(key=lambda cause: (-cause.evidence, -cause.held_out, -cause.predicted))
         band = (peak * (1 - WIDTH), peak * (1 + WIDTH))
         result = Causes(peak, band, tuple(causes), untested, 1 - max(cause.explained for cause in causes), 0.0)
