@@ -38,7 +38,7 @@ from scipy.signal import cont2discrete, firwin, lfilter, upfirdn
 
 from ident.arm.fields import names_of
 from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders
-from ident.arm.parts import Drive, ErrorOrder
+from ident.arm.parts import ORDER_MAX, Drive, ErrorOrder
 from ident.errors import refusal
 from ident.text import quoted
 from ident.vibrate.source_identification import RIDGE, whitened
@@ -64,8 +64,6 @@ WIDER = 3.0
 """By which standard deviations of clock, stiffness, damping and tilt are widened: an unknown cause was fitted along."""
 BLOCKS, FOLDS = 8, 4
 """Blocks of each trace, which are left out in so many turns."""
-MOST_TEETH = 1000
-"""Teeth of a pulley, at most: more are no pulley's."""
 SURE = 0.95
 """Least probability of a cause that can be told; assumed."""
 NEEDED = 3.0
@@ -173,8 +171,8 @@ def check_peak(problem: SourceProblem, peak: float | None, teeth: Mapping[str, f
     for name, count in teeth.items():
         if name not in names:
             raise refusal("teeth", quoted(name), f"one of {', '.join(names)}", "name a belt of the arm")
-        if not (1 <= count <= MOST_TEETH and float(count).is_integer()):
-            raise refusal("teeth", f"{name}={count:g}", f"a whole number from 1 to {MOST_TEETH}", "correct it")
+        if not (1 <= count <= ORDER_MAX and float(count).is_integer()):
+            raise refusal("teeth", f"{name}={count:g}", f"a whole number from 1 to {ORDER_MAX}", "correct it")
         if peak is None:
             raise refusal("teeth", f"{name}={count:g} without a peak", "both", "give `peak`, in Hz, too")
     if peak is None:
@@ -231,6 +229,8 @@ def _with_mesh(problem: SourceProblem, teeth: Mapping[str, float], peak: float) 
     for belt in (belt for belt in arm.belts if belt.name in teeth):
         count = float(teeth[belt.name])
         own = {belt.driver: count, belt.driven: count * float(belt.driven_radius) / float(belt.driver_radius)}
+        # the belt runs along the driver's link, which turns by q while the pulley turns by ratio q: `multibody.stretch`
+        own |= {d.joint: count * (1 - 1 / float(d.ratio)) for d in arm.drives if d.joint == belt.driver}
         for drive in arm.drives:
             taken = [2.0, *(each.order for each in drive.errors), *orders.get(drive.name, [])]
             if drive.joint in own and own[drive.joint] not in taken:
