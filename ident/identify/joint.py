@@ -130,7 +130,12 @@ class JointTwist:
         return float(fisher.sf(spread / (len(each) - 1), len(each) - 1, BLOCKS - 1)) < CHANCE
 
     def told(self, quantity: str) -> bool:
-        """Whether the logs tell a quantity: its interval is narrow enough, and they agree on the stiffness."""
+        """Whether the logs tell a quantity: its interval is narrow enough, and they agree on the stiffness.
+
+        Where the stiffness is below 0, a sign or a column is wrong, and nothing is told.
+        """
+        if self.compliance.high < 0:
+            return False
         number = self.numbers[quantity]
         off = max(number.high - number.value, number.value - number.low)
         size = abs(number.value) if quantity == "delay" else number.value  # a delay below 0 is the motor's
