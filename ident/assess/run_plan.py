@@ -1,8 +1,8 @@
 """What planned runs would tell of what excites an arm, from the model alone, and which further run would tell more.
 
-White noise of a share of each trace's peak, in further runs the largest of these; sources as the arm has them. Further
-runs are ranked by the information that they add on all sources, 1/2 ln of the ratio of the determinants of the
-covariance before and after.
+White noise of a share of each trace's peak, in further runs the largest of these; sources as the arm has them. Sensors
+of further runs see what the first trace does: displacement, velocity or acceleration. Further runs are ranked by the
+information that they add on all sources, 1/2 ln of the ratio of the determinants of the covariance before and after.
 """
 
 from collections.abc import Iterator
@@ -122,6 +122,8 @@ def planned(arm: Arm, table: Runs, *, noise: float, progress: Any = iter) -> Run
     place = _as_it_is(problem)
     precision = problem.priors[0].copy()
     own_noise = _noise(problem, place, noise)
+    kinds = [problem.runs[each.run].sensors[each.sensor].derivative for each in problem.channels]
+    further_noise = max(sd for sd, kind in zip(own_noise, kinds, strict=True) if kind == kinds[0])
     for each in noisy_columns(problem, place, own_noise):
         precision += each.T @ each
     covariance, groups = np.linalg.inv(precision), place.parts.shape[0]
@@ -136,7 +138,7 @@ def planned(arm: Arm, table: Runs, *, noise: float, progress: Any = iter) -> Run
     for run, label in progress(list(_candidates(problem))):
         alone = further_run(problem, run, range(len(run.sensors)), RATE)
         here = alone.start._replace(parts=place.parts[:1])
-        columns = noisy_columns(alone, here, [max(own_noise)] * len(run.sensors))
+        columns = noisy_columns(alone, here, [further_noise] * len(run.sensors))
         for sensor, own in zip(run.sensors, columns, strict=True):
             after = np.linalg.inv(before + shared_information(alone, [own]))[count:, count:]
             dets = [np.linalg.slogdet(each)[1] for each in (covariance[np.ix_(known, known)][count:, count:], after)]

@@ -7,7 +7,8 @@ The twist is linear in what is wanted, one equation a sample (all counted at the
 with the torque tau that the spring carries, motor speed v, the delay d of the link's channel behind the motor's, the
 backlash b, and the eccentricity e of the link's encoder. A motor's torque T, less what its inertia J takes, still has
 friction in it: tau = T - J a - F_c sign(v) - F_v v. So F_v / k and d share a column: the twist alone can't tell them
-apart. Where the torque in the joint was measured, or no other joint moved, the motor's torque tells friction by itself.
+apart, and a link shifted by d - F_v / k, at its own speed v - tau' / k, seems to have the damping c + F_v. Where the
+torque in the joint was measured, or no other joint moved, the motor's torque tells friction by itself.
 
 References:
     T. Söderström, P. Stoica, "Instrumental Variable Methods for System Identification", Springer 1983. H. R. Künsch,
@@ -97,7 +98,8 @@ class JointTwist:
         numbers: by quantity: `stiffness` [N m/rad], `damping` [N m s/rad], `coulomb` [N m], `viscous` [N m s/rad],
             `backlash` [rad], `delay` [s] of the link's channel.
         compliance: [rad/(N m)] one over the stiffness.
-        parted: whether viscous friction is told apart from the delay, which else is less by viscous / stiffness.
+        parted: whether viscous friction is told apart from the delay, which else is less by viscous / stiffness, and
+            from damping, which else is more by it.
         alone: what each of several logs says by itself.
         without: stiffness if the model had no delay, no friction or no error of the encoder, by that word.
         torque: (T,) [N m] that the spring carries, as far as friction is known, at each sample that counts.
@@ -128,10 +130,16 @@ class JointTwist:
         return float(fisher.sf(spread / (len(each) - 1), len(each) - 1, BLOCKS - 1)) < CHANCE
 
     def told(self, quantity: str) -> bool:
-        """Whether the logs tell a quantity: its interval is narrow enough, and they agree on the stiffness."""
+        """Whether the logs tell a quantity: its interval is narrow enough, and they agree on the stiffness.
+
+        Where the stiffness is below 0, a sign or a column is wrong, and nothing is told.
+        """
+        if self.compliance.high < 0:
+            return False
         number = self.numbers[quantity]
         off = max(number.high - number.value, number.value - number.low)
-        return off <= NOT_TOLD * number.value and not (quantity == "stiffness" and self.disagree)
+        size = abs(number.value) if quantity == "delay" else number.value  # a delay below 0 is the motor's
+        return off <= NOT_TOLD * size and not (quantity == "stiffness" and self.disagree)
 
 
 NOTHING = JointNumber(nan, nan, nan)
@@ -231,6 +239,10 @@ def _rows(
     if sigma < 0.4:
         got, expected = f"{1 / step:.4g} samples a second", f"at least {1 / step * 0.4 / sigma:.4g} for `upto`"
         raise refusal(log.path, got, expected, "log faster, or lower `upto`")
+    if 8 * sigma > len(time):  # a filter that takes all of the log, and without an end of memory
+        lowest = setting.upto * 8 * sigma / len(time)
+        got, expected = f"{len(time)} samples for `upto` {setting.upto:g} Hz", f"at least {lowest:.4g} Hz"
+        raise refusal(log.path, got, expected, "give a longer log, or raise `upto`")
 
     def smooth(values: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
         return np.asarray(gaussian_filter1d(values, sigma))

@@ -101,6 +101,6 @@ def _channel_problems(series: Series, joint: str, locked: bool) -> Iterator[Prob
             got = "one value throughout"
             expected = "a joint that moves" if CHANNELS[channel] == "angle" else "a torque that varies"
             yield Problem(series.where[0], got, expected, "log a motion to and fro", name)
-        elif CHANNELS[channel] == "angle" and series.columns[name].unit == "rad" and span > FARTHEST:
-            remedy = f"if it is in degrees, write '{name} [deg]'; if it is the motor's own, give its `ratio`"
+        elif channel == "link" and series.columns[name].unit == "rad" and span > FARTHEST:
+            remedy = f"if it is in degrees, write '{name} [deg]'"
             yield Problem(series.where[0], f"a range of {span:.4g} rad", f"at most {FARTHEST:.3g} rad", remedy, name)

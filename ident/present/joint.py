@@ -72,12 +72,16 @@ def _table(joints: "Sequence[JointTwist]") -> Table:
     hidden = [HEADS[quantity].partition(" [")[0] for quantity in HEADS if quantity not in shown]
 
     def cell(joint: "JointTwist", quantity: str) -> str:
+        if not joint.told(quantity):
+            return "-"
         number = joint.numbers[quantity]
-        share = 100 * _half(number) / number.value
-        return f"{written(_size(quantity) * number.value, '#.3g')} ±{share:.2g}%" if joint.told(quantity) else "-"
+        share = 100 * _half(number) / abs(number.value)
+        return f"{written(_size(quantity) * number.value, '#.3g')} ±{share:.2g}%"
 
     rows = tuple((each.name, *(cell(each, quantity) for quantity in shown)) for each in joints)
-    lag = f" Delay: of the link's channel{'' if joints[0].parted else ', less viscous friction / stiffness'}."
+    both = "" if joints[0].parted else ", less viscous friction / stiffness"
+    both += "; damping: plus viscous friction" if both and "damping" in shown else ""
+    lag = f" Delay: of the link's channel{both}."
     if joints[0].setting.locked:
         lag = " Friction of a clamped joint has its damping in it."
     nowhere = f"; of no joint: {', '.join(hidden)}" if hidden else ""
@@ -99,9 +103,13 @@ def _findings(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Ite
     ]
     if lacking:
         yield Finding(f"Motor inertia of {some(lacking)} unknown: fitted, at a loss of certainty", "give --inertia")
-    if hidden := [each.name for each in joints if not each.told("stiffness") and not each.disagree]:
+    hidden = [each for each in joints if not each.told("stiffness") and not each.disagree]
+    if below := [each.name for each in hidden if each.compliance.high < 0]:
+        remedy = "count torques positive the way that angles grow; check inertia; are motor and link swapped?"
+        yield Finding(f"The stiffness of {some(below)} comes out below 0: the twist is against the torque", remedy)
+    if quiet := [each.name for each in hidden if each.name not in below]:
         remedy = "log faster reversals, or a larger load on the joint"
-        yield Finding(f"The stiffness of {some(hidden)} cannot be told: the torque in it varies too little", remedy)
+        yield Finding(f"The stiffness of {some(quiet)} cannot be told: the torque in it varies too little", remedy)
 
 
 def _short(number: "JointNumber") -> str:

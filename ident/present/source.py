@@ -228,8 +228,9 @@ def cause_finding(causes: "Causes") -> Finding:
         what = "none of the causes tested explains it"
         return Finding(f"{at}: {what} ({100 * (1 - causes.left):.0f} % at most)", "look at the trace with ident triage")
     if causes.told:
-        beside = f", the next, {said(others[0])}, {100 * max(0.0, others[0].predicted):.0f} %" if others else ""
-        return Finding(f"{at}: {said(first)}, predicts {100 * first.predicted:.0f} % of blocks left out{beside}")
+        beside = f"; led by {said(others[0])}: {100 * max(0.0, others[0].predicted):.0f} %" if others else ""
+        all_of_them = f"with lesser causes {100 * first.predicted:.0f} % of blocks left out are predicted{beside}"
+        return Finding(f"{at}: largest cause {said(first)}, {100 * first.share:.0f} % of its energy ({all_of_them})")
     rival = max(others, key=lambda cause: max(cause.evidence, cause.held_out))
     remedy = f"add a run at {causes.speed:g} %" if causes.speed else "add a sensor elsewhere, or a longer run"
     return Finding(f"{at} cannot be told: {said(first)} or {said(rival)}", remedy)
@@ -237,17 +238,17 @@ def cause_finding(causes: "Causes") -> Finding:
 
 def _cause_section(causes: "Causes") -> Section:
     rows = [
-        (said(each), *(100 * x for x in (each.explained, each.predicted, each.evidence, each.held_out)))
+        (said(each), *(100 * x for x in (each.share, each.explained, each.predicted, each.evidence, each.held_out)))
         for each in causes.causes
     ]
-    head = ("Largest cause", "explains [%]", "predicts [%]", "p by evidence [%]", "p by prediction [%]")
+    head = ("Largest cause", "own", "set explains", "set predicts", "p by evidence", "p by prediction")
     low, high = causes.band
     untested = [f"{CAUSES[kind]}: not tested, {why}." for kind, why in causes.untested.items()]
     text = (
-        f"Shares of the energy from {low:.3g} to {high:.3g} Hz, noise included, by the best set of causes in which "
-        "this one is the largest; predicted: of blocks that were left out."
+        f"Shares [%] of the energy from {low:.3g} to {high:.3g} Hz, noise included, by a cause and by the best set of "
+        "causes in which it is the largest; predicted: of blocks that were left out. p [%]: that it is the largest."
     )
-    table = Table("", head, tuple(rows), ("", *(".0f",) * 4))
+    table = Table("", head, tuple(rows), ("", *(".0f",) * 5))
     return Section(f"What makes the peak at {causes.peak:g} Hz?", (text, *untested, table))
 
 

@@ -1,6 +1,6 @@
 """Tell stiffness, damping, friction, backlash and delay of a joint from logs of its motor and its link."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,8 @@ EACH: Any = {"repeated": True, "read": reading.by_name}
 """How an option is read that may differ between joints."""
 NAMED = 3
 """Logs after which a result is called."""
+ALIKE = 0.99
+"""Correlation of a motor and a link from which on one follows the other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,6 +134,11 @@ def joint(
         for log in read
         if {name: {*columns} for name, columns in log.columns.items()} != channels
     ]
+    hashes = [log.sha256 for log in read]
+    for k, log in enumerate(read):
+        if log.sha256 and log.sha256 in hashes[:k]:  # counted twice it would be twice as sure
+            got = f"the log {one_line(read[hashes.index(log.sha256)].path)} again"
+            problems.append(Problem(one_line(log.path), got, "each log once", "drop one of them"))
     for option_ in ("ratio", "inertia"):
         for name in getattr(options, option_):
             if name and name not in names:
@@ -141,12 +148,31 @@ def joint(
         raise InputError(problems)
     ratios = {name: options.ratio.get(name, options.ratio.get("", 1.0)) for name in names}
     counted = tuple(replace(log, columns={n: _at_joint(log.columns[n], ratios[n]) for n in names}) for log in read)
+    if problems := [each for log in counted for each in _unlike(log)]:
+        raise InputError(problems)
     found = []
     for name in names:
         inertia = options.inertia.get(name, options.inertia.get("", 0.0)) * ratios[name] ** 2 or None
         setting = TwistSetting(inertia, options.alone, options.locked, options.centred, options.upto)
         found.append(joint_twist(name, counted, setting))
     return JointResult(tuple(found), counted, options)
+
+
+def _unlike(log: "JointLog") -> Iterator[Problem]:
+    """Yield links that are their motors, and motors that follow their links, but not as far, or the other way."""
+    import numpy as np
+
+    for name, columns in log.columns.items():
+        if "link" not in columns:
+            continue
+        if np.array_equal(columns["motor"], columns["link"]):
+            got, remedy = "the motor's angle throughout", "give the column of the link's own encoder"
+            yield Problem(one_line(log.path), got, "an angle measured at the link", remedy, f"{name}.link")
+        (own, both), (_, link) = np.cov(columns["motor"], columns["link"])
+        if both**2 > ALIKE**2 * own * link and not own < 2 * both < 4 * own:
+            got, expected = f"{own / both:.3g} times the link's angle", "about the link's angle, counted at the joint"
+            remedy = "give its `ratio`, or correct its unit or its sign in the file"
+            yield Problem(one_line(log.path), got, expected, remedy, f"{name}.motor")
 
 
 def _at_joint(columns: Mapping[str, Any], ratio: float) -> dict[str, Any]:

@@ -38,7 +38,7 @@ from scipy.signal import cont2discrete, firwin, lfilter, upfirdn
 
 from ident.arm.fields import names_of
 from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders
-from ident.arm.parts import Drive, ErrorOrder
+from ident.arm.parts import ORDER_MAX, Drive, ErrorOrder
 from ident.errors import refusal
 from ident.text import quoted
 from ident.vibrate.source_identification import RIDGE, whitened
@@ -108,7 +108,8 @@ class Cause:
         kind: one of `CAUSES`.
         source: the strongest source of its kind; None of a finger and of a fixed frequency.
         frequency: [Hz] of a finger or a line; NaN of sources, which have none of their own.
-        explained: share of the band's energy that it explains in its set, the best one in which it is the largest.
+        share: share of the band's energy that it makes itself in its set, the best one in which it is the largest.
+        explained: share that this set explains.
         predicted: share of the energy of blocks left out that this set predicts.
         evidence: probability by evidence that it is the largest cause.
         held_out: probability of the same by prediction.
@@ -117,6 +118,7 @@ class Cause:
     kind: str
     source: ExcitingOrder | None
     frequency: float
+    share: float
     explained: float
     predicted: float
     evidence: float
@@ -169,8 +171,8 @@ def check_peak(problem: SourceProblem, peak: float | None, teeth: Mapping[str, f
     for name, count in teeth.items():
         if name not in names:
             raise refusal("teeth", quoted(name), f"one of {', '.join(names)}", "name a belt of the arm")
-        if not (count >= 1 and float(count).is_integer()):
-            raise refusal("teeth", f"{name}={count:g}", "a whole number from 1", "correct it")
+        if not (1 <= count <= ORDER_MAX and float(count).is_integer()):
+            raise refusal("teeth", f"{name}={count:g}", f"a whole number from 1 to {ORDER_MAX}", "correct it")
         if peak is None:
             raise refusal("teeth", f"{name}={count:g} without a peak", "both", "give `peak`, in Hz, too")
     if peak is None:
@@ -227,6 +229,8 @@ def _with_mesh(problem: SourceProblem, teeth: Mapping[str, float], peak: float) 
     for belt in (belt for belt in arm.belts if belt.name in teeth):
         count = float(teeth[belt.name])
         own = {belt.driver: count, belt.driven: count * float(belt.driven_radius) / float(belt.driver_radius)}
+        # the belt runs along the driver's link, which turns by q while the pulley turns by ratio q: `multibody.stretch`
+        own |= {d.joint: count * (1 - 1 / float(d.ratio)) for d in arm.drives if d.joint == belt.driver}
         for drive in arm.drives:
             taken = [2.0, *(each.order for each in drive.errors), *orders.get(drive.name, [])]
             if drive.joint in own and own[drive.joint] not in taken:
@@ -499,8 +503,8 @@ class _Contest:
                 for k in (0, 1)
             ]
             shown = [self._explained(part) for part in (self.sets[best].left, self.sets[best].unseen)]
-            frequency = self.sets[best].how[kind][0]
-            causes.append(Cause(kind, self._strongest(kind, best), frequency, shown[0], shown[1], *map(float, odds)))
+            source, frequency = self._strongest(kind, best), self.sets[best].how[kind][0]
+            causes.append(Cause(kind, source, frequency, every[best][kind], *shown, *map(float, odds)))
         causes.sort(key=lambda cause: (-cause.evidence, -cause.held_out, -cause.predicted))
         band = (peak * (1 - WIDTH), peak * (1 + WIDTH))
         result = Causes(peak, band, tuple(causes), untested, 1 - max(cause.explained for cause in causes), 0.0)

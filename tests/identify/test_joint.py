@@ -55,6 +55,20 @@ def test_the_torque_in_the_joint_tells_damping_and_backlash(channels):
     assert found.numbers["damping"].value == pytest.approx(2000, rel=0.2)
 
 
+def test_damping_is_more_by_viscous_friction_where_they_are_not_parted():
+    """The shift that the delay lacks by viscous friction turns into damping."""
+    truth = replace(TRUTH, damping=200.0, viscous=1000.0)
+    found = found_in(truth, joint_log(truth, noise=0.01))
+    assert found.numbers["damping"].value == pytest.approx(1200.0, rel=0.1)
+
+
+def test_a_link_ahead_of_its_motor_has_a_delay_below_0():
+    truth = replace(TRUTH, delay=-3e-3)
+    found = found_in(truth, joint_log(truth), alone=True)
+    assert found.told("delay")
+    assert found.numbers["delay"].value == pytest.approx(-3e-3, rel=0.01)
+
+
 def test_a_torque_that_keeps_its_sign_tells_no_backlash():
     found = found_in(replace(TRUTH, backlash=2e-4), joint_log(replace(TRUTH, backlash=2e-4), channels=LOAD))
     assert np.isnan(found.numbers["backlash"].value)

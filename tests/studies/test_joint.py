@@ -83,26 +83,35 @@ def test_alone_finds_one_delay_of_three_axes():
         assert row["value"] == pytest.approx(3.0e-3, rel=0.03)
 
 
-def written(path, log, *, motor=1.0, ratio=1.0):
+def written(path, log, *, ratio=1.0, torque=1.0):
     """Write a log as a controller may, with the motor at its own shaft."""
     columns = log.columns["joint"]
     lines = [HEAD.replace("[deg]", "[rad]")]
     for i, time in enumerate(log.time):
-        numbers = (time, columns["motor"][i] * ratio, columns["link"][i], columns["torque"][i] / ratio)
+        numbers = (time, columns["motor"][i] * ratio, columns["link"][i], torque * columns["torque"][i] / ratio)
         lines.append(",".join(f"{x:.12g}" for x in numbers))
     path.write_text("\n".join(lines) + "\n")
     return path
 
 
 def test_a_motor_at_its_shaft_is_the_same_joint(tmp_path):
+    """Also where it turns by more than a joint can."""
     log = joint_log(Truth())
-    path = written(tmp_path / "shaft.csv", log, ratio=8.0)
-    at_shaft = ident.joint(path, ratio="8", inertia={"joint1": 30 / 64})
+    path = written(tmp_path / "shaft.csv", log, ratio=128.0)
+    at_shaft = ident.joint(path, ratio="128", inertia={"joint1": 30 / 128**2})
     at_joint = ident.joint(written(tmp_path / "joint.csv", log), inertia="30")
     for one, other in zip(at_shaft.table(), at_joint.table(), strict=True):
         assert one["told"] == other["told"]
         assert one["value"] == pytest.approx(other["value"], rel=1e-5, nan_ok=True)
     assert [path.name for path in at_joint.save_figures(tmp_path)] == ["joint.joint.png"]
+
+
+def test_a_torque_counted_the_other_way_is_told(tmp_path):
+    result = ident.joint(written(tmp_path / "log.csv", joint_log(Truth()), torque=-1.0), inertia="30")
+    text = result.report()
+    assert not any(row["told"] for row in result.table())
+    assert "comes out below 0" in text
+    assert "varies too little" not in text
 
 
 ROWS = [[0.004 * i, 10 * np.sin(i / 80), 10 * np.sin(i / 80) - 0.01, 50 * np.cos(i / 80)] for i in range(1000)]
@@ -134,12 +143,33 @@ def set_column(index, value):
         (HEAD, set_column(3, 7.0), "joint1.torque: got one value throughout, expected a torque that varies"),
         (
             HEAD.replace("[deg]", "[rad]"),
-            lambda rows: [[row[0], 10 * row[1], *row[2:]] for row in rows],
+            lambda rows: [[row[0], row[1], 10 * row[2], *row[3:]] for row in rows],
             "a range of 200 rad",
         ),
+        (
+            HEAD,
+            lambda rows: [[*row[:2], row[1], row[3]] for row in rows],
+            "joint1.link: got the motor's angle throughout",
+        ),
+        (HEAD, lambda rows: [[row[0], -row[1], *row[2:]] for row in rows], "joint1.motor: got -1 times the link's"),
+        (HEAD, lambda rows: [[row[0], 121 * row[1], *row[2:]] for row in rows], "joint1.motor: got 121 times the link"),
         (HEAD, lambda rows: rows[:60], "samples in which joint1 moves, expected at least 100"),
     ],
-    ids=["link", "torque", "joint", "quantity", "unit", "gap", "still", "constant", "radians", "short"],
+    ids=[
+        "link",
+        "torque",
+        "joint",
+        "quantity",
+        "unit",
+        "gap",
+        "still",
+        "constant",
+        "radians",
+        "same",
+        "sign",
+        "ratio",
+        "short",
+    ],
 )
 def test_bad_logs_are_one_line(tmp_path, head, change, said):
     text = refused(tmp_path, head, change or (lambda rows: rows))
@@ -152,6 +182,9 @@ def test_bad_options_are_one_line(tmp_path):
     assert "inertia: got 0, expected a number above 0" in refused(tmp_path, inertia={"": 0.0})
     assert "got it beside `locked`" in refused(tmp_path, alone=True, locked=True)
     assert "expected none, for the link is `locked`" in refused(tmp_path, locked=True)
+    assert "for `upto` 1e-06 Hz, expected at least" in refused(tmp_path, upto=1e-6)
+    with pytest.raises(InputError, match=r"a\.csv again, expected each log once"):
+        ident.joint([LOGS[0], LOGS[0]])
     with pytest.raises(InputError, match="got other columns, expected those of"):
         ident.joint([LOGS[0], written(tmp_path / "other.csv", joint_log(Truth(), duration=3.0))])
 

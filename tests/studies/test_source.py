@@ -14,6 +14,7 @@ from source_runs import FILE, HEAD, TRUTH, measure, table
 
 import ident
 from ident.arm.arm import stiffness_paths
+from ident.assess import run_plan
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.measure.runs import _clipped, read_runs, write_runs
@@ -301,6 +302,17 @@ def test_planned_runs_say_what_they_would_tell(folder, result, tmp_path):
     assert_one_screen(planned.report(), files=1)
     assert not too_wide(planned.report(details=True))
     assert_plain(assert_comes_back(planned, tmp_path).table())
+
+
+def test_an_accelerometer_s_noise_is_not_that_of_a_displacement(tmp_path, monkeypatch):
+    """A further trace of acceleration takes nothing from what a further displacement would tell."""
+    monkeypatch.setattr(run_plan, "FURTHER", (14.0,))
+    monkeypatch.setattr(run_plan, "PARTS", run_plan.PARTS[:1])
+    best = []
+    for rows in ("a.csv,y,y,m,12,a\n", "a.csv,y,y,m,12,a\nb.csv,y,y,m/s^2,12,b\n"):
+        (tmp_path / "planned.csv").write_text("file,channel,direction,unit,speed [%],group\n" + rows)
+        best.append(ident.plan(FILE, runs=tmp_path / "planned.csv").plan.further[0].gain)
+    assert best[1] > 0.5 * best[0]
 
 
 def test_planned_runs_need_a_unit_and_no_campaign(tmp_path):

@@ -25,8 +25,8 @@ NOISE, BESIDE = 0.05, 0.15
 """Noise by each trace's peak; and imbalance and error by the cause, where they are none, rms in the band."""
 SENSORS = (Sensor("tip", (0.0, 1.0, 0.0)), Sensor("tip", (0.0, 0.0, 1.0)))
 TEETH = {"belt1": 12.0}
-MESH = {"drive1": 12.0, "drive2": 6.0}
-"""Orders of the belt's teeth, whose driven pulley is half as large."""
+MESH = {"drive1": 12.0 * 160 / 161, "drive2": 6.0}
+"""Orders of the belt's teeth, whose driven pulley is half as large; the driver turns by 160 q on the link below it."""
 
 
 @cache

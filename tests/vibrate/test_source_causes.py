@@ -56,6 +56,7 @@ def test_a_fixed_frequency_is_told_and_belt_mesh_is_not_tested_without_teeth():
     assert found.causes[0].kind == "line"
     assert found.causes[0].frequency == pytest.approx(peaks.frequency_of("line", 0), abs=0.01)
     assert found.causes[0].predicted > 0.9
+    assert found.causes[0].share == pytest.approx(found.causes[0].explained, abs=0.05), "hardly anything else is there"
     assert "not given" in found.untested["mesh"]
 
 
@@ -66,6 +67,7 @@ def test_a_fixed_frequency_is_told_and_belt_mesh_is_not_tested_without_teeth():
         (0.5, {}, "peak: got 0.5 Hz, expected from"),
         (9.5, {"belt9": 40.0}, "teeth: got 'belt9', expected one of belt1, belt2"),
         (9.5, {"belt1": 0.5}, "a whole number"),
+        (9.5, {"belt1": 1e300}, "from 1 to 1000"),
         (None, {"belt1": 40.0}, "without a peak"),
     ],
 )
