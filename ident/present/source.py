@@ -284,7 +284,7 @@ def run_plan_sections(plan: "RunPlan") -> Report:
     what = f"{counted(len(problem.runs), 'run')}, {counted(len(problem.channels), 'trace')}"
     told, sized = len(plan.told), plan.sized
     words = f"{told} of the {sized} sources that the arm's file has would be told"
-    words += f" (noise {100 * plan.noise:g} % of each trace's peak, assumed)."
+    words += f" (noise {100 * plan.noise:g} % of each trace's peak, assumed; errors of the model come on top)."
     if told == sized:
         verdict = Verdict("SUFFICIENT", words, "good")
     else:
@@ -294,7 +294,7 @@ def run_plan_sections(plan: "RunPlan") -> Report:
         size, unit = (2.0, "arcsec p-p") if source.of_error else (plan.masses[source.drive], "kg mm")
         own = float(plan.amplitude[k])
         said = f"{size * own:.4g}" if own else "not given"
-        answer = ("yes" if own > plan.least[k] else "no") if own else "from that on"
+        answer = ("yes" if own > plan.least[k] else "no") if own else "above least told"
         rows.append((named(source), said, f"{size * plan.sd[k]:.3g}", f"{size * plan.least[k]:.3g}", unit, answer))
     head = ("Source", "in the file", "std. error", "least told", "unit", "told?")
     note = "Least told: a 95 % interval is half of the amplitude either way. Stiffness known to 10 % before (assumed)."

@@ -73,8 +73,8 @@ class Design:
         best: what is proposed: with a limit the least change that keeps it, where that can be; with draws besides the
             least probability of exceeding it; else the least amplitude.
         optima: what each start has led to, the least amplitude first.
-        curve: least amplitude at several change norms, ascending, each amplitude less than the one before; the present
-            and the least amplitude are its ends.
+        curve: amplitude at several change norms, ascending, each less than the one before; the present and the least
+            amplitude are its ends. Between them it is least with the phases that are worst at present.
         minimum_change: least change norm that keeps the limit; None without limit, where it can't be kept, and with
             draws, as it would hold for the arm itself only.
     """

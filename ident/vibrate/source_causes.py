@@ -69,7 +69,9 @@ SURE = 0.95
 NEEDED = 3.0
 """Score [nat] by which a further run must set rivals apart: odds of 20."""
 SEEN = 0.2
-"""Share of the energy in the band, noise included, that a set must explain to be an explanation; assumed."""
+"""Share of the energy in the band, noise included, that a set must explain and predict to be an explanation; assumed."""
+MOST = 0.5
+"""Share of that energy that a cause must make itself to be the peak's; assumed."""
 
 
 class Band(NamedTuple):
@@ -152,13 +154,14 @@ class Causes:
 
     @property
     def explained(self) -> bool:
-        """Whether some set of them explains the peak."""
-        return self.left < 1 - SEEN
+        """Whether some set of them explains the peak, and predicts blocks that were left out."""
+        return self.left < 1 - SEEN and max(cause.predicted for cause in self.causes) >= SEEN
 
     @property
     def told(self) -> bool:
-        """Whether the first is told from the others, by evidence and by prediction."""
-        return self.explained and self.causes[0].probability >= SURE
+        """Whether the first is told from the others, by evidence and by prediction, and makes most of the peak."""
+        first = self.causes[0]
+        return self.explained and first.share >= MOST and first.probability >= SURE
 
 
 def check_peak(problem: SourceProblem, peak: float | None, teeth: Mapping[str, float]) -> None:
