@@ -292,6 +292,8 @@ FULL = 100.0
 """Speed [%] above which none is advised."""
 CANDIDATES = 10
 """Values of a single number that are assessed by draws, at most; for the time that they take."""
+COARSE = 10
+"""Intervals of such values, one of which is refined; assumed."""
 ROUNDS = 3
 """Searches at most, each for the ratio of amplitudes after the change that the one before has found; assumed."""
 NO_MORE = 0.01
@@ -415,12 +417,31 @@ def rank(remedy: Remedy) -> tuple[bool, Any, float, int, float]:
 def _alone(task: Task, variable: Variable, kind: str) -> Remedy:
     """Try values of one number: return the least change that meets the limit, else that of the least amplitude."""
     changes = np.linspace(*variable.span(task.basis.arm), task.effort.values)[:, None]
-    amplitude = task.evaluator(variable).amplitudes(changes)[:, :, 0].max(0)
-    size = np.abs(changes[:, 0]) / np.abs(changes).max()
+    size, own = np.abs(changes[:, 0]) / np.abs(changes).max(), task.evaluator(variable)
+    amplitude = near_limit(size, task.limit, lambda some: own.amplitudes(changes[some])[:, :, 0].max(0))
     evaluator = task.evaluator(variable, draws=task.assessment_draws)
     return least(
         size, amplitude, task.limit, lambda k: assessed(task, evaluator, kind, changes[k], change_norm=float(size[k]))
     )
+
+
+def near_limit(
+    size: Float[np.ndarray, "K"], limit: float, amplitudes: Callable[[np.ndarray], np.ndarray]
+) -> Float[np.ndarray, "K"]:
+    """Return amplitudes of a row of changes where they matter; infinite where they were not computed.
+
+    Of every so many at first. Then of those around the least of these that meets the limit, else around the quietest.
+    """
+    every, found = max(1, len(size) // COARSE), np.full(len(size), np.inf)
+    coarse = np.arange(0, len(size), every)
+    found[coarse] = amplitudes(coarse)
+    good = np.flatnonzero(found <= limit)
+    middle = int(good[np.argmin(size[good])] if len(good) else np.argmin(found))
+    some = np.arange(max(0, middle - every + 1), min(len(size), middle + every))
+    some = some[np.isinf(found[some])]
+    if len(some):
+        found[some] = amplitudes(some)
+    return found
 
 
 def least(

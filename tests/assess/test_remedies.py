@@ -12,7 +12,17 @@ from ident.assess.cures import SEGMENTS, _below_first_mode, along_path, pairs
 from ident.assess.diagnose import chosen
 from ident.assess.effort import DiagnosisEffort
 from ident.assess.motion import scheduling_of
-from ident.assess.remedies import Remedy, Task, Verification, at_confidence, rank, verify_in_turn, verify_remedy
+from ident.assess.remedies import (
+    Remedy,
+    Task,
+    Verification,
+    at_confidence,
+    least,
+    near_limit,
+    rank,
+    verify_in_turn,
+    verify_remedy,
+)
 from ident.identify.values import Values
 from ident.present.diagnose import change_words
 from ident.studies.diagnose import DiagnoseOptions
@@ -60,6 +70,34 @@ def test_what_takes_less_effort_comes_first_among_what_meets_the_limit():
     assert ranked[2].change_norm == 0.1
     assert not any(each.meets_limit for each in ranked[5:])
     assert [each.effort for each in ranked[:3]] == ["software", "screwdriver", "new part"]
+
+
+@pytest.mark.parametrize("curve", ["falling", "valley", "hill", "above"])
+def test_of_one_number_some_values_lead_to_the_same_remedy_as_all(curve):
+    """The draws need 5 % less than the limit, or it is out of reach; at most 17 of 41 values are computed."""
+    change, computed = np.linspace(-1, 1, 41), []
+    size = np.abs(change)
+    amplitude = (
+        5e-4
+        * {
+            "falling": 1.3 * np.exp(-0.8 * change),
+            "valley": 0.8 + (change - 0.43) ** 2,
+            "hill": 1.2 - change**2,
+            "above": 1.1 + (change - 0.27) ** 2,
+        }[curve]
+    )
+
+    def amplitudes(some):
+        computed.extend(some)
+        return amplitude[some]
+
+    def tried(k):
+        return replace(remedy(amplitude[k] < LIMIT / 1.05), change_norm=float(size[k]))
+
+    found = least(size, near_limit(size, LIMIT, amplitudes), LIMIT, tried)
+    assert found.change_norm == least(size, amplitude, LIMIT, tried).change_norm
+    assert len(computed) == len(set(computed)) <= 17
+    assert found.meets_limit == (curve != "above")
 
 
 def test_of_software_the_quickest_comes_first_and_two_remedies_after_one():
