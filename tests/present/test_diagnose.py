@@ -24,7 +24,7 @@ from ident.present.diagnose import (
 from ident.studies.diagnose import DiagnoseOptions
 from ident.studies.motion_options import basis_of
 from ident.vibrate.evaluator import binomial_estimate
-from ident.vibrate.schedule import Schedule
+from ident.vibrate.schedule import Path, Schedule
 from ident.vibrate.sweep import Sensitivities
 
 pytestmark = pytest.mark.slow
@@ -39,8 +39,8 @@ def remedy(meets_limit: bool) -> Remedy:
 
 
 SLOWER = Remedy("speed", {}, {}, 5.0, 10.0, SMALL, GOOD, 4.0, 0.02, 1.0, 63.0)
-STROKE = read_arm(DATA / "lcd_arm" / "arm.toml").arm.stroke
-SPEEDS = Schedule(STROKE, np.radians([142.0, 70.0, 0.0]), np.radians([0.0, 5.0, 0.0]), (0.2, 0.2))
+ARM = read_arm(DATA / "lcd_arm" / "arm.toml").arm
+SPEEDS = Schedule(Path.of_stroke(ARM, ARM.stroke, 10.0), np.radians([142.0, 70.0, 0.0]), np.radians([0.0, 5.0, 0.0]), (0.2, 0.2))
 AHEAD = Remedy("schedule", {}, {}, 10.0, 10.0, SMALL, GOOD, 4.0, 0.02, 0.4, 12.0, SPEEDS)
 
 
