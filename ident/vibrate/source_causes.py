@@ -69,7 +69,7 @@ SURE = 0.95
 NEEDED = 3.0
 """Score [nat] by which a further run must set rivals apart: odds of 20."""
 SEEN = 0.2
-"""Share of the energy in the band, noise included, that a set must explain and predict to be an explanation; assumed."""
+"""Share of the energy in the band, noise included, that a set must explain, and predict, to count; assumed."""
 MOST = 0.5
 """Share of that energy that a cause must make itself to be the peak's; assumed."""
 

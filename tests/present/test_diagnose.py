@@ -40,7 +40,9 @@ def remedy(meets_limit: bool) -> Remedy:
 
 SLOWER = Remedy("speed", {}, {}, 5.0, 10.0, SMALL, GOOD, 4.0, 0.02, 1.0, 63.0)
 ARM = read_arm(DATA / "lcd_arm" / "arm.toml").arm
-SPEEDS = Schedule(Path.of_stroke(ARM, ARM.stroke, 10.0), np.radians([142.0, 70.0, 0.0]), np.radians([0.0, 5.0, 0.0]), (0.2, 0.2))
+SPEEDS = Schedule(
+    Path.of_stroke(ARM, ARM.stroke, 10.0), np.radians([142.0, 70.0, 0.0]), np.radians([0.0, 5.0, 0.0]), (0.2, 0.2)
+)
 AHEAD = Remedy("schedule", {}, {}, 10.0, 10.0, SMALL, GOOD, 4.0, 0.02, 0.4, 12.0, SPEEDS)
 
 
