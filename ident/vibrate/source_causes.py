@@ -71,7 +71,7 @@ NEEDED = 3.0
 SEEN = 0.2
 """Share of the energy in the band, noise included, that a set must explain, and predict, to count; assumed."""
 MOST = 0.5
-"""Share of that energy that a cause must make itself to be the peak's; assumed."""
+"""Share of what its set explains that a cause must make itself to be the peak's; assumed."""
 
 
 class Band(NamedTuple):
@@ -161,7 +161,7 @@ class Causes:
     def told(self) -> bool:
         """Whether the first is told from the others, by evidence and by prediction, and makes most of the peak."""
         first = self.causes[0]
-        return self.explained and first.share >= MOST and first.probability >= SURE
+        return self.explained and first.share >= MOST * first.explained and first.probability >= SURE
 
 
 def check_peak(problem: SourceProblem, peak: float | None, teeth: Mapping[str, float]) -> None:
