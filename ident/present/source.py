@@ -99,7 +99,7 @@ def estimates(study: "SourceStudy") -> Table:
 def source_findings(study: "SourceStudy") -> Iterator[Finding]:
     """Yield what is wrong with the runs, how a left-out one is predicted, and what is not told."""
     if study.causes:
-        yield cause_finding(study.causes)
+        yield cause_finding(study.causes, study.usable)
     for name, gain in study.poor.items():
         yield Finding(
             f"{name} does not follow the computed vibration (gain {gain:.2f})",
@@ -220,8 +220,8 @@ def said(cause: "Cause") -> str:
     return f"{CAUSES[cause.kind]} ({cause.source.drive}{order})"
 
 
-def cause_finding(causes: "Causes") -> Finding:
-    """Say what makes a peak, or what would tell."""
+def cause_finding(causes: "Causes", usable: bool) -> Finding:
+    """Say what makes a peak, or what would tell; and whether the runs that tell it are in doubt."""
     first, *others = causes.causes
     at = f"peak at {causes.peak:g} Hz"
     if not causes.explained:
@@ -230,7 +230,8 @@ def cause_finding(causes: "Causes") -> Finding:
     if causes.told:
         beside = f"; led by {said(others[0])}: {100 * max(0.0, others[0].predicted):.0f} %" if others else ""
         all_of_them = f"with lesser causes {100 * first.predicted:.0f} % of blocks left out are predicted{beside}"
-        return Finding(f"{at}: largest cause {said(first)}, {100 * first.share:.0f} % of its energy ({all_of_them})")
+        sure = "largest cause" if usable else "largest cause, if the runs are right,"
+        return Finding(f"{at}: {sure} {said(first)}, {100 * first.share:.0f} % of its energy ({all_of_them})")
     rival = max(others, key=lambda cause: max(cause.evidence, cause.held_out))
     remedy = f"add a run at {causes.speed:g} %" if causes.speed else "add a sensor elsewhere, or a longer run"
     return Finding(f"{at} cannot be told: {said(first)} or {said(rival)}", remedy)
