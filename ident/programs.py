@@ -341,7 +341,7 @@ SMALL_KERNELS: Any = {
 }
 """Less optimisation, which takes a quarter off the compilation and costs these programs nothing. XLA's other CPU code
 generator (jax 0.10): 20 % fewer kernels, compiled together, so a third faster to compile. Vectors as wide as
-the processor has: XLA asks for half of AVX-512's, by which a prediction takes 7 to 15 % longer. And nothing left to its
+the processor has: XLA asks for half of AVX-512's, by which a prediction takes 4 to 16 % longer. And nothing left to its
 library of neural networks, which hands out sums of a few terms to threads: convolutions, of which there are none."""
 LONG_LOOPS: Any = {
     "compiler_options": {

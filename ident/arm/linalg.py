@@ -17,7 +17,7 @@ Square = Float[Array, "n n *#batch"]
 BISECTIONS = 54
 """Halvings that close any bracket: one more than the bits of a double."""
 HALVINGS = 8
-"""Before Newton's method is tried."""
+"""Before Newton's method is tried. With this and the next two the paper's arm needs 20 passes, by halving alone 54."""
 EVERY = 8
 """A turn of so many halves the bracket whatever Newton's method says."""
 BEYOND = 2.0**-14

@@ -225,7 +225,8 @@ FEW = 3
 CLOSE = 1e-7
 """Relative change of the amplitude at which an optimum counts as reached."""
 CLOSE_ENOUGH = 1e-5
-"""Change of the squared change norm at which the least change counts as reached."""
+"""Change of the squared change norm at which the least change counts as reached: as with 1e-7 to five digits on
+the shipped arm, in two thirds of the simulations."""
 ITERATIONS_WITH_DRAWS = 12
 """Iterations at most where each costs as many simulations as there are draws."""
 

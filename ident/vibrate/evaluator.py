@@ -258,7 +258,7 @@ def outside(arm: Arm, variable: Variable, extents: Extents) -> Iterable[Problem]
 
 
 # -------- Slopes
-# Exact slopes of an amplitude by numbers of an arm: two programs for all evaluators of an arm, a motion, a measure.
+# Exact slopes of an amplitude by numbers of an arm: three programs for all evaluators of an arm, a motion, a measure.
 
 WIDTH = 3
 """Derivatives that are pushed forward together: with more variables the same program runs several times."""

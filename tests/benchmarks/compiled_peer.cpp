@@ -77,8 +77,6 @@ extern "C" Held* held(const double* places, const double* bodies, const double* 
   return arm;
 }
 
-extern "C" void release(Held* arm) { delete arm; }
-
 // stiffness (N, count), row by row; out (modes + 1, count): hertz and drop.
 extern "C" void predict(Held* arm, const double* stiffness, int count, int modes, double* out) {
   Eigen::GeneralizedSelfAdjointEigenSolver<Matrix> solver;
