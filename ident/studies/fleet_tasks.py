@@ -249,6 +249,9 @@ def digest(path: Path) -> str:
 # A worker reads a task's files and writes its file: what is killed loses the tasks under way alone, and what was done
 # before is skipped.
 
+LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
+"""Loggers of Dask that write tracebacks of lost connections."""
+
 CONNECT, WORKERS = 10.0, 30.0
 """Time [s] in which a scheduler must answer at first, and in which a worker must be there."""
 QUIET, ANSWER = 5.0, 15.0
@@ -496,9 +499,9 @@ def _cluster(address: str, folder: Path) -> Iterator[Callable[[list[Any]], Itera
     run = folder.absolute() / f".attempts-{uuid4().hex}"
     work, executor = partial(attempt, run, Path.cwd()), client.get_executor(pure=False)
     here = json.dumps({"settings": _settings(), "circumstances": _circumstances()}).encode("utf-8")
-    logger = logging.getLogger("distributed.client")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)  # a lost scheduler is said in one line, by us
+    before = {logger: logger.level for logger in map(logging.getLogger, LOGGERS)}
+    for logger in before:
+        logger.setLevel(logging.CRITICAL)  # a lost scheduler is said in one line, by us
     try:
         replace_file(run / "client", lambda file: file.write(here), make_folders=True)
         _check(client, work)
@@ -509,7 +512,8 @@ def _cluster(address: str, folder: Path) -> Iterator[Callable[[list[Any]], Itera
             folder.rmdir()  # where nothing is in it yet
         with suppress(Exception):  # a lost scheduler can't be taken leave of
             client.close(timeout=1)
-        logger.setLevel(before)
+        for logger, level in before.items():
+            logger.setLevel(level)
 
 
 def _check(client: Any, work: Callable[[], str]) -> None:
