@@ -17,6 +17,7 @@ What was decided by physics, where tables used to differ:
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -161,6 +162,7 @@ LOSS = ("loss_bend", "loss_tors")
 _BY_NAME = {field.name: field for field in FIELDS}
 
 
+@cache
 def fields_of(part: str) -> tuple[Field, ...]:
     """Return the fields of a class of parts by its name, `Drive`; none if its parts have no numbers."""
     return tuple(field for field in FIELDS if field.part == part)

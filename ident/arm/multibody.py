@@ -26,7 +26,7 @@ References:
     Ours, after the paper's Figure 3; its printed equations are lost.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -229,20 +229,28 @@ class ExcitingOrder(NamedTuple):
 
 def possible_orders(arm: Arm) -> list[ExcitingOrder]:
     """Return what may excite an arm: imbalances of all drives, then their `error`, then their further errors."""
-    found = [ExcitingOrder(d.name, IMBALANCE, 1, f"{d.name}.eccentricity", f"{d.name}.phase") for d in arm.drives]
-    found += [ExcitingOrder(d.name, ERROR, 2, f"{d.name}.error", f"{d.name}.error_phase") for d in arm.drives]
-    more = [(drive.name, each) for drive in arm.drives for each in drive.errors]
-    return found + [ExcitingOrder(name, ERROR, e.order, f"{e.name}.amplitude", f"{e.name}.phase") for name, e in more]
+    return [each for each, _ in _with_amplitudes(arm)]
 
 
 def exciting_orders(arm: Arm) -> list[ExcitingOrder]:
     """Return those whose amplitude may differ from zero."""
-    return [each for each in possible_orders(arm) if may_differ_from_zero(arm.get(each.amplitude))]
+    return [each for each, amplitude in _with_amplitudes(arm) if may_differ_from_zero(amplitude)]
 
 
-def orders_of(arm: Arm, drive: str) -> list[float]:
-    """Return the orders at which a drive excites its arm: 1 in any case, and those of its transmission errors."""
-    return sorted({1, *(each.order for each in exciting_orders(arm) if each.drive == drive and each.of_error)})
+def _with_amplitudes(arm: Arm) -> Iterator[tuple[ExcitingOrder, Array]]:
+    for d in arm.drives:
+        yield ExcitingOrder(d.name, IMBALANCE, 1, f"{d.name}.eccentricity", f"{d.name}.phase"), d.eccentricity
+    for d in arm.drives:
+        yield ExcitingOrder(d.name, ERROR, 2, f"{d.name}.error", f"{d.name}.error_phase"), d.error
+    for d in arm.drives:
+        for e in d.errors:
+            yield ExcitingOrder(d.name, ERROR, e.order, f"{e.name}.amplitude", f"{e.name}.phase"), e.amplitude
+
+
+def orders_of(arm: Arm) -> dict[str, list[float]]:
+    """Return the orders at which each drive excites its arm: 1 in any case, and those of its transmission errors."""
+    errors = [each for each in exciting_orders(arm) if each.of_error]
+    return {d.name: sorted({1, *(each.order for each in errors if each.drive == d.name)}) for d in arm.drives}
 
 
 def may_differ_from_zero(number: Array) -> bool:

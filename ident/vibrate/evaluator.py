@@ -283,7 +283,7 @@ def linear_along(
 
     def some(grid: TimeIntervals) -> tuple[Linearised, Linearised]:
         def along(direction: dict[str, Any]) -> tuple[Linearised, Linearised]:
-            return jax.jvp(lambda now: solve.linearised(arm.replace(now), grid), (values,), (direction,))
+            return jax.jvp(lambda now: solve.linearised_within(arm.replace(now), grid), (values,), (direction,))
 
         pair: tuple[Linearised, Linearised] = jax.vmap(along, out_axes=(None, 1))(directions)
         return pair

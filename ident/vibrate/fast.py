@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -67,6 +68,7 @@ from ident.vibrate.linear import (
     interpolate,
     ladder,
     linearised,
+    some_at_a_time,
     weights,
     where,
 )
@@ -177,7 +179,7 @@ class Fast(NamedTuple):
 def step_for(arm: Arm, motion: Motion) -> float:
     """Return a step [s] at which the method errs less than the linearisation does, on the paper's arm.
 
-    h = min(1 / (10 f_1), 1 / (3 f)), f_1 the first frequency of the stiffest arm at the stiffer end of the motion, and
+    h = min(1 / (7 f_1), 1 / (3 f)), f_1 the first frequency of the stiffest arm at the stiffer end of the motion, and
     f the fastest excitation: |ratio| times the highest speed of the joint in turns a second, of each drive, times its
     highest order. Accelerations interpolated over a step h = 1/(n f) follow the free way under a force of that
     frequency within (2 pi/n)^5 / 13400 of it: 0.3 % for n = 3. ABSTRACT for an arm that `jit` traces.
@@ -187,11 +189,11 @@ def step_for(arm: Arm, motion: Motion) -> float:
     ends = np.asarray(motion(np.asarray(motion.breaks)[[0, -1]])[0])
     first = float(np.max(_first_frequency(arm, ends.reshape((*ends.shape, *(1,) * len(arm.batch))))))
     speed, names = fastest(motion) / (2 * np.pi), [joint.name for joint in arm.driven]
-    orders = [orders_of(arm, drive.name)[-1] for drive in arm.drives]
+    orders = [each[-1] for each in orders_of(arm).values()]
     ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]
     turning = [speed[names.index(drive.joint)] for drive in arm.drives]
     highest = max((o * r * s for o, r, s in zip(orders, ratios, turning, strict=True)), default=0.0)
-    return min(0.1 / first if np.isfinite(first) else ABSTRACT, 1 / (3 * max(highest, 1e-9)))
+    return min(1 / (7 * first) if np.isfinite(first) else ABSTRACT, 1 / (3 * max(highest, 1e-9)))
 
 
 @jit
@@ -333,9 +335,13 @@ class FastMethod(eqx.Module):
         linear = self.linearised(arm)
         return self.sampled(arm, linear, self.excited(arm, linear), all_of_it)
 
-    def linearised(self, arm: Arm, within: TimeIntervals | None = None) -> Linearised:
-        """Linearise an arm's equations of motion along the motion, or within some of its time intervals."""
-        model, grid = self._model(arm), self.grid if within is None else within
+    def linearised(self, arm: Arm) -> Linearised:
+        """Linearise an arm's equations of motion along the motion."""
+        return some_at_a_time(partial(self.linearised_within, arm), self.grid)
+
+    def linearised_within(self, arm: Arm, grid: TimeIntervals) -> Linearised:
+        """Linearise them within some time intervals."""
+        model = self._model(arm)
         equations = linearised(arm, model, self.motion, grid, self.weights, self.loads)
         y = jnp.moveaxis(equations.quasi_static, 1, 0).reshape((model.size, -1))
         bent = _end_point(balanced(model), self.motion, grid.nodes.ravel(), y)[1]
@@ -464,8 +470,9 @@ def each_of(
 ) -> Any:
     """Solve for an arm with each of these numbers (batch,), the last axis, and each of these sets, the one before.
 
-    One after another on each core: one arm fills a core better than several side by side, whose intermediate values do
-    not fit its cache. The linearised equations of an arm serve all sets. What is behind the samples is left out.
+    Arms one after another on each core: several side by side, whose intermediate values do not fit its cache, gain
+    nothing. The linearised equations of an arm serve all sets, which are integrated side by side: their matrices are
+    the same, so that a set takes two thirds of the time. What is behind the samples is left out.
 
     Args:
         arm: the arm.
@@ -477,35 +484,48 @@ def each_of(
     """
     samples, count = int(solve.samples), len(next(iter(numbers.values())))
 
-    def cut(x: AnyArray) -> AnyArray:
-        return x[..., :samples]
-
-    turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
     if is_traced(jax.tree.leaves((arm, numbers, solve))):
-        solved = [jax.tree.map(cut, _traced(arm, dict(numbers), solve, keep, own)) for own in turned]
-        arms = [jax.tree.map(lambda *x, k=k: jnp.stack([one[k] for one in x], -1), *solved) for k in range(count)]
+        turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
+        solved = [_traced(arm, dict(numbers), solve, keep, own) for own in turned]
+        arms = [
+            jax.tree.map(lambda *x, k=k: jnp.stack([one[k, ..., :samples] for one in x], -1), *solved)
+            for k in range(count)
+        ]
         return jax.tree.map(lambda *x: jnp.stack(x, -1), *map(gather, arms))
     each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(count)]
+    alike = [list(some) for _, some in groupby(sets, lambda own: own.keys())]
+    at_a_time = [-(-len(some) // (1 if count >= cores() else cores())) for some in alike]
+    shares = [
+        (some[first : first + most], most)
+        for some, most in zip(alike, at_a_time, strict=True)
+        for first in range(0, len(some), most)
+    ]
 
-    def one(values: dict[str, Any], linear: Linearised, own: dict[str, Any]) -> Any:
-        values = values | own
-        response = _excited(arm, values, solve, linear)
-        return jax.tree.map(cut, concrete(_sampled(arm, values, solve, linear, response, keep)))
+    def solved_with(values: dict[str, Any], some: list[Mapping[str, float]], most: int, linear: Linearised) -> Any:
+        filled = some + some[:1] * (most - len(some))  # one program for all shares
+        turned = {path: np.array([own[path] for own in filled]) for path in some[0]}
+        response = _excited(arm, values, turned, solve, linear)
+        kept = concrete(_sampled(arm, values, turned, solve, linear, response, keep))
+        return jax.tree.map(lambda x: np.moveaxis(x[: len(some), ..., :samples], 0, -1), kept)
 
-    def gathered(of_sets: Sequence[Any]) -> Any:
-        return gather(jax.tree.map(lambda *x: np.stack(x, -1), *of_sets))
+    def gathered(of_shares: Sequence[Any]) -> Any:
+        return gather(jax.tree.map(lambda *x: np.concatenate(x, -1), *of_shares))
 
     def all_sets(values: dict[str, Any]) -> Any:
         linear = linearised_for(arm, values, solve)
-        return gathered([one(values, linear, own) for own in turned])
+        return gathered([solved_with(values, *some, linear) for some in shares])
 
     if count >= cores():
         found = at_once([partial(all_sets, values) for values in each])
     else:
         linear = [linearised_for(arm, values, solve) for values in each]
-        jobs = [partial(one, *pair, own) for pair in zip(each, linear, strict=True) for own in turned]
+        jobs = [
+            partial(solved_with, values, *some, own)
+            for values, own in zip(each, linear, strict=True)
+            for some in shares
+        ]
         done = at_once(jobs)
-        found = [gathered(done[first : first + len(sets)]) for first in range(0, len(jobs), len(sets))]
+        found = [gathered(done[first : first + len(shares)]) for first in range(0, len(done), len(shares))]
     return jax.tree.map(lambda *x: np.stack(x, -1), *found)
 
 
@@ -547,17 +567,36 @@ def linearised_for(arm: Arm, values: dict[str, Any], solve: FastMethod) -> Linea
 
 
 @jit
-def _excited(arm: Arm, values: dict[str, Array], solve: FastMethod, linear: Linearised) -> Fast:
-    return solve.excited(arm.replace(values), linear)
+def _excited(
+    arm: Arm, values: dict[str, Array], sets: dict[str, AnyArray], solve: FastMethod, linear: Linearised
+) -> Fast:
+    """Return the response of an arm with each of some sets, the first axis; one alone is not batched."""
+
+    def one(own: dict[str, Array]) -> Fast:
+        return solve.excited(arm.replace(values | own), linear)
+
+    several = any(len(x) > 1 for x in sets.values())
+    response: Fast = jax.vmap(one)(sets) if several else jax.tree.map(lambda x: x[None], one(_first(sets)))
+    return response
 
 
 @partial(jit, options=LONG_LOOPS)
 def _sampled(
     arm: Arm,
     values: dict[str, Array],
+    sets: dict[str, AnyArray],
     solve: FastMethod,
     linear: Linearised,
     solved: Fast,
     keep: Callable[[Solution], Any],
 ) -> Any:
-    return solve.sampled(arm.replace(values), linear, solved, keep)
+    """Return what is kept of each of some sets, the first axis."""
+
+    def one(given: tuple[dict[str, Array], Fast]) -> Any:
+        return solve.sampled(arm.replace(values | given[0]), linear, given[1], keep)
+
+    return jax.lax.map(one, (sets, solved))
+
+
+def _first(tree: Any) -> Any:
+    return jax.tree.map(lambda x: x[0], tree)

@@ -208,6 +208,8 @@ arm: the vibration of its stroke at 100 % (trapezoid), shaped by ZV and ZVD, is 
 in each direction with 45 to 48 intervals, within 1.8 % with twice the share, and within 9 % with 19, none halved."""
 SHORTEST = 1e-9
 """Time [s] within which a jump counts as at the edge."""
+PROBES = np.linspace(0.0, 1.0 - SHORTEST, 3 * NODES)
+"""Where within an interval its polynomial is held against the acceleration."""
 
 Times = Float[Array | np.ndarray, "T"]
 
@@ -275,13 +277,11 @@ def _halved(
     motion: Motion, start: Float[np.ndarray, "P"], length: Float[np.ndarray, "P"], most_missed: float
 ) -> tuple[Float[np.ndarray, "more"], Float[np.ndarray, "more"]]:
     """Halve intervals whose polynomial misses an impulse [rad/s]: the acceleration bends in a log or an average."""
-    places = np.linspace(0.0, 1.0 - SHORTEST, 3 * NODES)
-    weights = np.stack([p(places) for p in basis(NODE_PLACES)])
     done: list[tuple[np.ndarray, np.ndarray]] = []
     most = MOST_FINE * len(start)
     while len(start):
-        at, nodes = (np.asarray(motion(start[:, None] + length[:, None] * x)[2]) for x in (places, NODE_PLACES))
-        rough = length * np.abs(at - nodes @ weights).max((0, 2)) > most_missed
+        at, nodes = (np.asarray(motion(start[:, None] + length[:, None] * x)[2]) for x in (PROBES, NODE_PLACES))
+        rough = length * np.abs(at - nodes @ AT_PROBES).max((0, 2)) > most_missed
         rough &= (length > 2 * FINEST) & bool(len(start) + sum(len(each) for _, each in done) < most)
         done.append((start[~rough], length[~rough]))
         half = length[rough] / 2
@@ -354,6 +354,10 @@ def evaluate(polynomials: list[Polynomial], u: Array) -> Float[Array, "T polynom
 
 NODE_POWERS = np.stack([p.coef for p in basis(NODE_PLACES)])
 """Coefficients (nodes, powers) of the polynomials of an interval."""
+
+
+AT_PROBES = np.stack([p(PROBES) for p in basis(NODE_PLACES)])
+"""Weights (nodes, places) of the nodes for the values there."""
 
 
 def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -78,7 +78,7 @@ def excitation(arm: Arm, motion: Motion, *, times: Any = None, orders: Sequence[
     sources, frequency, rate = [], [], []
     for drive in nominal(arm).drives:
         j, turns = joints.index(drive.joint), abs(float(drive.ratio)) / (2 * np.pi)
-        for order in map(int, orders) if orders else orders_of(nominal(arm), drive.name):
+        for order in map(int, orders) if orders else orders_of(nominal(arm))[drive.name]:
             sources.append(Source(drive.name, drive.joint, j + 1, order))
             frequency.append(order * turns * np.abs(qd[j]))
             rate.append(order * turns * np.sign(qd[j]) * qdd[j])

@@ -301,7 +301,8 @@ class Scheduling:
         """Return the frequencies that excite the arm along the path, over the speed of alpha: cycles a radian."""
         arm = self.evaluator.arm
         share = dict(zip([joint.name for joint in arm.driven], self.path.angles(alpha, 1), strict=True))
-        turns = [(np.abs(float(d.ratio) * share[d.joint]) / (2 * np.pi), orders_of(arm, d.name)) for d in arm.drives]
+        orders = orders_of(arm)
+        turns = [(np.abs(float(d.ratio) * share[d.joint]) / (2 * np.pi), orders[d.name]) for d in arm.drives]
         each = [turn * order for turn, orders in turns for order in orders if turn.any()]
         return np.unique(np.reshape(each, (len(each), len(alpha))).round(9), axis=0)
 

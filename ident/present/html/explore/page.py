@@ -128,7 +128,7 @@ def _drive(exploration: Exploration, d: int) -> dict[str, Any]:
         "height": float(drives.height[j]),
         "phase": float(drives.phase[j]),
         "across": [_plain(drives.across[:, k, j]) for k in (0, 1)],
-        "orders": orders_of(arm, drive.name),
+        "orders": orders_of(arm)[drive.name],
     }
 
 
