@@ -21,7 +21,7 @@ from ident.errors import ModelError, Problem, refusal, refuse
 from ident.programs import AnyArray, cores, jit, library
 from ident.text import did_you_mean
 from ident.vibrate.exact import Progress
-from ident.vibrate.fast import Fast, FastMethod, Linearised, at_once, numbers_of, step_for, vibration_of, vibrations
+from ident.vibrate.fast import Fast, FastMethod, Linearised, at_once, numbers_of, step_for, vibrations
 from ident.vibrate.linear import TimeIntervals, some_at_a_time
 from ident.vibrate.motion import Motion
 from ident.vibrate.simulate import (
@@ -309,7 +309,7 @@ def solved_along(
         return jax.jvp(excited, (values, linear[0]), (direction, changing))
 
     pair: tuple[Fast, Fast] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1])
-    return pair, solve.sampled(arm.replace(values), linear[0], pair[0], vibration_of)
+    return pair, solve.vibration(arm.replace(values), linear[0], pair[0])
 
 
 @jit
@@ -325,11 +325,9 @@ def vibration_along(
     """Return the vibration at some samples of each direction, or at all, and its slopes along directions [m]."""
 
     def seen(now: dict[str, Any], linear: Linearised, solved: Fast) -> Array:
-        changed = arm.replace(now)
-        if places is None:
-            return jnp.asarray(solve.sampled(changed, linear, solved, vibration_of))
-        whole = vibration_of(solve.at(changed, linear, solved, jnp.asarray(solve.time)[jnp.ravel(places)]))
-        return jnp.asarray(whole.reshape((3, *places.shape)))[np.arange(3), np.arange(3)]
+        time = None if places is None else jnp.asarray(solve.time)[jnp.ravel(places)]
+        whole = solve.vibration(arm.replace(now), linear, solved, time)
+        return whole if places is None else whole.reshape((3, *places.shape))[np.arange(3), np.arange(3)]
 
     def along(*tangents: Any) -> tuple[Array, Array]:
         return jax.jvp(seen, (values, linear[0], solved[0]), tangents)

@@ -51,6 +51,8 @@ from ident.arm.rotations import matvec
 from ident.errors import InputError, Problem
 from ident.programs import LONG_LOOPS, AnyArray, concrete, cores, is_traced, jit
 from ident.vibrate.linear import (
+    NODE_POWERS,
+    NODES,
     ONCE,
     STAGES,
     STEPS,
@@ -68,6 +70,7 @@ from ident.vibrate.linear import (
     interpolate,
     ladder,
     linearised,
+    slope,
     some_at_a_time,
     weights,
     where,
@@ -146,6 +149,8 @@ def passages(arm: Arm, response: Response) -> tuple[Passage, ...]:
 
 ABSTRACT = 0.005
 """Step for an arm whose first frequency is not known [s]."""
+TWICE_POWERS = np.stack([p.coef for p in TWICE])
+"""Coefficients (stages, powers) of the values within a step by the stages' accelerations."""
 START, EDGES = weights(np.array([0.0]))[0], weights(np.array([0.0, 1.0]))[1]
 """Weights of the nodes for value at the start of an interval, and slopes at its edges."""
 
@@ -303,18 +308,21 @@ class Solution(NamedTuple):
 
 
 class Linearised(NamedTuple):
-    """The linearised equations, and the quasi-static deflection of the end point at the nodes.
+    """The linearised equations, and how the end point moves with their coordinates, at the nodes of each interval.
 
     The same whatever excites the arm.
+
+    Attributes:
+        equations: the linearised equations.
+        bent: quasi-static deflection of the end point [m].
+        by_y: derivatives of its displacement by the coordinates.
+        by_pin: and by the pins' angles [m/rad].
     """
 
     equations: Linear
     bent: Float[Array, "P 3 m"]
-
-
-def vibration_of(solution: Solution) -> Float[AnyArray, "3 T"]:
-    """Return the displacement of the end point from its quasi-static deflection [m]."""
-    return solution.displacement - solution.quasi_static
+    by_y: Float[Array, "P 3 n m"]
+    by_pin: Float[Array, "P 3 joints m"]
 
 
 class FastMethod(eqx.Module):
@@ -329,42 +337,105 @@ class FastMethod(eqx.Module):
     elastic: bool = eqx.field(static=True)
     transmission_error: bool = eqx.field(static=True)
 
-    @jit
-    def __call__(self, arm: Arm) -> Solution:
-        """Simulate an arm without batch axes; what is behind the samples means nothing."""
-        linear = self.linearised(arm)
-        return self.sampled(arm, linear, self.excited(arm, linear), all_of_it)
-
     def linearised(self, arm: Arm) -> Linearised:
         """Linearise an arm's equations of motion along the motion."""
-        return some_at_a_time(partial(self.linearised_within, arm), self.grid)
+        whole: Linearised = some_at_a_time(partial(self.linearised_within, arm), self.grid)
+        return whole
 
     def linearised_within(self, arm: Arm, grid: TimeIntervals) -> Linearised:
         """Linearise them within some time intervals."""
         model = self._model(arm)
         equations = linearised(arm, model, self.motion, grid, self.weights, self.loads)
+        still, time = balanced(model), grid.nodes.ravel()
         y = jnp.moveaxis(equations.quasi_static, 1, 0).reshape((model.size, -1))
-        bent = _end_point(balanced(model), self.motion, grid.nodes.ravel(), y)[1]
-        return Linearised(equations, jnp.moveaxis(bent.reshape((3, *grid.nodes.shape)), 1, 0))
+
+        def moved(y: Array, turned: AnyArray | float = 0.0) -> Array:
+            return _end_point(still, self.motion, time, y, turned)[1]
+
+        def by_interval(x: Array) -> Array:
+            return jnp.moveaxis(x.reshape((*x.shape[:-1], *grid.nodes.shape)), -2, 0)
+
+        by_pin = slope(partial(moved, y), jnp.zeros((model.joints, y.shape[1])))
+        return Linearised(equations, *map(by_interval, (moved(y), slope(moved, y), by_pin)))
 
     def excited(self, arm: Arm, linear: Linearised) -> Fast:
         """Integrate them with what excites the arm."""
         return excited(self._model(arm), self.motion, self.grid, self.weights, linear.equations)
 
-    def sampled(self, arm: Arm, linear: Linearised, solved: Fast, keep: "Callable[[Solution], Any]") -> Any:
-        """Return what is kept of the solution at the samples; what is behind them means nothing."""
+    def vibration(self, arm: Arm, linear: Linearised, solved: Fast, time: Times | None = None) -> Float[Array, "3 T"]:
+        """Return the displacement of the end point from its quasi-static deflection [m].
+
+        To first order, as the equations: its derivatives by the coordinates, at the edges of each step and linear in
+        between, times the coordinates, polynomials of a step; and by the pins' angles times the transmission error.
+
+        Args:
+            arm: the arm.
+            linear: its linearised equations.
+            solved: their solution.
+            time: (T,) [s] the samples when None; what is behind these means nothing.
+        """
+        model, steps = self._model(arm), solved.x.shape[1]
+        powers = (jnp.arange(steps + 1) / self.grid.steps) ** np.arange(NODES)[:, None]
+        weights = jnp.asarray(NODE_POWERS) @ powers
+
+        def polynomials(by_y: Array, h: Array, x0: Array, v: Array, a: Array) -> Array:
+            at = interpolate(by_y, weights)
+            within = jnp.tensordot(jnp.asarray(TWICE_POWERS), a, ((0,), (1,)))
+            x = (h * h * within).at[0].add(x0).at[1].add(h * v)
+            x = jnp.moveaxis(x, 1, 2)[:, None]
+            start, change = ((part * x).sum(2) for part in (at[..., :-1], at[..., 1:] - at[..., :-1]))
+            return jnp.pad(start, ((0, 1), (0, 0), (0, 0))) + jnp.pad(change, ((1, 0), (0, 0), (0, 0)))
+
+        real = jnp.isfinite(jnp.asarray(self.grid.start))
+        of_steps = in_chunks(polynomials, (linear.by_y, jnp.asarray(self.grid.step), *solved[:3]), real)
+        of_steps = jnp.moveaxis(of_steps, 0, 2).reshape((*of_steps.shape[1:3], -1))
+
+        def at(time: Array) -> Array:
+            interval, step, share, _ = self.grid.steps_of(time)
+            value, *lower = of_steps[::-1, :, interval * steps + step]
+            for each in lower:
+                value = value * share + each
+            if not self.transmission_error:
+                return value
+            y, by_pin = (
+                between_nodes(self.grid, x.reshape((len(x), -1, NODES)), time)[0]
+                for x in (linear.equations.quasi_static, linear.by_pin)
+            )
+            error = pins(model, command(model, self.motion, time), at_rest(deviations(model, y))).error
+            return value + (by_pin.reshape((3, *error.shape)) * error).sum(1)
+
+        return at(jnp.asarray(time)) if time is not None else _by_time(at, jnp.asarray(self.time))
+
+    def solution(self, arm: Arm, linear: Linearised, solved: Fast) -> Solution:
+        """Return all of the solution at the samples."""
+        model, vibration = self._model(arm), self.vibration(arm, linear, solved)
+
+        def at(time: Array, vibration: Array) -> Solution:
+            y, yd = solved.at(self.grid, time)
+            static, missed = between_nodes(self.grid, linear.bent, time)[0], self._missed(model, linear, time, y)
+            return Solution(y, yd, _end_point(model, self.motion, time, y)[0], static + vibration, static, missed)
+
+        whole: Solution = _by_time(at, jnp.asarray(self.time), vibration)
+        return whole
+
+    def vibration_and_missed(self, arm: Arm, linear: Linearised, solved: Fast) -> tuple[Array, Array | None]:
+        """Return the vibration at the samples, and by how much curved springs leave their tangents, see `Solution`."""
         model = self._model(arm)
-        return _by_time(lambda time: keep(self._at(model, linear, solved, time)), jnp.asarray(self.time))
 
-    def at(self, arm: Arm, linear: Linearised, solved: Fast, time: Times) -> Solution:
-        """Return the solution at a few times of the motion."""
-        return self._at(self._model(arm), linear, solved, time)
+        def missed(time: Array) -> Array | None:
+            return self._missed(model, linear, time, solved.at(self.grid, time)[0])
 
-    def _at(self, model: Multibody, linear: Linearised, solved: Fast, time: Times) -> Solution:
-        y, yd = solved.at(self.grid, time)
-        static = between_nodes(self.grid, linear.bent, time)[0]
-        missed = self._missed(model, linear.equations, time, y)
-        return Solution(y, yd, *_end_point(model, self.motion, time, y), static, missed)
+        return self.vibration(arm, linear, solved), _by_time(missed, jnp.asarray(self.time))
+
+    def vibration_and_path(self, arm: Arm, linear: Linearised, solved: Fast) -> Float[Array, "6 T"]:
+        """Return the vibration at the samples, and the path with the quasi-static deflection [m]."""
+        model = self._model(arm)
+
+        def path(time: Array) -> Array:
+            y, _ = between_nodes(self.grid, linear.equations.quasi_static, time)
+            return _end_point(model, self.motion, time, y)[0] + between_nodes(self.grid, linear.bent, time)[0]
+
+        return jnp.concatenate([self.vibration(arm, linear, solved), _by_time(path, jnp.asarray(self.time))])
 
     def _model(self, arm: Arm) -> Multibody:
         """Gather an arm's equations of motion."""
@@ -372,16 +443,11 @@ class FastMethod(eqx.Module):
             arm, self.loads, rank=1, elastic_belts=self.elastic, transmission_error=self.transmission_error
         )
 
-    def _missed(self, model: Multibody, linear: Linear, time: Times, y: Array) -> Array | None:
+    def _missed(self, model: Multibody, linear: Linearised, time: Times, y: Array) -> Array | None:
         if model.curved is None:
             return None
-        rest = between_nodes(self.grid, linear.quasi_static, time)[0]
+        rest = between_nodes(self.grid, linear.equations.quasi_static, time)[0]
         return jnp.concatenate(beyond_tangent(model, bushing_rotations(model, rest), bushing_rotations(model, y)))
-
-
-def all_of_it(solution: Solution) -> Solution:
-    """Return a solution as it is."""
-    return solution
 
 
 def _by_time(f: Callable[..., Any], time: Array, *more: Array) -> Any:
@@ -410,12 +476,12 @@ def repeated(time: Float[np.ndarray, "T"]) -> Float[np.ndarray, "more"]:
 
 
 def _end_point(
-    model: Multibody, motion: Motion, time: AnyArray, y: Array
+    model: Multibody, motion: Motion, time: AnyArray, y: Array, turned: AnyArray | float = 0.0
 ) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"]]:
-    """Return path and displacement of the end point."""
+    """Return path and displacement of the end point; its pins may be turned further."""
     turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
     path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
-    return path, end_point(model, turning.pin.angle, bushing_rotations(model, y)) - path
+    return path, end_point(model, turning.pin.angle + turned, bushing_rotations(model, y)) - path
 
 
 # -------- Each
@@ -453,18 +519,14 @@ def vibrations(
         refuse_curved(arm, missed)
         return vibration if measure is None else measure(vibration)
 
-    return each_of(arm, numbers, solve, _with_missed if arm.springs else vibration_of, sets, gather)
-
-
-def _with_missed(solution: Solution) -> tuple[AnyArray, AnyArray | None]:
-    return vibration_of(solution), solution.missed
+    return each_of(arm, numbers, solve, "vibration_and_missed" if arm.springs else "vibration", sets, gather)
 
 
 def each_of(
     arm: Arm,
     numbers: Mapping[str, Array | np.ndarray],
     solve: FastMethod,
-    keep: Callable[[Solution], Any],
+    keep: str,
     sets: Sequence[Mapping[str, float]] = ({},),
     gather: Callable[[Any], Any] = lambda of_sets: of_sets,
 ) -> Any:
@@ -478,7 +540,7 @@ def each_of(
         arm: the arm.
         numbers: all of it, by path.
         solve: the fast method.
-        keep: gives what is kept of a solution, some of its times at once: arrays of rows and these times.
+        keep: name of the method of `FastMethod` that gives what is kept: arrays of rows and times.
         sets: numbers of what excites the arm, by path; nothing else, for else the linearised equations are others.
         gather: gives what is kept of what an arm's sets have given, whose axis is the last.
     """
@@ -503,7 +565,7 @@ def each_of(
 
     def solved_with(values: dict[str, Any], some: list[Mapping[str, float]], most: int, linear: Linearised) -> Any:
         filled = some + some[:1] * (most - len(some))  # one program for all shares
-        turned = {path: np.array([own[path] for own in filled]) for path in some[0]}
+        turned: dict[str, AnyArray] = {path: np.array([own[path] for own in filled]) for path in some[0]}
         response = _excited(arm, values, turned, solve, linear)
         kept = concrete(_sampled(arm, values, turned, solve, linear, response, keep))
         return jax.tree.map(lambda x: np.moveaxis(x[: len(some), ..., :samples], 0, -1), kept)
@@ -553,11 +615,17 @@ def _traced(
     arm: Arm,
     numbers: dict[str, Any],
     solve: FastMethod,
-    keep: Callable[[Solution], Any],
+    keep: str,
     own: dict[str, Any],
 ) -> Any:
     """Return what is kept of each arm, arms first, all by one program: for one that is traced or differentiated."""
-    return jax.lax.map(lambda values: keep(solve(arm.replace(values | own))), numbers)
+
+    def one(values: dict[str, Any]) -> Any:
+        changed = arm.replace(values | own)
+        linear = solve.linearised(changed)
+        return getattr(solve, keep)(changed, linear, solve.excited(changed, linear))
+
+    return jax.lax.map(one, numbers)
 
 
 @jit
@@ -572,7 +640,7 @@ def _excited(
 ) -> Fast:
     """Return the response of an arm with each of some sets, the first axis; one alone is not batched."""
 
-    def one(own: dict[str, Array]) -> Fast:
+    def one(own: dict[str, AnyArray]) -> Fast:
         return solve.excited(arm.replace(values | own), linear)
 
     several = any(len(x) > 1 for x in sets.values())
@@ -588,12 +656,12 @@ def _sampled(
     solve: FastMethod,
     linear: Linearised,
     solved: Fast,
-    keep: Callable[[Solution], Any],
+    keep: str,
 ) -> Any:
     """Return what is kept of each of some sets, the first axis."""
 
     def one(given: tuple[dict[str, Array], Fast]) -> Any:
-        return solve.sampled(arm.replace(values | given[0]), linear, given[1], keep)
+        return getattr(solve, keep)(arm.replace(values | given[0]), linear, given[1])
 
     return jax.lax.map(one, (sets, solved))
 

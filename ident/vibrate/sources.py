@@ -19,8 +19,7 @@ from ident.arm.chain import Loads, at_posture
 from ident.arm.multibody import ERROR, IMBALANCE, ExcitingOrder
 from ident.arm.parts import Point
 from ident.errors import refusal
-from ident.programs import AnyArray
-from ident.vibrate.fast import Solution, each_of, numbers_of, vibration_of
+from ident.vibrate.fast import each_of, numbers_of
 from ident.vibrate.motion import Motion
 from ident.vibrate.simulate import fast_method, parts_of, refuse_collapse, sets_of
 
@@ -89,11 +88,6 @@ class Run:
     def points(self) -> tuple[str, ...]:
         """Names of the points that have a sensor."""
         return tuple(dict.fromkeys(sensor.point for sensor in self.sensors))
-
-
-def _seen(solution: Solution) -> AnyArray:
-    """Return vibration, and path with quasi-static deflection, of the end point, (6, T) [m]."""
-    return jnp.concatenate([vibration_of(solution), solution.path + solution.quasi_static])
 
 
 @dataclass(frozen=True)
@@ -196,7 +190,7 @@ def _response(
         time = np.asarray(solve.time)[: int(solve.samples)]
         own = numbers_of(pointed)
         batch = {path: np.stack([np.asarray(each.get(path, x), float) for each in numbers]) for path, x in own.items()}
-        members = np.asarray(each_of(pointed, batch, solve, _seen, sets))
+        members = np.asarray(each_of(pointed, batch, solve, "vibration_and_path", sets))
         members = members.reshape((6, len(time), -1)) if len(numbers) > 1 else members[..., 0]
         refuse_collapse(run.motion, members)
         moved[point] = members
