@@ -33,7 +33,7 @@ from ident.arm.parts import (
     inertia_problems,
 )
 from ident.errors import Problem, refusal, refuse
-from ident.programs import library
+from ident.programs import AnyArray, library
 from ident.text import did_you_mean, one_line, quoted, table_lines
 from ident.units import stiffness_unit
 
@@ -350,7 +350,7 @@ class Arm(eqx.Module):
         if self.stroke:
             yield self.stroke
 
-    def get(self, path: str) -> Array:
+    def get(self, path: str) -> AnyArray:
         """Return the number [SI] at a path such as `joint1.k_bend`, `link2.mass` or `fingers.com.x`.
 
         Raises:
@@ -408,7 +408,7 @@ class Arm(eqx.Module):
         """All paths that `get` and `replace` know."""
         return tuple(path for path, _, _, _ in self._places())
 
-    def numbers(self) -> dict[str, Array]:
+    def numbers(self) -> dict[str, AnyArray]:
         """All numbers [SI] by path: quicker than `get` for each."""
         return {path: _component(getattr(part, field), end) for path, part, field, end in self._places()}
 
@@ -451,10 +451,10 @@ def stiffness_paths(arm: Arm) -> tuple[str, ...]:
     return tuple(f"{joint.name}.{field}" for field in STIFFNESS for joint in arm.joints)
 
 
-def _component(value: Array, component: tuple[int, ...]) -> Array:
-    if not component or library(value) is jnp:
-        return value[component] if component else value
-    return jnp.asarray(np.asarray(value)[component])
+def _component(value: AnyArray, component: tuple[int, ...]) -> AnyArray:
+    if not component:
+        return value
+    return value[component] if isinstance(value, jax.core.Tracer) else np.asarray(np.asarray(value)[component])
 
 
 def _with_component(old: Array, component: tuple[int, ...], value: Array) -> Array:

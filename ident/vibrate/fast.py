@@ -40,6 +40,7 @@ from ident.arm.multibody import (
     deviations,
     end_point,
     equations,
+    has_transmission_error,
     imbalance,
     multibody,
     orders_of,
@@ -184,10 +185,11 @@ class Fast(NamedTuple):
 def step_for(arm: Arm, motion: Motion) -> float:
     """Return a step [s] at which the method errs less than the linearisation does, on the paper's arm.
 
-    h = min(1 / (7 f_1), 1 / (3 f)), f_1 the first frequency of the stiffest arm at the stiffer end of the motion, and
-    f the fastest excitation: |ratio| times the highest speed of the joint in turns a second, of each drive, times its
-    highest order. Accelerations interpolated over a step h = 1/(n f) follow the free way under a force of that
-    frequency within (2 pi/n)^5 / 13400 of it: 0.3 % for n = 3. ABSTRACT for an arm that `jit` traces.
+    h = min(1 / (n f_1), 1 / (3 f)): n is 7, with a transmission error 10, for that shakes higher modes, too; f_1 the
+    first frequency of the stiffest arm at the stiffer end of the motion; f the fastest excitation: |ratio| times the
+    highest speed of the joint in turns a second, of each drive, times its highest order. Accelerations interpolated
+    over a step h = 1/(n f) follow the free way under a force of that frequency within (2 pi/n)^5 / 13400 of it: 0.3 %
+    for n = 3. ABSTRACT for an arm that `jit` traces.
     """
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
         return ABSTRACT
@@ -195,10 +197,11 @@ def step_for(arm: Arm, motion: Motion) -> float:
     first = float(np.max(_first_frequency(arm, ends.reshape((*ends.shape, *(1,) * len(arm.batch))))))
     speed, names = fastest(motion) / (2 * np.pi), [joint.name for joint in arm.driven]
     orders = [each[-1] for each in orders_of(arm).values()]
+    slowest = 1 / ((10 if has_transmission_error(arm) else 7) * first)
     ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]
     turning = [speed[names.index(drive.joint)] for drive in arm.drives]
     highest = max((o * r * s for o, r, s in zip(orders, ratios, turning, strict=True)), default=0.0)
-    return min(1 / (7 * first) if np.isfinite(first) else ABSTRACT, 1 / (3 * max(highest, 1e-9)))
+    return min(slowest if np.isfinite(first) else ABSTRACT, 1 / (3 * max(highest, 1e-9)))
 
 
 @jit
@@ -316,13 +319,13 @@ class Linearised(NamedTuple):
         equations: the linearised equations.
         bent: quasi-static deflection of the end point [m].
         by_y: derivatives of its displacement by the coordinates.
-        by_pin: and by the pins' angles [m/rad].
+        by_pin: and by the pins' angles [m/rad]; None without transmission errors.
     """
 
     equations: Linear
     bent: Float[Array, "P 3 m"]
     by_y: Float[Array, "P 3 n m"]
-    by_pin: Float[Array, "P 3 joints m"]
+    by_pin: Float[Array, "P 3 joints m"] | None
 
 
 class FastMethod(eqx.Module):
@@ -355,8 +358,9 @@ class FastMethod(eqx.Module):
         def by_interval(x: Array) -> Array:
             return jnp.moveaxis(x.reshape((*x.shape[:-1], *grid.nodes.shape)), -2, 0)
 
-        by_pin = slope(partial(moved, y), jnp.zeros((model.joints, y.shape[1])))
-        return Linearised(equations, *map(by_interval, (moved(y), slope(moved, y), by_pin)))
+        none = jnp.zeros((model.joints, y.shape[1]))
+        by_pin = by_interval(slope(partial(moved, y), none)) if self.transmission_error else None
+        return Linearised(equations, by_interval(moved(y)), by_interval(slope(moved, y)), by_pin)
 
     def excited(self, arm: Arm, linear: Linearised) -> Fast:
         """Integrate them with what excites the arm."""
@@ -395,7 +399,7 @@ class FastMethod(eqx.Module):
             value, *lower = of_steps[::-1, :, interval * steps + step]
             for each in lower:
                 value = value * share + each
-            if not self.transmission_error:
+            if linear.by_pin is None:
                 return value
             y, by_pin = (
                 between_nodes(self.grid, x.reshape((len(x), -1, NODES)), time)[0]
