@@ -5,8 +5,8 @@ With y = y_r(t) + x, y_r the static equilibrium at the posture of the moment:
     M(t) d2x/dt2 + D(t) dx/dt + K(t) x = f(t),   f = -residual(y_r, dy_r/dt, d2y_r/dt2)
 
 M, D, K are the residual's exact derivatives there, gyroscopic and centrifugal terms included, without the turning
-masses; f has them all, and the transmission error to first order. What is left out is of second order in x and in the
-excitation. Whatever follows the posture alone is smooth and interpolated within each time interval, the method's
+masses; f has them all, and the transmission error to first order. The end point moves from y_r to first order in x and
+the error, too: what is left out is of second order. Whatever follows the posture alone is smooth and interpolated within each time interval, the method's
 transition matrices too. The method is Gauss's of order six, which follows slow modes closely and stays stable for fast
 ones.
 
