@@ -289,7 +289,8 @@ class Solution(NamedTuple):
     """Coordinates and rates (n, T), path, displacement and quasi-static deflection of the end point (3, T).
 
     Where springs are curved, also the size of each bushing's spring moment by which the tangent misses the curve, and
-    of that moment's change (2 N, T) [N m], see `beyond_tangent`; None otherwise.
+    of that moment's change (2 N, T) [N m], see `beyond_tangent`; None otherwise. Where it is asked for, also the
+    rotation (3, T) [rad] of the end point's link from its path; None otherwise.
     """
 
     y: AnyArray
@@ -298,6 +299,7 @@ class Solution(NamedTuple):
     displacement: AnyArray
     quasi_static: AnyArray
     missed: AnyArray | None = None
+    turned: AnyArray | None = None
 
 
 class Linearised(NamedTuple):
@@ -326,6 +328,7 @@ class FastMethod(eqx.Module):
     weights: StepWeights
     elastic: bool = eqx.field(static=True)
     transmission_error: bool = eqx.field(static=True)
+    rotation: bool = eqx.field(static=True, default=False)
 
     @jit
     def __call__(self, arm: Arm) -> Solution:
@@ -358,7 +361,8 @@ class FastMethod(eqx.Module):
         y, yd = solved.at(self.grid, time)
         static = between_nodes(self.grid, linear.bent, time)[0]
         missed = self._missed(model, linear.equations, time, y)
-        return Solution(y, yd, *_end_point(model, self.motion, time, y), static, missed)
+        turned = _turned(model, self.motion, time, y) if self.rotation else None
+        return Solution(y, yd, *_end_point(model, self.motion, time, y), static, missed, turned)
 
     def _model(self, arm: Arm) -> Multibody:
         """Gather an arm's equations of motion."""
@@ -410,6 +414,19 @@ def _end_point(
     turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
     path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
     return path, end_point(model, turning.pin.angle, bushing_rotations(model, y)) - path
+
+
+def _turned(model: Multibody, motion: Motion, time: AnyArray, y: Array) -> Float[Array, "3 T"]:
+    """Return the rotation of the end point's link from its path [rad]: half the sum of a x b, a an axis on the path."""
+    turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
+
+    def axes(q: Array, phi: Array | None = None) -> list[Array]:
+        ends = [eqx.tree_at(lambda m: m.position, model, model.position + each[:, None, None]) for each in jnp.eye(3)]
+        return [end_point(end, q, phi) - end_point(model, q, phi) for end in ends]
+
+    nominal = axes(turning.pin.angle - turning.error - deviations(model, y))
+    actual = axes(turning.pin.angle, bushing_rotations(model, y))
+    return sum((jnp.cross(a, b, axis=0) for a, b in zip(nominal, actual, strict=True)), jnp.zeros(())) / 2
 
 
 # -------- Each

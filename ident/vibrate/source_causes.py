@@ -301,8 +301,8 @@ def _driving(problem: SourceProblem, place: Place, responses: Sequence[Response]
     for channel in problem.channels:
         response = responses[channel.run]
         weights = np.append(1.0, problem.parts_of(channel.run, place).ravel())
-        vibration, whole = np.split(response.moved[response.run.sensors[channel.sensor].point], 2)
-        moved = make_interp_spline(response.time, ((vibration + whole) @ weights).T, k=5)(response.time, nu=2)
+        every = response.moved[response.run.sensors[channel.sensor].point]
+        moved = make_interp_spline(response.time, ((every[:3] + every[3:6]) @ weights).T, k=5)(response.time, nu=2)
         yield np.einsum("ti,it->t", moved, response.directions[channel.sensor])
 
 

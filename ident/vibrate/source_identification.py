@@ -411,7 +411,7 @@ def whitened(
         slope = np.zeros((len(time), sum(sizes)))
         members = slopes[channel.run].along(channel.sensor, time)
         slope[:, : sizes[0]] = (members[:, 1:] - members[:, :1]) / STEP
-        rate = response.along(channel.sensor, time, 1) @ np.append(1.0, parts)
+        rate = response.rate(channel.sensor, time) @ np.append(1.0, parts)
         slope[:, clock_at + 2 * channel.run] = rate
         slope[:, clock_at + 2 * channel.run + 1] = rate * channel.time
         slope[:, tilt_at + 2 * k : tilt_at + 2 * k + 2] = tilted @ np.append(1.0, parts)
