@@ -275,7 +275,7 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
     place = problem.start._replace(changes=problem.prior.mean.copy())
     responses = problem.responses(place)
     whitenings = [Whitening(slow_columns(channel), np.ones(1)) for channel in problem.channels]
-    place = place._replace(clock=clock_offsets(problem, responses, place))
+    place = place._replace(clock=clock_offsets(problem, responses, place)[0])
     whitenings = _coloured(problem, responses, place, whitenings, 0)  # without sources: each channel by its own size
     place, _ = _fitted(problem, responses, place, whitenings)
     whitenings = _coloured(problem, responses, place, whitenings, 0)
@@ -306,10 +306,13 @@ def _largest(response: Response) -> np.ndarray:
 
 def clock_offsets(
     problem: SourceProblem, responses: Sequence[Response], place: Place, known: np.ndarray | None = None
-) -> np.ndarray:
-    """Return clocks whose offsets leave least, tried run by run: with sources of its own, or with known ones (2 S,)."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return clocks whose offsets leave least (R, 2), and the share of each run's energy that they leave (R,).
+
+    Tried run by run, with sources of its own, or with known ones (2 S,).
+    """
     thin = [replace(each, time=each.time[::THINNED], values=each.values[::THINNED]) for each in problem.channels]
-    problem, clock = replace(problem, channels=tuple(thin)), place.clock.copy()
+    problem, clock, shares = replace(problem, channels=tuple(thin)), place.clock.copy(), np.ones(len(problem.runs))
     whitenings = [Whitening(slow_columns(channel), np.ones(1)) for channel in thin]
     for number in range(len(problem.runs)):
         own = [k for k, channel in enumerate(thin) if channel.run == number]
@@ -327,7 +330,8 @@ def clock_offsets(
         best = float(min(np.linspace(-problem.offset, problem.offset, count), key=left))
         refined = minimize_scalar(left, bounds=(best - APART, best + APART), method="bounded", options={"maxiter": 12})
         clock[number, 0] = np.clip(refined.x, -problem.offset, problem.offset)
-    return clock
+        shares[number] = left(clock[number, 0]) / len(own)
+    return clock, shares
 
 
 def _rows(

@@ -15,6 +15,7 @@ from source_runs import FILE, HEAD, TRUTH, measure, table
 import ident
 from ident.arm.arm import stiffness_paths
 from ident.assess import run_plan
+from ident.assess.source import _refuse_late
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.measure.runs import _clipped, read_runs, write_runs
@@ -24,6 +25,7 @@ from ident.studies.saved import files_of
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.source_causes import WIDTH, Band
+from ident.vibrate.source_problem import Prior
 
 
 @pytest.fixture(scope="module")
@@ -235,6 +237,18 @@ def test_what_is_wrong_in_a_record_is_said(folder, spoil, complaint):
     (folder / "wrong.csv").write_text(HEAD + "run99.csv,y,y,12,a,\n")
     with pytest.raises(InputError, match=complaint):
         ident.source(folder / "wrong.csv")
+
+
+def test_a_run_beyond_the_stated_offset_is_named(folder):
+    """A recorder that starts 0.3 s early is found beyond 50 ms; one 10 ms off is not complained of."""
+    record = np.loadtxt(folder / "run12.csv", delimiter=",", skiprows=1)
+    record[:, 0] += 0.3
+    np.savetxt(folder / "run12.3.csv", record, "%.6g", ",", header="time [s],y [mm],z [mm]", comments="")
+    (folder / "late.csv").write_text(HEAD + "".join(f"run12.3.csv,{way},{way},12,a,\n" for way in "yz"))
+    arm = read_arm(FILE).arm
+    with pytest.raises(InputError, match=r"run12.3.csv: got a clock -\d+ ms off the motion's, expected at most 50 ms"):
+        _refuse_late(arm, read_runs(folder / "late.csv"), ["run12.3.csv"], Prior.of(arm, {}), 0.05)
+    _refuse_late(arm, read_runs(table(folder, (12.0,))), ["run12.csv"], Prior.of(arm, {}), 0.05)
 
 
 @pytest.mark.parametrize(
