@@ -26,7 +26,7 @@ References:
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from itertools import combinations, product
 from typing import Any, NamedTuple
 
@@ -310,11 +310,16 @@ def _swinging(
     problem: SourceProblem, place: Place, response: Response, channel: Channel, driving: np.ndarray, how: Any
 ) -> np.ndarray:
     """Return what a sensor sees of a light oscillator [rad/s, damping ratio] that its point drives, (T,)."""
-    omega, damping = how
-    step = float(response.time[1] - response.time[0])
-    above, below, _ = cont2discrete(([-1.0], [1.0, 2 * damping * omega, omega**2]), step, "foh")
-    swing = make_interp_spline(response.time, lfilter(np.ravel(above), below, driving), k=5)
+    filtered = lfilter(*_oscillator(*how, round(float(response.time[1] - response.time[0]), 12)), driving)
+    swing = make_interp_spline(response.time, filtered, k=5)
     return np.asarray(swing(problem.clock_of(channel, place), nu=response.run.sensors[channel.sensor].derivative))
+
+
+@lru_cache  # of all traces alike
+def _oscillator(omega: float, damping: float, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the filter of a light oscillator under an acceleration that is linear within a step [s]."""
+    above, below, _ = cont2discrete(([-1.0], [1.0, 2 * damping * omega, omega**2]), step, "foh")
+    return np.ravel(above), below
 
 
 class _Set(NamedTuple):
