@@ -235,6 +235,7 @@ def studied(
     hold_out: Sequence[str] = (),
     peak: float | None = None,
     teeth: Mapping[str, float] | None = None,
+    calibration: float = 0.0,
     progress: Any = iter,
 ) -> SourceStudy:
     """Identify what excites an arm from a table of runs, and predict those that are held out.
@@ -247,6 +248,7 @@ def studied(
         hold_out: files of the runs to predict.
         peak: frequency [Hz] of a peak whose cause is asked for.
         teeth: of the belts' driving pulleys, by the belt's name.
+        calibration: standard deviation of the relative error of each sensor's calibration.
         progress: shows how far the search is.
 
     Raises:
@@ -261,7 +263,7 @@ def studied(
     for name in hold_out:
         _same_group(table, name, used)
     prior = Prior.of(arm, draws)
-    problem = posed(arm, table, used, prior, offset=offset)
+    problem = replace(posed(arm, table, used, prior, offset=offset), calibration=calibration)
     for name in hold_out:
         _posed(arm, table, [name], prior, offset)
     if peak is not None or teeth:

@@ -406,7 +406,7 @@ def whitened(
 ) -> Whitened:
     """Return residuals and slopes by all unknowns."""
     sizes = [part.size for part in place]
-    clock_at, tilt_at, linear_at = np.cumsum(sizes)[:3]
+    clock_at, tilt_at, sensor_at, linear_at = np.cumsum(sizes)[:4]
     residuals, columns = [], []
     for k, channel in enumerate(problem.channels):
         response, parts = responses[channel.run], problem.parts_of(channel.run, place).ravel()
@@ -419,6 +419,9 @@ def whitened(
         slope[:, clock_at + 2 * channel.run] = rate
         slope[:, clock_at + 2 * channel.run + 1] = rate * channel.time
         slope[:, tilt_at + 2 * k : tilt_at + 2 * k + 2] = tilted @ np.append(1.0, parts)
+        slope[:, :sensor_at] *= problem.factor(k, place)
+        if place.calibration.size:
+            slope[:, sensor_at + problem.sensors[k]] = (sure + units @ parts) / problem.factor(k, place)
         slope[:, linear_at:] = units @ problem.mixing[channel.run]
         whole = whitenings[k](np.column_stack([channel.values - sure - units @ parts, slope]))
         residuals.append(whole[:, 0])
@@ -548,15 +551,15 @@ def shared_unknowns(place: Place) -> np.ndarray:
 
 
 def shared_information(alone: SourceProblem, columns: Sequence[np.ndarray]) -> Float[np.ndarray, "K K"]:
-    """Return what a run alone tells of what it shares, its clock and its sensors' tilt being its own.
+    """Return what a run alone tells of what it shares, its clock and its sensors' errors being its own.
 
     Args:
         alone: the run.
         columns: of its channels, or of some of them.
     """
     sizes, precision = [part.size for part in alone.start], sum(each.T @ each for each in columns)
-    shared = np.r_[0 : sizes[0], sum(sizes[:3]) : sum(sizes)]
-    rest = np.arange(sizes[0], sum(sizes[:3]))
+    shared = np.r_[0 : sizes[0], sum(sizes[:4]) : sum(sizes)]
+    rest = np.arange(sizes[0], sum(sizes[:4]))
     across = precision[np.ix_(rest, shared)]
     own = precision[np.ix_(rest, rest)] + np.diag(np.diag(alone.priors[0])[rest])
     return np.asarray(precision[np.ix_(shared, shared)] - across.T @ np.linalg.solve(own, across))

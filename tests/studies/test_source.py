@@ -81,6 +81,20 @@ def test_clock_and_stiffness_are_found_with_it(result, true_arm):
     assert sd["joint3.k_bend"] < 0.01  # known to 10 % before
 
 
+@pytest.mark.slow
+def test_an_uncertain_calibration_widens_amplitudes_not_phases(folder, result):
+    """Two sensors, each known to 5 %, see drive 2's imbalance: between 5 % / sqrt(2) and 5 % more, in quadrature."""
+    loose = ident.source(table(folder, (12.0,), "loose.csv"), calibration=5.0)
+    before, after = (
+        next(row for row in every.table() if (row["drive"], row["kind"]) == ("drive2", "imbalance"))
+        for every in (result, loose)
+    )
+    more = np.sqrt(after["sd"] ** 2 - before["sd"] ** 2) / after["amplitude"]
+    assert 0.95 * 0.05 / np.sqrt(2) < more < 1.05 * 0.05
+    assert after["phase_sd"] < 1.2 * before["phase_sd"]
+    assert abs(after["amplitude"] / before["amplitude"] - 1) < 2 * more
+
+
 def test_it_comes_back_and_fits_a_screen(result, tmp_path):
     assert_plain(assert_comes_back(result, tmp_path).table())
     assert_one_screen(result.report(), files=2)
