@@ -289,8 +289,7 @@ class Solution(NamedTuple):
     """Coordinates and rates (n, T), path, displacement and quasi-static deflection of the end point (3, T).
 
     Where springs are curved, also the size of each bushing's spring moment by which the tangent misses the curve, and
-    of that moment's change (2 N, T) [N m], see `beyond_tangent`; None otherwise. Where it is asked for, also the
-    rotation (3, T) [rad] of the end point's link from its path; None otherwise.
+    of that moment's change (2 N, T) [N m], see `beyond_tangent`; where asked for, the end point's `_turned` (3, T).
     """
 
     y: AnyArray
@@ -418,15 +417,10 @@ def _end_point(
 
 def _turned(model: Multibody, motion: Motion, time: AnyArray, y: Array) -> Float[Array, "3 T"]:
     """Return the rotation of the end point's link from its path [rad]: half the sum of a x b, a an axis on the path."""
-    turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
-
-    def axes(q: Array, phi: Array | None = None) -> list[Array]:
-        ends = [eqx.tree_at(lambda m: m.position, model, model.position + each[:, None, None]) for each in jnp.eye(3)]
-        return [end_point(end, q, phi) - end_point(model, q, phi) for end in ends]
-
-    nominal = axes(turning.pin.angle - turning.error - deviations(model, y))
-    actual = axes(turning.pin.angle, bushing_rotations(model, y))
-    return sum((jnp.cross(a, b, axis=0) for a, b in zip(nominal, actual, strict=True)), jnp.zeros(())) / 2
+    here = jnp.stack(_end_point(model, motion, time, y))
+    ends = [eqx.tree_at(lambda m: m.position, model, model.position + each[:, None, None]) for each in jnp.eye(3)]
+    axes = jnp.stack([jnp.stack(_end_point(end, motion, time, y)) - here for end in ends])
+    return jnp.cross(axes[:, 0], axes[:, 1], axis=1).sum(0) / 2
 
 
 # -------- Each
