@@ -44,6 +44,8 @@ GAINS = (0.5, 1.5)
 alone does not move it; assumed."""
 FARTHEST = 4.0
 """Standard deviations a priori by which a stiffness or a damping may move; assumed."""
+LATEST = 1.0
+"""Time [s] by which a clock may be off that is searched for where the stated offset leads to nothing; assumed."""
 CLOCK = 0.05
 """Time [s] by which a clock may be off where none is fitted; assumed."""
 FURTHER = (5.0, 7.0, 10.0, 14.0, 20.0)
@@ -233,6 +235,7 @@ def studied(
     hold_out: Sequence[str] = (),
     peak: float | None = None,
     teeth: Mapping[str, float] | None = None,
+    calibration: float = 0.0,
     progress: Any = iter,
 ) -> SourceStudy:
     """Identify what excites an arm from a table of runs, and predict those that are held out.
@@ -245,6 +248,7 @@ def studied(
         hold_out: files of the runs to predict.
         peak: frequency [Hz] of a peak whose cause is asked for.
         teeth: of the belts' driving pulleys, by the belt's name.
+        calibration: standard deviation of the relative error of each sensor's calibration.
         progress: shows how far the search is.
 
     Raises:
@@ -259,7 +263,7 @@ def studied(
     for name in hold_out:
         _same_group(table, name, used)
     prior = Prior.of(arm, draws)
-    problem = posed(arm, table, used, prior, offset=offset)
+    problem = replace(posed(arm, table, used, prior, offset=offset), calibration=calibration)
     for name in hold_out:
         _posed(arm, table, [name], prior, offset)
     if peak is not None or teeth:
@@ -267,9 +271,9 @@ def studied(
     found = identified(problem, progress)
     for run, (clock, _) in zip(problem.runs, found.place.clock.tolist(), strict=True):
         if abs(clock) > offset * (1 - 1e-9):
-            got = f"a clock {1e3 * clock:.0f} ms off the motion's"
-            remedy = "check delay and speed, or allow more (`offset`)"
-            raise refusal(run.name, got, f"at most {1e3 * offset:.0f} ms", remedy)
+            raise _late(run.name, clock, offset)
+    if not SourceStudy(found, (), True).usable:
+        _refuse_late(arm, table, used, prior, offset)
     held = [prediction for name in hold_out for prediction in _predicted(found, table, name, used)]
     known = all(path in draws for path in stiffness_paths(arm))
     first, rate, further = problem.runs[0], min(channel.rate for channel in problem.channels), dict[float, Run]()
@@ -281,6 +285,25 @@ def studied(
     if peak is not None:
         causes = compared(problem, found.place, found.covariance, peak, teeth=teeth, further=further)
     return SourceStudy(found, tuple(held), known, tells, causes)
+
+
+def _refuse_late(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: float) -> None:
+    """Refuse a run of which a clock beyond the offset leaves less than half of what the best one within leaves."""
+    for name in names:
+        try:
+            own = _posed(arm, table, [name], prior, LATEST)
+        except InputError:  # too short to be moved so far
+            continue
+        place = own.start._replace(changes=prior.mean)
+        responses = own.responses(place)
+        (clock, far), (_, near) = (clock_offsets(replace(own, offset=x), responses, place) for x in (LATEST, offset))
+        if abs(clock[0, 0]) > offset and far[0] < near[0] / 2:
+            raise _late(name, float(clock[0, 0]), offset)
+
+
+def _late(name: str, clock: float, offset: float) -> InputError:
+    got, remedy = f"a clock {1e3 * clock:.0f} ms off the motion's", "check delay and speed, or allow more (`offset`)"
+    return refusal(name, got, f"at most {1e3 * offset:.0f} ms", remedy)
 
 
 def moving_traces(arm: Arm, table: Runs) -> list[MovingTrace]:
@@ -449,7 +472,7 @@ def _predicted(found: Identification, table: Runs, name: str, used: Sequence[str
     own = _posed(known.arm, table, [name], known.prior, known.offset)
     place = own.start._replace(changes=found.place.changes, parts=found.place.parts[group][None])
     responses, parts = own.responses(place), own.parts_of(0, place)
-    place = place._replace(clock=clock_offsets(own, responses, place, parts.ravel()))
+    place = place._replace(clock=clock_offsets(own, responses, place, parts.ravel())[0])
     places = [place._replace(parts=each.parts[group][None]) for each in found.places(TESTED)]
     drawn = np.stack([own.parts_of(0, each).ravel() for each in places], 1)
     result = []

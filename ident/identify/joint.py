@@ -102,6 +102,8 @@ class JointTwist:
             from damping, which else is more by it.
         alone: what each of several logs says by itself.
         without: stiffness if the model had no delay, no friction or no error of the encoder, by that word.
+        loose: whether backlash, if there is any, counts as compliance: the torque reverses, and is not known so well
+            that the log tells backlash.
         torque: (T,) [N m] that the spring carries, as far as friction is known, at each sample that counts.
         twist: (T,) [rad] of the spring: without zero, delay, friction and the encoder's error.
         residual: (T,) [rad] of the fit.
@@ -112,6 +114,7 @@ class JointTwist:
     numbers: Mapping[str, JointNumber]
     compliance: JointNumber
     parted: bool
+    loose: bool
     torque: Float[np.ndarray, " T"]
     twist: Float[np.ndarray, " T"]
     residual: Float[np.ndarray, " T"]
@@ -197,9 +200,9 @@ def _solved(name: str, logs: Sequence[JointLog], setting: TwistSetting, dropped:
             lag = found["viscous"] / stiffness if balanced and not measured else 0.0
             found["delay"] = shift + lag - fit["speed"]
             shift = float(np.nan_to_num(found["delay"][0]))
-        if known and not measured:
-            coulomb, viscous = np.nan_to_num([found["coulomb"][0], found["viscous"][0]])
-            friction = float(coulomb), float(viscous)
+        if not measured:  # viscous friction that the twist does not tell is left out of the torque's sign
+            coulomb, viscous = (float(np.nan_to_num(found.get(word, [0.0])[0])) for word in ("coulomb", "viscous"))
+            friction = coulomb, viscous
         if reverses:
             found["backlash"] = -2 * fit["gap"]
     spring = sum((fit[term][0] * rows[term] for term in ("torque", "rate", "gap") if term in fit), np.zeros(1))
@@ -207,7 +210,8 @@ def _solved(name: str, logs: Sequence[JointLog], setting: TwistSetting, dropped:
     compliance = _number(-fit["torque"])
     numbers = {"stiffness": _inverse(compliance)}
     numbers |= {word: _number(found[word]) if word in found else NOTHING for word in QUANTITIES[1:]}
-    return JointTwist(name, setting, numbers, compliance, known, rows["torque"], spring + residual, residual)
+    loose = not known and _reverses(rows["gap"])
+    return JointTwist(name, setting, numbers, compliance, known, loose, rows["torque"], spring + residual, residual)
 
 
 def _reverses(sign: Float[np.ndarray, " T"]) -> bool:

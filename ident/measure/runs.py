@@ -44,8 +44,8 @@ COMMENTS = (
     "(glass + 0.2 kg @ tip); delay [s] to add to the file's times, so that motion (or log) starts at 0;",
     "group: runs of one group have kept the pulleys' angles between them; trial: masses added to drives for this run,",
     "12 g @ drive2 40 mm 90 deg + ... (radius; angle about the joint's axis at joint angle 0). Displacements and",
-    "velocities are of the vibration alone, accelerations have the motion itself in them. Rows without direction are",
-    "left out.",
+    "velocities are of the vibration alone, accelerations have the motion itself in them, and gravity. Rows without",
+    "direction are left out.",
 )
 RATE = 250.0
 """Samples a second to which faster recordings are brought: what drives excite lies below 25 Hz."""

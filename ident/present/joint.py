@@ -46,8 +46,10 @@ def _verdict(joints: "Sequence[JointTwist]") -> Verdict:
         return Verdict("CANNOT TELL", "No stiffness is known within half of its value.", "caution")
     worst = max(told, key=_width)
     reason = f"The least certain stiffness, of {worst.name}, is known within {percent(_width(worst))}."
+    if loose := [each.name for each in told if each.loose]:
+        reason += f" Any backlash of {some(loose)} counts as compliance."
     if len(told) == len(joints):
-        return Verdict("IDENTIFIED", reason, "good")
+        return Verdict("IDENTIFIED", reason, "caution" if loose else "good")
     return Verdict(f"PARTLY {len(told)} OF {len(joints)}", reason, "caution")
 
 
@@ -97,7 +99,8 @@ def _findings(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Ite
             yield Finding(f"{each.name}: one log at a time the stiffness is {values}", remedy)
     if not joints[0].parted:
         remedy = "log joints that move alone (--alone), or a column of the torque in the joint (.load)"
-        yield Finding("Viscous friction and delay cannot be told apart; backlash counts as compliance", remedy)
+        also = "; backlash counts as compliance" if any(each.loose for each in joints) else ""
+        yield Finding(f"Viscous friction and delay cannot be told apart{also}", remedy)
     lacking = [
         each.name for each in joints if "load" not in logs[0].columns[each.name] and each.setting.inertia is None
     ]

@@ -100,15 +100,17 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
     """Yield what is wrong with the runs, how a left-out one is predicted, and what is not told."""
     if study.causes:
         yield cause_finding(study.causes, study.usable)
+    check = "check speed, load, direction, unit and delay in the table of runs, and the sampling of the file"
     for name, gain in study.poor.items():
-        yield Finding(
-            f"{name} does not follow the computed vibration (gain {gain:.2f})",
-            "check its speed, load, direction, unit and delay in the table of runs",
-        )
+        yield Finding(f"{name} does not follow the computed vibration (gain {gain:.2f})", check)
+    if not study.found.settled and not study.poor:
+        yield Finding("the runs do not follow the computed vibration", check)
     for source in study.contradicting:
         yield Finding(f"{named(source)}: the runs contradict each other", "check their table, or use each run alone")
     for name, shift in study.moved.items():
         remedy = "check the load of the runs, and what the stiffnesses and damping are from"
+        if name.endswith("k_tors") and shift < 0:
+            remedy += "; a soft servo acts as a softer joint"
         yield Finding(f"{name} would have to move by {abs(shift):.1f} sigma", remedy)
     for each in study.tried():
         if each.told and not each.right:

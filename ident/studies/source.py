@@ -36,6 +36,7 @@ class SourceOptions(ArmOptions):
     hold_out: tuple[str, ...] = option(
         (), "file of a run to leave out and to predict; may be repeated", repeated=True, read=reading.names
     )
+    calibration: float = option(0.0, "standard error [%] of each sensor's calibration", low=0.0, high=50.0)
     peak: float | None = option(None, "frequency [Hz] of a peak: which cause makes it", above=0.0, high=1e3)
     teeth: dict[str, float] = option(
         {},
@@ -187,6 +188,7 @@ def source(
         hold_out=options.hold_out,
         peak=options.peak,
         teeth=options.teeth,
+        calibration=options.calibration / 100,
         progress=progress("search"),
     )
     return SourceResult(found, arm, runs, options, drawn)

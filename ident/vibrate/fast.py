@@ -5,10 +5,10 @@ With y = y_r(t) + x, y_r the static equilibrium at the posture of the moment:
     M(t) d2x/dt2 + D(t) dx/dt + K(t) x = f(t),   f = -residual(y_r, dy_r/dt, d2y_r/dt2)
 
 M, D, K are the residual's exact derivatives there, gyroscopic and centrifugal terms included, without the turning
-masses; f has them all, and the transmission error to first order. The end point moves from y_r to first order in x and
-the error, too: what is left out is of second order. Whatever follows the posture alone is smooth and interpolated within each time interval, the method's
-transition matrices too. The method is Gauss's of order six, which follows slow modes closely and stays stable for fast
-ones.
+masses; f has them all, and the transmission error to first order. The end point moves to first order in x and the
+error, too: what is left out is of second order. Whatever follows the posture alone is smooth and interpolated within
+each time interval, the method's transition matrices too. The method is Gauss's of order six, which follows slow modes
+closely and stays stable for fast ones.
 
 References:
     Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods), II.14.
@@ -441,6 +441,16 @@ class FastMethod(eqx.Module):
 
         return jnp.concatenate([self.vibration(arm, linear, solved), _by_time(path, jnp.asarray(self.time))])
 
+    def vibration_path_and_turn(self, arm: Arm, linear: Linearised, solved: Fast) -> Float[Array, "9 T"]:
+        """Return these and the rotation of the end point's link from the path [rad]."""
+        model = self._model(arm)
+
+        def turned(time: Array) -> Array:
+            return _turned(model, self.motion, time, solved.at(self.grid, time)[0])
+
+        both = self.vibration_and_path(arm, linear, solved)
+        return jnp.concatenate([both, _by_time(turned, jnp.asarray(self.time))])
+
     def _model(self, arm: Arm) -> Multibody:
         """Gather an arm's equations of motion."""
         return multibody(
@@ -486,6 +496,14 @@ def _end_point(
     turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
     path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
     return path, end_point(model, turning.pin.angle + turned, bushing_rotations(model, y)) - path
+
+
+def _turned(model: Multibody, motion: Motion, time: AnyArray, y: Array) -> Float[Array, "3 T"]:
+    """Return the rotation of the end point's link from its path [rad]: half the sum of a x b, a an axis on the path."""
+    here = jnp.stack(_end_point(model, motion, time, y))
+    ends = [eqx.tree_at(lambda m: m.position, model, model.position + each[:, None, None]) for each in jnp.eye(3)]
+    axes = jnp.stack([jnp.stack(_end_point(end, motion, time, y)) - here for end in ends])
+    return jnp.cross(axes[:, 0], axes[:, 1], axis=1).sum(0) / 2
 
 
 # -------- Each

@@ -26,7 +26,7 @@ References:
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from itertools import combinations, product
 from typing import Any, NamedTuple
 
@@ -228,7 +228,10 @@ def _with_mesh(problem: SourceProblem, teeth: Mapping[str, float], peak: float) 
     arm, low = problem.arm, peak * (1 - WIDTH)
     if not teeth:
         return problem, {"mesh": "the belts' numbers of teeth are not given"}
-    joints, orders, spans = [joint.name for joint in arm.driven], dict[str, list[float]](), list[float]()
+    orders, spans, ends = dict[str, list[float]](), list[float](), [run.motion.breaks for run in problem.runs]
+    times = [np.linspace(float(end[0]), float(end[-1]), 400) for end in ends]
+    speeds = np.abs(np.concatenate([run.motion(t)[1] for run, t in zip(problem.runs, times, strict=True)], 1)).max(1)
+    fastest = dict(zip((joint.name for joint in arm.driven), speeds.tolist(), strict=True))
     for belt in (belt for belt in arm.belts if belt.name in teeth):
         count = float(teeth[belt.name])
         own = {belt.driver: count, belt.driven: count * float(belt.driven_radius) / float(belt.driver_radius)}
@@ -237,8 +240,7 @@ def _with_mesh(problem: SourceProblem, teeth: Mapping[str, float], peak: float) 
         for drive in arm.drives:
             taken = [2.0, *(each.order for each in drive.errors), *orders.get(drive.name, [])]
             if drive.joint in own and own[drive.joint] not in taken:
-                turning = np.abs(np.concatenate([_speeds(run)[joints.index(drive.joint)] for run in problem.runs]))
-                highest = own[drive.joint] * abs(float(drive.ratio)) * turning.max() / (2 * np.pi)
+                highest = own[drive.joint] * abs(float(drive.ratio)) * fastest[drive.joint] / (2 * np.pi)
                 spans.append(highest)
                 if highest > low:
                     orders.setdefault(drive.name, []).append(own[drive.joint])
@@ -260,11 +262,6 @@ def _with_mesh(problem: SourceProblem, teeth: Mapping[str, float], peak: float) 
         if each not in problem.sources and each.order in orders.get(each.drive, [])
     ]
     return replace(problem, arm=meshing, sources=(*problem.sources, *added)), {}
-
-
-def _speeds(run: Run) -> np.ndarray:
-    """Return the driven joints' speeds over a run [rad/s], (driven, times)."""
-    return np.asarray(run.motion(np.linspace(float(run.motion.breaks[0]), float(run.motion.breaks[-1]), 400))[1])
 
 
 class _Rows(NamedTuple):
@@ -301,8 +298,8 @@ def _driving(problem: SourceProblem, place: Place, responses: Sequence[Response]
     for channel in problem.channels:
         response = responses[channel.run]
         weights = np.append(1.0, problem.parts_of(channel.run, place).ravel())
-        vibration, whole = np.split(response.moved[response.run.sensors[channel.sensor].point], 2)
-        moved = make_interp_spline(response.time, ((vibration + whole) @ weights).T, k=5)(response.time, nu=2)
+        every = response.moved[response.run.sensors[channel.sensor].point]
+        moved = make_interp_spline(response.time, ((every[:3] + every[3:6]) @ weights).T, k=5)(response.time, nu=2)
         yield np.einsum("ti,it->t", moved, response.directions[channel.sensor])
 
 
@@ -310,11 +307,16 @@ def _swinging(
     problem: SourceProblem, place: Place, response: Response, channel: Channel, driving: np.ndarray, how: Any
 ) -> np.ndarray:
     """Return what a sensor sees of a light oscillator [rad/s, damping ratio] that its point drives, (T,)."""
-    omega, damping = how
-    step = float(response.time[1] - response.time[0])
-    above, below, _ = cont2discrete(([-1.0], [1.0, 2 * damping * omega, omega**2]), step, "foh")
-    swing = make_interp_spline(response.time, lfilter(np.ravel(above), below, driving), k=5)
+    filtered = lfilter(*_oscillator(*how, round(float(response.time[1] - response.time[0]), 12)), driving)
+    swing = make_interp_spline(response.time, filtered, k=5)
     return np.asarray(swing(problem.clock_of(channel, place), nu=response.run.sensors[channel.sensor].derivative))
+
+
+@lru_cache  # of all traces alike
+def _oscillator(omega: float, damping: float, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the filter of a light oscillator under an acceleration that is linear within a step [s]."""
+    above, below, _ = cont2discrete(([-1.0], [1.0, 2 * damping * omega, omega**2]), step, "foh")
+    return np.ravel(above), below
 
 
 class _Set(NamedTuple):
@@ -401,12 +403,13 @@ class _Contest:
             columns[len(columns) - len(loose) :] = loose
             fingers, lines = dict[tuple[float, float], np.ndarray](), dict[tuple[float, float], np.ndarray]()
             for others in (columns, np.column_stack([columns, sources])):  # sources may be like a line for a while
-                beside, _ = np.linalg.qr(_unit(others))
+                beside, _ = np.linalg.qr(others / _sizes(others))
                 rest = values - beside @ (beside.T @ values)
 
                 def gained(how: Any, beside: Any = beside, rest: Any = rest, scaled: Any = scaled) -> Any:
                     block = scaled(swinging(*how))
-                    own, _ = np.linalg.qr(_unit(block - beside @ (beside.T @ block)))
+                    block = block - beside @ (beside.T @ block)
+                    own, _ = np.linalg.qr(block / _sizes(block))
                     return np.sum((own.T @ rest) ** 2)
 
                 finger = (rows.bands[0].frequency, DAMPING[1])
@@ -418,7 +421,7 @@ class _Contest:
                 line = _strongest_line(problem, rows.bands, np.split(rest[: sum(sizes)], np.cumsum(sizes)[:-1]))
                 lines[line, 0.0] = scaled(_lines(problem, rows.bands, line))
             every = np.column_stack([columns, sources, *fingers.values(), *lines.values()])
-            left = values - _fitted(every, values)
+            left = values - every @ _solved(every, values)
             rms = [(np.std(left[trace == k]), np.std(values[trace == k])) for k in range(len(sizes))]
             if again:
                 noise = noise * np.array([np.hypot(own, MISFIT * size) for own, size in rms])
@@ -565,7 +568,7 @@ class _Contest:
             whole = here + line.sum(1) if line.size else here
             off = whole - other
             if free.size:
-                off = off - _fitted(free, off)
+                off = off - free @ _solved(free, off)
             noise = self.noise[number] ** 2 * len(off) + MISFIT**2 * float(whole @ whole)
             score += len(off) / 2 * float(np.log1p(float(off @ off) / noise))
         return score
@@ -598,22 +601,18 @@ def _folds(size: int) -> np.ndarray:
     return np.tile(np.arange(size // 2) * BLOCKS // (size // 2) % FOLDS, 2)
 
 
-def _unit(columns: np.ndarray) -> np.ndarray:
-    """Return columns of unit length; those of nothing stay."""
+def _sizes(columns: np.ndarray) -> np.ndarray:
+    """Return the columns' lengths; 1 of one of nothing."""
     size = np.linalg.norm(columns, axis=0)
-    return columns / np.where(size > 0, size, 1.0)
+    return np.where(size > 0, size, 1.0)
 
 
 def _solved(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return the least-squares coefficients, by normal equations of columns of unit length."""
-    size = np.linalg.norm(columns, axis=0)
-    scaled = columns / np.where(size > 0, size, 1.0)
+    size = _sizes(columns)
+    scaled = columns / size
     normal = scaled.T @ scaled + RIDGE * np.eye(len(size))
-    return np.asarray(np.linalg.solve(normal, scaled.T @ values) / np.where(size > 0, size, 1.0))
-
-
-def _fitted(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return np.asarray(columns @ _solved(columns, values))
+    return np.asarray(np.linalg.solve(normal, scaled.T @ values) / size)
 
 
 def _strongest_line(problem: SourceProblem, bands: Sequence[Band], rest: Sequence[np.ndarray]) -> float:

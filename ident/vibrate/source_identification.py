@@ -275,7 +275,7 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
     place = problem.start._replace(changes=problem.prior.mean.copy())
     responses = problem.responses(place)
     whitenings = [Whitening(slow_columns(channel), np.ones(1)) for channel in problem.channels]
-    place = place._replace(clock=clock_offsets(problem, responses, place))
+    place = place._replace(clock=clock_offsets(problem, responses, place)[0])
     whitenings = _coloured(problem, responses, place, whitenings, 0)  # without sources: each channel by its own size
     place, _ = _fitted(problem, responses, place, whitenings)
     whitenings = _coloured(problem, responses, place, whitenings, 0)
@@ -306,10 +306,13 @@ def _largest(response: Response) -> np.ndarray:
 
 def clock_offsets(
     problem: SourceProblem, responses: Sequence[Response], place: Place, known: np.ndarray | None = None
-) -> np.ndarray:
-    """Return clocks whose offsets leave least, tried run by run: with sources of its own, or with known ones (2 S,)."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return clocks whose offsets leave least (R, 2), and the share of each run's energy that they leave (R,).
+
+    Tried run by run, with sources of its own, or with known ones (2 S,).
+    """
     thin = [replace(each, time=each.time[::THINNED], values=each.values[::THINNED]) for each in problem.channels]
-    problem, clock = replace(problem, channels=tuple(thin)), place.clock.copy()
+    problem, clock, shares = replace(problem, channels=tuple(thin)), place.clock.copy(), np.ones(len(problem.runs))
     whitenings = [Whitening(slow_columns(channel), np.ones(1)) for channel in thin]
     for number in range(len(problem.runs)):
         own = [k for k, channel in enumerate(thin) if channel.run == number]
@@ -327,7 +330,8 @@ def clock_offsets(
         best = float(min(np.linspace(-problem.offset, problem.offset, count), key=left))
         refined = minimize_scalar(left, bounds=(best - APART, best + APART), method="bounded", options={"maxiter": 12})
         clock[number, 0] = np.clip(refined.x, -problem.offset, problem.offset)
-    return clock
+        shares[number] = left(clock[number, 0]) / len(own)
+    return clock, shares
 
 
 def _rows(
@@ -402,7 +406,7 @@ def whitened(
 ) -> Whitened:
     """Return residuals and slopes by all unknowns."""
     sizes = [part.size for part in place]
-    clock_at, tilt_at, linear_at = np.cumsum(sizes)[:3]
+    clock_at, tilt_at, sensor_at, linear_at = np.cumsum(sizes)[:4]
     residuals, columns = [], []
     for k, channel in enumerate(problem.channels):
         response, parts = responses[channel.run], problem.parts_of(channel.run, place).ravel()
@@ -411,10 +415,13 @@ def whitened(
         slope = np.zeros((len(time), sum(sizes)))
         members = slopes[channel.run].along(channel.sensor, time)
         slope[:, : sizes[0]] = (members[:, 1:] - members[:, :1]) / STEP
-        rate = response.along(channel.sensor, time, 1) @ np.append(1.0, parts)
+        rate = response.rate(channel.sensor, time) @ np.append(1.0, parts)
         slope[:, clock_at + 2 * channel.run] = rate
         slope[:, clock_at + 2 * channel.run + 1] = rate * channel.time
         slope[:, tilt_at + 2 * k : tilt_at + 2 * k + 2] = tilted @ np.append(1.0, parts)
+        slope[:, :sensor_at] *= problem.factor(k, place)
+        if place.calibration.size:
+            slope[:, sensor_at + problem.sensors[k]] = (sure + units @ parts) / problem.factor(k, place)
         slope[:, linear_at:] = units @ problem.mixing[channel.run]
         whole = whitenings[k](np.column_stack([channel.values - sure - units @ parts, slope]))
         residuals.append(whole[:, 0])
@@ -544,15 +551,15 @@ def shared_unknowns(place: Place) -> np.ndarray:
 
 
 def shared_information(alone: SourceProblem, columns: Sequence[np.ndarray]) -> Float[np.ndarray, "K K"]:
-    """Return what a run alone tells of what it shares, its clock and its sensors' tilt being its own.
+    """Return what a run alone tells of what it shares, its clock and its sensors' errors being its own.
 
     Args:
         alone: the run.
         columns: of its channels, or of some of them.
     """
     sizes, precision = [part.size for part in alone.start], sum(each.T @ each for each in columns)
-    shared = np.r_[0 : sizes[0], sum(sizes[:3]) : sum(sizes)]
-    rest = np.arange(sizes[0], sum(sizes[:3]))
+    shared = np.r_[0 : sizes[0], sum(sizes[:4]) : sum(sizes)]
+    rest = np.arange(sizes[0], sum(sizes[:4]))
     across = precision[np.ix_(rest, shared)]
     own = precision[np.ix_(rest, rest)] + np.diag(np.diag(alone.priors[0])[rest])
     return np.asarray(precision[np.ix_(shared, shared)] - across.T @ np.linalg.solve(own, across))

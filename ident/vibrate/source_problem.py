@@ -131,6 +131,7 @@ class Place(NamedTuple):
         changes: (P,) of the arm's numbers, see `Prior`.
         clock: (R, 2) offset [s] and relative rate of each run's clock.
         tilt: (C, 2) [rad] of each channel's direction, about two axes across it.
+        calibration: (W,) relative error of each sensor's; none where they count as exact.
         factors: (F, 2) by which each trial mass acts, real and imaginary part; 1 where model and table are right.
         parts: (G, S, 2) of the sources in each phase group, in units.
     """
@@ -138,6 +139,7 @@ class Place(NamedTuple):
     changes: np.ndarray
     clock: np.ndarray
     tilt: np.ndarray
+    calibration: np.ndarray
     factors: np.ndarray
     parts: np.ndarray
 
@@ -215,6 +217,7 @@ class SourceProblem:
         prior: of the arm's numbers.
         offset: [s] by which a clock may be wrong.
         trials: masses that were added, one at most of each source in a run.
+        calibration: standard deviation of the relative error of each sensor's calibration, the same in all runs.
     """
 
     arm: Arm
@@ -225,6 +228,14 @@ class SourceProblem:
     prior: Prior
     offset: float
     trials: tuple[Trial, ...] = ()
+    calibration: float = 0.0
+
+    @cached_property
+    def sensors(self) -> tuple[int, ...]:
+        """Of each channel, the number of its sensor: those that measure alike are one."""
+        every = [self.runs[each.run].sensors[each.sensor] for each in self.channels]
+        order = list(dict.fromkeys(every))
+        return tuple(order.index(sensor) for sensor in every)
 
     @property
     def start(self) -> Place:
@@ -232,7 +243,8 @@ class SourceProblem:
         shape = (max(self.groups) + 1, len(self.sources), 2)
         clock, tilt = np.zeros((len(self.runs), 2)), np.zeros((len(self.channels), 2))
         right = np.tile([1.0, 0.0], (len(self.trials), 1))
-        return Place(np.zeros(len(self.prior.mean)), clock, tilt, right, np.zeros(shape))
+        calibration = np.zeros(max(self.sensors) + 1 if self.calibration else 0)
+        return Place(np.zeros(len(self.prior.mean)), clock, tilt, calibration, right, np.zeros(shape))
 
     @cached_property
     def mixing(self) -> tuple[np.ndarray, ...]:
@@ -266,7 +278,8 @@ class SourceProblem:
         known = sizes[0]
         precision[:known, :known], mean[:known] = np.linalg.inv(self.prior.covariance), self.prior.mean
         clock = np.tile([self.offset / LEVEL, CLOCK_SD], len(self.runs))
-        rest = np.concatenate([clock, np.full(sizes[2], TILT_SD), np.full(sizes[3] + sizes[4], LARGEST)])
+        sensors = np.full(sizes[2], TILT_SD), np.full(sizes[3], self.calibration)
+        rest = np.concatenate([clock, *sensors, np.full(sizes[4] + sizes[5], LARGEST)])
         places = np.arange(known, known + len(rest))
         precision[places, places] = 1 / rest**2
         return precision, mean
@@ -293,6 +306,10 @@ class SourceProblem:
         offset, rate = place.clock[channel.run]
         return np.asarray(channel.time * (1 + rate) + offset)
 
+    def factor(self, number: int, place: Place) -> float:
+        """Return what a channel shows of a unit."""
+        return 1 + float(place.calibration[self.sensors[number]]) if self.calibration else 1.0
+
     def across(self, direction: np.ndarray) -> np.ndarray:
         """Return two directions (T, 2, 3) across a sensor's, into which it may be tilted."""
         least = np.eye(3)[np.argmin(np.abs(direction).max(0))]
@@ -306,5 +323,5 @@ class SourceProblem:
         values, direction = response.at(channel.sensor, self.clock_of(channel, place))
         across = self.across(direction)
         tilted = direction + np.einsum("k,ski->si", place.tilt[number], across)
-        columns = np.einsum("sik,si->sk", values, tilted)
+        columns = self.factor(number, place) * np.einsum("sik,si->sk", values, tilted)
         return columns[:, 0], columns[:, 1:], np.einsum("sik,sji->sjk", values, across)

@@ -59,7 +59,8 @@ class Sensor:
         direction: (3,) [-] in the base frame, or at zero posture in that of the body that carries the point.
         body: whether it turns with the body.
         derivative: 0 for displacement, 1 for velocity, 2 for acceleration. A displacement or velocity is that of the
-            vibration, an acceleration the whole one, the rigid arm's with it.
+            vibration, an acceleration the whole one, the rigid arm's with it, less gravity, in axes that tilt with the
+            arm, as an accelerometer feels it.
     """
 
     point: str
@@ -97,24 +98,28 @@ class Response:
     Attributes:
         run: the run.
         time: (T,) [s] from the start of the motion.
-        moved: by point: (6, T, K) [m] vibration, and path with quasi-static deflection, of K members.
+        moved: by point: (6, T, K) [m] vibration, and path with quasi-static deflection, of K members; at a point with
+            an accelerometer 3 rows more [m/s^2]: what gravity and tilt add to the acceleration.
         directions: of each sensor, (3, T) in the base frame.
     """
 
     run: Run
     time: Float[np.ndarray, "T"]
-    moved: Mapping[str, Float[np.ndarray, "6 T K"]]
+    moved: Mapping[str, Float[np.ndarray, "R T K"]]
     directions: tuple[Float[np.ndarray, "3 T"], ...]
 
     @cached_property
-    def curves(self) -> tuple[tuple[BSpline, BSpline], ...]:
-        """Splines of what each sensor sees of the vibration in base axes (T, 3 K), and of its direction (T, 3)."""
+    def curves(self) -> tuple[tuple[BSpline, BSpline, BSpline | None], ...]:
+        """Splines of each sensor's motion in base axes (T, 3 K), direction (T, 3), and gravity and tilt (T, 3 K)."""
+
+        def spline(members: np.ndarray) -> BSpline:
+            return make_interp_spline(self.time, np.moveaxis(members, 1, 0).reshape((len(self.time), -1)), k=5)
+
         found = []
         for sensor, direction in zip(self.run.sensors, self.directions, strict=True):
-            vibration, whole = np.split(self.moved[sensor.point], 2)
-            seen = vibration + whole if sensor.derivative == 2 else vibration
-            members = np.moveaxis(seen, 1, 0).reshape((len(self.time), -1))
-            found.append((make_interp_spline(self.time, members, k=5), make_interp_spline(self.time, direction.T, k=3)))
+            moved, felt = self.moved[sensor.point], sensor.derivative == 2
+            seen = spline(moved[:3] + moved[3:6] if felt else moved[:3])
+            found.append((seen, make_interp_spline(self.time, direction.T, k=3), spline(moved[6:]) if felt else None))
         return tuple(found)
 
     def at(
@@ -125,16 +130,22 @@ class Response:
         Args:
             number: of the sensor.
             time: (S,) [s] within the motion.
-            further: derivatives by time beyond that which the sensor measures.
+            further: derivatives by time of both, beyond that which the sensor measures.
         """
-        seen, direction = self.curves[number]
+        seen, direction, felt = self.curves[number]
         values = seen(time, nu=self.run.sensors[number].derivative + further)
-        return values.reshape((len(time), 3, -1)), direction(time)
+        if felt is not None:
+            values = values + felt(time, nu=further)
+        return values.reshape((len(time), 3, -1)), direction(time, nu=further)
 
-    def along(self, number: int, time: Float[np.ndarray, "S"], further: int = 0) -> Float[np.ndarray, "S K"]:
+    def along(self, number: int, time: Float[np.ndarray, "S"]) -> Float[np.ndarray, "S K"]:
         """Return what a sensor sees along its direction at some times."""
-        values, direction = self.at(number, time, further)
-        return np.asarray(np.einsum("sik,si->sk", values, direction))
+        return np.asarray(np.einsum("sik,si->sk", *self.at(number, time)))
+
+    def rate(self, number: int, time: Float[np.ndarray, "S"]) -> Float[np.ndarray, "S K"]:
+        """Return the derivative of that by time."""
+        (values, direction), (change, turn) = self.at(number, time), self.at(number, time, 1)
+        return np.asarray(np.einsum("sik,si->sk", change, direction) + np.einsum("sik,si->sk", values, turn))
 
     def reduced(self) -> "Response":
         """Return its parts by source instead of its members (see `superposition`): sure, cosines, sines."""
@@ -186,13 +197,19 @@ def _response(
     moved, time = {}, np.zeros(0)
     for point in run.points:
         pointed = _ending_at(arm, point)
+        felt = any(sensor.derivative == 2 for sensor in run.sensors if sensor.point == point)
         solve = fast_method(pointed, run.motion, run.loads, False, RATE, None)
+        keep = "vibration_path_and_turn" if felt else "vibration_and_path"
         time = np.asarray(solve.time)[: int(solve.samples)]
         own = numbers_of(pointed)
         batch = {path: np.stack([np.asarray(each.get(path, x), float) for each in numbers]) for path, x in own.items()}
-        members = np.asarray(each_of(pointed, batch, solve, "vibration_and_path", sets))
-        members = members.reshape((6, len(time), -1)) if len(numbers) > 1 else members[..., 0]
+        members = np.asarray(each_of(pointed, batch, solve, keep, sets))
+        members = members.reshape((*members.shape[:2], -1)) if len(numbers) > 1 else members[..., 0]
         refuse_collapse(run.motion, members)
+        if felt:  # (r x d).(a - g) of a sensor's direction d that is turned by r is d.((a - g) x r)
+            path = make_interp_spline(time, members[3:6, :, 0].T, k=5)
+            gravity = np.asarray(arm.gravity)[:, None, None]
+            members[6:] = np.cross(path(time, nu=2).T[..., None] - gravity, members[6:], axis=0) - gravity
         moved[point] = members
     return Response(run, time, moved, tuple(_directions(arm, run, time)))
 

@@ -10,6 +10,7 @@ from scipy.stats import binom
 
 from ident.errors import InputError
 from ident.identify.joint import QUANTITIES, TwistSetting, joint_twist
+from ident.present.joint import joint_sections
 
 TRUTH = Truth()
 LOOSE = Truth(backlash=2e-4, gravity=50.0)
@@ -73,6 +74,20 @@ def test_a_torque_that_keeps_its_sign_tells_no_backlash():
     found = found_in(replace(TRUTH, backlash=2e-4), joint_log(replace(TRUTH, backlash=2e-4), channels=LOAD))
     assert np.isnan(found.numbers["backlash"].value)
     assert found.numbers["stiffness"].value == pytest.approx(2e5, rel=0.02)
+
+
+def test_backlash_counts_as_compliance_only_where_the_motor_s_torque_reverses():
+    """Its interval does not contain the spring's stiffness then; where the torque keeps its sign it does."""
+    reversing = found_in(LOOSE, joint_log(LOOSE))
+    assert reversing.loose
+    verdict = joint_sections([reversing], [joint_log(LOOSE)]).verdict
+    assert (verdict.word, verdict.kind) == ("IDENTIFIED", "caution")
+    assert verdict.reason.endswith("Any backlash of joint counts as compliance.")
+    assert reversing.numbers["stiffness"].high < 0.95 * LOOSE.stiffness
+    assert not found_in(LOOSE, joint_log(LOOSE), alone=True).loose
+    keeping = found_in(replace(TRUTH, backlash=2e-4), joint_log(replace(TRUTH, backlash=2e-4)))
+    assert not keeping.loose
+    assert keeping.numbers["stiffness"].value == pytest.approx(TRUTH.stiffness, rel=0.02)
 
 
 def test_a_clamped_joint_needs_no_link():

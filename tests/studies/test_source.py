@@ -15,6 +15,7 @@ from source_runs import FILE, HEAD, TRUTH, measure, table
 import ident
 from ident.arm.arm import stiffness_paths
 from ident.assess import run_plan
+from ident.assess.source import _refuse_late
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.measure.runs import _clipped, read_runs, write_runs
@@ -24,6 +25,7 @@ from ident.studies.saved import files_of
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.source_causes import WIDTH, Band
+from ident.vibrate.source_problem import Prior
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +79,20 @@ def test_clock_and_stiffness_are_found_with_it(result, true_arm):
     for path in stiffness_paths(true_arm):
         assert abs(np.log(result.parameters[path] / float(true_arm.get(path)))) < 4 * sd[path]
     assert sd["joint3.k_bend"] < 0.01  # known to 10 % before
+
+
+@pytest.mark.slow
+def test_an_uncertain_calibration_widens_amplitudes_not_phases(folder, result):
+    """Two sensors, each known to 5 %, see drive 2's imbalance: between 5 % / sqrt(2) and 5 % more, in quadrature."""
+    loose = ident.source(table(folder, (12.0,), "loose.csv"), calibration=5.0)
+    before, after = (
+        next(row for row in every.table() if (row["drive"], row["kind"]) == ("drive2", "imbalance"))
+        for every in (result, loose)
+    )
+    more = np.sqrt(after["sd"] ** 2 - before["sd"] ** 2) / after["amplitude"]
+    assert 0.95 * 0.05 / np.sqrt(2) < more < 1.05 * 0.05
+    assert after["phase_sd"] < 1.2 * before["phase_sd"]
+    assert abs(after["amplitude"] / before["amplitude"] - 1) < 2 * more
 
 
 def test_it_comes_back_and_fits_a_screen(result, tmp_path):
@@ -235,6 +251,18 @@ def test_what_is_wrong_in_a_record_is_said(folder, spoil, complaint):
     (folder / "wrong.csv").write_text(HEAD + "run99.csv,y,y,12,a,\n")
     with pytest.raises(InputError, match=complaint):
         ident.source(folder / "wrong.csv")
+
+
+def test_a_run_beyond_the_stated_offset_is_named(folder):
+    """A recorder that starts 0.3 s early is found beyond 50 ms; one 10 ms off is not complained of."""
+    record = np.loadtxt(folder / "run12.csv", delimiter=",", skiprows=1)
+    record[:, 0] += 0.3
+    np.savetxt(folder / "run12.3.csv", record, "%.6g", ",", header="time [s],y [mm],z [mm]", comments="")
+    (folder / "late.csv").write_text(HEAD + "".join(f"run12.3.csv,{way},{way},12,a,\n" for way in "yz"))
+    arm = read_arm(FILE).arm
+    with pytest.raises(InputError, match=r"run12.3.csv: got a clock -\d+ ms off the motion's, expected at most 50 ms"):
+        _refuse_late(arm, read_runs(folder / "late.csv"), ["run12.3.csv"], Prior.of(arm, {}), 0.05)
+    _refuse_late(arm, read_runs(table(folder, (12.0,))), ["run12.csv"], Prior.of(arm, {}), 0.05)
 
 
 @pytest.mark.parametrize(

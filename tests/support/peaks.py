@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from typing import Any, ClassVar
 
 import numpy as np
 from arms import lcd_arm
@@ -16,7 +17,7 @@ from ident.arm.parts import Drive, ErrorOrder
 from ident.vibrate.motion import stroke
 from ident.vibrate.source_causes import CAUSES, WIDTH, Band, Causes, compared
 from ident.vibrate.source_identification import _fitted
-from ident.vibrate.source_problem import Channel, Prior, SourceProblem, Whitening, slow_columns
+from ident.vibrate.source_problem import Channel, Place, Prior, SourceProblem, Whitening, slow_columns
 from ident.vibrate.sources import Response, Run, Sensor, unit_response
 
 PEAK, RATE = 9.5, 60.0
@@ -40,6 +41,24 @@ def toothed(seed: int | None = None) -> Arm:
     arm = replace(arm, drives=tuple(drives))
     rng, off = np.random.default_rng(seed or 0), 0.0 if seed is None else 0.015
     return arm.replace({p: float(arm.get(p)) * np.exp(off * rng.standard_normal()) for p in stiffness_paths(arm)})
+
+
+class Remembered(SourceProblem):
+    """A problem that computes the responses of an arm and a run once, however many problems have them."""
+
+    known: ClassVar[dict[tuple[Any, ...], tuple[Run, Response]]] = {}
+
+    def responses(self, place: Place) -> list[Response]:
+        """Return what the sensors see of unit sources, run by run."""
+        return [self.remembered(run, place.changes) for run in self.runs]
+
+    def remembered(self, run: Run, changes: np.ndarray) -> Response:
+        """Return it of one run, whose motion stays the same object."""
+        key = id(run.motion), self.sources, changes.tobytes()
+        if key not in self.known:
+            numbers = self.prior.numbers(self.arm, changes)
+            self.known[key] = run, unit_response(self.arm.replace(numbers), run, self.sources)
+        return self.known[key][1]
 
 
 @cache
@@ -102,7 +121,7 @@ def problem(
         channels.append(Channel(f"{speeds[r]:g} % {'yz'[s]}", r, s, times[r], noisy))
     known = lcd_arm()
     prior, sources = Prior.of(known, {}), tuple(possible_orders(known))
-    return SourceProblem(known, tuple(run.run for run in runs), (0,) * len(runs), tuple(channels), sources, prior, 0.05)
+    return Remembered(known, tuple(run.run for run in runs), (0,) * len(runs), tuple(channels), sources, prior, 0.05)
 
 
 def frequency_of(kind: str, seed: int) -> float:

@@ -1,15 +1,17 @@
 """What sensors see of a moving arm as a sum over sources, against the simulation of the arm with these sources."""
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from arms import lcd_arm
+from arms import lcd_arm, without_gravity
 from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation
 
-from ident.arm.multibody import possible_orders
+from ident.arm.multibody import at_rest, bushing_rotations, deviations, pins, possible_orders
 from ident.arm.parts import Point
 from ident.errors import InputError
-from ident.vibrate.motion import stroke
+from ident.vibrate.motion import command, stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.sources import Run, Sensor, changed_responses, excited_by, unit_response
 
@@ -48,7 +50,7 @@ def test_their_sum_is_what_a_simulation_gives(arm, run, response):
         assert np.abs(seen - expected).max() < 1e-3 * np.abs(expected).max()
 
 
-def test_an_accelerometer_on_a_link_turns_with_it_and_feels_the_motion_itself(arm, run, response):
+def test_an_accelerometer_on_a_link_turns_with_it_and_feels_the_motion_itself(arm, run):
     """The rigid arm's acceleration at a link's point: centripetal and tangential, in the link's own axes."""
     q, qd, qdd = (np.asarray(part) for part in run.motion(TIME))
     first, both = q[0], q[0] + q[1]
@@ -63,8 +65,30 @@ def test_an_accelerometer_on_a_link_turns_with_it_and_feels_the_motion_itself(ar
     total = acceleration(first, first_rate, first_turn, 1.0, 0.0)
     total = total + acceleration(both, both_rate, both_turn, 0.9, 0.1)
     expected = total[0] * np.cos(both) + total[1] * np.sin(both)
-    rigid = response.along(2, TIME)[:, 0]
+    rigid = unit_response(without_gravity(arm), run, []).along(2, TIME)[:, 0]
     assert np.abs(rigid - expected).max() < 0.05 * np.abs(expected).max()  # the arm's elasticity adds the rest
+
+
+def test_an_accelerometer_feels_gravity_in_axes_that_turn_and_tilt(arm, run):
+    """Of an oblique arm, by finite rotations of its links: what is left is a tenth of what the arm's tilt adds."""
+    arm = eqx.tree_at(lambda a: a.gravity, arm, jnp.array([6.0, -3.0, -7.0]))
+    sources, weights = possible_orders(arm), np.append(1.0, PARTS.ravel())
+    whole = simulate(arm.replace(excited_by(sources, PARTS)), run.motion, rate=250.0)
+    model, time, y = whole.model, np.asarray(whole.time), jnp.asarray(whole.y)
+    angles = np.array(pins(model, command(model, run.motion, time), at_rest(deviations(model, y))).pin.angle)
+    phi, turned, place = np.array(bushing_rotations(model, y)), Rotation.identity(len(time)), np.zeros((len(time), 3))
+    for j in range(2):
+        place += turned.apply(np.asarray(model.offset)[:, j].ravel())
+        turned = turned * Rotation.from_rotvec(phi[:, j].T) * Rotation.from_rotvec(angles[j][:, None] * [0.0, 0.0, 1.0])
+    place += turned.apply([0.9, 0.1, 0.0])
+    felt = make_interp_spline(time, place, k=5)(time, nu=2) - np.asarray(arm.gravity)
+    expected = (felt * turned.apply([1.0, 0.0, 0.0])).sum(1)
+    response = unit_response(arm, run, sources)
+    off = expected - response.along(2, time) @ weights
+    tilt = expected - (felt * response.directions[2].T).sum(1)
+    assert np.ptp(off[500:-500]) < 0.1 * np.ptp(tilt[500:-500])
+    rate = np.gradient(response.along(2, TIME)[:, 0], TIME)[1:-1]
+    assert np.abs(response.rate(2, TIME)[1:-1, 0] - rate).max() < 0.02 * np.abs(rate).max()
 
 
 def test_changed_numbers_are_those_of_the_changed_arm(arm, run):
