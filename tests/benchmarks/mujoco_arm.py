@@ -236,7 +236,12 @@ def smoothed(acceleration: np.ndarray) -> np.ndarray:
 
 def rigid_path(arm: MujocoMoving | PinocchioMoving, table: MotionTable, times: np.ndarray) -> np.ndarray:
     commands, straight = np.stack(table(times)), np.zeros(3 * len(arm.names))
-    return np.stack([arm.points(arm.configuration(c, straight))[:, -1] for c in np.moveaxis(commands, -1, 0)])
+    q = np.tile(arm.configuration(commands[..., 0], straight), (len(times), 1))
+    for hinges, turn in zip((arm.pins, arm.pulleys), arm.turns(commands), strict=True):
+        for index, angle in zip(hinges, turn.angle, strict=True):
+            if index is not None:
+                q[:, index[0]] = angle
+    return np.stack([arm.points(each)[:, -1] for each in q])
 
 
 class HingedBushings(PinocchioMoving):
