@@ -37,7 +37,7 @@ def cures(task: Task, scatter: float, rotors: Sequence[Rotor] = (), progress: Pr
 
     Args:
         task: what is asked.
-        scatter: factor from the amplitude of the arm itself to the 95 % quantile of its draws.
+        scatter: factor from the amplitude of the arm itself to what most of its draws keep.
         rotors: that can be balanced.
         progress: shows how far it is, over the remedies without speeds along the path, balancing and pairs.
     """
@@ -80,7 +80,6 @@ def along_path(task: Task, other: Remedy | None = None) -> Remedy | None:
     if not schedules:
         return None
     every = [replace(evaluator, motion=held(task, each)) for each in schedules]
-    amplitude = np.array([each.alone.amplitudes(changes[None]).max() for each in every])
     time = np.log2([each.duration / own.arrival for each in schedules])
 
     def remedy(k: int) -> Remedy:
@@ -88,7 +87,7 @@ def along_path(task: Task, other: Remedy | None = None) -> Remedy | None:
         size, schedule = float(abs(time[k])), schedules[k]
         return assessed(task, every[k], kind, changes, change_norm=size, schedule=schedule, rotors=rotors)
 
-    return least(time - time.min(), amplitude, task.limit, remedy)
+    return least(time, lambda k: float(every[k].alone.amplitudes(changes[None]).max()), task.limit, remedy)
 
 
 def _below_first_mode(search: Scheduling) -> Iterator[Schedule]:

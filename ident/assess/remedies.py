@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import binomtest
+from scipy.stats import binom, binomtest
 
 from ident.assess.balance import Rotor
 from ident.assess.effort import DiagnosisEffort
@@ -218,13 +218,26 @@ class VibrationAssessment:
 
     @property
     def scatter(self) -> float:
-        """Factor from the largest amplitude of the arm itself to the 95 % quantile of its draws."""
-        return float(np.quantile(self.draws.max(0), 0.95) / self.amplitude.max())
+        """Factor from the largest amplitude of the arm itself to what most draws keep, see `tolerance_limit`."""
+        return tolerance_limit(self.draws.max(0)) / float(self.amplitude.max())
 
     @property
     def accepted(self) -> bool:
         """Whether the limit is kept by the exact equations, and with confidence by the draws."""
         return self.keeps.share >= CONFIDENT and bool(self.peak.max() <= self.limit)
+
+
+def tolerance_limit(values: Float[np.ndarray, "K"]) -> float:
+    """Return what `CONFIDENT` of all values stay below, with the same confidence, as K of them say.
+
+    Of few it is the largest, of 100 the largest but one; their 95 % quantile would be too low every other time.
+
+    References:
+        Wilks, "Determination of sample sizes for setting tolerance limits", Annals of Mathematical Statistics 12(1),
+        1941.
+    """
+    place = int(binom.ppf(CONFIDENT, len(values), CONFIDENT))
+    return float(np.sort(values)[min(place, len(values) - 1)])
 
 
 def at_confidence(task: Task) -> Task:
@@ -386,7 +399,7 @@ def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Rem
 
     Args:
         task: what is asked.
-        scatter: factor from the amplitude of the arm itself to the 95 % quantile of its draws.
+        scatter: factor from the amplitude of the arm itself to what most of its draws keep.
         progress: shows how far it is, over the remedies.
     """
     jobs = list(_jobs(task, task.limit / max(scatter, 1.0)))
@@ -421,7 +434,10 @@ def _alone(task: Task, variable: Variable, kind: str) -> Remedy:
     amplitude = near_limit(size, task.limit, lambda some: own.amplitudes(changes[some])[:, :, 0].max(0))
     evaluator = task.evaluator(variable, draws=task.assessment_draws)
     return least(
-        size, amplitude, task.limit, lambda k: assessed(task, evaluator, kind, changes[k], change_norm=float(size[k]))
+        size,
+        amplitude.__getitem__,
+        task.limit,
+        lambda k: assessed(task, evaluator, kind, changes[k], change_norm=float(size[k])),
     )
 
 
@@ -445,16 +461,20 @@ def near_limit(
 
 
 def least(
-    size: Float[np.ndarray, "K"], amplitude: Float[np.ndarray, "K"], limit: float, remedy: Callable[[int], Remedy]
+    size: Float[np.ndarray, "K"], amplitude: Callable[[int], float], limit: float, remedy: Callable[[int], Remedy]
 ) -> Remedy:
-    """Return the remedy of the least size that meets the limit, else that of the least amplitude."""
-    good = np.flatnonzero(amplitude <= limit)
-    tried: dict[int, Remedy] = {}
-    for place in good[np.argsort(size[good], kind="stable")][:CANDIDATES].tolist():
-        tried[place] = remedy(place)
-        if tried[place].meets_limit:
-            return tried[place]
-    quietest = int(np.argmin(amplitude))
+    """Return the remedy of the least size that meets the limit, else that of the least amplitude.
+
+    Amplitudes are asked for in the order of the sizes, up to that remedy.
+    """
+    found, tried = dict[int, float](), dict[int, Remedy]()
+    for place in np.argsort(size, kind="stable").tolist():
+        found[place] = amplitude(place)
+        if found[place] <= limit and len(tried) < CANDIDATES:
+            tried[place] = remedy(place)
+            if tried[place].meets_limit:
+                return tried[place]
+    quietest = min(found, key=found.__getitem__)
     return tried.get(quietest) or remedy(quietest)
 
 
@@ -525,11 +545,10 @@ def _slower_or_faster(task: Task) -> Remedy:
         replace(own, motion=motion.at_speed(100 * ratio), rate=RATE * clock, step=task.step / clock)
         for ratio, clock in zip(ratios, clocks, strict=True)
     ]
-    amplitude = np.array([each.alone.amplitudes(np.zeros((1, 0))).max() for each in evaluators])
     size = np.abs(np.log2(ratios))
     return least(
         size,
-        amplitude,
+        lambda k: float(evaluators[k].alone.amplitudes(np.zeros((1, 0))).max()),
         task.limit,
         lambda k: assessed(task, evaluators[k], "speed", np.zeros(0), ratio=ratios[k], change_norm=float(size[k])),
     )

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
+from ruckig import InputParameter, Result, Ruckig, Trajectory
 
 from ident.description.file import parse_arm
 from ident.errors import InputError
@@ -47,6 +48,26 @@ def test_no_schedule_is_faster_than_the_time_optimal_motion():
     optimal = stroke(path, percent=100.0, profile="s-curve").arrival
     fastest = SCHEDULING.schedule(np.full(11, np.inf)).duration
     assert optimal < fastest < 1.06 * optimal
+
+
+def optimal(distance, limits):
+    """Least time [s] of one joint from rest to rest within its speed, acceleration and jerk, by ruckig."""
+    asked, found = InputParameter(1), Trajectory(1)
+    asked.target_position, (asked.max_velocity, asked.max_acceleration, asked.max_jerk) = [distance], limits[:, None]
+    assert Ruckig(1).calculate(asked, found) == Result.Working
+    return found.duration
+
+
+def test_along_a_given_path_no_schedule_is_faster_than_the_time_optimal_motion():
+    """On a line nearly as fast, with each joint's limits at once; on an arc no faster than joint 1 by itself."""
+    along = np.radians([[142.0], [-284.0], [142.0]]) * (1 - np.cos(np.linspace(0, np.pi, 401))) / 2
+    rates = RATES * np.array([[0.25], [1.0], [1.0]])
+    for angles, slack in ((along, 1.06), (arc(TIME), 2.0)):
+        arm, motion = with_rates(rates), replay(TIME, angles, name="path")
+        scheduling = Scheduling(Evaluator(arm, motion, ()), Path.of_motion(arm, motion), 12, 2.0)
+        fastest = scheduling.schedule(np.full(11, np.inf)).duration
+        bounds = [optimal(float(np.ptp(each)), limits) for each, limits in zip(angles, rates.T, strict=True)]
+        assert max(bounds) < fastest < slack * max(bounds)
 
 
 @pytest.mark.parametrize("time", [18.0, 26.0, 60.0])
