@@ -21,6 +21,7 @@ from ident.assess.remedies import (
     rank,
     remedies,
 )
+from ident.errors import InputError
 from ident.vibrate.exact import Progress
 from ident.vibrate.schedule import Schedule, Scheduling
 
@@ -63,17 +64,23 @@ def along_path(task: Task, other: Remedy | None = None) -> Remedy | None:
         other: a remedy that is carried out as well.
 
     Returns:
-        The remedy; None where the motion is no stroke, no drive turns, or each takes longer than the lowest speed.
+        The remedy; None where no drive turns, each takes longer than the lowest speed, or a given path has corners or
+        joints without limits.
     """
-    stroke, own = task.basis.arm.stroke, task.basis.motion
-    if task.basis.log or stroke is None or not task.basis.arm.drives:
+    stroke, own = None if task.basis.log else task.basis.arm.stroke, task.basis.motion
+    if not task.basis.arm.drives:
         return None
     after, evaluator, changes = carried_out(task, other) if other else (task, task.evaluator(), np.zeros(0))
     evaluator = replace(evaluator, draws=after.assessment_draws)
-    ends = np.asarray(stroke.direction, float) @ np.asarray(own(own.breaks[[0, -1]])[0])  # alpha grows with it
-    retract = bool(ends[1] > ends[0]) == bool(stroke.folded > stroke.unfolded)
+    retract, dwell = False, float(own.breaks[-1] - own.arrival)
+    if stroke:
+        ends = np.asarray(stroke.direction, float) @ np.asarray(own(own.breaks[[0, -1]])[0])  # alpha grows with it
+        retract = bool(ends[1] > ends[0]) == bool(stroke.folded > stroke.unfolded)
     basis = replace(after.basis, arm=evaluator.changed_arm(changes))
-    search = scheduling_of(basis, stroke, segments=SEGMENTS, dwell=float(own.breaks[-1] - own.arrival), retract=retract)
+    try:
+        search = scheduling_of(basis, stroke, segments=SEGMENTS, dwell=dwell, retract=retract)
+    except InputError:  # of a path that can't be gone at other speeds, or an arm that nothing excites
+        return None
     slowest = own.arrival / min(task.effort.speeds)  # what takes longer than the lowest speed is no cure
     schedules = sorted(_below_first_mode(search), key=lambda each: each.duration)
     schedules = [each for each in schedules if each.duration <= slowest]

@@ -157,8 +157,9 @@ def _unbalanced(diagnosis: "Diagnosis") -> str:
 
 
 def _has_schedule(diagnosis: "Diagnosis") -> bool:
-    """Tell whether `ident motion` takes the motion: a stroke of an arm that drives excite."""
-    return not diagnosis.task.basis.log and bool(diagnosis.task.basis.arm.drives)
+    """Tell whether `ident motion` takes the motion: a stroke of an arm that drives excite, or a path that was tried."""
+    basis = diagnosis.task.basis
+    return bool(basis.arm.drives) and (not basis.log or any(each.schedule for each in diagnosis.remedies))
 
 
 def _offer(diagnosis: "Diagnosis", remedy: Remedy) -> str:
@@ -555,16 +556,18 @@ def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
     head = ("change", "exact [mm]", "limit", "kept by draws", "probability")
     yield Table("Verified remedies", head, tuple(rows), note=note)
     title = "What to change" if verified.holds else "What the first of them changes"
-    if remedy.schedule and (stroke := diagnosis.task.basis.arm.stroke):
-        places, speeds = np.degrees(remedy.schedule.places), remedy.schedule.speeds
-        percents = 100 * speeds / float(stroke.speed)
-        note = f"Between these places alpha accelerates evenly; the arrival is after {remedy.time:.2f} s."
+    if remedy.schedule:
+        stroke = None if diagnosis.task.basis.log else diagnosis.task.basis.arm.stroke
+        columns = [np.degrees(remedy.schedule.places), np.degrees(remedy.schedule.speeds)]
+        columns += [100 * remedy.schedule.speeds / float(stroke.speed)] if stroke else []
         yield Table(
             f"{title}: speed along the path",
-            ("alpha [deg]", "speed [deg/s]", "of full speed [%]"),
-            tuple(zip(places.tolist(), np.degrees(speeds).tolist(), percents.tolist(), strict=True)),
-            (".1f", ".2f", ".2f"),
-            note,
+            ("alpha [deg]", "speed [deg/s]", "of full speed [%]")[: len(columns)],
+            tuple(map(tuple, np.stack(columns, 1).tolist())),
+            (".1f", ".2f", ".2f")[: len(columns)],
+            "Between these places alpha"
+            + ("" if stroke else ", the length of the path in the space of the joint angles,")
+            + f" accelerates evenly; the arrival is after {remedy.time:.2f} s.",
         )
     changes: list[tuple[Cell, ...]] = []
     for path, value in remedy.values.items():

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import DATA
+from arms import DATA, file_with_limits
 from scipy.stats import binom
 
 import ident
@@ -26,10 +26,12 @@ from ident.assess.remedies import (
     verify_remedy,
 )
 from ident.identify.values import Values
+from ident.measure import Log
 from ident.present.diagnose import change_words
 from ident.studies.diagnose import DiagnoseOptions
 from ident.studies.motion_options import basis_of
 from ident.vibrate.evaluator import binomial_estimate
+from ident.vibrate.motion import stroke
 
 LIMIT = 5e-4
 ARM = ident.read_arm(DATA / "lcd_arm" / "arm.toml")
@@ -205,6 +207,25 @@ def test_along_the_path_a_pulley_stays_below_the_first_mode():
     natural = search.frequencies(search.path.alpha(q))[0]
     share = ratios[constant.index(True)].max()
     assert (turns / natural).max() < 1.03 * share < 1.03
+
+
+@pytest.mark.slow
+def test_along_a_given_path_the_speed_is_chosen_too(task, tmp_path):
+    """The stroke as a path, with its limits on the joints: what is found is what is found of the stroke itself."""
+    stroke_of = ARM.arm.stroke
+    motion = stroke(stroke_of, percent=10.0)
+    time = np.arange(0.0, motion.arrival, 0.02)
+    names = [joint.name for joint in ARM.arm.driven]
+    log = Log("path.csv", "", time, dict(zip(names, np.asarray(motion(time)[0]), strict=True)))
+    rates = np.array([float(x) for x in (stroke_of.speed / 10, stroke_of.acceleration, stroke_of.jerk)])
+    assert along_path(replace(task, basis=basis_of(ARM, DiagnoseOptions(), path=log))) is None  # no limits
+    file = tmp_path / "arm.toml"
+    file.write_text(file_with_limits(rates[:, None] * np.abs(np.asarray(stroke_of.direction))))
+    given = basis_of(ident.read_arm(file), DiagnoseOptions(), path=log, posterior=task.basis.posterior)
+    found, own = (along_path(at_confidence(replace(task, basis=basis))) for basis in (given, task.basis))
+    assert found.meets_limit
+    assert found.time == pytest.approx(own.time, rel=0.02)
+    assert found.largest == pytest.approx(own.largest, rel=0.02)
 
 
 def test_a_remedy_holds_by_the_exact_equations_and_by_the_draws():

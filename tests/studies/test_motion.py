@@ -3,7 +3,7 @@
 import equinox as eqx
 import numpy as np
 import pytest
-from arms import DATA
+from arms import DATA, file_with_limits
 from commands import posterior
 from moving_engines import MujocoMoving
 from mujoco_arm import BushedTransient, command_at, displacement, equilibrium
@@ -83,15 +83,8 @@ def test_another_engine_confirms_what_is_proposed(result):
 
 def test_along_a_given_path_joints_keep_their_limits(tmp_path):
     """The stroke's own path, logged, with its limits on the joints: what is found is as good as along the stroke."""
-    text = FILE.read_text()
-    for joint, share in (("joint1", 1), ("joint2", 2), ("joint3", 1)):
-        numbers = zip(("speed", "acceleration", "jerk"), (9, 100, 200), ("deg/s", "deg/s^2", "deg/s^3"), strict=True)
-        lines = [
-            f'{key} = {{ value = {share * n}, unit = "{unit}", origin = "datasheet" }}' for key, n, unit in numbers
-        ]
-        text = text.replace(f'name = "{joint}"\n', "\n".join([f'name = "{joint}"', *lines, ""]), 1)
     arm, log = tmp_path / "arm.toml", tmp_path / "path.csv"
-    arm.write_text(text)
+    arm.write_text(file_with_limits(np.radians(np.outer([9.0, 100.0, 200.0], [1, 2, 1]))))
     motion = stroke(ident.read_arm(FILE).arm.stroke, percent=10.0)
     time = np.arange(0.0, motion.arrival, 0.02)
     columns = np.column_stack([time, *np.degrees(motion(time)[0])])

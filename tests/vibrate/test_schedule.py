@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arms import DATA, lcd_arm
+from arms import file_with_limits, lcd_arm
 from ruckig import InputParameter, Result, Ruckig, Trajectory
 
 from ident.description.file import parse_arm
@@ -85,13 +85,7 @@ RATES = np.radians([[40.0, 80.0, 40.0], [100.0, 200.0, 100.0], [400.0, 800.0, 40
 
 
 def with_rates(rates=RATES):
-    """The arm with limits of speed, acceleration and jerk (3, driven) of its joints, as its file has them."""
-    text = (DATA / "lcd_arm" / "arm.toml").read_text()
-    for n, numbers in enumerate(np.degrees(rates).T.tolist(), 1):
-        keys = zip(("speed", "acceleration", "jerk"), numbers, ("deg/s", "deg/s^2", "deg/s^3"), strict=True)
-        lines = [f'{key} = {{ value = {number}, unit = "{unit}", origin = "datasheet" }}' for key, number, unit in keys]
-        text = text.replace(f'name = "joint{n}"\n', "\n".join([f'name = "joint{n}"', *lines, ""]), 1)
-    return parse_arm(text)
+    return parse_arm(file_with_limits(rates))
 
 
 def arc(time, radius=0.5):
