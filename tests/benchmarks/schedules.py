@@ -3,9 +3,8 @@
     python tests/benchmarks/schedules.py [--limit 0.5] [--time 25] [--draws 200] [--seed 0] [--resume FILE]
 
 `ident motion` takes the least vibration in that time for the worst phases, judged by 50 draws. The fresh ones, from the
-fit's normal approximation to the shipped campaign, have phases of their own. Twenty are integrated side by side, by the
-equations and the tolerance of `ident.vibrate.exact`: their many small operations take hardly longer for several arms than
-for one. The worst case of the nominal arm is what `ident motion` has of it.
+fit's normal approximation to the shipped campaign, have phases of their own; twenty are integrated side by side, by the
+equations and the tolerance of `ident.vibrate.exact`.
 """
 
 import argparse

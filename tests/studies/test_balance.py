@@ -1,6 +1,7 @@
 """`ident.balance`: from identified imbalances and trial masses to masses that leave what is predicted."""
 
 import json
+import re
 import shutil
 import sys
 from dataclasses import replace
@@ -200,6 +201,17 @@ def test_no_imbalance_makes_more_than_its_upper_end(result):
     report = balance_sections(replace(result.found, rotors=tuple(rotors)))
     assert report.verdict.word == "NO GAIN"
     assert "No imbalance makes more than 4 %" in report.verdict.reason  # 1 % and 1.96 times 1.5 %
+
+
+def test_a_trial_mass_that_is_too_light_says_how_heavy_it_should_be(result):
+    vague = tried(1e-3, 0.9 + 0j, 4, noise=0.25)
+    report = text_of(balance_sections(replace(result.found, tried=(vague,))))
+    heavier = float(re.search(r"take one (\S+) times as\s+heavy", report)[1])
+    assert not vague.told
+    assert replace(vague, draws=1 + (vague.draws - 1) / heavier).told
+    assert not replace(vague, draws=1 + (vague.draws - 1) / (heavier - 0.11)).told
+    assert "not verified" in report
+    assert "no trial mass" not in report
 
 
 def test_the_mass_of_the_rotor_is_said_to_be_assumed(result, file):
