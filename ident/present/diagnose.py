@@ -139,7 +139,8 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
     offers = [each for each in further if each.meets_limit or each is balanced]
     others = {each.effort: each for each in reversed(offers) if each.effort != best.effort}  # the first of each
     for other in sorted(others.values(), key=offers.index):
-        size = f"{rounded(MM * other.largest)} mm, limit kept with probability {chance_words(other.keeps)}"
+        size = f"{beside(MM * other.largest, MM * diagnosis.task.limit)} mm"
+        size += f", limit kept with probability {chance_words(other.keeps)}"
         by = "fast method and the search's own draws, not verified"
         yield "or", f"{_offer(diagnosis, other)}: {size} ({by})"
 
