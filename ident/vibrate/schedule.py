@@ -7,10 +7,11 @@ the places, so that a controller with a speed for each segment can follow.
 
 The search is a sequence of linear programs: the largest vibration over the phases that are not known, within each bin
 of the path, is a smooth function of the speeds, and its logarithm is nearly linear in theirs, even near a resonance.
+The least time is that of an exact penalty function: it costs more to exceed the limit than any time is worth.
 
 References:
     Fletcher, Sainz de la Maza, "Nonlinear programming and nonsmooth optimization by successive linear programming",
-    Math. Programming 43, 1989 (the trust region).
+    Math. Programming 43, 1989 (trust region and exact penalty).
 """
 
 from dataclasses import dataclass
