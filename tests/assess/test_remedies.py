@@ -104,6 +104,18 @@ def test_of_one_number_some_values_lead_to_the_same_remedy_as_all(curve):
     assert found.meets_limit == (curve != "above")
 
 
+def test_amplitudes_are_computed_up_to_the_first_remedy_that_holds():
+    size, computed = np.array([0.3, 0.1, 0.2, 0.4]), []
+
+    def amplitude(k):
+        computed.append(k)
+        return 4e-4
+
+    found = least(size, amplitude, LIMIT, lambda k: replace(remedy(k == 2), change_norm=float(size[k])))
+    assert found.change_norm == 0.2
+    assert computed == [1, 2]
+
+
 def test_draws_keep_what_most_of_100_others_say_with_the_probability_asked_for():
     """Of 4000 hundreds a bound that 95 % of all draws keep: as often as the closed form says, 96.3 %."""
     draws = np.random.default_rng(0).exponential(size=(4000, 100))
