@@ -309,6 +309,8 @@ COARSE = 10
 """Intervals of such values, one of which is refined; assumed."""
 ROUNDS = 3
 """Searches at most, each for the ratio of amplitudes after the change that the one before has found; assumed."""
+AIMED = 2
+"""Further searches at most, each with the aim that the draws after the last change ask for; assumed."""
 NO_MORE = 0.01
 """Share by which the amplitude may then miss the aim; assumed."""
 VERIFIED = 3
@@ -394,8 +396,8 @@ def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Rem
     """Return what can be done, the best first: what meets the limit with the least change, then what helps most.
 
     A single number takes the least change that meets the limit for most draws. Several together aim at the limit
-    divided by the scatter of the draws, so that most of them keep it. Where that is out of reach, it is the least
-    amplitude.
+    divided by the scatter of the draws, before and then after the change, so that most of them keep it. Where that is
+    out of reach, it is the least amplitude.
 
     Args:
         task: what is asked.
@@ -494,12 +496,36 @@ def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) 
         quiet = [u for u in [search.minimum_amplitude(quietest)] if u is not None]
         near = [u for u in quiet if objective.largest(u) <= aim]
     over = replace(whole, evaluator=task.over_phases(evaluator))
+    evaluator = task.evaluator(*variables, draws=task.assessment_draws)
     best = next((u for start in near if (u := _least_change(task, over, start, aim)) is not None), None)
     if best is None:
         quiet = quiet or [u for start in near if (u := search.minimum_amplitude(start)) is not None]
         best = min([0 * objective.scale, *starts, *quiet], key=objective.largest)
-    evaluator = task.evaluator(*variables, draws=task.assessment_draws)
+    else:
+        best = _for_most_draws(task, over, evaluator, best, aim)
     return assessed(task, evaluator, kind, best * objective.scale, change_norm=objective.change_norm(best))
+
+
+def _for_most_draws(task: Task, search: Search, evaluator: Evaluator, u: Point, aim: float) -> Point:
+    """Return the least change with which most draws keep the limit, too: they may scatter more than before a change.
+
+    Args:
+        task: what is asked.
+        search: over all phases that are not known.
+        evaluator: with the draws.
+        u: the least change for an aim.
+        aim: [m]
+    """
+    for _ in range(AIMED):
+        bound = tolerance_limit(evaluator.amplitudes((u * search.objective.scale)[None])[:, 0, 1:].max(0))
+        if bound <= task.limit:
+            break
+        aim *= task.limit / bound
+        found = _least_change(task, search, u, aim)
+        if found is None:
+            break
+        u = found
+    return u
 
 
 def _least_change(task: Task, search: Search, start: Point, aim: float) -> Point | None:
