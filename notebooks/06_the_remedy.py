@@ -276,7 +276,7 @@ for name, values in designs.items():
 #     ident diagnose data/lcd_arm/campaign.csv
 #
 # goes from the measurements to the advice: posterior of the stiffnesses, resonances, vibration against a limit,
-# sensitivities, remedies (torsion, mass centres, both, another speed) judged by the posterior's draws, and a proof
+# sensitivities, remedies (software, screwdriver, new part: notebook 08) judged by the posterior's draws, and a proof
 # by the exact equations and by fresh draws. `docs/commands/diagnose.md` shows its answer for the shipped campaign,
 # which is synthetic, and a limit of 0.5 mm. Here the same in short, with the fit in place of the posterior, and
 # joint 1 alone:

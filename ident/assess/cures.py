@@ -21,6 +21,7 @@ from ident.assess.remedies import (
     rank,
     remedies,
 )
+from ident.errors import InputError
 from ident.vibrate.exact import Progress
 from ident.vibrate.schedule import Schedule, Scheduling
 
@@ -37,7 +38,7 @@ def cures(task: Task, scatter: float, rotors: Sequence[Rotor] = (), progress: Pr
 
     Args:
         task: what is asked.
-        scatter: factor from the amplitude of the arm itself to the 95 % quantile of its draws.
+        scatter: factor from the amplitude of the arm itself to what most of its draws keep.
         rotors: that can be balanced.
         progress: shows how far it is, over the remedies without speeds along the path, balancing and pairs.
     """
@@ -63,24 +64,29 @@ def along_path(task: Task, other: Remedy | None = None) -> Remedy | None:
         other: a remedy that is carried out as well.
 
     Returns:
-        The remedy; None where the motion is no stroke, no drive turns, or each takes longer than the lowest speed.
+        The remedy; None where no drive turns, each takes longer than the lowest speed, or a given path has corners or
+        joints without limits.
     """
-    stroke, own = task.basis.arm.stroke, task.basis.motion
-    if task.basis.log or stroke is None or not task.basis.arm.drives:
+    stroke, own = None if task.basis.log else task.basis.arm.stroke, task.basis.motion
+    if not task.basis.arm.drives:
         return None
     after, evaluator, changes = carried_out(task, other) if other else (task, task.evaluator(), np.zeros(0))
     evaluator = replace(evaluator, draws=after.assessment_draws)
-    ends = np.asarray(stroke.direction, float) @ np.asarray(own(own.breaks[[0, -1]])[0])  # alpha grows with it
-    retract = bool(ends[1] > ends[0]) == bool(stroke.folded > stroke.unfolded)
+    retract, dwell = False, float(own.breaks[-1] - own.arrival)
+    if stroke:
+        ends = np.asarray(stroke.direction, float) @ np.asarray(own(own.breaks[[0, -1]])[0])  # alpha grows with it
+        retract = bool(ends[1] > ends[0]) == bool(stroke.folded > stroke.unfolded)
     basis = replace(after.basis, arm=evaluator.changed_arm(changes))
-    search = scheduling_of(basis, stroke, segments=SEGMENTS, dwell=float(own.breaks[-1] - own.arrival), retract=retract)
+    try:
+        search = scheduling_of(basis, stroke, segments=SEGMENTS, dwell=dwell, retract=retract)
+    except InputError:  # of a path that can't be gone at other speeds, or an arm that nothing excites
+        return None
     slowest = own.arrival / min(task.effort.speeds)  # what takes longer than the lowest speed is no cure
     schedules = sorted(_below_first_mode(search), key=lambda each: each.duration)
     schedules = [each for each in schedules if each.duration <= slowest]
     if not schedules:
         return None
     every = [replace(evaluator, motion=held(task, each)) for each in schedules]
-    amplitude = np.array([each.alone.amplitudes(changes[None]).max() for each in every])
     time = np.log2([each.duration / own.arrival for each in schedules])
 
     def remedy(k: int) -> Remedy:
@@ -88,7 +94,7 @@ def along_path(task: Task, other: Remedy | None = None) -> Remedy | None:
         size, schedule = float(abs(time[k])), schedules[k]
         return assessed(task, every[k], kind, changes, change_norm=size, schedule=schedule, rotors=rotors)
 
-    return least(time - time.min(), amplitude, task.limit, remedy)
+    return least(time, lambda k: float(every[k].alone.amplitudes(changes[None]).max()), task.limit, remedy)
 
 
 def _below_first_mode(search: Scheduling) -> Iterator[Schedule]:

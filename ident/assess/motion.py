@@ -7,8 +7,6 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from ident.arm.chain import at_posture
-from ident.arm.modes import natural_frequencies
 from ident.arm.multibody import exciting_orders
 from ident.arm.parts import Stroke
 from ident.assess.remedies import CONFIDENT, exact_response, keeping
@@ -325,13 +323,10 @@ def _shaped(scheduling: Scheduling, motion: Motion) -> Iterator[tuple[str, str, 
 
 def _bands(scheduling: Scheduling, basis: Basis) -> Float[np.ndarray, "3 2 K"]:
     """Return quantiles over the draws of the two lowest frequencies along the path [Hz]."""
-    posture = scheduling.path.angles(np.linspace(*scheduling.path.ends, ALONG))
-    draws = {path: np.asarray(x) for path, x in (basis.draws or {}).items()}
+    along, draws = np.linspace(*scheduling.path.ends, ALONG), basis.draws or {}
     count = len(next(iter(draws.values()), [0]))
-    arm = basis.arm.replace({path: np.tile(x, ALONG) for path, x in draws.items()})
-    chain = at_posture(arm, np.repeat(posture, count, 1), basis.loads)
-    each = np.asarray(natural_frequencies(chain, 2)).reshape(2, ALONG, count)
-    return np.quantile(each, (0.05, 0.5, 0.95), axis=2)
+    arms = (basis.arm.replace({path: float(x[k]) for path, x in draws.items()}) for k in range(count))
+    return np.quantile([scheduling.frequencies(along, arm) for arm in arms], (0.05, 0.5, 0.95), axis=0)
 
 
 def _verified(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import binomtest
+from scipy.stats import binom, binomtest
 
 from ident.assess.balance import Rotor
 from ident.assess.effort import DiagnosisEffort
@@ -218,13 +218,26 @@ class VibrationAssessment:
 
     @property
     def scatter(self) -> float:
-        """Factor from the largest amplitude of the arm itself to the 95 % quantile of its draws."""
-        return float(np.quantile(self.draws.max(0), 0.95) / self.amplitude.max())
+        """Factor from the largest amplitude of the arm itself to what most draws keep, see `tolerance_limit`."""
+        return tolerance_limit(self.draws.max(0)) / float(self.amplitude.max())
 
     @property
     def accepted(self) -> bool:
         """Whether the limit is kept by the exact equations, and with confidence by the draws."""
         return self.keeps.share >= CONFIDENT and bool(self.peak.max() <= self.limit)
+
+
+def tolerance_limit(values: Float[np.ndarray, "K"]) -> float:
+    """Return what `CONFIDENT` of all values stay below, with the same confidence, as K of them say.
+
+    Of few it is the largest, of 100 the largest but one; their 95 % quantile would be too low every other time.
+
+    References:
+        Wilks, "Determination of sample sizes for setting tolerance limits", Annals of Mathematical Statistics 12(1),
+        1941.
+    """
+    place = int(binom.ppf(CONFIDENT, len(values), CONFIDENT))
+    return float(np.sort(values)[min(place, len(values) - 1)])
 
 
 def at_confidence(task: Task) -> Task:
@@ -296,6 +309,8 @@ COARSE = 10
 """Intervals of such values, one of which is refined; assumed."""
 ROUNDS = 3
 """Searches at most, each for the ratio of amplitudes after the change that the one before has found; assumed."""
+AIMED = 2
+"""Further searches at most, each with the aim that the draws after the last change ask for; assumed."""
 NO_MORE = 0.01
 """Share by which the amplitude may then miss the aim; assumed."""
 VERIFIED = 3
@@ -381,12 +396,12 @@ def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Rem
     """Return what can be done, the best first: what meets the limit with the least change, then what helps most.
 
     A single number takes the least change that meets the limit for most draws. Several together aim at the limit
-    divided by the scatter of the draws, so that most of them keep it. Where that is out of reach, it is the least
-    amplitude.
+    divided by the scatter of the draws, before and then after the change, so that most of them keep it. Where that is
+    out of reach, it is the least amplitude.
 
     Args:
         task: what is asked.
-        scatter: factor from the amplitude of the arm itself to the 95 % quantile of its draws.
+        scatter: factor from the amplitude of the arm itself to what most of its draws keep.
         progress: shows how far it is, over the remedies.
     """
     jobs = list(_jobs(task, task.limit / max(scatter, 1.0)))
@@ -421,7 +436,10 @@ def _alone(task: Task, variable: Variable, kind: str) -> Remedy:
     amplitude = near_limit(size, task.limit, lambda some: own.amplitudes(changes[some])[:, :, 0].max(0))
     evaluator = task.evaluator(variable, draws=task.assessment_draws)
     return least(
-        size, amplitude, task.limit, lambda k: assessed(task, evaluator, kind, changes[k], change_norm=float(size[k]))
+        size,
+        amplitude.__getitem__,
+        task.limit,
+        lambda k: assessed(task, evaluator, kind, changes[k], change_norm=float(size[k])),
     )
 
 
@@ -445,16 +463,20 @@ def near_limit(
 
 
 def least(
-    size: Float[np.ndarray, "K"], amplitude: Float[np.ndarray, "K"], limit: float, remedy: Callable[[int], Remedy]
+    size: Float[np.ndarray, "K"], amplitude: Callable[[int], float], limit: float, remedy: Callable[[int], Remedy]
 ) -> Remedy:
-    """Return the remedy of the least size that meets the limit, else that of the least amplitude."""
-    good = np.flatnonzero(amplitude <= limit)
-    tried: dict[int, Remedy] = {}
-    for place in good[np.argsort(size[good], kind="stable")][:CANDIDATES].tolist():
-        tried[place] = remedy(place)
-        if tried[place].meets_limit:
-            return tried[place]
-    quietest = int(np.argmin(amplitude))
+    """Return the remedy of the least size that meets the limit, else that of the least amplitude.
+
+    Amplitudes are asked for in the order of the sizes, up to that remedy.
+    """
+    found, tried = dict[int, float](), dict[int, Remedy]()
+    for place in np.argsort(size, kind="stable").tolist():
+        found[place] = amplitude(place)
+        if found[place] <= limit and len(tried) < CANDIDATES:
+            tried[place] = remedy(place)
+            if tried[place].meets_limit:
+                return tried[place]
+    quietest = min(found, key=found.__getitem__)
     return tried.get(quietest) or remedy(quietest)
 
 
@@ -474,12 +496,36 @@ def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) 
         quiet = [u for u in [search.minimum_amplitude(quietest)] if u is not None]
         near = [u for u in quiet if objective.largest(u) <= aim]
     over = replace(whole, evaluator=task.over_phases(evaluator))
+    evaluator = task.evaluator(*variables, draws=task.assessment_draws)
     best = next((u for start in near if (u := _least_change(task, over, start, aim)) is not None), None)
     if best is None:
         quiet = quiet or [u for start in near if (u := search.minimum_amplitude(start)) is not None]
         best = min([0 * objective.scale, *starts, *quiet], key=objective.largest)
-    evaluator = task.evaluator(*variables, draws=task.assessment_draws)
+    else:
+        best = _for_most_draws(task, over, evaluator, best, aim)
     return assessed(task, evaluator, kind, best * objective.scale, change_norm=objective.change_norm(best))
+
+
+def _for_most_draws(task: Task, search: Search, evaluator: Evaluator, u: Point, aim: float) -> Point:
+    """Return the least change with which most draws keep the limit, too: they may scatter more than before a change.
+
+    Args:
+        task: what is asked.
+        search: over all phases that are not known.
+        evaluator: with the draws.
+        u: the least change for an aim.
+        aim: [m]
+    """
+    for _ in range(AIMED):
+        bound = tolerance_limit(evaluator.amplitudes((u * search.objective.scale)[None])[:, 0, 1:].max(0))
+        if bound <= task.limit:
+            break
+        aim *= task.limit / bound
+        found = _least_change(task, search, u, aim)
+        if found is None:
+            break
+        u = found
+    return u
 
 
 def _least_change(task: Task, search: Search, start: Point, aim: float) -> Point | None:
@@ -525,11 +571,10 @@ def _slower_or_faster(task: Task) -> Remedy:
         replace(own, motion=motion.at_speed(100 * ratio), rate=RATE * clock, step=task.step / clock)
         for ratio, clock in zip(ratios, clocks, strict=True)
     ]
-    amplitude = np.array([each.alone.amplitudes(np.zeros((1, 0))).max() for each in evaluators])
     size = np.abs(np.log2(ratios))
     return least(
         size,
-        amplitude,
+        lambda k: float(evaluators[k].alone.amplitudes(np.zeros((1, 0))).max()),
         task.limit,
         lambda k: assessed(task, evaluators[k], "speed", np.zeros(0), ratio=ratios[k], change_norm=float(size[k])),
     )

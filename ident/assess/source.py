@@ -137,9 +137,14 @@ class Tried:
         return float(np.sqrt(np.linalg.eigvalsh(self._covariance)[-1]))
 
     @property
+    def too_light(self) -> float:
+        """By which factor it is too light to tell within `SURE` how it acts, as the error falls with its mass."""
+        return self.spread * float(np.sqrt(chi2.isf(0.05, 2))) / SURE
+
+    @property
     def told(self) -> bool:
         """Whether it tells anything: that it does not act as stated, or that it does within `SURE`."""
-        return self.chance <= CHANCE or self.spread * float(np.sqrt(chi2.isf(0.05, 2))) < SURE
+        return self.chance <= CHANCE or self.too_light < 1
 
     @property
     def right(self) -> bool:

@@ -117,6 +117,7 @@ def _masses(balance: "Balance") -> Iterator[Table]:
 
 
 def _findings(balance: "Balance") -> Iterator[Finding]:
+    unverified = "mark, sense and model are not verified"
     for each in balance.rotors:
         name, calibration = each.drive.name, each.calibration
         if each.state == "does not fit":
@@ -129,7 +130,9 @@ def _findings(balance: "Balance") -> Iterator[Finding]:
         for tried in balance.tried:
             if tried.drive == name and not tried.told:
                 acts = f"factor {abs(tried.factor):.2g} +- {tried.spread:.2g}"
-                yield Finding(f"{tried.run}: the trial mass on {name} tells nothing ({acts})", "take a heavier one")
+                text = f"{tried.run}: the trial mass on {name} tells nothing ({acts})"
+                text += f": {unverified}" * (not any(each.told for each in balance.tried))
+                yield Finding(text, f"take one {np.ceil(10 * tried.too_light) / 10:.1f} times as heavy")
         for odd in calibration.odd:
             turn = np.degrees(np.angle(odd.factor)) / (360 / (each.pulley.holes or 360))
             hole = f", {abs(turn):.0f} of {each.pulley.holes} holes" if each.pulley.holes else ""
@@ -145,9 +148,9 @@ def _findings(balance: "Balance") -> Iterator[Finding]:
     if balance.balanced and all(np.isnan(each.repeats) for each in balance.balanced):
         remedy = "add a run after homing again, as another group"
         yield Finding("one group of runs: whether the pulleys keep their angle is not known", remedy)
-    if balance.balanced and not any(each.told for each in balance.tried):
+    if balance.balanced and not balance.tried:
         remedy = "mount the mass, measure, and name it in the column trial"
-        yield Finding("no trial mass: mark, sense and model are not verified", remedy)
+        yield Finding(f"no trial mass: {unverified}", remedy)
 
 
 def _remark(balance: "Balance") -> str:

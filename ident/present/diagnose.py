@@ -139,7 +139,8 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
     offers = [each for each in further if each.meets_limit or each is balanced]
     others = {each.effort: each for each in reversed(offers) if each.effort != best.effort}  # the first of each
     for other in sorted(others.values(), key=offers.index):
-        size = f"{rounded(MM * other.largest)} mm, limit kept with probability {chance_words(other.keeps)}"
+        size = f"{beside(MM * other.largest, MM * diagnosis.task.limit)} mm"
+        size += f", limit kept with probability {chance_words(other.keeps)}"
         by = "fast method and the search's own draws, not verified"
         yield "or", f"{_offer(diagnosis, other)}: {size} ({by})"
 
@@ -157,8 +158,9 @@ def _unbalanced(diagnosis: "Diagnosis") -> str:
 
 
 def _has_schedule(diagnosis: "Diagnosis") -> bool:
-    """Tell whether `ident motion` takes the motion: a stroke of an arm that drives excite."""
-    return not diagnosis.task.basis.log and bool(diagnosis.task.basis.arm.drives)
+    """Tell whether `ident motion` takes the motion: a stroke of an arm that drives excite, or a path that was tried."""
+    basis = diagnosis.task.basis
+    return bool(basis.arm.drives) and (not basis.log or any(each.schedule for each in diagnosis.remedies))
 
 
 def _offer(diagnosis: "Diagnosis", remedy: Remedy) -> str:
@@ -555,16 +557,18 @@ def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
     head = ("change", "exact [mm]", "limit", "kept by draws", "probability")
     yield Table("Verified remedies", head, tuple(rows), note=note)
     title = "What to change" if verified.holds else "What the first of them changes"
-    if remedy.schedule and (stroke := diagnosis.task.basis.arm.stroke):
-        places, speeds = np.degrees(remedy.schedule.places), remedy.schedule.speeds
-        percents = 100 * speeds / float(stroke.speed)
-        note = f"Between these places alpha accelerates evenly; the arrival is after {remedy.time:.2f} s."
+    if remedy.schedule:
+        stroke = None if diagnosis.task.basis.log else diagnosis.task.basis.arm.stroke
+        columns = [np.degrees(remedy.schedule.places), np.degrees(remedy.schedule.speeds)]
+        columns += [100 * remedy.schedule.speeds / float(stroke.speed)] if stroke else []
         yield Table(
             f"{title}: speed along the path",
-            ("alpha [deg]", "speed [deg/s]", "of full speed [%]"),
-            tuple(zip(places.tolist(), np.degrees(speeds).tolist(), percents.tolist(), strict=True)),
-            (".1f", ".2f", ".2f"),
-            note,
+            ("alpha [deg]", "speed [deg/s]", "of full speed [%]")[: len(columns)],
+            tuple(map(tuple, np.stack(columns, 1).tolist())),
+            (".1f", ".2f", ".2f")[: len(columns)],
+            "Between these places alpha"
+            + ("" if stroke else ", the length of the path in the space of the joint angles,")
+            + f" accelerates evenly; the arrival is after {remedy.time:.2f} s.",
         )
     changes: list[tuple[Cell, ...]] = []
     for path, value in remedy.values.items():

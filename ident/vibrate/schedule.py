@@ -7,10 +7,11 @@ the places, so that a controller with a speed for each segment can follow.
 
 The search is a sequence of linear programs: the largest vibration over the phases that are not known, within each bin
 of the path, is a smooth function of the speeds, and its logarithm is nearly linear in theirs, even near a resonance.
+The least time is that of an exact penalty function: it costs more to exceed the limit than any time is worth.
 
 References:
     Fletcher, Sainz de la Maza, "Nonlinear programming and nonsmooth optimization by successive linear programming",
-    Math. Programming 43, 1989 (the trust region).
+    Math. Programming 43, 1989 (trust region and exact penalty).
 """
 
 from dataclasses import dataclass
@@ -18,18 +19,19 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from jax import Array
 from jaxtyping import Float
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import linprog
 
 from ident.arm.arm import Arm
-from ident.arm.chain import at_posture
+from ident.arm.chain import Loads, at_posture
 from ident.arm.modes import natural_frequencies
 from ident.arm.multibody import orders_of
 from ident.arm.parts import Stroke
 from ident.errors import ModelError, refusal
-from ident.programs import AnyArray
+from ident.programs import AnyArray, jit
 from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.exact import Progress
 from ident.vibrate.motion import Motion
@@ -48,6 +50,8 @@ FINE = 20
 """Places within a segment at which limits of joints are looked at."""
 BINS, LATER = 40, 8
 """Bins of the path, and of the time after arrival, in each of which the largest vibration counts on its own."""
+BATCH = 16
+"""Postures whose natural frequencies are computed at a time."""
 SMALL = 1e-7
 """Vibration [m] below which a bin does not matter to the search."""
 DIFFERENCE = 0.02
@@ -55,21 +59,22 @@ DIFFERENCE = 0.02
 REGION, LEAST_REGION, LARGEST_REGION = 0.2, 0.01, 0.5
 """Largest change of ln(speed) in a step of the search: at first, when it ends, and ever."""
 GAIN = 0.02
-"""Decrease of ln(vibration) that a step must promise, or else the search ends."""
+"""Decrease of ln(vibration) that a step must promise, or else the search ends; of ln(time) `STEEP` times less."""
 TRIES = 3
 """Linear programs of a step: one, and its corrections by what the vibration turned out to be."""
 ITERATIONS = 20
 """Steps of the search at most; assumed."""
 BELOW = (0.75, 0.8, 0.85, 0.9, 0.95)
 """Shares of the speed at which a pulley meets the first mode, at which the search may start; assumed."""
-ROUNDS = 6
-"""Times that are tried for a limit, at most; assumed."""
 CLOSE = 0.03
 """Share of a limit by which the vibration may stay below it."""
-STEEP = -10.0
-"""Slope of ln(least vibration) over ln(time) before it is known: on the paper's arm it is -6 to -12."""
-FARTHEST = 0.15
-"""Largest change of ln(time) from one round to the next; assumed."""
+STEEP = 10.0
+"""By how much ln(least vibration) falls with ln(time), nearly: on the paper's arm 6 to 12."""
+PENALTY = 1.0
+"""What ln(vibration) above the limit's costs, in ln(time): several times 1 / `STEEP`, so that none is worth it."""
+SLOWEST = 1.0
+"""How far ln(speed) may fall below the start's at any place: a search for a limit that none keeps ends there; assumed.
+"""
 EXACT, SCALINGS = 1e-9, 100
 """Share of a time by which a schedule may miss it, and how often its speeds are scaled for that at most."""
 
@@ -259,6 +264,35 @@ class Schedule:
         return self.path.motion(averaged(averaged(evenly, self.windows[0]), self.windows[1]))
 
 
+@jit
+def _two_lowest(arm: Arm, posture: AnyArray, loads: Loads | None) -> Array:
+    return natural_frequencies(at_posture(arm, posture, loads), 2)
+
+
+@dataclass(frozen=True)
+class _Aim:
+    """What a search is for: the least time with ln(vibration) at a level, or the least vibration in a time [s]."""
+
+    level: float = 0.0
+    time: float | None = None
+
+    @property
+    def gain(self) -> float:
+        """Decrease of the cost that is worth a step."""
+        return GAIN if self.time else GAIN / STEEP
+
+    def cost(self, schedule: Schedule, now: Float[np.ndarray, "bins"]) -> float:
+        """Return what is minimised: an exact penalty function."""
+        excess = float(now.max()) - self.level
+        return float(np.log(schedule.duration)) + PENALTY * (excess if self.time else max(0.0, excess))
+
+    def rank(self, schedule: Schedule, now: Float[np.ndarray, "bins"]) -> tuple[bool, float]:
+        """Sort what keeps the limit by its time, then what does not by its vibration."""
+        excess = float(now.max()) - self.level - CLOSE / 2
+        keeps = self.time is None and excess <= 0
+        return not keeps, schedule.duration if keeps else excess
+
+
 @dataclass(frozen=True)
 class Scheduling:
     """A search for the speeds along a path.
@@ -292,10 +326,12 @@ class Scheduling:
         """What alpha may do."""
         return self.path.allowed(self.places, self.windows)
 
-    def frequencies(self, alpha: Float[np.ndarray, "K"]) -> Float[np.ndarray, "2 K"]:
-        """Return the two lowest natural frequencies along the path [Hz]."""
-        posture = self.path.angles(alpha)
-        return np.asarray(natural_frequencies(at_posture(self.evaluator.arm, posture, self.evaluator.loads), 2))
+    def frequencies(self, alpha: Float[np.ndarray, "K"], arm: Arm | None = None) -> Float[np.ndarray, "2 K"]:
+        """Return the two lowest natural frequencies along the path [Hz], of the evaluator's arm or another."""
+        arm, loads = self.evaluator.arm if arm is None else arm, self.evaluator.loads
+        posture = np.pad(self.path.angles(alpha), ((0, 0), (0, -len(alpha) % BATCH)), mode="edge")
+        some = [_two_lowest(arm, posture[:, k : k + BATCH], loads) for k in range(0, posture.shape[1], BATCH)]
+        return np.concatenate(some, 1)[:, : len(alpha)]
 
     def orders(self, alpha: Float[np.ndarray, "K"]) -> Float[np.ndarray, "orders K"]:
         """Return the frequencies that excite the arm along the path, over the speed of alpha: cycles a radian."""
@@ -336,33 +372,15 @@ class Scheduling:
     def least_time(self, limit: float, progress: Progress = iter, near: Schedule | None = None) -> Schedule:
         """Return the schedule of least time that keeps a limit [m] with all phases that are not known.
 
-        The least vibration falls with the time: a few times are tried, each from the schedule found for the last. Where
-        none keeps the limit it is the quietest that was found.
+        Where none keeps the limit it is the quietest that was found.
 
         Args:
             limit: [m]
-            progress: shows how far it is, over these times.
+            progress: shows how far it is, over the steps of the search.
             near: a schedule to start from; the best of a few when None.
         """
-        starts = {float(self.by_bins(each).max()): each for each in ([near] if near else self._starts())}
-        aim = float(np.log(limit))
-        found = starts[min(starts, key=lambda x: (x > aim, x if x > aim else starts[x].duration))]
-        best, quietest = None, (np.inf, found)
-        rounds: list[tuple[float, float]] = []
-        for _ in progress(range(ROUNDS)):
-            found = self._search(found, found.duration, region=REGION / (1 + bool(rounds)))
-            excess = float(self.by_bins(found).max()) - aim
-            quietest = min(quietest, (excess, found), key=lambda pair: pair[0])
-            if excess <= 0 and (best is None or found.duration < best.duration):
-                best = found
-            if -CLOSE <= excess <= 0:
-                break
-            rounds.append((np.log(found.duration), excess))
-            time = found.duration * np.exp(self._later(rounds))
-            found = self.in_time(found, time)
-            if found.duration > time * (1 + EXACT) and best is not None:
-                break  # no faster motion is allowed
-        return best or quietest[1]
+        aim = _Aim(float(np.log(limit)) - CLOSE / 2)
+        return self._search([near] if near else self._starts(), aim, progress)
 
     def least_vibration(self, time: float, progress: Progress = iter) -> Schedule:
         """Return the schedule of least vibration that takes a time [s].
@@ -374,8 +392,7 @@ class Scheduling:
         if fastest.duration > time:
             expected = f"at least {fastest.duration:.4g} s, as the limits of speed, acceleration and jerk allow"
             raise refusal("time", f"{time:g} s", expected, "give more time, or a higher `speed`")
-        starts = [self.in_time(each, time) for each in self._starts()]
-        return self._search(min(starts, key=lambda each: float(self.by_bins(each).max())), time, progress)
+        return self._search([self.in_time(each, time) for each in self._starts()], _Aim(time=time), progress)
 
     def in_time(self, schedule: Schedule, time: float) -> Schedule:
         """Scale speeds until a time [s] is just kept; where they meet the limits, the others make up for it."""
@@ -387,14 +404,6 @@ class Scheduling:
             schedule = self.schedule(schedule.speeds[1:-1] * (1 + late))
         return schedule
 
-    def _later(self, rounds: list[tuple[float, float]]) -> float:
-        """Return by how much ln(time) should grow for the limit: by the slope of the last two rounds (secant)."""
-        time, excess = rounds[-1]
-        slope = STEEP
-        if len(rounds) > 1 and (before := rounds[-2])[0] != time:
-            slope = float(np.clip((excess - before[1]) / (time - before[0]), 3 * STEEP, STEEP / 3))
-        return float(np.clip(-(excess + CLOSE / 2) / slope, -FARTHEST, FARTHEST))
-
     def _starts(self) -> list[Schedule]:
         """Return where the search may start: as fast as allowed, or an order of the pulleys below the first mode."""
         first, orders = self.frequencies(self.places[1:-1])[0], self.orders(self.places[1:-1])
@@ -402,39 +411,50 @@ class Scheduling:
             speeds = [np.full(len(first), np.inf), *(below * first / order for order in orders for below in BELOW)]
         return list({each.speeds.tobytes(): each for each in map(self.schedule, speeds)}.values())
 
-    def _search(self, schedule: Schedule, time: float, progress: Progress = iter, region: float = REGION) -> Schedule:
-        """Return the schedule of least vibration of all that take a time [s], from one near it.
+    def _search(self, starts: list[Schedule], aim: "_Aim", progress: Progress) -> Schedule:
+        """Return the best schedule of all for an aim, from the best of some starts.
 
         By linear programs within a region that grows and shrinks with their success.
         """
-        count, now = self.segments - 1, self.by_bins(schedule)
-        slopes, exact = None, False
+
+        def reached(speeds: Float[np.ndarray, "inner"]) -> Schedule:
+            found = self.schedule(speeds)
+            return found if aim.time is None else self.in_time(found, aim.time)
+
+        every = [(each, self.by_bins(each)) for each in starts]
+        schedule, now = best = min(every, key=lambda each: aim.rank(*each))
+        floor = np.log(schedule.speeds[1:-1]) - SLOWEST
+        count, region, slopes, exact = self.segments - 1, REGION, None, False
         for _ in progress(range(ITERATIONS)):
             u = np.log(schedule.speeds[1:-1])
+            beside = [reached(np.exp(u - DIFFERENCE * each)) for each in np.eye(count)]
+            slower = np.log([schedule.duration / each.duration for each in beside]) / DIFFERENCE
             if slopes is None:
-                beside = [self.in_time(self.schedule(np.exp(u - DIFFERENCE * each)), time) for each in np.eye(count)]
                 slopes, exact = np.stack([(now - self.by_bins(each)) / DIFFERENCE for each in beside], 1), True
             highest = np.clip(np.log(self.allowed.speed) - u, 0.0, region)
-            bounds = [*((-region, high) for high in highest), (None, None)]
+            lowest = np.clip(floor - u, -region, 0.0)
+            bounds = [*zip(lowest, highest, strict=True), (None if aim.time else 0.0, None)]
             rows = np.hstack([slopes, -np.ones((len(now), 1))])
-            line, most = now, 0.0
+            costs = np.append(slower, PENALTY)
+            cost, line, most = aim.cost(schedule, now), now, 0.0
             for _ in range(TRIES):
-                answer = linprog(np.append(np.zeros(count), 1.0), A_ub=rows, b_ub=-line, bounds=bounds)
+                answer = linprog(costs, A_ub=rows, b_ub=aim.level - line, bounds=bounds)
                 if answer.status:
                     raise ModelError(f"no schedule found: {answer.message}")
                 step = answer.x[:count]
-                tried = self.in_time(self.schedule(np.exp(u + step)), time)
+                tried = reached(np.exp(u + step))
                 then = self.by_bins(tried)
-                promised, gained = float(now.max() - (line + slopes @ step).max()), float(now.max() - then.max())
+                promised = cost - (np.log(schedule.duration) + costs @ answer.x)
+                gained = cost - aim.cost(tried, then)
                 most = max(most, promised)
-                if promised < GAIN or gained > 0.25 * promised:
+                if promised < aim.gain or gained > 0.25 * promised:
                     break
                 line = then - slopes @ step  # with the curvature that this step has met (second-order correction)
-            good, done = gained > 0.25 * promised, most < GAIN or region < LEAST_REGION
-            moved = np.log(tried.speeds[1:-1]) - u
-            change = then - now
+            good, done = gained > 0.25 * promised, most < aim.gain or region < LEAST_REGION
+            moved, change = np.log(tried.speeds[1:-1]) - u, then - now
             if gained > 0:
                 schedule, now = tried, then
+                best = min(best, (tried, then), key=lambda each: aim.rank(*each))
             if done and exact:
                 break
             if good and not done:  # Broyden's update saves a simulation for each speed
@@ -444,4 +464,4 @@ class Scheduling:
                 region = region / 2.5 if exact and not done else region
                 slopes = slopes if exact and gained <= 0 else None
             exact = exact and gained <= 0
-        return schedule
+        return best[0]

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
@@ -134,8 +134,8 @@ class BushedTransient(MujocoTransient):
     the hinges feel J' (k phi + c dphi/dt).
     """
 
-    def __init__(self, arm: Arm, table: MotionTable, duration: float):
-        super().__init__(arm, table, duration, settled=False)
+    def __init__(self, arm: Arm, table: MotionTable, duration: float, **more: Any):
+        super().__init__(arm, table, duration, settled=False, **more)
         stiffness, damping = (part[self.elastic] for part in (self.model.jnt_stiffness, self.model.dof_damping))
         self.springs, self.dampers = stiffness.reshape(-1, 3).T, damping.reshape(-1, 3).T
         self.model.jnt_stiffness[self.elastic] = self.model.dof_damping[self.elastic] = 0.0
@@ -236,7 +236,12 @@ def smoothed(acceleration: np.ndarray) -> np.ndarray:
 
 def rigid_path(arm: MujocoMoving | PinocchioMoving, table: MotionTable, times: np.ndarray) -> np.ndarray:
     commands, straight = np.stack(table(times)), np.zeros(3 * len(arm.names))
-    return np.stack([arm.points(arm.configuration(c, straight))[:, -1] for c in np.moveaxis(commands, -1, 0)])
+    q = np.tile(arm.configuration(commands[..., 0], straight), (len(times), 1))
+    for hinges, turn in zip((arm.pins, arm.pulleys), arm.turns(commands), strict=True):
+        for index, angle in zip(hinges, turn.angle, strict=True):
+            if index is not None:
+                q[:, index[0]] = angle
+    return np.stack([arm.points(each)[:, -1] for each in q])
 
 
 class HingedBushings(PinocchioMoving):

@@ -145,9 +145,9 @@ def by_exact(true: Arm, driven: Motion, load: Load) -> tuple[np.ndarray, np.ndar
 
 def by_mujoco(true: Arm, driven: Motion) -> tuple[np.ndarray, np.ndarray]:
     """Return the same by MuJoCo."""
-    from balance import moved  # which imports this file
+    from balance import Moved  # which imports this file
 
-    return moved(true, driven, {})
+    return Moved(true, driven).vibration({})
 
 
 def main() -> None:

@@ -1,6 +1,7 @@
 """`ident.balance`: from identified imbalances and trial masses to masses that leave what is predicted."""
 
 import json
+import re
 import shutil
 import sys
 from dataclasses import replace
@@ -200,6 +201,17 @@ def test_no_imbalance_makes_more_than_its_upper_end(result):
     report = balance_sections(replace(result.found, rotors=tuple(rotors)))
     assert report.verdict.word == "NO GAIN"
     assert "No imbalance makes more than 4 %" in report.verdict.reason  # 1 % and 1.96 times 1.5 %
+
+
+def test_a_trial_mass_that_is_too_light_says_how_heavy_it_should_be(result):
+    vague = tried(1e-3, 0.9 + 0j, 4, noise=0.25)
+    report = text_of(balance_sections(replace(result.found, tried=(vague,))))
+    heavier = float(re.search(r"take one (\S+) times as\s+heavy", report)[1])
+    assert not vague.told
+    assert replace(vague, draws=1 + (vague.draws - 1) / heavier).told
+    assert not replace(vague, draws=1 + (vague.draws - 1) / (heavier - 0.11)).told
+    assert "not verified" in report
+    assert "no trial mass" not in report
 
 
 def test_the_mass_of_the_rotor_is_said_to_be_assumed(result, file):
@@ -432,21 +444,70 @@ def test_what_a_trial_tells_is_said_even_by_two_draws():
     assert calibrated([two, replace(two, stated=1e-3j)], 2).factor == pytest.approx(1.5)
 
 
+def polar(*pairs):
+    """Return complex numbers of sizes and angles [deg]."""
+    return np.array([size * np.exp(1j * DEGREE * angle) for size, angle in pairs])
+
+
+def printed(values, *pairs, size=5e-3, angle=0.5):
+    """Check sizes and angles [deg] against what a publication has printed, to half of its last digits."""
+    expected = polar(*pairs)
+    np.testing.assert_allclose(np.abs(values), np.abs(expected), rtol=0, atol=size)
+    np.testing.assert_allclose(np.degrees(np.angle(values / expected)), 0, atol=angle)
+
+
 def test_influence_coefficients_of_a_published_case():
     """Two planes, as printed in the README of the package hsbalance 0.5."""
-
-    def polar(*pairs):
-        return np.array([size * np.exp(1j * DEGREE * angle) for size, angle in pairs])
-
     before, weights = polar((170, 112), (53, 78)), np.diag(polar((1.15, 0), (1.15, 0)))
     after = np.array([polar((235, 94), (58, 68)), polar((185, 115), (77, 104))])  # of each trial, at both sensors
     coefficients = complex_least_squares(weights, after - before)[0].T
-    expected = np.array([polar((78.433, 58.4), (15.34, 145.3)), polar((9.462, 10.2), (32.56, 142.4))])
-    np.testing.assert_allclose(np.abs(coefficients), np.abs(expected), rtol=1e-4)
-    np.testing.assert_allclose(np.angle(coefficients / expected), 0, atol=0.06 * DEGREE)
+    printed(coefficients[0] / 10, (7.8433, 58.4), (1.534, 145.3), size=6e-4, angle=0.06)
+    printed(coefficients[1], (9.462, 10.2), (32.56, 142.4), angle=0.06)
     corrections = complex_least_squares(coefficients, -before[:, None])[0][:, 0]
-    np.testing.assert_allclose(np.abs(corrections), (1.979, 1.071), atol=6e-4)
-    np.testing.assert_allclose(np.angle(corrections / polar((1, 236.2), (1, 121.8))), 0, atol=0.06 * DEGREE)
+    printed(corrections, (1.979, 236.2), (1.071, 121.8), size=6e-4, angle=0.06)
+
+
+def test_least_squares_of_goodman():
+    """Goodman, J. Eng. Ind. 86(3), 1964, tables 1 and 2: plain, then each location weighted by what was left there."""
+    coefficients = np.array([[3, -2], [5, -2], [5, -3]], complex)
+    before = np.array([[1], [-1], [0]], complex)
+    plain, squares = complex_least_squares(coefficients, -before)
+    printed(plain[:, 0], (0.81, 0), (1.48, 0))
+    left = (before + coefficients @ plain)[:, 0]
+    printed(left, (0.476, 0), (0.0952, 0), (0.381, 180), size=5e-4)
+    assert squares[0] == pytest.approx(0.381, abs=5e-4)
+    weighted, _ = complex_least_squares(coefficients, -before, np.diag(np.tile(1 / np.abs(left), 2)))
+    printed(weighted[:, 0], (1.00, 0), (1.80, 0))
+    printed((before + coefficients @ weighted)[:, 0], (0.4, 0), (0.4, 0), (0.4, 180), size=5e-4)
+
+
+def test_trial_masses_that_stay_mounted():
+    """Feese and Grazier, "Balance this!", 33rd Turbomachinery Symposium, 2004: a compressor with four probes."""
+    before = polar((0.68, 32), (0.56, 86), (1.94, 231), (2.07, 335))
+    first = polar((1.31, 1), (1.25, 75), (0.93, 251), (1.0, 342))  # 11.1 g at 35 deg on the aft plane
+    both = polar((0.54, 9), (0.52, 75), (0.81, 196), (0.90, 296))  # and 3.7 g at 135 deg on the forward one
+    aft, forward = polar((11.1, 35), (3.7, 135))
+    masses = np.array([[aft, 0], [aft, forward]])
+    coefficients = complex_least_squares(masses, np.array([first - before, both - before]))[0].T
+    corrections = complex_least_squares(coefficients, -before[:, None])[0][:, 0]
+    printed(corrections, (15.3, 3), (6.6, 113), size=0.05)
+    printed(before + coefficients @ corrections, (0.08, 138), (0.09, 49), (0.05, 231), (0.05, 166))
+
+
+@pytest.mark.parametrize(
+    ("second", "third", "expected"),
+    [
+        ((2 + 1j, 4 + 2j, 2 + 1j, 3 + 2j), (3 + 2j, 2 + 1j, 4 + 3j, 4 + 2j), ((1.39, -4), (1.25, -144), (0.98, 168))),
+        ((3 + 2j, 2 + 1j, 4 + 3j, 3 + 2j), (3 + 2j, 2 + 1j, 4 + 3j, 4 + 2j), ((0.87, 101), (4.74, 100), (5.08, -87))),
+        ((3 + 2j, 2 + 1j, 4 + 3j, 4 + 2j), None, ((0.51, 46), (1.13, -155))),
+    ],
+    ids=["independent planes", "nearly dependent planes", "without one of them"],
+)
+def test_planes_of_darlow(second, third, expected):
+    """Darlow, "Identification and elimination of non-independent balance planes", Turbo Expo 1982; three examples."""
+    columns = [each for each in ((1 + 1j, 1 + 3j, 2 + 2j, 3 + 1j), second, third) if each]
+    before = np.array([[1 + 3j], [3 + 1j], [4 + 1j], [2 + 5j]])
+    printed(complex_least_squares(np.array(columns).T, -before)[0][:, 0], *expected)
 
 
 def test_weights_count():

@@ -14,6 +14,16 @@ from ident.description.file import read_arm
 DATA = Path(__file__).parents[2] / "data"
 
 
+def file_with_limits(rates: np.ndarray) -> str:
+    """The shipped arm's file with limits of its joints' speed, acceleration and jerk (3, driven) [rad/s, ...]."""
+    text = (DATA / "lcd_arm" / "arm.toml").read_text()
+    for n, numbers in enumerate(np.degrees(rates).T.tolist(), 1):
+        keys = zip(("speed", "acceleration", "jerk"), numbers, ("deg/s", "deg/s^2", "deg/s^3"), strict=True)
+        lines = [f'{key} = {{ value = {number}, unit = "{unit}", origin = "datasheet" }}' for key, number, unit in keys]
+        text = text.replace(f'name = "joint{n}"\n', "\n".join([f'name = "joint{n}"', *lines, ""]), 1)
+    return text
+
+
 def random_body(rng: np.random.Generator, name: str) -> Body:
     """A body of three unequal, randomly turned principal moments that obey the triangle inequality."""
     root = rng.normal(size=(3, 3)) * 0.15

@@ -322,6 +322,7 @@ class MujocoMoving(MovingArm):
                     parent.add_site(name=point.name, pos=np.asarray(point.position))
         self.model = spec.compile()
         self.data, self.nv = mujoco.MjData(self.model), self.model.nv
+        self.sites = [self.model.site(point.name).id for point in arm.points]
         self.balls = [self._at(f"{name} ball") for name in self.names]
         self.pins = [self._at(f"{joint.name} pin") if joint.driven else None for joint in arm.joints]
         self.pulleys = [None if d is None else self._at(d.name) for d in self.drives]
@@ -360,8 +361,9 @@ class MujocoMoving(MovingArm):
         return M
 
     def points(self, q: np.ndarray) -> np.ndarray:
-        self._place(q)
-        return np.stack([self.data.site(point.name).xpos for point in self.arm.points], 1)
+        self.data.qpos[:] = q[: self.model.nq]
+        mujoco.mj_kinematics(self.model, self.data)
+        return self.data.site_xpos[self.sites].T.copy()
 
 
 def waves(drive: Drive) -> list[tuple[float, float, float]]:

@@ -4,7 +4,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arms import DATA, lcd_arm
+from arms import file_with_limits, lcd_arm
+from ruckig import InputParameter, Result, Ruckig, Trajectory
 
 from ident.description.file import parse_arm
 from ident.errors import InputError
@@ -49,6 +50,26 @@ def test_no_schedule_is_faster_than_the_time_optimal_motion():
     assert optimal < fastest < 1.06 * optimal
 
 
+def optimal(distance, limits):
+    """Least time [s] of one joint from rest to rest within its speed, acceleration and jerk, by ruckig."""
+    asked, found = InputParameter(1), Trajectory(1)
+    asked.target_position, (asked.max_velocity, asked.max_acceleration, asked.max_jerk) = [distance], limits[:, None]
+    assert Ruckig(1).calculate(asked, found) == Result.Working
+    return found.duration
+
+
+def test_along_a_given_path_no_schedule_is_faster_than_the_time_optimal_motion():
+    """On a line nearly as fast, with each joint's limits at once; on an arc no faster than joint 1 by itself."""
+    along = np.radians([[142.0], [-284.0], [142.0]]) * (1 - np.cos(np.linspace(0, np.pi, 401))) / 2
+    rates = RATES * np.array([[0.25], [1.0], [1.0]])
+    for angles, slack in ((along, 1.06), (arc(TIME), 2.0)):
+        arm, motion = with_rates(rates), replay(TIME, angles, name="path")
+        scheduling = Scheduling(Evaluator(arm, motion, ()), Path.of_motion(arm, motion), 12, 2.0)
+        fastest = scheduling.schedule(np.full(11, np.inf)).duration
+        bounds = [optimal(float(np.ptp(each)), limits) for each, limits in zip(angles, rates.T, strict=True)]
+        assert max(bounds) < fastest < slack * max(bounds)
+
+
 @pytest.mark.parametrize("time", [18.0, 26.0, 60.0])
 def test_a_schedule_is_scaled_to_a_time(time):
     speeds = np.radians(np.random.default_rng(1).uniform(2.0, 9.0, 11))
@@ -64,13 +85,7 @@ RATES = np.radians([[40.0, 80.0, 40.0], [100.0, 200.0, 100.0], [400.0, 800.0, 40
 
 
 def with_rates(rates=RATES):
-    """The arm with limits of speed, acceleration and jerk (3, driven) of its joints, as its file has them."""
-    text = (DATA / "lcd_arm" / "arm.toml").read_text()
-    for n, numbers in enumerate(np.degrees(rates).T.tolist(), 1):
-        keys = zip(("speed", "acceleration", "jerk"), numbers, ("deg/s", "deg/s^2", "deg/s^3"), strict=True)
-        lines = [f'{key} = {{ value = {number}, unit = "{unit}", origin = "datasheet" }}' for key, number, unit in keys]
-        text = text.replace(f'name = "joint{n}"\n', "\n".join([f'name = "joint{n}"', *lines, ""]), 1)
-    return parse_arm(text)
+    return parse_arm(file_with_limits(rates))
 
 
 def arc(time, radius=0.5):
