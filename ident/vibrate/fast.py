@@ -18,7 +18,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
-from itertools import groupby
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -347,13 +346,13 @@ class FastMethod(eqx.Module):
 
     def linearised_within(self, arm: Arm, grid: TimeIntervals) -> Linearised:
         """Linearise them within some time intervals."""
-        model = self._model(arm)
+        model = self.model(arm)
         equations = linearised(arm, model, self.motion, grid, self.weights, self.loads)
         still, time = balanced(model), grid.nodes.ravel()
         y = jnp.moveaxis(equations.quasi_static, 1, 0).reshape((model.size, -1))
 
         def moved(y: Array, turned: AnyArray | float = 0.0) -> Array:
-            return _end_point(still, self.motion, time, y, turned)[1]
+            return end_point_of(still, self.motion, time, y, turned)[1]
 
         def by_interval(x: Array) -> Array:
             return jnp.moveaxis(x.reshape((*x.shape[:-1], *grid.nodes.shape)), -2, 0)
@@ -364,7 +363,7 @@ class FastMethod(eqx.Module):
 
     def excited(self, arm: Arm, linear: Linearised) -> Fast:
         """Integrate them with what excites the arm."""
-        return excited(self._model(arm), self.motion, self.grid, self.weights, linear.equations)
+        return excited(self.model(arm), self.motion, self.grid, self.weights, linear.equations)
 
     def vibration(self, arm: Arm, linear: Linearised, solved: Fast, time: Times | None = None) -> Float[Array, "3 T"]:
         """Return the displacement of the end point from its quasi-static deflection [m].
@@ -378,7 +377,7 @@ class FastMethod(eqx.Module):
             solved: their solution.
             time: (T,) [s] the samples when None; what is behind these means nothing.
         """
-        model, steps = self._model(arm), solved.x.shape[1]
+        model, steps = self.model(arm), solved.x.shape[1]
         powers = (jnp.arange(steps + 1) / self.grid.steps) ** np.arange(NODES)[:, None]
         weights = jnp.asarray(NODE_POWERS) @ powers
 
@@ -408,50 +407,30 @@ class FastMethod(eqx.Module):
             error = pins(model, command(model, self.motion, time), at_rest(deviations(model, y))).error
             return value + (by_pin.reshape((3, *error.shape)) * error).sum(1)
 
-        return at(jnp.asarray(time)) if time is not None else _by_time(at, jnp.asarray(self.time))
+        return at(jnp.asarray(time)) if time is not None else by_time(at, jnp.asarray(self.time))
 
     def solution(self, arm: Arm, linear: Linearised, solved: Fast) -> Solution:
         """Return all of the solution at the samples."""
-        model, vibration = self._model(arm), self.vibration(arm, linear, solved)
+        model, vibration = self.model(arm), self.vibration(arm, linear, solved)
 
         def at(time: Array, vibration: Array) -> Solution:
             y, yd = solved.at(self.grid, time)
             static, missed = between_nodes(self.grid, linear.bent, time)[0], self._missed(model, linear, time, y)
-            return Solution(y, yd, _end_point(model, self.motion, time, y)[0], static + vibration, static, missed)
+            return Solution(y, yd, end_point_of(model, self.motion, time, y)[0], static + vibration, static, missed)
 
-        whole: Solution = _by_time(at, jnp.asarray(self.time), vibration)
+        whole: Solution = by_time(at, jnp.asarray(self.time), vibration)
         return whole
 
     def vibration_and_missed(self, arm: Arm, linear: Linearised, solved: Fast) -> tuple[Array, Array | None]:
         """Return the vibration at the samples, and by how much curved springs leave their tangents, see `Solution`."""
-        model = self._model(arm)
+        model = self.model(arm)
 
         def missed(time: Array) -> Array | None:
             return self._missed(model, linear, time, solved.at(self.grid, time)[0])
 
-        return self.vibration(arm, linear, solved), _by_time(missed, jnp.asarray(self.time))
+        return self.vibration(arm, linear, solved), by_time(missed, jnp.asarray(self.time))
 
-    def vibration_and_path(self, arm: Arm, linear: Linearised, solved: Fast) -> Float[Array, "6 T"]:
-        """Return the vibration at the samples, and the path with the quasi-static deflection [m]."""
-        model = self._model(arm)
-
-        def path(time: Array) -> Array:
-            y, _ = between_nodes(self.grid, linear.equations.quasi_static, time)
-            return _end_point(model, self.motion, time, y)[0] + between_nodes(self.grid, linear.bent, time)[0]
-
-        return jnp.concatenate([self.vibration(arm, linear, solved), _by_time(path, jnp.asarray(self.time))])
-
-    def vibration_path_and_turn(self, arm: Arm, linear: Linearised, solved: Fast) -> Float[Array, "9 T"]:
-        """Return these and the rotation of the end point's link from the path [rad]."""
-        model = self._model(arm)
-
-        def turned(time: Array) -> Array:
-            return _turned(model, self.motion, time, solved.at(self.grid, time)[0])
-
-        both = self.vibration_and_path(arm, linear, solved)
-        return jnp.concatenate([both, _by_time(turned, jnp.asarray(self.time))])
-
-    def _model(self, arm: Arm) -> Multibody:
+    def model(self, arm: Arm) -> Multibody:
         """Gather an arm's equations of motion."""
         return multibody(
             arm, self.loads, rank=1, elastic_belts=self.elastic, transmission_error=self.transmission_error
@@ -464,7 +443,7 @@ class FastMethod(eqx.Module):
         return jnp.concatenate(beyond_tangent(model, bushing_rotations(model, rest), bushing_rotations(model, y)))
 
 
-def _by_time(f: Callable[..., Any], time: Array, *more: Array) -> Any:
+def by_time(f: Callable[..., Any], time: Array, *more: Array) -> Any:
     """Return what f gives for times and what belongs to them, some together, none that are repeated."""
     chunks = time.reshape((-1, TOGETHER))
     real = chunks[:, 0] > jnp.concatenate([jnp.full(1, -jnp.inf), chunks[:-1, -1]])
@@ -478,9 +457,9 @@ def displacement(model: Multibody, motion: Motion, time: Times, y: AnyArray) -> 
     """Return how far the end point is from its path."""
 
     def at(time: Array, y: Array) -> Array:
-        return _end_point(model, motion, time, y)[1]
+        return end_point_of(model, motion, time, y)[1]
 
-    moved: Array = _by_time(at, jnp.asarray(time), jnp.asarray(y))
+    moved: Array = by_time(at, jnp.asarray(time), jnp.asarray(y))
     return moved
 
 
@@ -489,21 +468,13 @@ def repeated(time: Float[np.ndarray, "T"]) -> Float[np.ndarray, "more"]:
     return np.pad(time, (0, ladder(len(time), LEAST) - len(time)), mode="edge")
 
 
-def _end_point(
+def end_point_of(
     model: Multibody, motion: Motion, time: AnyArray, y: Array, turned: AnyArray | float = 0.0
 ) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"]]:
     """Return path and displacement of the end point; its pins may be turned further."""
     turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
     path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
     return path, end_point(model, turning.pin.angle + turned, bushing_rotations(model, y)) - path
-
-
-def _turned(model: Multibody, motion: Motion, time: AnyArray, y: Array) -> Float[Array, "3 T"]:
-    """Return the rotation of the end point's link from its path [rad]: half the sum of a x b, a an axis on the path."""
-    here = jnp.stack(_end_point(model, motion, time, y))
-    ends = [eqx.tree_at(lambda m: m.position, model, model.position + each[:, None, None]) for each in jnp.eye(3)]
-    axes = jnp.stack([jnp.stack(_end_point(end, motion, time, y)) - here for end in ends])
-    return jnp.cross(axes[:, 0], axes[:, 1], axis=1).sum(0) / 2
 
 
 # -------- Each
@@ -541,14 +512,20 @@ def vibrations(
         refuse_curved(arm, missed)
         return vibration if measure is None else measure(vibration)
 
-    return each_of(arm, numbers, solve, "vibration_and_missed" if arm.springs else "vibration", sets, gather)
+    return each_of(
+        arm, numbers, solve, FastMethod.vibration_and_missed if arm.springs else FastMethod.vibration, sets, gather
+    )
+
+
+OWN = np.nan
+"""Stands in a set for a number that it leaves as it is."""
 
 
 def each_of(
     arm: Arm,
     numbers: Mapping[str, Array | np.ndarray],
     solve: FastMethod,
-    keep: str,
+    keep: Callable[[FastMethod, Arm, Linearised, Fast], Any],
     sets: Sequence[Mapping[str, float]] = ({},),
     gather: Callable[[Any], Any] = lambda of_sets: of_sets,
 ) -> Any:
@@ -562,7 +539,7 @@ def each_of(
         arm: the arm.
         numbers: all of it, by path.
         solve: the fast method.
-        keep: name of the method of `FastMethod` that gives what is kept: arrays of rows and times.
+        keep: gives what is kept at the samples, arrays of rows and times, as `FastMethod.vibration` does.
         sets: numbers of what excites the arm, by path; nothing else, for else the linearised equations are others.
         gather: gives what is kept of what an arm's sets have given, whose axis is the last.
     """
@@ -571,23 +548,17 @@ def each_of(
     if is_traced(jax.tree.leaves((arm, numbers, solve))):
         turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
         solved = [_traced(arm, dict(numbers), solve, keep, own) for own in turned]
-        arms = [
-            jax.tree.map(lambda *x, k=k: jnp.stack([one[k, ..., :samples] for one in x], -1), *solved)
-            for k in range(count)
-        ]
-        return jax.tree.map(lambda *x: jnp.stack(x, -1), *map(gather, arms))
+        whole = jax.tree.map(lambda *x: jnp.stack(x, -1)[..., :samples, :], *solved)
+        arms = [gather(jax.tree.map(lambda x, k=k: x[k], whole)) for k in range(count)]
+        return jax.tree.map(lambda *x: jnp.stack(x, -1), *arms)
     each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(count)]
-    alike = [list(some) for _, some in groupby(sets, lambda own: own.keys())]
-    at_a_time = [-(-len(some) // (1 if count >= cores() else cores())) for some in alike]
-    shares = [
-        (some[first : first + most], most)
-        for some, most in zip(alike, at_a_time, strict=True)
-        for first in range(0, len(some), most)
-    ]
+    most = len(sets) if count >= cores() else -(-len(sets) // cores())
+    shares = [sets[first : first + most] for first in range(0, len(sets), most)]
+    paths = dict.fromkeys(path for own in sets for path in own)
 
-    def solved_with(values: dict[str, Any], some: list[Mapping[str, float]], most: int, linear: Linearised) -> Any:
-        filled = some + some[:1] * (most - len(some))  # one program for all shares
-        turned: dict[str, AnyArray] = {path: np.array([own[path] for own in filled]) for path in some[0]}
+    def solved_with(values: dict[str, Any], linear: Linearised, some: Sequence[Mapping[str, float]]) -> Any:
+        filled = [*some, *[some[0]] * (most - len(some))]  # one program for all shares
+        turned: dict[str, AnyArray] = {path: np.array([own.get(path, OWN) for own in filled]) for path in paths}
         response = _excited(arm, values, turned, solve, linear)
         kept = concrete(_sampled(arm, values, turned, solve, linear, response, keep))
         return jax.tree.map(lambda x: np.moveaxis(x[: len(some), ..., :samples], 0, -1), kept)
@@ -596,19 +567,13 @@ def each_of(
         return gather(jax.tree.map(lambda *x: np.concatenate(x, -1), *of_shares))
 
     def all_sets(values: dict[str, Any]) -> Any:
-        linear = linearised_for(arm, values, solve)
-        return gathered([solved_with(values, *some, linear) for some in shares])
+        return gathered([solved_with(values, linearised_for(arm, values, solve), sets)])
 
     if count >= cores():
         found = at_once([partial(all_sets, values) for values in each])
     else:
-        linear = [linearised_for(arm, values, solve) for values in each]
-        jobs = [
-            partial(solved_with, values, *some, own)
-            for values, own in zip(each, linear, strict=True)
-            for some in shares
-        ]
-        done = at_once(jobs)
+        pairs = [(values, linearised_for(arm, values, solve)) for values in each]
+        done = at_once([partial(solved_with, *pair, some) for pair in pairs for some in shares])
         found = [gathered(done[first : first + len(shares)]) for first in range(0, len(done), len(shares))]
     return jax.tree.map(lambda *x: np.stack(x, -1), *found)
 
@@ -637,7 +602,7 @@ def _traced(
     arm: Arm,
     numbers: dict[str, Any],
     solve: FastMethod,
-    keep: str,
+    keep: Callable[[FastMethod, Arm, Linearised, Fast], Any],
     own: dict[str, Any],
 ) -> Any:
     """Return what is kept of each arm, arms first, all by one program: for one that is traced or differentiated."""
@@ -645,7 +610,7 @@ def _traced(
     def one(values: dict[str, Any]) -> Any:
         changed = arm.replace(values | own)
         linear = solve.linearised(changed)
-        return getattr(solve, keep)(changed, linear, solve.excited(changed, linear))
+        return keep(solve, changed, linear, solve.excited(changed, linear))
 
     return jax.lax.map(one, numbers)
 
@@ -660,13 +625,8 @@ def linearised_for(arm: Arm, values: dict[str, Any], solve: FastMethod) -> Linea
 def _excited(
     arm: Arm, values: dict[str, Array], sets: dict[str, AnyArray], solve: FastMethod, linear: Linearised
 ) -> Fast:
-    """Return the response of an arm with each of some sets, the first axis; one alone is not batched."""
-
-    def one(own: dict[str, AnyArray]) -> Fast:
-        return solve.excited(arm.replace(values | own), linear)
-
-    several = any(len(x) > 1 for x in sets.values())
-    response: Fast = jax.vmap(one)(sets) if several else jax.tree.map(lambda x: x[None], one(_first(sets)))
+    """Return the response of an arm with each of some sets, the first axis."""
+    response: Fast = _side_by_side(lambda own: solve.excited(_with(arm, values, own), linear), sets)
     return response
 
 
@@ -678,15 +638,19 @@ def _sampled(
     solve: FastMethod,
     linear: Linearised,
     solved: Fast,
-    keep: str,
+    keep: Callable[[FastMethod, Arm, Linearised, Fast], Any],
 ) -> Any:
     """Return what is kept of each of some sets, the first axis."""
-
-    def one(given: tuple[dict[str, Array], Fast]) -> Any:
-        return getattr(solve, keep)(arm.replace(values | given[0]), linear, given[1])
-
-    return jax.lax.map(one, (sets, solved))
+    return _side_by_side(lambda own, solved: keep(solve, _with(arm, values, own), linear, solved), sets, solved)
 
 
-def _first(tree: Any) -> Any:
-    return jax.tree.map(lambda x: x[0], tree)
+def _with(arm: Arm, values: Mapping[str, Array], own: Mapping[str, AnyArray]) -> Arm:
+    """Return an arm with these numbers, and those of a set that are not `OWN`."""
+    return arm.replace({**values, **{path: jnp.where(jnp.isnan(x), values[path], x) for path, x in own.items()}})
+
+
+def _side_by_side(f: Callable[..., Any], sets: dict[str, AnyArray], *more: Any) -> Any:
+    """Return what f gives for each of some sets, and what belongs to it; one alone is not batched."""
+    if all(len(x) == 1 for x in sets.values()):
+        return jax.tree.map(lambda x: x[None], f(*jax.tree.map(lambda x: x[0], (sets, *more))))
+    return jax.vmap(f)(sets, *more)

@@ -11,7 +11,7 @@ from functools import cached_property
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from scipy.interpolate import BSpline, make_interp_spline
 
 from ident.arm.arm import Arm
@@ -19,7 +19,8 @@ from ident.arm.chain import Loads, at_posture
 from ident.arm.multibody import ERROR, IMBALANCE, ExcitingOrder
 from ident.arm.parts import Point
 from ident.errors import refusal
-from ident.vibrate.fast import each_of, numbers_of
+from ident.vibrate.fast import Fast, FastMethod, Linearised, by_time, each_of, end_point_of, numbers_of
+from ident.vibrate.linear import between_nodes
 from ident.vibrate.motion import Motion
 from ident.vibrate.simulate import fast_method, parts_of, refuse_collapse, sets_of
 
@@ -199,7 +200,7 @@ def _response(
         pointed = _ending_at(arm, point)
         felt = any(sensor.derivative == 2 for sensor in run.sensors if sensor.point == point)
         solve = fast_method(pointed, run.motion, run.loads, False, RATE, None)
-        keep = "vibration_path_and_turn" if felt else "vibration_and_path"
+        keep = _path_and_turn if felt else _path
         time = np.asarray(solve.time)[: int(solve.samples)]
         own = numbers_of(pointed)
         batch = {path: np.stack([np.asarray(each.get(path, x), float) for each in numbers]) for path, x in own.items()}
@@ -212,6 +213,32 @@ def _response(
             members[6:] = np.cross(path(time, nu=2).T[..., None] - gravity, members[6:], axis=0) - gravity
         moved[point] = members
     return Response(run, time, moved, tuple(_directions(arm, run, time)))
+
+
+def _path(solve: FastMethod, arm: Arm, linear: Linearised, solved: Fast) -> Float[Array, "6 T"]:
+    """Return the vibration at the samples, and the path with the quasi-static deflection [m]."""
+    model = solve.model(arm)
+
+    def at(time: Array) -> Array:
+        y, bent = (between_nodes(solve.grid, x, time)[0] for x in (linear.equations.quasi_static, linear.bent))
+        return end_point_of(model, solve.motion, time, y)[0] + bent
+
+    return jnp.concatenate([solve.vibration(arm, linear, solved), by_time(at, jnp.asarray(solve.time))])
+
+
+def _path_and_turn(solve: FastMethod, arm: Arm, linear: Linearised, solved: Fast) -> Float[Array, "9 T"]:
+    """Return these, and the rotation of the end point's link from the path [rad]."""
+    model = solve.model(arm)
+    ends = [eqx.tree_at(lambda m: m.position, model, model.position + each[:, None, None]) for each in jnp.eye(3)]
+
+    def at(time: Array) -> Array:
+        """Half the sum of a x b, a an axis of the link on the path, b how it has moved."""
+        y, _ = solved.at(solve.grid, time)
+        here, *there = (jnp.stack(end_point_of(each, solve.motion, time, y)) for each in (model, *ends))
+        axes = jnp.stack(there) - here
+        return jnp.cross(axes[:, 0], axes[:, 1], axis=1).sum(0) / 2
+
+    return jnp.concatenate([_path(solve, arm, linear, solved), by_time(at, jnp.asarray(solve.time))])
 
 
 def _ending_at(arm: Arm, name: str) -> Arm:

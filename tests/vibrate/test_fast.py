@@ -12,7 +12,7 @@ from runs import apart, hold_still, named, paper, swing, with_error
 
 from ident.arm.arm import Arm
 from ident.arm.multibody import multibody
-from ident.vibrate.fast import TWICE, each_of, excited, numbers_of, step_for
+from ident.vibrate.fast import TWICE, FastMethod, each_of, excited, numbers_of, step_for
 from ident.vibrate.linear import (
     GAUSS,
     NODE_PLACES,
@@ -83,7 +83,7 @@ def test_kinematic_error_needs_no_shorter_steps_and_intervals(percent: float, er
 
     def vibration(method):
         """By three programs, as `simulate` has them."""
-        moved = each_of(arm, numbers, method, "solution")
+        moved = each_of(arm, numbers, method, FastMethod.solution)
         return (moved.displacement - moved.quasi_static)[..., 0, 0]
 
     usual, converged = vibration(solve), vibration(finer)
