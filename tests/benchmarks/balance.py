@@ -29,6 +29,7 @@ from source import KNOWN, SENSORS, SPREAD, arm, truth
 from timing import commit, machine
 
 from ident.arm.arm import Arm, stiffness_paths
+from ident.arm.chain import Loads
 from ident.arm.multibody import possible_orders
 from ident.assess.balance import Pulley, balanced, rotor_of
 from ident.assess.scenario import Basis
@@ -46,18 +47,26 @@ RADIUS, ABOVE, HEIGHT = 0.09, 0.02, 0.05
 Bodies = dict[str, list[tuple[float, complex, float]]]
 
 
-def moved(true: Arm, motion: Motion, bodies: Bodies) -> tuple[np.ndarray, np.ndarray]:
+def engine_of(true: Arm, motion: Motion, kind: type[MujocoTransient] = MujocoTransient, **more: Any) -> MujocoTransient:
+    """Return MuJoCo's model of an arm in motion."""
+    end = float(motion.breaks[-1]) - 2 * STEP
+    return kind(true, lambda t: tuple(np.asarray(part) for part in motion(t)), end, **more)
+
+
+def vibration(
+    true: Arm, motion: Motion, engine: MujocoTransient, loads: Loads | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return times, and the vibration of the end point (3, T) by MuJoCo; what pins deviate is in it."""
-
-    def table(t: np.ndarray) -> tuple[np.ndarray, ...]:
-        return tuple(np.asarray(part) for part in motion(t))
-
     still = true.replace({each.amplitude: 0.0 for each in possible_orders(true) if each.of_error})
-    response = MujocoTransient(true, table, float(motion.breaks[-1]) - 2 * STEP, added=bodies).run(STEP, EVERY)
-    pins = [rigid_path(MujocoMoving(each), table, response.time).T for each in (true, still)]
-    known = simulate(true, motion, rate=1 / (STEP * EVERY)).quasi_static
-    static = np.asarray(known)[:, : len(response.time)]
-    return response.time, response.displacement + pins[0] - pins[1] - static
+    time, tip = engine.tip(STEP, EVERY)
+    path = rigid_path(MujocoMoving(still), engine.table, time)
+    known = simulate(true, motion, loads=loads, rate=1 / (STEP * EVERY)).quasi_static
+    return time, (tip - path).T - np.asarray(known)[:, : len(time)]
+
+
+def moved(true: Arm, motion: Motion, bodies: Bodies) -> tuple[np.ndarray, np.ndarray]:
+    """Return the same with bodies on the drives."""
+    return vibration(true, motion, engine_of(true, motion, added=bodies))
 
 
 def work(number: int, seed: int, error: float) -> dict[str, Any]:
