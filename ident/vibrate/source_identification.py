@@ -276,21 +276,21 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
     responses = problem.responses(place)
     whitenings = [Whitening(slow_columns(channel), np.ones(1)) for channel in problem.channels]
     place = place._replace(clock=clock_offsets(problem, responses, place))
-    whitenings = _coloured(problem, responses, place, whitenings, 0)  # without sources: each channel by its own size
+    whitenings = _sized(problem, responses, place, whitenings)  # without sources: each channel by its own size
     place, _ = _fitted(problem, responses, place, whitenings)
-    whitenings = _coloured(problem, responses, place, whitenings, 0)
+    whitenings = _sized(problem, responses, place, whitenings)
     settled, rounds, coloured = False, 0, False
     for rounds in progress(range(1, MOST_ROUNDS + 1)):
-        parts = whitened(problem, responses, problem.slopes(place), place, whitenings)
-        precision, step = _step(problem, parts, place)
-        sd = np.sqrt(np.diag(np.linalg.inv(precision)))
-        settled = bool((np.abs(step) < SETTLED * sd).all())
+        wholes = _sloped(problem, responses, problem.slopes(place), place)
+        rests = [whitening.rest(whole) for whitening, whole in zip(whitenings, wholes, strict=True)]
+        parts, precision, step = _stepped(problem, rests, place, whitenings)
+        settled = _small(step, precision)
         if settled and coloured:
             break
+        if rounds < RECOLOURED and (settled or rounds > 1):  # the first residuals are those of wrong stiffnesses
+            whitenings, step, coloured = *_recoloured(problem, rests, place, whitenings, step), True
         place, before = _fitted(problem, responses, place, whitenings)
         place, responses = _descended(problem, place, step, whitenings, before)
-        if rounds < RECOLOURED and (settled or rounds > 1):  # the first residuals are those of wrong stiffnesses
-            whitenings, coloured = _coloured(problem, responses, place, whitenings, LAGS), True
     covariance = np.linalg.inv(precision)
     residual, shown = zip(*_plain(problem, responses, place, whitenings), strict=True)
     consistency, between = _consistency(problem, parts, place), _between(problem, parts, place)
@@ -385,12 +385,12 @@ def _plain(
     return found
 
 
-def _coloured(
-    problem: SourceProblem, responses: Sequence[Response], place: Place, whitenings: Sequence[Whitening], lags: int
+def _sized(
+    problem: SourceProblem, responses: Sequence[Response], place: Place, whitenings: Sequence[Whitening]
 ) -> list[Whitening]:
-    """Return what whitens the residuals of a point."""
+    """Return what divides the residuals of a point by their size."""
     plain = _plain(problem, responses, place, whitenings)
-    return [old._replace(filter=whitening_filter(r, lags)) for old, (r, _) in zip(whitenings, plain, strict=True)]
+    return [old._replace(filter=whitening_filter(r, 0)) for old, (r, _) in zip(whitenings, plain, strict=True)]
 
 
 def whitened(
@@ -401,9 +401,18 @@ def whitened(
     whitenings: Sequence[Any],
 ) -> Whitened:
     """Return residuals and slopes by all unknowns."""
+    pairs = zip(whitenings, _sloped(problem, responses, slopes, place), strict=True)
+    wholes = [whitening(whole) for whitening, whole in pairs]
+    return Whitened(tuple(whole[:, 0] for whole in wholes), tuple(whole[:, 1:] for whole in wholes))
+
+
+def _sloped(
+    problem: SourceProblem, responses: Sequence[Response], slopes: Sequence[Response], place: Place
+) -> list[np.ndarray]:
+    """Return of each channel (T, 1 + n) the residual, and slopes by all unknowns."""
     sizes = [part.size for part in place]
     clock_at, tilt_at, linear_at = np.cumsum(sizes)[:3]
-    residuals, columns = [], []
+    found = []
     for k, channel in enumerate(problem.channels):
         response, parts = responses[channel.run], problem.parts_of(channel.run, place).ravel()
         time = problem.clock_of(channel, place)
@@ -416,10 +425,8 @@ def whitened(
         slope[:, clock_at + 2 * channel.run + 1] = rate * channel.time
         slope[:, tilt_at + 2 * k : tilt_at + 2 * k + 2] = tilted @ np.append(1.0, parts)
         slope[:, linear_at:] = units @ problem.mixing[channel.run]
-        whole = whitenings[k](np.column_stack([channel.values - sure - units @ parts, slope]))
-        residuals.append(whole[:, 0])
-        columns.append(whole[:, 1:])
-    return Whitened(tuple(residuals), tuple(columns))
+        found.append(np.column_stack([channel.values - sure - units @ parts, slope]))
+    return found
 
 
 def _flat(place: Place) -> np.ndarray:
@@ -434,6 +441,41 @@ def _step(problem: SourceProblem, parts: Whitened, place: Place) -> tuple[np.nda
         precision += columns.T @ columns
         right += columns.T @ residual
     return precision, _solved(precision, right)
+
+
+def _stepped(
+    problem: SourceProblem, rests: Sequence[np.ndarray], place: Place, whitenings: Sequence[Whitening]
+) -> tuple[Whitened, np.ndarray, np.ndarray]:
+    """Return whitened parts, their precision and step; of residuals and slopes (T, 1 + n) without the slow part."""
+    wholes = [whitening.filtered(rest) for whitening, rest in zip(whitenings, rests, strict=True)]
+    parts = Whitened(tuple(whole[:, 0] for whole in wholes), tuple(whole[:, 1:] for whole in wholes))
+    return parts, *_step(problem, parts, place)
+
+
+def _small(step: np.ndarray, precision: np.ndarray) -> bool:
+    """Return whether a step is that of an end."""
+    return bool((np.abs(step) < SETTLED * np.sqrt(np.diag(np.linalg.inv(precision)))).all())
+
+
+def _recoloured(
+    problem: SourceProblem,
+    rests: Sequence[np.ndarray],
+    place: Place,
+    whitenings: Sequence[Whitening],
+    step: np.ndarray,
+) -> tuple[list[Whitening], np.ndarray]:
+    """Return what whitens the residuals that are expected after a step, and the step that this leads to.
+
+    Each changes the other. Slopes tell the residuals after a step, so that they are found together without a simulation.
+    """
+    found = list(whitenings)
+    for _ in range(RECOLOURED):
+        left = [rest[:, 0] - rest[:, 1:] @ step for rest in rests]
+        found = [old._replace(filter=whitening_filter(r, LAGS)) for old, r in zip(found, left, strict=True)]
+        before, (_, precision, step) = step, _stepped(problem, rests, place, found)
+        if _small(step - before, precision):
+            break
+    return found, step
 
 
 def _descended(

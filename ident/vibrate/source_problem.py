@@ -174,7 +174,14 @@ class Whitening(NamedTuple):
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:
         """Return columns (T, ...) after both."""
-        rest = columns - self.slow @ (self.slow.T @ columns)
+        return self.filtered(self.rest(columns))
+
+    def rest(self, columns: np.ndarray) -> np.ndarray:
+        """Return columns (T, ...) without the slow part."""
+        return np.asarray(columns - self.slow @ (self.slow.T @ columns))
+
+    def filtered(self, rest: np.ndarray) -> np.ndarray:
+        """Return such columns, made white."""
         return np.asarray(lfilter(self.filter, [1.0], rest, axis=0)[len(self.filter) - 1 :])
 
 
