@@ -352,6 +352,10 @@ LONG_LOOPS: Any = {
 }
 """For a program that goes round one loop a hundred thousand times: a third less time for no more of compilation. For
 the samples of the fast method, too: a seventh less. Its integration gains nothing, slopes lose a tenth."""
+MANY_SETS: Any = {
+    "compiler_options": {name: x for name, x in LONG_LOOPS["compiler_options"].items() if "ynn" not in name}
+}
+"""For products of many small matrices: left to XLA's library they take a quarter of the time."""
 RUNS_ONCE: Any = {"compiler_options": {**SMALL_KERNELS["compiler_options"], "xla_backend_optimization_level": 0}}
 """For a program that runs once or twice, on few numbers: half the compilation."""
 

@@ -48,7 +48,7 @@ from ident.arm.multibody import (
 from ident.arm.parts import Spring
 from ident.arm.rotations import matvec
 from ident.errors import InputError, Problem
-from ident.programs import LONG_LOOPS, AnyArray, concrete, cores, is_traced, jit
+from ident.programs import LONG_LOOPS, MANY_SETS, AnyArray, concrete, cores, is_traced, jit
 from ident.vibrate.linear import (
     ONCE,
     STAGES,
@@ -416,6 +416,11 @@ def _end_point(
 # The fast method for each of some arms, and for each of some sets of phases of what excites them, on all cores.
 
 
+SIDE_BY_SIDE = 8
+"""Sets that are integrated side by side at most. Of the paper's arm 25 take 13 ms each, by 7 or by 25, and 50 alone. So
+many one after another need no further program."""
+
+
 def numbers_of(arm: Arm) -> dict[str, AnyArray]:
     """Return the numbers of an arm by path, but for those of its stroke, which is a motion already."""
     own = "" if arm.stroke is None else f"{arm.stroke.name}."
@@ -465,7 +470,8 @@ def each_of(
     """Solve for an arm with each of these numbers (batch,), the last axis, and each of these sets, the one before.
 
     One after another on each core: one arm fills a core better than several side by side, whose intermediate values do
-    not fit its cache. The linearised equations of an arm serve all sets. What is behind the samples is left out.
+    not fit its cache. The linearised equations of an arm serve all sets, and many sets are integrated side by side, which
+    share what is interpolated of them. What is behind the samples is left out.
 
     Args:
         arm: the arm.
@@ -487,25 +493,35 @@ def each_of(
         return jax.tree.map(lambda *x: jnp.stack(x, -1), *map(gather, arms))
     each = [{path: values[k, ...] for path, values in numbers.items()} for k in range(count)]
 
-    def one(values: dict[str, Any], linear: Linearised, own: dict[str, Any]) -> Any:
-        values = values | own
-        response = _excited(arm, values, solve, linear)
-        return jax.tree.map(cut, concrete(_sampled(arm, values, solve, linear, response, keep)))
+    def some(values: dict[str, Any], linear: Linearised, owns: Sequence[dict[str, Any]]) -> list[Any]:
+        if len(owns) == 1:
+            responses = [_excited(arm, values | owns[0], solve, linear)]
+        else:
+            padded = [*owns, *owns[-1:] * (together - len(owns))]
+            stacked = {path: np.stack([own[path] for own in padded]) for path in padded[0]}
+            whole = concrete(_excited_together(arm, values, stacked, solve, linear))
+            responses = [jax.tree.map(lambda x, k=k: x[k], whole) for k in range(len(owns))]
+        pairs = zip(owns, responses, strict=True)
+        sampled = [_sampled(arm, values | own, solve, linear, response, keep) for own, response in pairs]
+        return [jax.tree.map(cut, concrete(each)) for each in sampled]
 
     def gathered(of_sets: Sequence[Any]) -> Any:
         return gather(jax.tree.map(lambda *x: np.stack(x, -1), *of_sets))
 
     def all_sets(values: dict[str, Any]) -> Any:
         linear = linearised_for(arm, values, solve)
-        return gathered([one(values, linear, own) for own in turned])
+        return gathered([kept for owns in parts for kept in some(values, linear, owns)])
 
+    rounds = -(-len(turned) // SIDE_BY_SIDE) if len(turned) > SIDE_BY_SIDE else len(turned)
+    together = -(-len(turned) // rounds)
+    parts = [turned[first : first + together] for first in range(0, len(turned), together)]
     if count >= cores():
         found = at_once([partial(all_sets, values) for values in each])
     else:
         linear = [linearised_for(arm, values, solve) for values in each]
-        jobs = [partial(one, *pair, own) for pair in zip(each, linear, strict=True) for own in turned]
-        done = at_once(jobs)
-        found = [gathered(done[first : first + len(sets)]) for first in range(0, len(jobs), len(sets))]
+        jobs = [partial(some, *pair, owns) for pair in zip(each, linear, strict=True) for owns in parts]
+        done = [kept for of_part in at_once(jobs) for kept in of_part]
+        found = [gathered(done[first : first + len(sets)]) for first in range(0, len(done), len(sets))]
     return jax.tree.map(lambda *x: np.stack(x, -1), *found)
 
 
@@ -549,6 +565,14 @@ def linearised_for(arm: Arm, values: dict[str, Any], solve: FastMethod) -> Linea
 @jit
 def _excited(arm: Arm, values: dict[str, Array], solve: FastMethod, linear: Linearised) -> Fast:
     return solve.excited(arm.replace(values), linear)
+
+
+@partial(jit, options=MANY_SETS)
+def _excited_together(
+    arm: Arm, values: dict[str, Array], own: dict[str, Array], solve: FastMethod, linear: Linearised
+) -> Fast:
+    """Return the same with each of some sets, on the first axis."""
+    return jax.vmap(lambda one: solve.excited(arm.replace(values | one), linear))(own)
 
 
 @partial(jit, options=LONG_LOOPS)
