@@ -470,7 +470,7 @@ def each_of(
     """Solve for an arm with each of these numbers (batch,), the last axis, and each of these sets, the one before.
 
     One after another on each core: one arm fills a core better than several side by side, whose intermediate values do
-    not fit its cache. The linearised equations of an arm serve all sets, and many sets are integrated side by side, which
+    not fit its cache. The linearised equations of an arm serve all sets, and many sets, integrated side by side,
     share what is interpolated of them. What is behind the samples is left out.
 
     Args:
@@ -497,7 +497,7 @@ def each_of(
         if len(owns) == 1:
             responses = [_excited(arm, values | owns[0], solve, linear)]
         else:
-            padded = [*owns, *owns[-1:] * (together - len(owns))]
+            padded = [*owns, *[owns[-1]] * (together - len(owns))]
             stacked = {path: np.stack([own[path] for own in padded]) for path in padded[0]}
             whole = concrete(_excited_together(arm, values, stacked, solve, linear))
             responses = [jax.tree.map(lambda x, k=k: x[k], whole) for k in range(len(owns))]
@@ -569,7 +569,7 @@ def _excited(arm: Arm, values: dict[str, Array], solve: FastMethod, linear: Line
 
 @partial(jit, options=MANY_SETS)
 def _excited_together(
-    arm: Arm, values: dict[str, Array], own: dict[str, Array], solve: FastMethod, linear: Linearised
+    arm: Arm, values: dict[str, Any], own: dict[str, Any], solve: FastMethod, linear: Linearised
 ) -> Fast:
     """Return the same with each of some sets, on the first axis."""
     return jax.vmap(lambda one: solve.excited(arm.replace(values | one), linear))(own)

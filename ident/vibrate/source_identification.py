@@ -46,8 +46,10 @@ MOST_ROUNDS = 12
 """Gauss-Newton rounds at most; three or four do."""
 RECOLOURED = 5
 """Rounds up to which residuals are coloured again: later the noise model stays, so that the search ends."""
-SETTLED = 0.02
-"""Change of each unknown, in its standard deviations, at which the search ends."""
+SETTLED = 0.2
+"""Step of each unknown, in its standard deviations, with which the search ends. Of 0.14 the next was 0.002."""
+ALIKE = 0.02
+"""The same between two noise models that count as one."""
 RIDGE = 1e-13
 """Added to the unit diagonal of normal equations: their rounding."""
 BLOCK = 1.0
@@ -281,17 +283,21 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
     whitenings = _sized(problem, responses, place, whitenings)
     settled, rounds, coloured = False, 0, False
     for rounds in progress(range(1, MOST_ROUNDS + 1)):
-        wholes = _sloped(problem, responses, problem.slopes(place), place)
+        here, wholes = place, _sloped(problem, responses, problem.slopes(place), place)
         rests = [whitening.rest(whole) for whitening, whole in zip(whitenings, wholes, strict=True)]
         parts, precision, step = _stepped(problem, rests, place, whitenings)
-        settled = _small(step, precision)
-        if settled and coloured:
-            break
-        if rounds < RECOLOURED and (settled or rounds > 1):  # the first residuals are those of wrong stiffnesses
-            whitenings, step, coloured = *_recoloured(problem, rests, place, whitenings, step), True
+        small = _small(step, precision, SETTLED)
+        settled = small and coloured
+        if rounds < RECOLOURED and (small or rounds > 1):  # the first residuals are those of wrong stiffnesses
+            whitenings, parts, precision, step = _recoloured(problem, rests, place, whitenings, step)
+            coloured = True
         place, before = _fitted(problem, responses, place, whitenings)
         place, responses = _descended(problem, place, step, whitenings, before)
-    covariance = np.linalg.inv(precision)
+        if settled:
+            break
+    taken = _flat(place) - _flat(here)
+    left = tuple(r - own @ taken for r, own in zip(parts.residual, parts.columns, strict=True))
+    parts, covariance = Whitened(left, parts.columns), np.linalg.inv(precision)
     residual, shown = zip(*_plain(problem, responses, place, whitenings), strict=True)
     consistency, between = _consistency(problem, parts, place), _between(problem, parts, place)
     makes = np.max([_largest(each) for each in responses], 0)
@@ -452,9 +458,9 @@ def _stepped(
     return parts, *_step(problem, parts, place)
 
 
-def _small(step: np.ndarray, precision: np.ndarray) -> bool:
-    """Return whether a step is that of an end."""
-    return bool((np.abs(step) < SETTLED * np.sqrt(np.diag(np.linalg.inv(precision)))).all())
+def _small(step: np.ndarray, precision: np.ndarray, share: float) -> bool:
+    """Return whether a step is shorter than a share of the standard deviation of each unknown."""
+    return bool((np.abs(step) < share * np.sqrt(np.diag(np.linalg.inv(precision)))).all())
 
 
 def _recoloured(
@@ -463,19 +469,19 @@ def _recoloured(
     place: Place,
     whitenings: Sequence[Whitening],
     step: np.ndarray,
-) -> tuple[list[Whitening], np.ndarray]:
-    """Return what whitens the residuals that are expected after a step, and the step that this leads to.
+) -> tuple[list[Whitening], Whitened, np.ndarray, np.ndarray]:
+    """Return what whitens the residuals that are expected after a step, and what `_stepped` gives with it.
 
-    Each changes the other. Slopes tell the residuals after a step, so that they are found together without a simulation.
+    Each changes the other. Slopes tell the residuals after a step: both are found together, without a simulation.
     """
     found = list(whitenings)
     for _ in range(RECOLOURED):
         left = [rest[:, 0] - rest[:, 1:] @ step for rest in rests]
         found = [old._replace(filter=whitening_filter(r, LAGS)) for old, r in zip(found, left, strict=True)]
-        before, (_, precision, step) = step, _stepped(problem, rests, place, found)
-        if _small(step - before, precision):
+        before, (parts, precision, step) = step, _stepped(problem, rests, place, found)
+        if _small(step - before, precision, ALIKE):
             break
-    return found, step
+    return found, parts, precision, step
 
 
 def _descended(
