@@ -33,6 +33,7 @@ from ident.vibrate.source_problem import (
     SourceProblem,
     Whitening,
     slow_columns,
+    taken_out,
     whitening_filter,
 )
 from ident.vibrate.sources import Response, Run, excited_by, with_units
@@ -289,7 +290,7 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
         small = _small(step, precision, SETTLED)
         settled = small and coloured
         if rounds < RECOLOURED and (small or rounds > 1):  # the first residuals are those of wrong stiffnesses
-            whitenings, parts, precision, step = _recoloured(problem, rests, place, whitenings, step)
+            whitenings, parts, precision, step = _recoloured(problem, rests, place, whitenings, precision, step)
             coloured = True
         place, before = _fitted(problem, responses, place, whitenings)
         place, responses = _descended(problem, place, step, whitenings, before)
@@ -468,6 +469,7 @@ def _recoloured(
     rests: Sequence[np.ndarray],
     place: Place,
     whitenings: Sequence[Whitening],
+    precision: np.ndarray,
     step: np.ndarray,
 ) -> tuple[list[Whitening], Whitened, np.ndarray, np.ndarray]:
     """Return what whitens the residuals that are expected after a step, and what `_stepped` gives with it.
@@ -476,8 +478,11 @@ def _recoloured(
     """
     found = list(whitenings)
     for _ in range(RECOLOURED):
-        left = [rest[:, 0] - rest[:, 1:] @ step for rest in rests]
-        found = [old._replace(filter=whitening_filter(r, LAGS)) for old, r in zip(found, left, strict=True)]
+        covariance = np.linalg.inv(precision)
+        for k, (old, rest) in enumerate(zip(found, rests, strict=True)):
+            left, columns = rest[:, 0] - rest[:, 1:] @ step, rest[:, 1:]
+            missing = taken_out(left, old.slow, columns, covariance, LAGS)
+            found[k] = old._replace(filter=whitening_filter(left, LAGS, missing))
         before, (parts, precision, step) = step, _stepped(problem, rests, place, found)
         if _small(step - before, precision, ALIKE):
             break
