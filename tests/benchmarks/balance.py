@@ -54,19 +54,19 @@ def engine_of(true: Arm, motion: Motion, kind: type[MujocoTransient] = MujocoTra
 
 
 def vibration(
-    true: Arm, motion: Motion, engine: MujocoTransient, loads: Loads | None = None
+    true: Arm, motion: Motion, seen: tuple[np.ndarray, np.ndarray], loads: Loads | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return times, and the vibration of the end point (3, T) by MuJoCo; what pins deviate is in it."""
+    """Return times, and the vibration (3, T) of an end point at (T, 3); what pins deviate is in it."""
+    time, tip = seen
     still = true.replace({each.amplitude: 0.0 for each in possible_orders(true) if each.of_error})
-    time, tip = engine.tip(STEP, EVERY)
-    path = rigid_path(MujocoMoving(still), engine.table, time)
+    path = rigid_path(MujocoMoving(still), lambda t: tuple(np.asarray(part) for part in motion(t)), time)
     known = simulate(true, motion, loads=loads, rate=1 / (STEP * EVERY)).quasi_static
     return time, (tip - path).T - np.asarray(known)[:, : len(time)]
 
 
 def moved(true: Arm, motion: Motion, bodies: Bodies) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same with bodies on the drives."""
-    return vibration(true, motion, engine_of(true, motion, added=bodies))
+    """Return times, and the vibration of the end point by MuJoCo, with bodies on the drives."""
+    return vibration(true, motion, engine_of(true, motion, added=bodies).tip(STEP, EVERY))
 
 
 def work(number: int, seed: int, error: float) -> dict[str, Any]:
