@@ -134,7 +134,7 @@ class MujocoTransient:
 
 
 class BushedTransient(MujocoTransient):
-    """The same with the bushings' own springs and dampers, by a callback in Python, which takes two or three times as long.
+    """The same with the bushings' own springs and dampers, by a callback in Python, for two to three times the time.
 
     The rotation vector of hinges x, y, z in series is (x + yz/2, y - xz/2, z + xy/2) to the second order, J its slope;
     the hinges feel J' (k phi + c dphi/dt).
