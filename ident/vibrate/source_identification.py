@@ -33,6 +33,7 @@ from ident.vibrate.source_problem import (
     SourceProblem,
     Whitening,
     slow_columns,
+    taken_out,
     whitening_filter,
 )
 from ident.vibrate.sources import Response, Run, excited_by, with_units
@@ -46,8 +47,10 @@ MOST_ROUNDS = 12
 """Gauss-Newton rounds at most; three or four do."""
 RECOLOURED = 5
 """Rounds up to which residuals are coloured again: later the noise model stays, so that the search ends."""
-SETTLED = 0.02
-"""Change of each unknown, in its standard deviations, at which the search ends."""
+SETTLED = 0.2
+"""Step of each unknown, in its standard deviations, with which the search ends. Of 0.14 the next was 0.002."""
+ALIKE = 0.02
+"""The same between two noise models that count as one."""
 RIDGE = 1e-13
 """Added to the unit diagonal of normal equations: their rounding."""
 BLOCK = 1.0
@@ -276,22 +279,26 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
     responses = problem.responses(place)
     whitenings = [Whitening(slow_columns(channel), np.ones(1)) for channel in problem.channels]
     place = place._replace(clock=clock_offsets(problem, responses, place)[0])
-    whitenings = _coloured(problem, responses, place, whitenings, 0)  # without sources: each channel by its own size
+    whitenings = _sized(problem, responses, place, whitenings)  # without sources: each channel by its own size
     place, _ = _fitted(problem, responses, place, whitenings)
-    whitenings = _coloured(problem, responses, place, whitenings, 0)
+    whitenings = _sized(problem, responses, place, whitenings)
     settled, rounds, coloured = False, 0, False
     for rounds in progress(range(1, MOST_ROUNDS + 1)):
-        parts = whitened(problem, responses, problem.slopes(place), place, whitenings)
-        precision, step = _step(problem, parts, place)
-        sd = np.sqrt(np.diag(np.linalg.inv(precision)))
-        settled = bool((np.abs(step) < SETTLED * sd).all())
-        if settled and coloured:
-            break
+        here, wholes = place, _sloped(problem, responses, problem.slopes(place), place)
+        rests = [whitening.rest(whole) for whitening, whole in zip(whitenings, wholes, strict=True)]
+        parts, precision, step = _stepped(problem, rests, place, whitenings)
+        small = _small(step, precision, SETTLED)
+        settled = small and coloured
+        if rounds < RECOLOURED and (small or rounds > 1):  # the first residuals are those of wrong stiffnesses
+            whitenings, parts, precision, step = _recoloured(problem, rests, place, whitenings, precision, step)
+            coloured = True
         place, before = _fitted(problem, responses, place, whitenings)
         place, responses = _descended(problem, place, step, whitenings, before)
-        if rounds < RECOLOURED and (settled or rounds > 1):  # the first residuals are those of wrong stiffnesses
-            whitenings, coloured = _coloured(problem, responses, place, whitenings, LAGS), True
-    covariance = np.linalg.inv(precision)
+        if settled:
+            break
+    taken = _flat(place) - _flat(here)
+    left = tuple(r - own @ taken for r, own in zip(parts.residual, parts.columns, strict=True))
+    parts, covariance = Whitened(left, parts.columns), np.linalg.inv(precision)
     residual, shown = zip(*_plain(problem, responses, place, whitenings), strict=True)
     consistency, between = _consistency(problem, parts, place), _between(problem, parts, place)
     makes = np.max([_largest(each) for each in responses], 0)
@@ -389,12 +396,12 @@ def _plain(
     return found
 
 
-def _coloured(
-    problem: SourceProblem, responses: Sequence[Response], place: Place, whitenings: Sequence[Whitening], lags: int
+def _sized(
+    problem: SourceProblem, responses: Sequence[Response], place: Place, whitenings: Sequence[Whitening]
 ) -> list[Whitening]:
-    """Return what whitens the residuals of a point."""
+    """Return what divides the residuals of a point by their size."""
     plain = _plain(problem, responses, place, whitenings)
-    return [old._replace(filter=whitening_filter(r, lags)) for old, (r, _) in zip(whitenings, plain, strict=True)]
+    return [old._replace(filter=whitening_filter(r, 0)) for old, (r, _) in zip(whitenings, plain, strict=True)]
 
 
 def whitened(
@@ -405,9 +412,18 @@ def whitened(
     whitenings: Sequence[Any],
 ) -> Whitened:
     """Return residuals and slopes by all unknowns."""
+    pairs = zip(whitenings, _sloped(problem, responses, slopes, place), strict=True)
+    wholes = [whitening(whole) for whitening, whole in pairs]
+    return Whitened(tuple(whole[:, 0] for whole in wholes), tuple(whole[:, 1:] for whole in wholes))
+
+
+def _sloped(
+    problem: SourceProblem, responses: Sequence[Response], slopes: Sequence[Response], place: Place
+) -> list[np.ndarray]:
+    """Return of each channel (T, 1 + n) the residual, and slopes by all unknowns."""
     sizes = [part.size for part in place]
     clock_at, tilt_at, sensor_at, linear_at = np.cumsum(sizes)[:4]
-    residuals, columns = [], []
+    found = []
     for k, channel in enumerate(problem.channels):
         response, parts = responses[channel.run], problem.parts_of(channel.run, place).ravel()
         time = problem.clock_of(channel, place)
@@ -423,10 +439,8 @@ def whitened(
         if place.calibration.size:
             slope[:, sensor_at + problem.sensors[k]] = (sure + units @ parts) / problem.factor(k, place)
         slope[:, linear_at:] = units @ problem.mixing[channel.run]
-        whole = whitenings[k](np.column_stack([channel.values - sure - units @ parts, slope]))
-        residuals.append(whole[:, 0])
-        columns.append(whole[:, 1:])
-    return Whitened(tuple(residuals), tuple(columns))
+        found.append(np.column_stack([channel.values - sure - units @ parts, slope]))
+    return found
 
 
 def _flat(place: Place) -> np.ndarray:
@@ -441,6 +455,45 @@ def _step(problem: SourceProblem, parts: Whitened, place: Place) -> tuple[np.nda
         precision += columns.T @ columns
         right += columns.T @ residual
     return precision, _solved(precision, right)
+
+
+def _stepped(
+    problem: SourceProblem, rests: Sequence[np.ndarray], place: Place, whitenings: Sequence[Whitening]
+) -> tuple[Whitened, np.ndarray, np.ndarray]:
+    """Return whitened parts, their precision and step; of residuals and slopes (T, 1 + n) without the slow part."""
+    wholes = [whitening.filtered(rest) for whitening, rest in zip(whitenings, rests, strict=True)]
+    parts = Whitened(tuple(whole[:, 0] for whole in wholes), tuple(whole[:, 1:] for whole in wholes))
+    return parts, *_step(problem, parts, place)
+
+
+def _small(step: np.ndarray, precision: np.ndarray, share: float) -> bool:
+    """Return whether a step is shorter than a share of the standard deviation of each unknown."""
+    return bool((np.abs(step) < share * np.sqrt(np.diag(np.linalg.inv(precision)))).all())
+
+
+def _recoloured(
+    problem: SourceProblem,
+    rests: Sequence[np.ndarray],
+    place: Place,
+    whitenings: Sequence[Whitening],
+    precision: np.ndarray,
+    step: np.ndarray,
+) -> tuple[list[Whitening], Whitened, np.ndarray, np.ndarray]:
+    """Return what whitens the residuals that are expected after a step, and what `_stepped` gives with it.
+
+    Each changes the other. Slopes tell the residuals after a step: both are found together, without a simulation.
+    """
+    found = list(whitenings)
+    for _ in range(RECOLOURED):
+        covariance = np.linalg.inv(precision)
+        for k, (old, rest) in enumerate(zip(found, rests, strict=True)):
+            left, columns = rest[:, 0] - rest[:, 1:] @ step, rest[:, 1:]
+            missing = taken_out(left, old.slow, columns, covariance, LAGS)
+            found[k] = old._replace(filter=whitening_filter(left, LAGS, missing))
+        before, (parts, precision, step) = step, _stepped(problem, rests, place, found)
+        if _small(step - before, precision, ALIKE):
+            break
+    return found, parts, precision, step
 
 
 def _descended(

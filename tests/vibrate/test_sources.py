@@ -13,6 +13,7 @@ from ident.arm.parts import Point
 from ident.errors import InputError
 from ident.vibrate.motion import command, stroke
 from ident.vibrate.simulate import simulate
+from ident.vibrate.source_problem import Channel, slow_columns, taken_out, whitening_filter
 from ident.vibrate.sources import Run, Sensor, changed_responses, excited_by, unit_response
 
 TIME = np.arange(3.5, 6.5, 0.01)
@@ -105,3 +106,27 @@ def test_a_point_that_the_arm_does_not_have_is_refused(arm, run):
     other = Run("run", run.motion, None, (Sensor("hand", (0.0, 0.0, 1.0)),))
     with pytest.raises(InputError, match="hand"):
         unit_response(arm, other, possible_orders(arm))
+
+
+def test_noise_beside_what_was_taken_out_is_not_too_small() -> None:
+    """White noise without its slow part, and without what a fit of 40 waves at 2 to 4 Hz takes, has its own density at
+    0.5 to 5 Hz in its model; by the lag sums of what is left alone it would miss a fifth."""
+    size, lags, sd = 6000, 20, 1.5
+    time = np.arange(size) / 200
+    slow = slow_columns(Channel("", 0, 0, time, np.zeros(size)))
+    waves = np.linalg.qr(
+        np.column_stack([f(np.outer(time, 2 * np.pi * np.linspace(2, 4, 20))) for f in (np.sin, np.cos)])
+    )[0]
+    waves -= slow @ (slow.T @ waves)
+    covariance = sd**2 * np.linalg.inv(waves.T @ waves)
+    turn = np.exp(-2j * np.pi * np.outer(np.linspace(0.5, 5, 10), np.arange(lags + 1)) / 200)
+    rng, density = np.random.default_rng(2), []
+    for _ in range(40):
+        noise = sd * rng.standard_normal(size)
+        left = noise - slow @ (slow.T @ noise)
+        left -= waves @ np.linalg.lstsq(waves, left)[0]
+        missing = taken_out(left, slow, waves, covariance, lags)
+        density.append([np.mean(np.abs(turn @ whitening_filter(left, lags, m)) ** -2) for m in (missing, 0.0)])
+    whole, alone = np.mean(density, 0) / sd**2
+    assert abs(whole - 1) < 0.02
+    assert alone < 0.85
