@@ -230,7 +230,8 @@ class VibrationAssessment:
 def tolerance_limit(values: Float[np.ndarray, "K"]) -> float:
     """Return what `CONFIDENT` of all values stay below, with the same confidence, as K of them say.
 
-    Of few it is the largest, of 100 the largest but one; their 95 % quantile would be too low every other time.
+    Of 100 it is the largest but one; their 95 % quantile would be too low every other time. Of fewer than 59 it is the
+    largest, with less confidence.
 
     References:
         Wilks, "Determination of sample sizes for setting tolerance limits", Annals of Mathematical Statistics 12(1),

@@ -474,8 +474,12 @@ def _predicted(found: Identification, table: Runs, name: str, used: Sequence[str
     """Return what sensors of a run that was left out should see, its clock alone fitted, and what they saw."""
     known = found.problem
     group = known.groups[list(used).index(_same_group(table, name, used))]
-    own = _posed(known.arm, table, [name], known.prior, known.offset)
+    own = replace(_posed(known.arm, table, [name], known.prior, known.offset), calibration=known.calibration)
     place = own.start._replace(changes=found.place.changes, parts=found.place.parts[group][None])
+    if known.calibration:
+        of_sensor = dict(zip(known.measuring, found.place.calibration[list(known.sensors)], strict=True))
+        for k, sensor in zip(own.sensors, own.measuring, strict=True):
+            place.calibration[k] = of_sensor.get(sensor, 0.0)
     responses, parts = own.responses(place), own.parts_of(0, place)
     place = place._replace(clock=clock_offsets(own, responses, place, parts.ravel())[0])
     places = [place._replace(parts=each.parts[group][None]) for each in found.places(TESTED)]

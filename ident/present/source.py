@@ -104,7 +104,7 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
     for name, gain in study.poor.items():
         yield Finding(f"{name} does not follow the computed vibration (gain {gain:.2f})", check)
     if not study.found.settled and not study.poor:
-        yield Finding("the runs do not follow the computed vibration", check)
+        yield Finding("the search did not settle", check)
     for source in study.contradicting:
         yield Finding(f"{named(source)}: the runs contradict each other", "check their table, or use each run alone")
     for name, shift in study.moved.items():
@@ -187,11 +187,11 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
     table = Table("", ("Run", "clock offset [ms]", "clock rate [1e-6]"), tuple(clocks), ("", ".2f", ".0f"))
     yield Section("Clocks", (table,))
     traces = [
-        (channel.name, channel.rate, 100 * share, *np.degrees(tilt))
-        for channel, share, tilt in zip(problem.channels, found.explained, place.tilt, strict=True)
+        (channel.name, channel.rate, 100 * share, *np.degrees(tilt), 100 * (problem.factor(k, place) - 1))
+        for k, (channel, share, tilt) in enumerate(zip(problem.channels, found.explained, place.tilt, strict=True))
     ]
-    of_traces = ("Trace", "samples a second", "explained [%]", "tilt [deg]", "tilt, other way [deg]")
-    yield Section("Traces", (Table("", of_traces, tuple(traces), ("", ".4g", ".1f", ".2f", ".2f")),))
+    of_traces = ("Trace", "samples a second", "explained [%]", "tilt [deg]", "tilt, other way [deg]", "calibration [%]")
+    yield Section("Traces", (Table("", of_traces, tuple(traces), ("", ".4g", ".1f", ".2f", ".2f", "+.2f")),))
 
     if study.causes:
         yield _cause_section(study.causes)

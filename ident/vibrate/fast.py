@@ -379,14 +379,14 @@ class FastMethod(eqx.Module):
         """
         model, steps = self.model(arm), solved.x.shape[1]
         powers = (jnp.arange(steps + 1) / self.grid.steps) ** np.arange(NODES)[:, None]
-        weights = jnp.asarray(NODE_POWERS) @ powers
+        at_edges = jnp.asarray(NODE_POWERS) @ powers
 
         def polynomials(by_y: Array, h: Array, x0: Array, v: Array, a: Array) -> Array:
-            at = interpolate(by_y, weights)
+            slopes = interpolate(by_y, at_edges)
             within = jnp.tensordot(jnp.asarray(TWICE_POWERS), a, ((0,), (1,)))
             x = (h * h * within).at[0].add(x0).at[1].add(h * v)
             x = jnp.moveaxis(x, 1, 2)[:, None]
-            start, change = ((part * x).sum(2) for part in (at[..., :-1], at[..., 1:] - at[..., :-1]))
+            start, change = ((part * x).sum(2) for part in (slopes[..., :-1], jnp.diff(slopes)))
             return jnp.pad(start, ((0, 1), (0, 0), (0, 0))) + jnp.pad(change, ((1, 0), (0, 0), (0, 0)))
 
         real = jnp.isfinite(jnp.asarray(self.grid.start))
@@ -518,7 +518,7 @@ def vibrations(
 
 
 OWN = np.nan
-"""Stands in a set for a number that it leaves as it is."""
+"""Filled in by `each_of` for a number that a set lacks, which is then the arm's own."""
 
 
 def each_of(
@@ -540,7 +540,8 @@ def each_of(
         numbers: all of it, by path.
         solve: the fast method.
         keep: gives what is kept at the samples, arrays of rows and times, as `FastMethod.vibration` does.
-        sets: numbers of what excites the arm, by path; nothing else, for else the linearised equations are others.
+        sets: numbers of what excites the arm, by path, the height of eccentric masses too: the linearised equations are
+            without these; one alone may be empty.
         gather: gives what is kept of what an arm's sets have given, whose axis is the last.
     """
     samples, count = int(solve.samples), len(next(iter(numbers.values())))

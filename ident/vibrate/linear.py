@@ -357,7 +357,7 @@ NODE_POWERS = np.stack([p.coef for p in basis(NODE_PLACES)])
 
 
 AT_PROBES = np.stack([p(PROBES) for p in basis(NODE_PLACES)])
-"""Weights (nodes, places) of the nodes for the values there."""
+"""Weights (nodes, places) of the nodes for the values at `PROBES`."""
 
 
 def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -47,10 +47,12 @@ MOST_ROUNDS = 12
 """Gauss-Newton rounds at most; three or four do."""
 RECOLOURED = 5
 """Rounds up to which residuals are coloured again: later the noise model stays, so that the search ends."""
+NOISE_PASSES = 5
+"""Passes between noise model and step at most, in a round; two or three do."""
 SETTLED = 0.2
-"""Step of each unknown, in its standard deviations, with which the search ends. Of 0.14 the next was 0.002."""
+"""Step of each unknown, in its standard deviations, with which the search ends: after one of 0.14 came one of 0.002."""
 ALIKE = 0.02
-"""The same between two noise models that count as one."""
+"""Change of the step, in standard deviations, below which two noise models count as one."""
 RIDGE = 1e-13
 """Added to the unit diagonal of normal equations: their rounding."""
 BLOCK = 1.0
@@ -484,7 +486,7 @@ def _recoloured(
     Each changes the other. Slopes tell the residuals after a step: both are found together, without a simulation.
     """
     found = list(whitenings)
-    for _ in range(RECOLOURED):
+    for _ in range(NOISE_PASSES):
         covariance = np.linalg.inv(precision)
         for k, (old, rest) in enumerate(zip(found, rests, strict=True)):
             left, columns = rest[:, 0] - rest[:, 1:] @ step, rest[:, 1:]

@@ -19,10 +19,10 @@ from ident.arm.arm import Arm
 from ident.arm.fields import DAMPING, STIFFNESS
 from ident.arm.multibody import ExcitingOrder
 from ident.errors import refusal
-from ident.vibrate.sources import Response, Run, changed_responses, unit_response
+from ident.vibrate.sources import Response, Run, Sensor, changed_responses, unit_response
 
 SLOW = 0.5
-"""Frequency [Hz] below which a trace is left out: drift, tilt against gravity, the motion itself; assumed."""
+"""Frequency [Hz] below which a trace is left out: drift, the motion itself; assumed."""
 STEP = 1e-4
 """Relative step of differences by stiffness and damping: of a resonance with a quality of 200 they err by 2 %."""
 DAMPING_SD = 0.7
@@ -214,7 +214,7 @@ def taken_out(
     covariance: Float[np.ndarray, "n n"],
     lags: int,
 ) -> Float[np.ndarray, "L"]:
-    """Return the lag sums of the noise that a residual has no more, by what was taken out of it.
+    """Return the lag sums that detrending and fitting have removed from the noise.
 
     The slow part had noise as strong, per frequency, as what is three times as wide beside it. A fit of columns C with
     covariance V leaves of noise with covariance S on average S - C V C'. A noise model without either is too small near
@@ -231,7 +231,7 @@ def whitening_filter(residual: np.ndarray, lags: int, missing: Float[np.ndarray,
     Args:
         residual: (T,) of a channel.
         lags: order of the filter.
-        missing: what its lag sums have too little, see `taken_out`.
+        missing: added to its lag sums, see `taken_out`.
     """
     covariance = (lag_sums(residual, lags) + missing) / len(residual)
     covariance[0] *= 1 + 1e-9  # a pure tone has a singular matrix
@@ -268,11 +268,15 @@ class SourceProblem:
     calibration: float = 0.0
 
     @cached_property
+    def measuring(self) -> tuple[Sensor, ...]:
+        """Of each channel, its sensor."""
+        return tuple(self.runs[each.run].sensors[each.sensor] for each in self.channels)
+
+    @cached_property
     def sensors(self) -> tuple[int, ...]:
-        """Of each channel, the number of its sensor: those that measure alike are one."""
-        every = [self.runs[each.run].sensors[each.sensor] for each in self.channels]
-        order = list(dict.fromkeys(every))
-        return tuple(order.index(sensor) for sensor in every)
+        """Of each channel, the number of its sensor: those of one point, direction and quantity are one."""
+        order = list(dict.fromkeys(self.measuring))
+        return tuple(order.index(sensor) for sensor in self.measuring)
 
     @property
     def start(self) -> Place:
@@ -315,8 +319,8 @@ class SourceProblem:
         known = sizes[0]
         precision[:known, :known], mean[:known] = np.linalg.inv(self.prior.covariance), self.prior.mean
         clock = np.tile([self.offset / LEVEL, CLOCK_SD], len(self.runs))
-        sensors = np.full(sizes[2], TILT_SD), np.full(sizes[3], self.calibration)
-        rest = np.concatenate([clock, *sensors, np.full(sizes[4] + sizes[5], LARGEST)])
+        sensor_sd = np.full(sizes[2], TILT_SD), np.full(sizes[3], self.calibration)
+        rest = np.concatenate([clock, *sensor_sd, np.full(sizes[4] + sizes[5], LARGEST)])
         places = np.arange(known, known + len(rest))
         precision[places, places] = 1 / rest**2
         return precision, mean

