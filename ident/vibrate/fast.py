@@ -5,10 +5,10 @@ With y = y_r(t) + x, y_r the static equilibrium at the posture of the moment:
     M(t) d2x/dt2 + D(t) dx/dt + K(t) x = f(t),   f = -residual(y_r, dy_r/dt, d2y_r/dt2)
 
 M, D, K are the residual's exact derivatives there, gyroscopic and centrifugal terms included, without the turning
-masses; f has them all, and the transmission error to first order. The end point moves to first order in x and the
-error, too: what is left out is of second order. Whatever follows the posture alone is smooth and interpolated within
-each time interval, the method's transition matrices too. The method is Gauss's of order six, which follows slow modes
-closely and stays stable for fast ones.
+masses; f has them all, and the transmission error to first order. What is left out is of second order in x and in the
+excitation. Whatever follows the posture alone is smooth and interpolated within each time interval, the method's
+transition matrices too. The method is Gauss's of order six, which follows slow modes closely and stays stable for fast
+ones.
 
 References:
     Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods), II.14.
@@ -39,7 +39,6 @@ from ident.arm.multibody import (
     deviations,
     end_point,
     equations,
-    has_transmission_error,
     imbalance,
     multibody,
     orders_of,
@@ -51,8 +50,6 @@ from ident.arm.rotations import matvec
 from ident.errors import InputError, Problem
 from ident.programs import LONG_LOOPS, AnyArray, concrete, cores, is_traced, jit
 from ident.vibrate.linear import (
-    NODE_POWERS,
-    NODES,
     ONCE,
     STAGES,
     STEPS,
@@ -70,7 +67,6 @@ from ident.vibrate.linear import (
     interpolate,
     ladder,
     linearised,
-    slope,
     some_at_a_time,
     weights,
     where,
@@ -149,8 +145,6 @@ def passages(arm: Arm, response: Response) -> tuple[Passage, ...]:
 
 ABSTRACT = 0.005
 """Step for an arm whose first frequency is not known [s]."""
-TWICE_POWERS = np.stack([p.coef for p in TWICE])
-"""Coefficients (stages, powers) of the values within a step by the stages' accelerations."""
 START, EDGES = weights(np.array([0.0]))[0], weights(np.array([0.0, 1.0]))[1]
 """Weights of the nodes for value at the start of an interval, and slopes at its edges."""
 
@@ -184,11 +178,10 @@ class Fast(NamedTuple):
 def step_for(arm: Arm, motion: Motion) -> float:
     """Return a step [s] at which the method errs less than the linearisation does, on the paper's arm.
 
-    h = min(1 / (n f_1), 1 / (3 f)): n is 7, with a transmission error 10, for that shakes higher modes, too; f_1 the
-    first frequency of the stiffest arm at the stiffer end of the motion; f the fastest excitation: |ratio| times the
-    highest speed of the joint in turns a second, of each drive, times its highest order. Accelerations interpolated
-    over a step h = 1/(n f) follow the free way under a force of that frequency within (2 pi/n)^5 / 13400 of it: 0.3 %
-    for n = 3. ABSTRACT for an arm that `jit` traces.
+    h = min(1 / (10 f_1), 1 / (3 f)), f_1 the first frequency of the stiffest arm at the stiffer end of the motion, and
+    f the fastest excitation: |ratio| times the highest speed of the joint in turns a second, of each drive, times its
+    highest order. Accelerations interpolated over a step h = 1/(n f) follow the free way under a force of that
+    frequency within (2 pi/n)^5 / 13400 of it: 0.3 % for n = 3. ABSTRACT for an arm that `jit` traces.
     """
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
         return ABSTRACT
@@ -196,11 +189,10 @@ def step_for(arm: Arm, motion: Motion) -> float:
     first = float(np.max(_first_frequency(arm, ends.reshape((*ends.shape, *(1,) * len(arm.batch))))))
     speed, names = fastest(motion) / (2 * np.pi), [joint.name for joint in arm.driven]
     orders = [each[-1] for each in orders_of(arm).values()]
-    slowest = 1 / ((10 if has_transmission_error(arm) else 7) * first)
     ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]
     turning = [speed[names.index(drive.joint)] for drive in arm.drives]
     highest = max((o * r * s for o, r, s in zip(orders, ratios, turning, strict=True)), default=0.0)
-    return min(slowest if np.isfinite(first) else ABSTRACT, 1 / (3 * max(highest, 1e-9)))
+    return min(0.1 / first if np.isfinite(first) else ABSTRACT, 1 / (3 * max(highest, 1e-9)))
 
 
 @jit
@@ -310,21 +302,13 @@ class Solution(NamedTuple):
 
 
 class Linearised(NamedTuple):
-    """The linearised equations, and how the end point moves with their coordinates, at the nodes of each interval.
+    """The linearised equations, and the quasi-static deflection of the end point at the nodes.
 
     The same whatever excites the arm.
-
-    Attributes:
-        equations: the linearised equations.
-        bent: quasi-static deflection of the end point [m].
-        by_y: derivatives of its displacement by the coordinates.
-        by_pin: and by the pins' angles [m/rad]; None without transmission errors.
     """
 
     equations: Linear
     bent: Float[Array, "P 3 m"]
-    by_y: Float[Array, "P 3 n m"]
-    by_pin: Float[Array, "P 3 joints m"] | None
 
 
 class FastMethod(eqx.Module):
@@ -348,18 +332,9 @@ class FastMethod(eqx.Module):
         """Linearise them within some time intervals."""
         model = self.model(arm)
         equations = linearised(arm, model, self.motion, grid, self.weights, self.loads)
-        still, time = balanced(model), grid.nodes.ravel()
         y = jnp.moveaxis(equations.quasi_static, 1, 0).reshape((model.size, -1))
-
-        def moved(y: Array, turned: AnyArray | float = 0.0) -> Array:
-            return end_point_of(still, self.motion, time, y, turned)[1]
-
-        def by_interval(x: Array) -> Array:
-            return jnp.moveaxis(x.reshape((*x.shape[:-1], *grid.nodes.shape)), -2, 0)
-
-        none = jnp.zeros((model.joints, y.shape[1]))
-        by_pin = by_interval(slope(partial(moved, y), none)) if self.transmission_error else None
-        return Linearised(equations, by_interval(moved(y)), by_interval(slope(moved, y)), by_pin)
+        bent = end_point_of(balanced(model), self.motion, grid.nodes.ravel(), y)[1]
+        return Linearised(equations, jnp.moveaxis(bent.reshape((3, *grid.nodes.shape)), 1, 0))
 
     def excited(self, arm: Arm, linear: Linearised) -> Fast:
         """Integrate them with what excites the arm."""
@@ -368,57 +343,30 @@ class FastMethod(eqx.Module):
     def vibration(self, arm: Arm, linear: Linearised, solved: Fast, time: Times | None = None) -> Float[Array, "3 T"]:
         """Return the displacement of the end point from its quasi-static deflection [m].
 
-        To first order, as the equations: its derivatives by the coordinates, at the edges of each step and linear in
-        between, times the coordinates, polynomials of a step; and by the pins' angles times the transmission error.
-
         Args:
             arm: the arm.
             linear: its linearised equations.
             solved: their solution.
             time: (T,) [s] the samples when None; what is behind these means nothing.
         """
-        model, steps = self.model(arm), solved.x.shape[1]
-        powers = (jnp.arange(steps + 1) / self.grid.steps) ** np.arange(NODES)[:, None]
-        at_edges = jnp.asarray(NODE_POWERS) @ powers
-
-        def polynomials(by_y: Array, h: Array, x0: Array, v: Array, a: Array) -> Array:
-            slopes = interpolate(by_y, at_edges)
-            within = jnp.tensordot(jnp.asarray(TWICE_POWERS), a, ((0,), (1,)))
-            x = (h * h * within).at[0].add(x0).at[1].add(h * v)
-            x = jnp.moveaxis(x, 1, 2)[:, None]
-            start, change = ((part * x).sum(2) for part in (slopes[..., :-1], jnp.diff(slopes)))
-            return jnp.pad(start, ((0, 1), (0, 0), (0, 0))) + jnp.pad(change, ((1, 0), (0, 0), (0, 0)))
-
-        real = jnp.isfinite(jnp.asarray(self.grid.start))
-        of_steps = in_chunks(polynomials, (linear.by_y, jnp.asarray(self.grid.step), *solved[:3]), real)
-        of_steps = jnp.moveaxis(of_steps, 0, 2).reshape((*of_steps.shape[1:3], -1))
+        model = self.model(arm)
 
         def at(time: Array) -> Array:
-            interval, step, share, _ = self.grid.steps_of(time)
-            value, *lower = of_steps[::-1, :, interval * steps + step]
-            for each in lower:
-                value = value * share + each
-            if linear.by_pin is None:
-                return value
-            y, by_pin = (
-                between_nodes(self.grid, x.reshape((len(x), -1, NODES)), time)[0]
-                for x in (linear.equations.quasi_static, linear.by_pin)
-            )
-            error = pins(model, command(model, self.motion, time), at_rest(deviations(model, y))).error
-            return value + (by_pin.reshape((3, *error.shape)) * error).sum(1)
+            static = between_nodes(self.grid, linear.bent, time)[0]
+            return end_point_of(model, self.motion, time, solved.at(self.grid, time)[0])[1] - static
 
         return at(jnp.asarray(time)) if time is not None else by_time(at, jnp.asarray(self.time))
 
     def solution(self, arm: Arm, linear: Linearised, solved: Fast) -> Solution:
         """Return all of the solution at the samples."""
-        model, vibration = self.model(arm), self.vibration(arm, linear, solved)
+        model = self.model(arm)
 
-        def at(time: Array, vibration: Array) -> Solution:
+        def at(time: Array) -> Solution:
             y, yd = solved.at(self.grid, time)
             static, missed = between_nodes(self.grid, linear.bent, time)[0], self._missed(model, linear, time, y)
-            return Solution(y, yd, end_point_of(model, self.motion, time, y)[0], static + vibration, static, missed)
+            return Solution(y, yd, *end_point_of(model, self.motion, time, y), static, missed)
 
-        whole: Solution = by_time(at, jnp.asarray(self.time), vibration)
+        whole: Solution = by_time(at, jnp.asarray(self.time))
         return whole
 
     def vibration_and_missed(self, arm: Arm, linear: Linearised, solved: Fast) -> tuple[Array, Array | None]:
@@ -469,12 +417,12 @@ def repeated(time: Float[np.ndarray, "T"]) -> Float[np.ndarray, "more"]:
 
 
 def end_point_of(
-    model: Multibody, motion: Motion, time: AnyArray, y: Array, turned: AnyArray | float = 0.0
+    model: Multibody, motion: Motion, time: AnyArray, y: Array
 ) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"]]:
-    """Return path and displacement of the end point; its pins may be turned further."""
+    """Return path and displacement of the end point."""
     turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
     path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
-    return path, end_point(model, turning.pin.angle + turned, bushing_rotations(model, y)) - path
+    return path, end_point(model, turning.pin.angle, bushing_rotations(model, y)) - path
 
 
 # -------- Each
@@ -626,8 +574,14 @@ def linearised_for(arm: Arm, values: dict[str, Any], solve: FastMethod) -> Linea
 def _excited(
     arm: Arm, values: dict[str, Array], sets: dict[str, AnyArray], solve: FastMethod, linear: Linearised
 ) -> Fast:
-    """Return the response of an arm with each of some sets, the first axis."""
-    response: Fast = _side_by_side(lambda own: solve.excited(_with(arm, values, own), linear), sets)
+    """Return the response of an arm with each of some sets, the first axis; one alone is not batched."""
+
+    def one(own: dict[str, AnyArray]) -> Fast:
+        return solve.excited(_with(arm, values, own), linear)
+
+    if all(len(x) == 1 for x in sets.values()):
+        return jax.tree.map(lambda x: x[None], one({path: x[0] for path, x in sets.items()}))
+    response: Fast = jax.vmap(one)(sets)
     return response
 
 
@@ -641,17 +595,14 @@ def _sampled(
     solved: Fast,
     keep: Callable[[FastMethod, Arm, Linearised, Fast], Any],
 ) -> Any:
-    """Return what is kept of each of some sets, the first axis."""
-    return _side_by_side(lambda own, solved: keep(solve, _with(arm, values, own), linear, solved), sets, solved)
+    """Return what is kept of each of some sets, the first axis: one after another, for their values fill the cache."""
+
+    def one(given: tuple[dict[str, Array], Fast]) -> Any:
+        return keep(solve, _with(arm, values, given[0]), linear, given[1])
+
+    return jax.lax.map(one, (sets, solved))
 
 
 def _with(arm: Arm, values: Mapping[str, Array], own: Mapping[str, AnyArray]) -> Arm:
     """Return an arm with these numbers, and those of a set that are not `OWN`."""
     return arm.replace({**values, **{path: jnp.where(jnp.isnan(x), values[path], x) for path, x in own.items()}})
-
-
-def _side_by_side(f: Callable[..., Any], sets: dict[str, AnyArray], *more: Any) -> Any:
-    """Return what f gives for each of some sets, and what belongs to it; one alone is not batched."""
-    if all(len(x) == 1 for x in sets.values()):
-        return jax.tree.map(lambda x: x[None], f(*jax.tree.map(lambda x: x[0], (sets, *more))))
-    return jax.vmap(f)(sets, *more)
