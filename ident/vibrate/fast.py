@@ -481,7 +481,7 @@ def each_of(
 
     Arms one after another on each core: several side by side, whose intermediate values do not fit its cache, gain
     nothing. The linearised equations of an arm serve all sets, which are integrated side by side: their matrices are
-    the same, so that a set takes two thirds of the time. What is behind the samples is left out.
+    the same, which saves a third of that. What is behind the samples is left out.
 
     Args:
         arm: the arm.
@@ -489,7 +489,7 @@ def each_of(
         solve: the fast method.
         keep: gives what is kept at the samples, arrays of rows and times, as `FastMethod.vibration` does.
         sets: numbers of what excites the arm, by path, the height of eccentric masses too: the linearised equations are
-            without these; one alone may be empty.
+            without these. What a set lacks is the arm's own.
         gather: gives what is kept of what an arm's sets have given, whose axis is the last.
     """
     samples, count = int(solve.samples), len(next(iter(numbers.values())))
