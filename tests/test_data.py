@@ -156,7 +156,7 @@ def test_mujoco_moves_the_arm_whose_numbers_the_runs_of_notebook_05_name():
     }
     others = [path for path in true.paths() if path not in dict(rows)]
     assert all(np.array_equal(true.get(path), arm_file.arm.get(path)) for path in others)
-    at, vibration = make.moved(true, make.stroke(true.stroke, percent=13, dwell=2.0), {})
+    at, vibration = make.Moved(true, make.stroke(true.stroke, percent=13, dwell=2.0)).vibration({})
     time, *measured = np.loadtxt(LCD / "mujoco" / "run13.csv", delimiter=",", skiprows=2, unpack=True)
     for way, trace in zip(1e3 * vibration[1:], measured, strict=True):
         curve, peak = make_interp_spline(at, way, k=5), np.abs(way).max()

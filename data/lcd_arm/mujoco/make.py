@@ -19,7 +19,7 @@ from ident.vibrate.motion import stroke
 HERE = Path(__file__).parent
 sys.path += [str(HERE.parents[2] / "tests" / name) for name in ("benchmarks", "support")]
 
-from balance import moved  # noqa: E402, by MuJoCo
+from balance import Moved  # noqa: E402, by MuJoCo
 
 SPEEDS = (7, 8, 10, 13)
 """Percent of full speed."""
@@ -66,7 +66,7 @@ def main() -> None:
     )
     rows = ["file,channel,direction,speed [%],group"]
     for speed in SPEEDS:
-        at, vibration = moved(arm, stroke(arm.stroke, percent=speed, dwell=2.0), {})
+        at, vibration = Moved(arm, stroke(arm.stroke, percent=speed, dwell=2.0)).vibration({})
         time = np.arange(0.1, float(at[-1]) - 0.1, 1 / RATE)
         clock = time * (1 + DRIFT * rng.standard_normal()) + rng.uniform(-OFFSET, OFFSET)
         values = make_interp_spline(at, 1e3 * vibration.T[:, 1:], k=5)(clock)
@@ -88,9 +88,9 @@ def remedied(file: "ident.ArmFile", arm: Arm) -> None:
         place = row["radius"] * np.exp(1j * row["angle"])
         bodies.setdefault(row["drive"], []).append((round(row["mass"], 4), place, row["height"]))
     assert arm.stroke is not None
-    motion = stroke(arm.stroke, percent=10, dwell=2.0)
+    moved = Moved(arm, stroke(arm.stroke, percent=10, dwell=2.0))
     for name, mounted, note in (("as_it_is", {}, ""), ("balanced", bodies, f" Mounted: {' + '.join(masses)}")):
-        time, vibration = (part[..., ::EVERY] for part in moved(arm, motion, mounted))
+        time, vibration = (part[..., ::EVERY] for part in moved.vibration(mounted))
         write(f"{name}.csv", {"time [s]": time, "y [mm]": 1e3 * vibration[1], "z [mm]": 1e3 * vibration[2]}, note)
 
 
