@@ -396,29 +396,28 @@ class Verification:
 def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Remedy, ...]:
     """Return what can be done, the best first: what meets the limit with the least change, then what helps most.
 
-    A single number takes the least change that meets the limit for most draws. Several together aim at the limit
-    divided by the scatter of the draws, before and then after the change, so that most of them keep it. Where that is
-    out of reach, it is the least amplitude.
+    A single number takes the least change that meets the limit for most draws. Where none of a kind does, several are
+    changed together; where these don't either, torsion and mass centres are: the fewer parts are touched the better.
+    Several aim at the limit divided by the scatter of the draws, before and then after the change, so that most of them
+    keep it. Where that is out of reach, it is the least amplitude.
 
     Args:
         task: what is asked.
         scatter: factor from the amplitude of the arm itself to what most of its draws keep.
         progress: shows how far it is, over the remedies.
     """
-    jobs = list(_jobs(task, task.limit / max(scatter, 1.0)))
-    return tuple(sorted(side_by_side(jobs, progress), key=rank))
+    groups, aim = {"torsion": task.torsion, "mass centre": task.centres}, task.limit / max(scatter, 1.0)
+    jobs = [partial(_alone, task, variable, kind) for kind, group in groups.items() for variable in group]
+    found = side_by_side([partial(_slower_or_faster, task), *jobs], progress)
 
+    def enough(*kinds: str) -> bool:
+        return any(remedy.meets_limit for remedy in found if remedy.kind in kinds)
 
-def _jobs(task: Task, aim: float) -> Iterator[Callable[[], Remedy]]:
-    """Yield what computes each remedy, the longest first."""
-    groups = {"torsion": task.torsion, "mass centre": task.centres, "both": (*task.torsion, *task.centres)}
-    for kind, variables in groups.items():
-        if len(variables) > 1 and (kind != "both" or task.centres):
-            yield partial(_together, task, variables, kind, aim)
-    yield partial(_slower_or_faster, task)
-    single = [(v, "torsion") for v in task.torsion] + [(v, "mass centre") for v in task.centres]
-    for variable, kind in single:
-        yield partial(_alone, task, variable, kind)
+    several = [(group, kind) for kind, group in groups.items() if len(group) > 1 and not enough(kind)]
+    found += side_by_side([partial(_together, task, group, kind, aim) for group, kind in several], progress)
+    if all(groups.values()) and not enough(*groups):
+        found.append(_together(task, (*task.torsion, *task.centres), "both", aim))
+    return tuple(sorted(found, key=rank))
 
 
 def rank(remedy: Remedy) -> tuple[bool, Any, float, int, float]:
