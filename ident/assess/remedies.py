@@ -297,7 +297,6 @@ EFFORTS = {
     "balance": "screwdriver",
     "mass centre": "screwdriver",
     "torsion": "new part",
-    "both": "new part",
 }
 """Kinds of remedies and what each takes, the least effort first; assumed."""
 AND = " + "
@@ -397,9 +396,9 @@ def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Rem
     """Return what can be done, the best first: what meets the limit with the least change, then what helps most.
 
     A single number takes the least change that meets the limit for most draws. Where none of a kind does, several are
-    changed together; where these don't either, torsion and mass centres are: the fewer parts are touched the better.
-    Several aim at the limit divided by the scatter of the draws, before and then after the change, so that most of them
-    keep it. Where that is out of reach, it is the least amplitude.
+    changed together: the fewer parts are touched the better. They aim at the limit divided by the scatter of the draws,
+    before and then after the change, so that most of them keep it. Where that is out of reach, it is the least
+    amplitude.
 
     Args:
         task: what is asked.
@@ -410,13 +409,9 @@ def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Rem
     jobs = [partial(_alone, task, variable, kind) for kind, group in groups.items() for variable in group]
     found = side_by_side([partial(_slower_or_faster, task), *jobs], progress)
 
-    def enough(*kinds: str) -> bool:
-        return any(remedy.meets_limit for remedy in found if remedy.kind in kinds)
-
-    several = [(group, kind) for kind, group in groups.items() if len(group) > 1 and not enough(kind)]
+    enough = {remedy.kind for remedy in found if remedy.meets_limit}
+    several = [(group, kind) for kind, group in groups.items() if len(group) > 1 and kind not in enough]
     found += side_by_side([partial(_together, task, group, kind, aim) for group, kind in several], progress)
-    if all(groups.values()) and not enough(*groups):
-        found.append(_together(task, (*task.torsion, *task.centres), "both", aim))
     return tuple(sorted(found, key=rank))
 
 

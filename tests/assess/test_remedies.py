@@ -8,6 +8,7 @@ from arms import DATA, file_with_limits
 from scipy.stats import binom
 
 import ident
+from ident.assess import remedies as module
 from ident.assess.balance import Calibration, Pulley, Rotor
 from ident.assess.cures import SEGMENTS, _below_first_mode, along_path, pairs
 from ident.assess.diagnose import chosen
@@ -66,14 +67,33 @@ def test_remedies_are_verified_in_turn_until_one_holds(meets, holds, verified, a
 
 
 def test_what_takes_less_effort_comes_first_among_what_meets_the_limit():
-    kinds = ("both", "torsion", "speed", "mass centre")
+    kinds = ("torsion", "speed", "mass centre")
     every = [replace(remedy(meets), kind=kind) for meets in (True, False) for kind in kinds]
     every.append(replace(remedy(True), kind="torsion", change_norm=0.1))
     ranked = sorted(every, key=rank)
-    assert [each.kind for each in ranked[:5]] == ["speed", "mass centre", "torsion", "torsion", "both"]
+    assert [each.kind for each in ranked[:4]] == ["speed", "mass centre", "torsion", "torsion"]
     assert ranked[2].change_norm == 0.1
-    assert not any(each.meets_limit for each in ranked[5:])
+    assert not any(each.meets_limit for each in ranked[4:])
     assert [each.effort for each in ranked[:3]] == ["software", "screwdriver", "new part"]
+
+
+@pytest.mark.parametrize(
+    ("alone", "searched"),
+    [(("joint2.k_tors", "fingers.com.x"), []), (("joint1.k_tors",), ["mass centre"]), ((), ["mass centre", "torsion"])],
+)
+def test_several_numbers_are_changed_together_where_one_is_not_enough(monkeypatch, alone, searched):
+    together = []
+
+    def several(task, variables, kind, aim):
+        together.append((kind, len(variables)))
+        return replace(remedy(True), kind=kind)
+
+    monkeypatch.setattr(module, "_alone", lambda task, v, kind: replace(remedy(v.name in alone), kind=kind))
+    monkeypatch.setattr(module, "_together", several)
+    monkeypatch.setattr(module, "_slower_or_faster", lambda task: replace(remedy(True), kind="speed"))
+    task = Task(basis_of(ARM, DiagnoseOptions()), LIMIT)
+    module.remedies(task, 1.0)
+    assert sorted(together) == [(kind, {"mass centre": 2, "torsion": 3}[kind]) for kind in searched]
 
 
 @pytest.mark.parametrize("curve", ["falling", "valley", "hill", "above"])

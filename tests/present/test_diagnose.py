@@ -140,12 +140,12 @@ def test_cures_by_effort_name_what_was_not_computed(monkeypatch, first, cures):
 def test_a_change_that_is_too_small_has_no_word():
     values = {"joint1.k_tors": 2.009e5, "joint2.k_tors": 3e5, "fingers.com.x": 1.0004, "bracket.com.x": 0.187}
     before = {"joint1.k_tors": 2e5, "joint2.k_tors": 2e5, "fingers.com.x": 1.0, "bracket.com.x": 0.2}
-    changed = Remedy("both", values, before, 10.0, 10.0, SMALL, GOOD, 4.0, 0.02, 0.2)
+    changed = Remedy("mass centre + torsion", values, before, 10.0, 10.0, SMALL, GOOD, 4.0, 0.02, 0.2)
     expected = "make joint 2 50 % stiffer in torsion and move the mass centre of bracket by -13 mm in x"
     assert change_words(changed) == expected
-    assert change_words(Remedy("both", before, before, 10.0, 10.0, SMALL, GOOD, 4.0, 0.02, 0.2)) == "change nothing"
+    assert change_words(replace(changed, values=before)) == "change nothing"
     assert change_words(SLOWER) == "run at 5 % of full speed instead of 10 %"
-    pair = replace(changed, kind="schedule + both", schedule=SPEEDS)
+    pair = replace(changed, kind="schedule + torsion", schedule=SPEEDS)
     assert change_words(pair) == f"set the speed along the path, {expected}"
 
 
