@@ -141,13 +141,13 @@ class MotionStudy:
 
 
 def scheduling_of(
-    basis: Basis, stroke_of: Stroke | None, *, segments: int, dwell: float, retract: bool = False
+    basis: Basis, along: Stroke | None, *, segments: int, dwell: float, retract: bool = False
 ) -> Scheduling:
     """Return the search for the speeds along a path, over what is not known.
 
     Args:
         basis: the arm and its motion.
-        stroke_of: the path, on which no speed is higher than the motion's; None for that of the motion itself, on which
+        along: the path, on which no speed is higher than the motion's; None for that of the motion itself, on which
             the limits of the joints count alone.
         segments: of the path.
         dwell: [s] that the arm is held after arrival.
@@ -161,10 +161,10 @@ def scheduling_of(
         remedy = "give their eccentric_mass and eccentricity, or --errors; without them no speed matters"
         raise refusal(arm.name, "no drive that excites", "imbalance or a transmission error of a [[drive]]", remedy)
     evaluator = Evaluator(arm, basis.motion, (), loads=basis.loads, rate=RATE, unknown=basis.unknown.phases)
-    if stroke_of is None:
+    if along is None:
         path = Path.of_motion(basis.arm, basis.motion)
     else:
-        path = Path.of_stroke(basis.arm, stroke_of, basis.percent, retract=retract)
+        path = Path.of_stroke(basis.arm, along, basis.percent, retract=retract)
     return Scheduling(evaluator, path, segments, dwell)
 
 

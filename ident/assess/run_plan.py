@@ -120,35 +120,52 @@ def planned(arm: Arm, table: Runs, *, noise: float, progress: Any = iter) -> Run
     """
     problem = posed(arm, unmeasured(arm, table, RATE), prior=Prior.of(arm, {}), offset=CLOCK)
     place = _as_it_is(problem)
-    precision = problem.priors[0].copy()
-    own_noise = _noise(problem, place, noise)
-    kinds = [problem.runs[each.run].sensors[each.sensor].derivative for each in problem.channels]
-    further_noise = max(sd for sd, kind in zip(own_noise, kinds, strict=True) if kind == kinds[0])
+    precision, own_noise = problem.priors[0].copy(), _noise(problem, place, noise)
     for each in noisy_columns(problem, place, own_noise):
         precision += each.T @ each
     covariance, groups = np.linalg.inv(precision), place.parts.shape[0]
-    count = place.changes.size
-    first = sum(part.size for part in place[:-1])
-    size = place.parts[0].size
+    first, size = sum(part.size for part in place[:-1]), place.parts[0].size
     ends = [first + group * size for group in range(groups)]
     sd = np.stack([_sd(covariance[end : end + size, end : end + size], place.parts[0]) for end in ends])
-    known = shared_unknowns(place)
-    before = np.linalg.inv(covariance[np.ix_(known, known)])
-    further = list[FurtherRun]()
+    kinds = [problem.runs[each.run].sensors[each.sensor].derivative for each in problem.channels]
+    further_noise = max(each for each, kind in zip(own_noise, kinds, strict=True) if kind == kinds[0])
+    further = sorted(_further(problem, place, covariance, sd, further_noise, progress), key=lambda each: -each.gain)
+    pooled = np.square(1 / sd).sum(0) ** -0.5
+    return RunPlan(problem, noise, np.hypot(*place.parts[0].T), pooled, tuple(further))
+
+
+def _further(
+    problem: SourceProblem,
+    place: Place,
+    covariance: Float[np.ndarray, "P P"],
+    sd: Float[np.ndarray, "groups S"],
+    noise: float,
+    progress: Any,
+) -> Iterator[FurtherRun]:
+    """Yield what one more run with each sensor would tell, after the runs of this covariance of all unknowns.
+
+    Args:
+        problem: the runs.
+        place: where.
+        covariance: after them.
+        sd: of each source's amplitude, by phase group.
+        noise: of a further channel [SI].
+        progress: shows how far it is.
+    """
+    known, count = shared_unknowns(place), place.changes.size
+    shared = covariance[np.ix_(known, known)]
+    before = np.linalg.inv(shared)
+    others = np.square(1 / sd[1:]).sum(0)  # phase groups that the run is not of
     for run, label in progress(list(_candidates(problem))):
         alone = further_run(problem, run, range(len(run.sensors)), RATE)
         here = alone.start._replace(parts=place.parts[:1])
-        columns = noisy_columns(alone, here, [further_noise] * len(run.sensors))
+        columns = noisy_columns(alone, here, [noise] * len(run.sensors))
         for sensor, own in zip(run.sensors, columns, strict=True):
             after = np.linalg.inv(before + shared_information(alone, [own]))[count:, count:]
-            dets = [np.linalg.slogdet(each)[1] for each in (covariance[np.ix_(known, known)][count:, count:], after)]
+            dets = [np.linalg.slogdet(each)[1] for each in (shared[count:, count:], after)]
             name = next(name for name, way in WAYS.items() if way == sensor.direction)
-            others = np.square(1 / sd[1:]).sum(0)  # phase groups that the run is not of
             more = (1 / np.square(_sd(after, place.parts[0])) + others) ** -0.5
-            further.append(FurtherRun(label[0], label[1], sensor.point, name, (dets[0] - dets[1]) / 2, more))
-    further.sort(key=lambda each: -each.gain)
-    pooled = np.square(1 / sd).sum(0) ** -0.5
-    return RunPlan(problem, noise, np.hypot(*place.parts[0].T), pooled, tuple(further))
+            yield FurtherRun(label[0], label[1], sensor.point, name, (dets[0] - dets[1]) / 2, more)
 
 
 def _as_it_is(problem: SourceProblem) -> Place:
