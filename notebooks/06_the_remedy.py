@@ -268,7 +268,7 @@ for name, values in designs.items():
 
 # %% [markdown]
 # Outwards reduces the vibration as it is and after either design. The paper's order, torsion first, mass centres
-# second, holds here too. After the first little is left for the second. `ident diagnose` tries both together.
+# second, holds here too. After the first little is left for the second. `ident diagnose` tries both.
 
 # %% [markdown]
 # ## All of it in one command
