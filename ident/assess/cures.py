@@ -19,7 +19,7 @@ from ident.assess.remedies import (
     held,
     least,
     rank,
-    remedies,
+    single_remedies,
 )
 from ident.errors import InputError
 from ident.vibrate.exact import Progress
@@ -42,7 +42,7 @@ def cures(task: Task, scatter: float, rotors: Sequence[Rotor] = (), progress: Pr
         rotors: that can be balanced.
         progress: shows how far it is, over the remedies without speeds along the path, balancing and pairs.
     """
-    found = [*remedies(task, scatter, progress)]
+    found = single_remedies(task, scatter, progress)
     if path := along_path(task):
         found.append(path)
     if rotors:
@@ -132,9 +132,12 @@ def pairs(task: Task, ranked: Sequence[Remedy]) -> Iterator[Remedy]:
                     tried.append(remedy)
                     if remedy.meets_limit:
                         break
-        yield (remedy := min(tried or [_both(task, cheap, dear)], key=rank))
-        if remedy.meets_limit:
-            return
+        if not tried and not cheap.schedule:
+            tried = [_both(task, cheap, dear)]
+        if tried:
+            yield (remedy := min(tried, key=rank))
+            if remedy.meets_limit:
+                return
 
 
 def _stiffer(task: Task, template: Remedy) -> Iterator[Remedy]:

@@ -1,4 +1,4 @@
-"""Which change meets the limit: another motion, balancing, mass centres, torsional stiffness, or two of them."""
+"""Whether an arm keeps a limit, and with which other speed, mass centre or torsional stiffness it does."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -392,8 +392,8 @@ class Verification:
         return self.largest <= self.limit and self.keeps.share >= CONFIDENT
 
 
-def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Remedy, ...]:
-    """Return what can be done, the best first: what meets the limit with the least change, then what helps most.
+def single_remedies(task: Task, scatter: float, progress: Progress = iter) -> list[Remedy]:
+    """Return what another speed, other mass centres and other torsional stiffnesses bring; `cures` has what else does.
 
     A single number takes the least change that meets the limit for most draws. Where none of a kind does, several are
     changed together: the fewer parts are touched the better. They aim at the limit divided by the scatter of the draws,
@@ -411,12 +411,14 @@ def remedies(task: Task, scatter: float, progress: Progress = iter) -> tuple[Rem
 
     enough = {remedy.kind for remedy in found if remedy.meets_limit}
     several = [(group, kind) for kind, group in groups.items() if len(group) > 1 and kind not in enough]
-    found += side_by_side([partial(_together, task, group, kind, aim) for group, kind in several], progress)
-    return tuple(sorted(found, key=rank))
+    return found + side_by_side([partial(_together, task, group, kind, aim) for group, kind in several], progress)
 
 
 def rank(remedy: Remedy) -> tuple[bool, Any, float, int, float]:
-    """Sort what meets the limit by effort, time, kind and the change norm, then what does not by its amplitude."""
+    """Sort what meets the limit by the number of remedies in it, effort, time, kind and change norm.
+
+    Then what does not meet it by its amplitude.
+    """
     kinds, efforts = remedy.kind.split(AND), list(dict.fromkeys(EFFORTS.values()))
     if remedy.meets_limit:
         every = len(kinds), [efforts.index(EFFORTS[kind]) for kind in kinds]
@@ -495,7 +497,7 @@ def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) 
     best = next((u for start in near if (u := _least_change(task, over, start, aim)) is not None), None)
     if best is None:
         quiet = quiet or [u for start in near if (u := search.minimum_amplitude(start)) is not None]
-        best = min([0 * objective.scale, *starts, *quiet], key=objective.largest)
+        best = min([*starts, *quiet], key=objective.largest)
     else:
         best = _for_most_draws(task, over, evaluator, best, aim)
     return assessed(task, evaluator, kind, best * objective.scale, change_norm=objective.change_norm(best))

@@ -1,8 +1,9 @@
 """What planned runs would tell of what excites an arm, from the model alone, and which further run would tell more.
 
-White noise of a share of each trace's peak, in further runs the largest of these; sources as the arm has them. Sensors
-of further runs see what the first trace does: displacement, velocity or acceleration. Further runs are ranked by the
-information that they add on all sources, 1/2 ln of the ratio of the determinants of the covariance before and after.
+White noise of a share of each trace's peak, in further runs the largest among traces of the first one's kind; sources
+as the arm has them. Sensors of further runs see what the first trace does: displacement, velocity or acceleration.
+Further runs are ranked by the information that they add on all sources, 1/2 ln of the ratio of the determinants of the
+covariance before and after.
 """
 
 from collections.abc import Iterator
@@ -22,14 +23,15 @@ from ident.errors import refusal
 from ident.measure.runs import Runs
 from ident.vibrate.motion import stroke
 from ident.vibrate.source_identification import (
-    WIDE,
+    amplitude_sd,
     further_run,
+    least_told,
     noisy_columns,
     shared_information,
     shared_unknowns,
 )
-from ident.vibrate.source_problem import LEVEL, Place, Prior, SourceProblem
-from ident.vibrate.sources import Run, Sensor, unit_of, with_units
+from ident.vibrate.source_problem import Place, Prior, SourceProblem
+from ident.vibrate.sources import Run, Sensor, unit_of
 
 RATE = 100.0
 """Samples a second: twelve of a vibration of 8 Hz; assumed."""
@@ -81,12 +83,7 @@ class RunPlan:
     @cached_property
     def least(self) -> Float[np.ndarray, "S"]:
         """Least amplitude [units] that the runs tell: half a 95 % interval is half of it."""
-        return self.sd * LEVEL / WIDE
-
-    @cached_property
-    def masses(self) -> dict[str, float]:
-        """Eccentric masses [kg] with which the eccentricities count, by drive."""
-        return {d.name: float(d.eccentric_mass) for d in with_units(self.problem.arm, self.problem.sources).drives}
+        return np.asarray(least_told(self.sd))
 
     @property
     def told(self) -> "list[ExcitingOrder]":
@@ -101,7 +98,7 @@ class RunPlan:
 
     def also(self, run: FurtherRun) -> "list[ExcitingOrder]":
         """Return the sources that are told with a further run alone."""
-        more = (self.amplitude > run.sd * LEVEL / WIDE) & ~(self.amplitude > self.least)
+        more = (self.amplitude > least_told(run.sd)) & ~(self.amplitude > self.least)
         return [source for source, told in zip(self.problem.sources, more, strict=True) if told]
 
 
@@ -126,7 +123,7 @@ def planned(arm: Arm, table: Runs, *, noise: float, progress: Any = iter) -> Run
     covariance, groups = np.linalg.inv(precision), place.parts.shape[0]
     first, size = sum(part.size for part in place[:-1]), place.parts[0].size
     ends = [first + group * size for group in range(groups)]
-    sd = np.stack([_sd(covariance[end : end + size, end : end + size], place.parts[0]) for end in ends])
+    sd = np.stack([amplitude_sd(covariance[end : end + size, end : end + size], place.parts[0]) for end in ends])
     kinds = [problem.runs[each.run].sensors[each.sensor].derivative for each in problem.channels]
     further_noise = max(each for each, kind in zip(own_noise, kinds, strict=True) if kind == kinds[0])
     further = sorted(_further(problem, place, covariance, sd, further_noise, progress), key=lambda each: -each.gain)
@@ -164,7 +161,7 @@ def _further(
             after = np.linalg.inv(before + shared_information(alone, [own]))[count:, count:]
             dets = [np.linalg.slogdet(each)[1] for each in (shared[count:, count:], after)]
             name = next(name for name, way in WAYS.items() if way == sensor.direction)
-            more = (1 / np.square(_sd(after, place.parts[0])) + others) ** -0.5
+            more = (1 / np.square(amplitude_sd(after, place.parts[0])) + others) ** -0.5
             yield FurtherRun(label[0], label[1], sensor.point, name, (dets[0] - dets[1]) / 2, more)
 
 
@@ -182,25 +179,14 @@ def _as_it_is(problem: SourceProblem) -> Place:
 
 def _noise(problem: SourceProblem, place: Place, share: float) -> list[float]:
     """Return the noise [SI] of each channel."""
-    responses, found = problem.responses(place), []
+    responses, peaks = problem.responses(place), []
     for k, channel in enumerate(problem.channels):
         _, columns, _ = problem.seen(k, responses[channel.run], place)
-        peak = float(np.abs(columns @ problem.parts_of(channel.run, place).ravel()).max())
-        if not peak > 0:
-            remedy = "give it drives with an eccentricity or an error"
-            raise refusal(problem.arm.name, "nothing that excites a run", "imbalances or transmission errors", remedy)
-        found.append(share * peak)
-    return found
-
-
-def _sd(covariance: np.ndarray, parts: Float[np.ndarray, "S 2"]) -> np.ndarray:
-    """Return standard deviations (S,) of amplitudes from the covariance (2 S, 2 S) of parts, of one phase group.
-
-    Along the parts; their root mean square where an amplitude is 0, which has no direction.
-    """
-    blocks = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(parts))]
-    squares = [p @ b @ p / (p @ p) if p.any() else np.trace(b) / 2 for p, b in zip(parts, blocks, strict=True)]
-    return np.sqrt(np.array(squares))
+        peaks.append(float(np.abs(columns @ problem.parts_of(channel.run, place).ravel()).max()))
+    if not max(peaks) > 0:
+        remedy = "give it drives with an eccentricity or an error"
+        raise refusal(problem.arm.name, "nothing that excites a run", "imbalances or transmission errors", remedy)
+    return [share * (peak or max(peaks)) for peak in peaks]  # a sensor across all motion tells nothing anyway
 
 
 def _candidates(problem: SourceProblem) -> Iterator[tuple[Run, tuple[float, str]]]:

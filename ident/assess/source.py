@@ -21,16 +21,16 @@ from ident.vibrate.replay import replay
 from ident.vibrate.source_causes import Causes, check_peak, compared
 from ident.vibrate.source_identification import (
     LAGS,
-    WIDE,
     Identification,
     clock_offsets,
     explained,
     gain,
     identified,
+    least_told,
     with_further,
 )
 from ident.vibrate.source_problem import CLOCK_SD, LEVEL, Channel, Prior, SourceProblem, Trial, slow_columns
-from ident.vibrate.sources import UNITS, Run, Sensor, with_units
+from ident.vibrate.sources import UNITS, Run, Sensor, masses_of
 from ident.vibrate.triage import MovingTrace
 
 RARE = 1e-3
@@ -177,7 +177,7 @@ class SourceStudy:
         hidden = [(k, each) for k, each in enumerate(self.found.estimates) if not each.told]
 
         def told(speed: float) -> list[ExcitingOrder]:
-            return [each.source for k, each in hidden if LEVEL * self.further[speed][k] < WIDE * each.amplitude]
+            return [each.source for k, each in hidden if each.amplitude > least_told(self.further[speed][k])]
 
         def worth(speed: float) -> tuple[int, float]:
             return len(told(speed)), -sum(float(self.further[speed][k]) / each.amplitude for k, each in hidden)
@@ -193,7 +193,7 @@ class SourceStudy:
         drawn, every = self.found.factors(count, seed) @ (1, 1j), list[Tried]()
         for k, trial in enumerate(problem.trials):
             drive = problem.sources[trial.source].drive
-            stated = complex(*trial.parts) * self.found.masses[drive] * UNITS[IMBALANCE]
+            stated = complex(*trial.parts) * problem.masses[drive] * UNITS[IMBALANCE]
             every.append(Tried(problem.runs[trial.run].name, drive, stated, complex(factors[k]), drawn[:, k]))
         return every
 
@@ -366,7 +366,7 @@ def _posed(arm: Arm, table: Runs, names: Sequence[str], prior: Prior, offset: fl
 
 def _trials(arm: Arm, sources: Sequence[ExcitingOrder], run: int, row: RunRow) -> Iterator[Trial]:
     """Yield what the masses that were added for a run do to the imbalance of each drive."""
-    masses = {drive.name: float(drive.eccentric_mass) for drive in with_units(arm, sources).drives}
+    masses = masses_of(arm, sources)
     at = {each.drive: k for k, each in enumerate(sources) if each.kind == IMBALANCE}
     if wrong := [each.drive for each in row.trial if each.drive not in at]:
         raise refusal(row.where, wrong[0], f"one of {', '.join(at)}", "name a drive of the arm", "trial")

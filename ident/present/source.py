@@ -71,7 +71,7 @@ def _size(study: "SourceStudy", source: ExcitingOrder) -> tuple[float, str]:
     """Return what one unit of a source is in the report's unit, and that: eccentric masses count with their mass."""
     if source.of_error:
         return 2.0, "arcsec p-p"
-    return study.found.masses[source.drive], "kg mm"
+    return study.found.problem.masses[source.drive], "kg mm"
 
 
 def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...]:
@@ -294,7 +294,7 @@ def run_plan_sections(plan: "RunPlan") -> Report:
         verdict = Verdict(f"PARTLY {told} OF {sized}" if told else "NOT SUFFICIENT", words, "caution")
     rows = []
     for k, source in enumerate(problem.sources):
-        size, unit = (2.0, "arcsec p-p") if source.of_error else (plan.masses[source.drive], "kg mm")
+        size, unit = (2.0, "arcsec p-p") if source.of_error else (plan.problem.masses[source.drive], "kg mm")
         own = float(plan.amplitude[k])
         said = f"{size * own:.4g}" if own else "not given"
         answer = ("yes" if own > plan.least[k] else "no") if own else "above least told"

@@ -36,7 +36,7 @@ from ident.vibrate.source_problem import (
     taken_out,
     whitening_filter,
 )
-from ident.vibrate.sources import Response, Run, excited_by, with_units
+from ident.vibrate.sources import Response, Run, excited_by
 
 LAGS = 20
 """Order of the autoregressive model: 0.1 s at 200 samples a second, half a period of the lowest modes."""
@@ -183,14 +183,8 @@ class Identification:
         seen = [k for k, each in enumerate(self.estimates) if each.sd < UNSEEN]
         sources, parts = [self.problem.sources[k] for k in seen], pooled[seen, None] * _ways(place.parts[group])[seen]
         weighed = [source.drive for source in sources if not source.of_error]
-        masses = {f"{drive}.eccentric_mass": self.masses[drive] for drive in weighed}
+        masses = {f"{drive}.eccentric_mass": self.problem.masses[drive] for drive in weighed}
         return found | masses | excited_by(sources, parts)
-
-    @cached_property
-    def masses(self) -> dict[str, float]:
-        """Eccentric masses [kg] with which the eccentricities count, by drive."""
-        excited = with_units(self.problem.arm, self.problem.sources)
-        return {drive.name: float(drive.eccentric_mass) for drive in excited.drives}
 
     @cached_property
     def _weights(self) -> np.ndarray:
@@ -263,7 +257,12 @@ class Estimate:
     @property
     def told(self) -> bool:
         """Whether the runs tell it: its interval keeps off 0, and is no wider than half of it either way."""
-        return LEVEL * self.sd < WIDE * self.amplitude
+        return bool(self.amplitude > least_told(self.sd))
+
+
+def least_told(sd: Float[np.ndarray, "*S"] | float) -> Float[np.ndarray, "*S"] | float:
+    """Return the least amplitude that is told with a standard deviation: half its 95 % interval is `WIDE` of it."""
+    return sd * LEVEL / WIDE
 
 
 def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
@@ -580,9 +579,17 @@ def with_further(found: Identification, run: Run, rate: float) -> Float[np.ndarr
     told, known = shared_information(alone, columns), shared_unknowns(place)
     count = place.changes.size
     covariance = np.linalg.inv(np.linalg.inv(found.covariance[np.ix_(known, known)]) + told)[count:, count:]
-    blocks = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(problem.sources))]
-    along = [way @ block @ way for way, block in zip(_ways(place.parts[0]), blocks, strict=True)]
-    return np.sqrt(found.consistency * np.array(along))
+    return np.sqrt(found.consistency) * amplitude_sd(covariance, place.parts[0])
+
+
+def amplitude_sd(covariance: Float[np.ndarray, "P P"], parts: Float[np.ndarray, "S 2"]) -> Float[np.ndarray, "S"]:
+    """Return standard deviations of amplitudes from the covariance of the parts of one phase group, P = 2 S.
+
+    Along the parts; their root mean square where an amplitude is 0, which has no direction.
+    """
+    blocks = [covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(len(parts))]
+    squares = [p @ b @ p / (p @ p) if p.any() else np.trace(b) / 2 for p, b in zip(parts, blocks, strict=True)]
+    return np.sqrt(np.array(squares))
 
 
 def further_run(problem: SourceProblem, run: Run, sensors: Sequence[int], rate: float) -> SourceProblem:

@@ -19,7 +19,7 @@ from ident.arm.arm import Arm
 from ident.arm.fields import DAMPING, STIFFNESS
 from ident.arm.multibody import ExcitingOrder
 from ident.errors import refusal
-from ident.vibrate.sources import Response, Run, Sensor, changed_responses, unit_response
+from ident.vibrate.sources import Response, Run, Sensor, changed_responses, masses_of, unit_response
 
 SLOW = 0.5
 """Frequency [Hz] below which a trace is left out: drift, the motion itself; assumed."""
@@ -266,6 +266,11 @@ class SourceProblem:
     offset: float
     trials: tuple[Trial, ...] = ()
     calibration: float = 0.0
+
+    @cached_property
+    def masses(self) -> dict[str, float]:
+        """Eccentric masses [kg] with which the eccentricities count, by drive."""
+        return masses_of(self.arm, self.sources)
 
     @cached_property
     def measuring(self) -> tuple[Sensor, ...]:

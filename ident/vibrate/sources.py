@@ -45,6 +45,11 @@ def with_units(arm: Arm, sources: Sequence[ExcitingOrder]) -> Arm:
     return arm.replace(numbers | {f"{drive.name}.eccentric_mass": LIGHTEST for drive in light})
 
 
+def masses_of(arm: Arm, sources: Sequence[ExcitingOrder]) -> dict[str, float]:
+    """Return the eccentric masses [kg] with which the eccentricities count, by drive."""
+    return {drive.name: float(drive.eccentric_mass) for drive in with_units(arm, sources).drives}
+
+
 def excited_by(sources: Sequence[ExcitingOrder], parts: Float[np.ndarray, "S 2"]) -> dict[str, float]:
     """Return amplitudes and phases, by path, of sources with these parts in phase with cosine and sine, in units."""
     sizes = {each.amplitude: float(np.hypot(*part)) * unit_of(each) for each, part in zip(sources, parts, strict=True)}

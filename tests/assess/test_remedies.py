@@ -92,7 +92,7 @@ def test_several_numbers_are_changed_together_where_one_is_not_enough(monkeypatc
     monkeypatch.setattr(module, "_together", several)
     monkeypatch.setattr(module, "_slower_or_faster", lambda task: replace(remedy(True), kind="speed"))
     task = Task(basis_of(ARM, DiagnoseOptions()), LIMIT)
-    module.remedies(task, 1.0)
+    module.single_remedies(task, 1.0)
     assert sorted(together) == [(kind, {"mass centre": 2, "torsion": 3}[kind]) for kind in searched]
 
 

@@ -51,6 +51,7 @@ KIND_STYLES: dict[str, Style] = {
     "frequency": {"color": BLUE, "marker": "o"},
     "deflection": {"color": ORANGE, "marker": "s"},
     "deflection_difference": {"color": PINK, "marker": "D"},
+    "position": {"color": ORANGE, "marker": "h"},
     "rotation": {"color": ORANGE, "marker": "v"},
     "rotation_difference": {"color": PINK, "marker": "P"},
     "twist": {"color": ORANGE, "marker": "<"},

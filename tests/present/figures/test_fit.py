@@ -11,7 +11,8 @@ from matplotlib.image import imread
 
 from ident.arm.arm import Arm
 from ident.errors import InputError
-from ident.present.figures.fit import fit_figure
+from ident.measure.load import KINDS
+from ident.present.figures.fit import KIND_STYLES, fit_figure
 from ident.present.files.document import save
 
 pytestmark = pytest.mark.slow
@@ -57,6 +58,11 @@ def test_fit_figure_shows_every_parameter_direction_and_measurement(name, count,
 
 def keys(axes):
     return [text.get_text() for text in axes.get_legend().get_texts()]
+
+
+def test_each_kind_of_measurement_has_a_marker_of_its_own():
+    assert KIND_STYLES.keys() == KINDS.keys()
+    assert len({(style["color"], style["marker"]) for style in KIND_STYLES.values()}) == len(KINDS)
 
 
 def test_a_fit_in_doubt_says_so_and_rims_outliers():
