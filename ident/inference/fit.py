@@ -21,8 +21,10 @@ from ident.inference.information import (
     farthest,
     half_width,
     information,
+    p_in_words,
     rare,
     row_tests,
+    sigma_in_words,
     standard_deviations,
 )
 from ident.inference.optima import Ended, Optimum, distinct, in_order, is_tie, normal_prior_sd, rivals, stretches, unmet
@@ -110,7 +112,7 @@ def contradiction_in_words(predictions: Sequence[CrossPrediction]) -> str:
     wrong, pair = contradicting(predictions), len(predictions) == 2
     kinds = " and ".join(cross.kind.replace("_", " ") for cross in (predictions if pair else wrong))
     largest = max((cross.sd for cross in wrong), default=0.0)
-    return f"{kinds} data contradict {'each other' if pair else 'the others'} ({largest:.1f} sigma)"
+    return f"{kinds} data contradict {'each other' if pair else 'the others'} ({sigma_in_words(largest)})"
 
 
 def cross_predictions(
@@ -445,7 +447,7 @@ class Fit:
             f"{count} of {fitted} measurements lie too far from the fit (standardised residual above {limit:.1f})": (
                 count > 0
             ),
-            f"chi-squared is too large for these sigmas (p = {self.p_value:.1g})": self.improbable,
+            f"chi-squared is too large for these sigmas ({p_in_words(self.p_value, 1)})": self.improbable,
         }
         return tuple(doubt for doubt, holds in reasons.items() if holds)
 
@@ -459,7 +461,9 @@ class Fit:
 
         if not (chance := float(chdtr(freedom, chi_squared))) < IMPROBABLE:
             return ()
-        return (f"chi-squared is too small (p = {chance:.1g}): check whether sigmas are too large, or rows copied",)
+        return (
+            f"chi-squared is too small ({p_in_words(chance, 1)}): check whether sigmas are too large, or rows copied",
+        )
 
     @property
     def without_rounding(self) -> tuple[float, int]:

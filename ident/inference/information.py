@@ -270,7 +270,17 @@ def farthest(count: int) -> float:
 
 def standard_deviations(chance: float) -> float:
     """Return how many standard deviations a normal value exceeds, up or down, with this chance."""
-    return -NormalDist().inv_cdf(chance / 2) if chance > 0 else np.inf
+    return -NormalDist().inv_cdf(chance / 2) if chance / 2 > 0 else np.inf
+
+
+def p_in_words(p: float, digits: int = 2) -> str:
+    """Say a p-value: `p = 0.031`; below what a double holds `p < 1e-300`."""
+    return "p < 1e-300" if p < 1e-300 else f"p = {p:.{digits}g}"
+
+
+def sigma_in_words(sd: float) -> str:
+    """Say how many standard deviations a p-value amounts to: `4.1 sigma`; infinite is more than a double tells."""
+    return f"{sd:.1f} sigma" if sd < np.inf else "over 38 sigma"
 
 
 # -------- Score

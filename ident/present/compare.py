@@ -7,7 +7,7 @@ import numpy as np
 
 from ident.identify.fit import CampaignFit
 from ident.inference.change import LEVEL
-from ident.inference.information import holm
+from ident.inference.information import holm, p_in_words
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut, with_remedy, without_empty_columns
 from ident.present.words import counted, in_shown_unit, percent, sentence, some, unit_of
 
@@ -48,7 +48,7 @@ def _counts(comparison: "Comparison") -> str:
 def _verdict(comparison: "Comparison") -> Verdict:
     """Judge a pair: CHANGED where chi-squared falls by more than chance with free changes, else NO CHANGE."""
     change = comparison.change
-    test = f"T = {round(change.statistic, 6):.3g} on {change.mean:.1f} degrees of freedom, p = {change.p_value:.2g}"
+    test = f"T = {round(change.statistic, 6):.3g} on {change.mean:.1f} degrees of freedom, {p_in_words(change.p_value)}"
     if not change.seen:
         return Verdict("NO CHANGE", f"{test}.", "good")
     reason = f"{', '.join(_changed(comparison)) or 'The data do not show which stiffness'} ({test})."

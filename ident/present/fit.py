@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.identify.problem import row_names
 from ident.identify.unknowns import is_of_loop
-from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information, half_width
+from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information, half_width, p_in_words
 from ident.inference.optima import unmet
 from ident.measure import KINDS
 from ident.present.report import (
@@ -168,7 +168,7 @@ def _determined(fit: "CampaignFit") -> int:
 
 
 def _chi_squared(fit: "CampaignFit") -> str:
-    p = "" if math.isnan(fit.p_value) else f" (p = {fit.p_value:.2g})"
+    p = "" if math.isnan(fit.p_value) else f" ({p_in_words(fit.p_value)})"
     return f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ident.identify.fleet import FEWEST, Fleet, Robot
+from ident.inference.information import p_in_words
 from ident.inference.population import FALSE_ALARM, LARGEST_K, LEAST_EFFECTIVE, Population
 from ident.present.compare import ratio_words, stiffness_words
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut, without_empty_columns
@@ -84,7 +85,7 @@ def _verdict(fleet: Fleet) -> Verdict:
     assert judged is not None
     r, i = map(int, np.unravel_index(int(np.argmin(judged.p)), judged.p.shape))
     where = f"{cut(member(fleet, r).name, 30)}, {stiffness_words(fleet.names[i])} {_change(fleet.population, r, i)}"
-    largest = f"{where} (p = {judged.p[r, i]:.2g}; {judged.p.size} compared)"
+    largest = f"{where} ({p_in_words(judged.p[r, i])}; {judged.p.size} compared)"
     known = f"Largest deviation of {count} robots: {largest}."
     if others:
         return Verdict("INCOMPLETE", f"No robot stands out.{others} {known}", "caution")

@@ -189,7 +189,7 @@ def _screen(report: Report, details: bool, width: int, colour: bool) -> Iterator
         yield from (shown.replace(word, paint, 1) if colour else shown).splitlines()
     parts = [part for part in report.answer if not (details and isinstance(part, Table) and part.brief)]
     for part in parts:
-        yield from _part(part, width, wrap=width < WIDTH)
+        yield from _part(part, width, wrap=width < WIDTH or (isinstance(part, Table) and part.brief))
     if report.remark:
         yield from folded(report.remark, width, "  ").splitlines()
     shown_findings = report.findings if details else report.findings[:MOST]

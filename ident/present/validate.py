@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.inference.information import p_in_words
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, without_empty_columns
 from ident.present.warnings import drive_states
 from ident.present.words import counted, in_read_unit, percent, sentence, some
@@ -46,7 +47,7 @@ def _verdict(validation: "Validation") -> Verdict:
     if validation.missed:
         least = min(part.p_value for part in validation.missed)
         named = some([cut(part.name, 30) for part in validation.missed], FEW)
-        return Verdict("NOT VALID", f"Too far from the prediction: {named} (p = {least:.2g}). {inside}", "bad")
+        return Verdict("NOT VALID", f"Too far from the prediction: {named} ({p_in_words(least)}). {inside}", "bad")
     if fit.doubts:
         return Verdict("NOT VALID", f"{' '.join(map(sentence, fit.doubts))} {inside}", "bad")
     if len(told) < len(parts):

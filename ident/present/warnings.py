@@ -14,7 +14,7 @@ from ident.identify.fit import KINDS, Assumption, Assumptions, CampaignFit, of_k
 from ident.identify.hypotheses import NUMBER_KINDS
 from ident.identify.problem import Ramp, row_names
 from ident.inference.fit import FEW, CrossPrediction, contradicting
-from ident.inference.information import RARE, standard_deviations
+from ident.inference.information import RARE, sigma_in_words, standard_deviations
 from ident.measure import Campaign, Measurement
 from ident.present.report import Cell, Finding, Part, Section, Table, cut
 from ident.present.words import (
@@ -102,8 +102,8 @@ def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:
     """Say in a word whether a contradiction would stand with wider priors."""
     worst = min(contradicting(predictions), key=lambda cross: cross.p_value)
     word = "hardly depends on" if worst.wider < RARE else "rests on"
-    wider = f"{standard_deviations(worst.wider):.1f} sigma with priors twice as wide"
-    return f"The contradiction {word} the priors: {worst.sd:.1f} sigma, and {wider}."
+    wider = f"{sigma_in_words(standard_deviations(worst.wider))} with priors twice as wide"
+    return f"The contradiction {word} the priors: {sigma_in_words(worst.sd)}, and {wider}."
 
 
 def what_may_be_wrong(predictions: Sequence[CrossPrediction]) -> str:

@@ -7,6 +7,7 @@ import pytest
 from arms import lcd_arm
 
 from ident.arm.parts import Servo
+from ident.inference.information import p_in_words, sigma_in_words, standard_deviations
 from ident.measure import Campaign, Measurement
 from ident.present.warnings import drive_states, odd_numbers
 from ident.present.words import as_factor, beside, in_percent, kinds_in_words, percent, scatter, three_digits
@@ -91,3 +92,10 @@ def test_a_number_that_looks_wrong_is_warned_of_and_a_sound_arm_is_not():
     odd = odd_numbers(lcd_arm().replace({"drive1.ratio": 1e6}))
     assert [finding.text.split(": ")[1] for finding in odd] == ["drive1.ratio", "belt1"]
     assert "ident show" in odd[0].remedy
+
+
+def test_what_a_double_does_not_hold_is_said_as_less_or_more():
+    assert [p_in_words(p) for p in (0.031234, 1e-120, 0.0)] == ["p = 0.031", "p = 1e-120", "p < 1e-300"]
+    assert [sigma_in_words(sd) for sd in (4.06, math.inf)] == ["4.1 sigma", "over 38 sigma"]
+    assert standard_deviations(1e-322) > 38
+    assert standard_deviations(5e-324) == math.inf  # half of it is 0

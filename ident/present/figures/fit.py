@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
 
-from ident.inference.information import WEAK_ABOVE, Direction
+from ident.inference.information import WEAK_ABOVE, Direction, p_in_words
 from ident.inference.optima import Ending
 from ident.inference.profile import Profile, threshold
 from ident.present.compare import level_words
@@ -280,7 +280,7 @@ def compare_figure(comparison: "Comparison") -> Figure:
     rows(axes, [cut(name, 24) for name in change.names])
     handles = [Line2D([], [], label=kind, linestyle="", **marks[kind]) for kind in marks if kind in kinds]
     verdict = "changed" if change.seen else "no change"
-    note = f"all stiffnesses together: {verdict}, p = {change.p_value:.2g}; changed: p below {level_words()} (Holm)"
+    note = f"all stiffnesses together: {verdict}, {p_in_words(change.p_value)}; changed: p below {level_words()} (Holm)"
     key_below(figure, handles, note)
     return figure
 
