@@ -10,7 +10,7 @@ import numpy as np
 from ident.arm.multibody import has_transmission_error
 from ident.arm.plausibility import belt_mismatches
 from ident.present.report import Finding, Section, cut
-from ident.present.words import counted, degrees, sentence
+from ident.present.words import counted, degrees, sentence, unit_of
 from ident.text import one_line
 
 if TYPE_CHECKING:
@@ -139,9 +139,10 @@ def values_in_words(fit: "Values | None", posterior: "Values | None") -> Iterato
 
 
 def changes_in_words(changed: Mapping[str, float]) -> Iterator[str]:
-    """Say which numbers were set."""
-    for path, value in changed.items():
-        yield f"  set: {path} = {value:g}"
+    """Say which numbers were set, in one line."""
+    each = [f"{path} = {value:g} {unit_of(path)}".rstrip(" -") for path, value in changed.items()]
+    if each:
+        yield f"  set: {', '.join(each)}"
 
 
 def _taken_over(fit: "Values | None", posterior: "Values | None") -> Iterator[str]:

@@ -213,7 +213,9 @@ def _details(
     peaks = ", ".join(f"{source} ({source.drive}) up to {line.max():.2f} Hz" for source, line in lines)
     yield Section("Pulley frequencies", (f"{peaks}.",))
     if groups:
-        yield Section("Resonance crossings, by the vibration they cause", tuple(_crossings(branches, groups, margin)))
+        drawn = ", times the share of draws that meet it" * (branches.batch_size > 0)
+        title = f"Resonance crossings, by the vibration they cause{drawn}"
+        yield Section(title, tuple(_crossings(branches, groups, margin)))
     yield _branches(branches)
     further = " (and those of its `errors`)" if any(drive.errors for drive in basis.arm.drives) else ""
     meaning = (

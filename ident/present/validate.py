@@ -72,7 +72,7 @@ def _scope_table(validation: "Validation", absolute: Collection[str]) -> tuple[T
         if scope := validation.scope(kind, relative=kind not in absolute):
             sizes = (_size(kind, absolute, size) for size in (scope.half, scope.seen, scope.expected))
             rows.append((kind.replace("_", " "), *sizes, scope.folds))
-    head = ("Expected prediction error (95 %)", "within", "observed", "expected", "parts")
+    head = ("Expected prediction error (95 %)", "within", "t x rms error", "by the model", "parts")
     return (Table("", head, tuple(rows), ("", "", "", "", "d")),) if rows else ()
 
 

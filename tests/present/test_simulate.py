@@ -90,7 +90,7 @@ def test_a_slack_belt_is_told_with_its_time():
         assert bool(re.search("belt1 goes slack: its (upper|lower) span from", text)) is is_slack
         assert ("raise the pretension" in report.findings[0].remedy) is is_slack
         assert "amplitudes rest on 40 assumed numbers (drives, belts, stroke)" in text
-        assert f"Set: belt1.pretension = {tension:g}." in report.details[0].parts
+        assert f"Set: belt1.pretension = {tension:g} N." in report.details[0].parts
         assert bool(found.slack) is is_slack
 
 
