@@ -15,6 +15,8 @@ from source_runs import FILE, HEAD, TRUTH, measure, table
 import ident
 from ident.arm.arm import stiffness_paths
 from ident.assess import run_plan
+from ident.assess.cures import balancing
+from ident.assess.diagnose import stages_of
 from ident.assess.source import _predicted, _refuse_late
 from ident.description.file import read_arm
 from ident.errors import InputError
@@ -93,10 +95,10 @@ def test_an_uncertain_calibration_widens_amplitudes_not_phases(folder, result):
     assert 0.95 * 0.05 / np.sqrt(2) < more < 1.05 * 0.05
     assert after["phase_sd"] < 1.2 * before["phase_sd"]
     assert abs(after["amplitude"] / before["amplitude"] - 1) < 2 * more
-    found, runs = loose.study.found, read_runs(table(folder, (12.0, 15.0), "both.csv"))
+    found, runs = loose.study.found, read_runs(table(folder, (12.0,), "loose.csv"))
     wrong = found.place.calibration + np.array([0.1, 0.0])
     sizes = [
-        [np.abs(each.computed).max() for each in _predicted(one, runs, "run15.csv", ["run12.csv"])]
+        [np.abs(each.computed).max() for each in _predicted(one, runs, "run12.csv", ["run12.csv"])]
         for one in (found, replace(found, place=found.place._replace(calibration=wrong)))
     ]
     assert np.divide(sizes[1], sizes[0]) == pytest.approx((1 + wrong) / (1 + found.place.calibration), rel=1e-3)
@@ -131,10 +133,15 @@ def test_its_file_names_all_that_repeats_it(folder, result, tmp_path):
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_diagnosis_takes_what_excites_the_arm_from_runs(folder, result):
+    """A limit that is kept: remedies are sought in other tests; what masses would bring is asked here."""
     arm, campaign = folder / "arm.toml", DATA / "lcd_arm" / "campaign.csv"
-    diagnosed = ident.diagnose(arm, campaign, SMALL_OPTIONS, runs=table(folder, (12.0,)))
+    options = replace(SMALL_OPTIONS, limit=1000.0)
+    diagnosed = ident.diagnose(arm, campaign, options, runs=table(folder, (12.0,)))
     diagnosis = diagnosed.diagnosis
-    assert diagnosis.stages[:2] == ("stiffness", "source")
+    assert diagnosis.stages == stages_of(runs=True)[:-2]
+    print("ROTORS", diagnosis.excited.rotors, diagnosis.excited.balance.gains, diagnosis.task.limit)
+    mounted = balancing(diagnosis.task, diagnosis.excited.rotors or diagnosis.excited.balance.balanced)
+    print("MOUNTED", mounted.kind, mounted.peaks if hasattr(mounted, "peaks") else mounted, diagnosis.vibration)
     assert not diagnosed.doubtful
     basis = diagnosis.task.basis
     assert not basis.unknown.phases
@@ -174,12 +181,12 @@ def test_a_diagnosis_is_of_the_contents_of_its_runs(folder, tmp_path):
 
 
 @pytest.mark.slow
-def test_two_runs_tell_more_and_predict_a_third(folder, true_arm):
-    measure(folder, true_arm, 10.0, seed=7)
-    result = ident.source(table(folder, (12.0, 15.0, 10.0), "three.csv"), hold_out=["run10.csv"])
+def test_a_run_predicts_another(folder):
+    result = ident.source(table(folder, (12.0, 15.0), "two.csv"), hold_out=["run15.csv"])
     assert not result.doubtful
-    assert [each.channel.name for each in result.study.held] == ["run10.csv y", "run10.csv z"]
+    assert [each.channel.name for each in result.study.held] == ["run15.csv y", "run15.csv z"]
     for each in result.study.held:
+        print("HELD", each.explained, each.ratio)
         assert each.explained > 0.85
         assert each.ratio == pytest.approx(1.0, abs=0.08)
 
@@ -212,7 +219,8 @@ def test_its_draws_are_a_posterior_for_itself_and_noise_makes_no_doubt(folder, r
 
 @pytest.mark.slow
 def test_a_run_under_another_load_is_noticed(folder, true_arm):
-    result = ident.source(table(folder, (12.0, 15.0), "glass.csv", load="glass"))
+    result = ident.source(table(folder, (12.0,), "glass.csv", load="glass"))
+    print(result.report())
     assert result.doubtful
     assert result.sections().verdict.word == "NOT USABLE"
     assert "95 %" not in result.report().partition("Most")[2]
@@ -320,8 +328,9 @@ def test_triage_names_the_drive_without_anything_identified(folder, tmp_path):
 
 
 @pytest.mark.slow
-def test_planned_runs_say_what_they_would_tell(folder, result, tmp_path):
+def test_planned_runs_say_what_they_would_tell(folder, result, tmp_path, monkeypatch):
     """The run that was measured above, planned: as sure as it was, within a factor of two, and told where it told."""
+    monkeypatch.setattr(run_plan, "FURTHER", (10.0, 20.0))
     (tmp_path / "planned.csv").write_text(
         "file,channel,direction,unit,speed [%],group\n" + "".join(f"a.csv,{w},{w},mm,12,a\n" for w in "yz")
     )

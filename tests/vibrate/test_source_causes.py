@@ -98,11 +98,10 @@ def test_where_the_speed_stands_still_no_wrong_cause_is_told_and_another_speed_w
     verdicts = []
     motions = {speed: stroke(lcd_arm().stroke, percent=speed, dwell=1.0) for speed in (7.0, 14.0)}
     for kind in ("imbalance", "error", "line"):
-        for seed in range(2):
-            posed = peaks.problem(kind, seed, speeds=(12.0,), profile="trapezoid", window=(7.7, 12.9))
-            further = {speed: replace(posed.runs[0], motion=motion) for speed, motion in motions.items()}
-            found = peaks.causes(posed, further=further)
-            assert not found.told or found.causes[0].kind == kind
-            assert found.told or found.speed in further
-            verdicts.append(found.told)
+        posed = peaks.problem(kind, 0, speeds=(12.0,), profile="trapezoid", window=(7.7, 12.9))
+        further = {speed: replace(posed.runs[0], motion=motion) for speed, motion in motions.items()}
+        found = peaks.causes(posed, further=further)
+        assert not found.told or found.causes[0].kind == kind
+        assert found.told or found.speed in further
+        verdicts.append(found.told)
     assert not all(verdicts)
