@@ -72,7 +72,7 @@ def one_size():
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ident.vibrate.linear.PIECES", 2048)
-        patch.setattr("ident.vibrate.linear.FEWEST", 192)
+        patch.setattr("ident.vibrate.linear.FEWEST", 96)
         yield
 
 

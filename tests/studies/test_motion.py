@@ -177,9 +177,9 @@ def test_the_least_time_keeps_the_limit():
 def test_draws_judge_and_fresh_ones_verify(limited, tmp_path):
     posterior(tmp_path / "draws.nc")
     motion = {"speed": 100.0, "profile": "trapezoid"} | FULL
-    result = ident.motion(limited, posterior=tmp_path / "draws.nc", draws=4, fresh=30, **motion)
+    result = ident.motion(limited, posterior=tmp_path / "draws.nc", draws=4, fresh=16, **motion)
     kept = result.motions.verification.keeps
-    assert (kept.draws, result.keeps) == (20, kept.share)
+    assert (kept.draws, result.keeps) == (16, kept.share)
     assert all(len(each.peaks) == 4 for each in result.motions.candidates)
     *others, found = result.motions.candidates
     few = replace(found, peaks=np.ones(4), verification=replace(result.motions.verification, keeps=None))

@@ -1,7 +1,6 @@
 """The exact equations in time: energy, decay, order, another engine's motion, stiff arms, failure."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -18,7 +17,6 @@ from runs import about, along, apart, held, paper, short, still, swing, undamped
 from ident.arm.arm import Arm
 from ident.arm.modes import damped_eigenvalues
 from ident.arm.multibody import multibody
-from ident.arm.parts import Body, Drive, Joint, Point
 from ident.errors import ConvergenceError
 from ident.vibrate import exact
 from ident.vibrate.linear import quasi_static_deflection
@@ -158,21 +156,16 @@ def test_order_of_a_fixed_step() -> None:
 
 def stiff() -> Arm:
     """A light hand on a very stiff last joint."""
-    body = Body("link", 20.0, (0.5, 0.1, -0.1), np.diag([0.2, 1.0, 1.1]))
-    hand = Body("hand", 0.01, (0.1, 0.0, 0.0), 1e-5 * np.eye(3))
-    numbers = {"tau_bend": 1e-3, "tau_tors": 2e-3}
-    joints = (
-        Joint("one", k_bend=3e4, k_tors=1e4, link=(body,), **numbers),
-        Joint("two", offset=(1.0, 0.0, 0.0), k_bend=3e7, k_tors=1e7, link=(hand,), **numbers),
-    )
-    drive = Drive("drive", "one", ratio=30.0, eccentric_mass=1.0, eccentricity=0.01)
-    return Arm("stiff", joints, (Point("tip", "two", (0.1, 0.0, 0.0)),), drives=(drive,))
+    arm = lcd_arm()
+    light = {f"{part}.mass": 0.01 for part in ("bracket", "fingers")}
+    firm = {f"joint3.{k}": 1e3 * arm.get(f"joint3.{k}") for k in ("k_bend", "k_tors")}
+    return arm.replace(light | firm)
 
 
 def test_stiff_arm_takes_the_implicit_method() -> None:
-    motion = replace(swing(0.5), coefficients=swing(0.5).coefficients[:, :, :2])
+    motion = swing(0.5)
     fast = short(stiff(), motion)
-    found = run(stiff(), motion, np.asarray(fast.y[:, 0]), np.zeros(6), 0.5)
+    found = run(stiff(), motion, np.asarray(fast.y[:, 0]), np.zeros(9), 0.5)
     assert found.method == "Kvaerno5"
     every = slice(None, None, (fast.y.shape[1] - 1) // SAMPLES)
     vibration = np.asarray(fast.y - fast.y[:, :1])[:, every]

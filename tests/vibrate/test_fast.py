@@ -8,12 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
-from numpy.polynomial import Polynomial
-from runs import along, apart, hold_still, named, paper, swing, with_error
+from runs import apart, hold_still, named, paper, swing, with_error
 
 from ident.arm.arm import Arm
 from ident.arm.multibody import multibody
-from ident.arm.parts import Belt, Body, Drive, Joint, Point
 from ident.vibrate.fast import TWICE, FastMethod, each_of, excited, numbers_of, step_for
 from ident.vibrate.linear import (
     GAUSS,
@@ -166,27 +164,12 @@ def test_interpolation() -> None:
     assert error[0] < 1e-6 < error[1]
 
 
-def two_joints() -> tuple[Arm, Motion]:
-    """A belt between two pulleys that turn in the same sense, on an arm small enough to be compiled twice."""
-    joints = [
-        Joint(f"joint{n}", offset=(0.8 * n - 0.8, 0, 0), k_bend=8e4, k_tors=6e4, tau_bend=1e-3, tau_tors=1e-3,
-              shaft=(Body(f"shaft{n}", 2.0, inertia=0.01 * np.eye(3)),),
-              link=(Body(f"link{n}", 10.0, (0.4, 0.0, 0.0), np.diag([0.02, 0.5, 0.5])),))
-        for n in (1, 2)
-    ]  # fmt: skip
-    numbers = {"rotor_inertia": 1e-3, "eccentric_mass": 0.5, "eccentricity": 8e-3, "error": 1e-4}
-    drives = [Drive(f"drive{n}", f"joint{n}", ratio=80.0, **numbers) for n in (1, 2)]
-    belt = Belt("belt", "joint1", "joint2", driver_radius=0.03, driven_radius=0.03, pretension=1e4, stiffness=4e5)
-    arm = Arm("belted", joints, points=(Point("end", "joint2", (0.8, 0, 0)),), drives=drives, belts=(belt,))
-    return arm, along(Polynomial([0.0, 0.0, 0.3, -0.1]), 1.5, direction=(1.0, 1.0), start=(0.0, 0.3))
-
-
 def test_one_program_for_all_gives_what_three_give() -> None:
     """Under `jit` or `grad` an arm is solved by one program, else linearised, excited and sampled."""
-    arm, motion = two_joints()
+    arm, motion = with_error(30.0), swing()
 
     def moved(arm: Arm) -> tuple[Any, Any]:
-        response = simulate(arm, motion, elastic_belts=True, rate=500.0, step=0.005)
+        response = simulate(arm, motion, rate=500.0, step=0.005)
         return response.displacement, response.quasi_static
 
     for one, other in zip(jax.jit(moved)(arm), moved(arm), strict=True):

@@ -15,7 +15,7 @@ from ident.arm.arm import Arm
 from ident.vibrate.motion import Motion, stroke
 from ident.vibrate.simulate import simulate, superposition
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_size")]
+pytestmark = pytest.mark.slow
 
 WIDE = {f"drive{j}.ratio": 160.0 for j in (1, 2, 3)}
 WIDE |= {"stroke.folded": math.radians(142), "stroke.speed": math.radians(90)}
