@@ -1,6 +1,5 @@
 """Curved springs in motion: a pendulum against SciPy's integration of its own equation, and where tangents end."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -118,7 +117,7 @@ def test_the_fast_method_refuses_what_leaves_the_tangent(case):
 def test_the_fast_method_takes_the_tangent_where_vibration_is_small():
     arm, motion = pendulum(CASES["cubic"][0]), lift(-0.004, 0.25)
     fast, exactly = (np.asarray(simulate(arm, motion, method=method).vibration) for method in ("fast", "exact"))
-    straight = np.asarray(simulate(replace(arm, springs=()), motion).vibration)
+    straight = np.asarray(simulate(pendulum(CubicSpring("s", "j", "torsion", 1.0)), motion).vibration)  # nearly
     peak = np.abs(exactly).max()
     assert np.abs(fast - exactly).max() < 0.02 * peak
     assert np.abs(straight - exactly).max() > 0.5 * peak
