@@ -71,7 +71,7 @@ def one_size():
     What fills them up is tested in `tests/vibrate/test_time_intervals.py`, and by all that does not ask for this.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ident.vibrate.linear.PIECES", 2048)
+        patch.setattr("ident.vibrate.linear.PIECES", 8192)
         patch.setattr("ident.vibrate.linear.FEWEST", 96)
         yield
 
