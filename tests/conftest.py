@@ -64,6 +64,18 @@ def few_programs():
             trim(0)
 
 
+@pytest.fixture(scope="module")
+def one_size():
+    """Motions of one size, and so a program for each arm, not one for each of a dozen motions of other lengths.
+
+    What fills them up is tested in `tests/vibrate/test_time_intervals.py`, and by all that does not ask for this.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ident.vibrate.linear.PIECES", 8192)
+        patch.setattr("ident.vibrate.linear.FEWEST", 96)
+        yield
+
+
 def pytest_sessionfinish():
     """Spare pytest's searches for garbage at the end all that was traced: seconds in each worker."""
     gc.freeze()

@@ -8,6 +8,7 @@ import pytest
 from arms import DATA, lcd_arm
 from runs import SAMPLES, STEPS, off, short, swing, with_error
 
+from ident.arm.chain import no_loads
 from ident.assess.scenario import OverPhases, Unknowns, at_share, over_phases, unknown_errors, unknown_phases
 from ident.description.file import read_arm
 from ident.errors import InputError
@@ -36,13 +37,13 @@ pytestmark = pytest.mark.slow
 
 @cache
 def whole() -> Superposition:
-    return superposition(lcd_arm(), SWING, ALL, rate=RATE, step=STEP)
+    return superposition(lcd_arm(), SWING, ALL, loads=no_loads(lcd_arm()), rate=RATE, step=STEP)
 
 
 def evaluator(**options) -> Evaluator:
     present = float(lcd_arm().get(STIFFNESS))
     variable = Variable((STIFFNESS,), 0.5 * present, 2.0 * present)
-    return Evaluator(lcd_arm(), SWING, (variable,), rate=RATE, step=STEP, **options)
+    return Evaluator(lcd_arm(), SWING, (variable,), loads=no_loads(lcd_arm()), rate=RATE, step=STEP, **options)
 
 
 def test_phases_are_unknown_unless_they_were_seen_or_set():

@@ -169,6 +169,7 @@ def test_pairs_are_of_the_best_of_each_effort_and_end_with_one_that_holds(task, 
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_size")
 def test_speed_and_a_stiffer_joint_keep_a_limit_that_neither_keeps_alone(task):
     """At 24 % of full speed and 0.2 mm; the pair by the exact equations, and by draws it was not chosen by."""
     basis = basis_of(ARM, DiagnoseOptions(speed=24.0), posterior=task.basis.posterior)
@@ -242,6 +243,7 @@ def test_along_the_path_a_pulley_stays_below_the_first_mode():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_size")
 def test_along_a_given_path_the_speed_is_chosen_too(task, tmp_path):
     """The stroke as a path, with its limits on the joints: what is found is what is found of the stroke itself."""
     stroke_of = ARM.arm.stroke

@@ -12,17 +12,19 @@ from ident.arm.arm import on_soft_base
 from ident.identify.conditions import bind
 from ident.identify.fit import KINDS, fit_campaign
 from ident.identify.predict import predict
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, read_campaign
 
 pytestmark = pytest.mark.slow
 
+CAMPAIGN = DATA / "lcd_arm" / "campaign.csv"
 HEIGHT = math.hypot(1.0, 0.12) / 2
 
 
 def campaign_of(arm, *, noise=0.0, sigma=1.0, labels=True):
     """The shipped campaign's rows, measured on an arm."""
-    rows = read_campaign(DATA / "lcd_arm" / "campaign.csv").measurements
+    rows = read_campaign(CAMPAIGN).measurements
     rows = tuple(row if labels else replace(row, mode=None) for row in rows)
     values = np.asarray(eqx.filter_jit(predict)(arm, {}, bind(arm, Campaign(measurements=rows))))
     z = np.random.default_rng(1).standard_normal(len(rows))
@@ -37,7 +39,7 @@ def campaign_of(arm, *, noise=0.0, sigma=1.0, labels=True):
 
 @pytest.fixture(scope="module")
 def right():
-    return fit_campaign(lcd_arm(), campaign_of(lcd_arm(), noise=1.0))
+    return fit_campaign(lcd_arm(), campaign_of(lcd_arm(), noise=1.0), starts=2)
 
 
 def test_every_joint_and_the_base_are_looked_at(right):
@@ -76,12 +78,11 @@ def test_a_base_that_gives_is_asked_for_and_the_shift_takes_the_stiffnesses_to_t
     np.testing.assert_allclose(moved, off, atol=0.1 * np.abs(off).max())
 
 
-def test_a_base_that_is_modelled_is_not_taken_for_granted():
-    arm = on_soft_base(lcd_arm(), HEIGHT)
-    fit = fit_campaign(arm, campaign_of(lcd_arm(), noise=1.0), starts=2)
-    assert fit.problem.parameters.names[0] == "base.k_bend"
-    assert not [item for item in fit.assumptions.items if item.kind.startswith("base")]
-    prior = dict(zip(fit.problem.parameters.names, fit.problem.parameters.column("prior_sd"), strict=True))
+def test_a_base_that_is_modelled_is_unknown_and_stiff_by_its_prior():
+    """That it is not taken for granted any more: `tests/cli/test_fit.py`."""
+    parameters = pose(on_soft_base(lcd_arm(), HEIGHT), read_campaign(CAMPAIGN)).problem.parameters
+    assert parameters.names[0] == "base.k_bend"
+    prior = dict(zip(parameters.names, parameters.column("prior_sd"), strict=True))
     assert (prior["base.k_tors"], prior["joint1.k_tors"]) == (1.5, 1.0)
 
 

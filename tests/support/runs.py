@@ -60,8 +60,8 @@ def short(arm: Arm, motion: Motion, **options) -> Response:
 
 @cache
 def paper(percent: float, method: str, elastic: bool = False, error: float = 0.0) -> Response:
-    """The paper's run and a second of dwell."""
-    motion = named(stroke(lcd_arm().stroke, percent=percent, dwell=1.0))
+    """The paper's run and half a second of dwell: with transmission errors it has no more intervals than a swing."""
+    motion = named(stroke(lcd_arm().stroke, percent=percent, dwell=0.5))
     return simulate(with_error(error), motion, method=method, elastic_belts=elastic)
 
 

@@ -9,6 +9,7 @@ from arms import lcd_arm
 from runs import named
 from scipy.stats import binomtest
 
+from ident.arm.chain import no_loads
 from ident.errors import InputError, ModelError
 from ident.vibrate.design import design, exceedances, verify
 from ident.vibrate.design_search import Requirements, Search
@@ -33,7 +34,7 @@ def about(path, low=0.5, high=2.0, weight=1.0):
 def short(variables, **options):
     """An evaluator of the paper's way in half a second: the arm is excited hard, and little is computed."""
     motion = named(stroke(lcd_arm().stroke, percent=200, dwell=0.2))
-    usual = {"rate": 200.0, "step": STEP}
+    usual = {"rate": 200.0, "step": STEP, "loads": no_loads(lcd_arm())}  # the program of slopes is that of the studies
     return Evaluator(lcd_arm(), motion, tuple(variables), **(usual | options))
 
 

@@ -26,10 +26,10 @@ pytestmark = pytest.mark.slow
 
 POSTURE = (20.0, -50.0, 40.0)
 SAMPLES = exact.SAMPLES
-FASTEST = slice(7500, 8250)
-"""1.5 s from 15 s on, when pulleys turn fastest at 10 %."""
-QUICKEST = slice(720, 870)
-"""0.3 s when they do at 100 %."""
+FASTEST = slice(7500, 7900)
+"""0.8 s from 15 s on, when pulleys turn fastest at 10 %: five of their turns, four periods of the first mode."""
+QUICKEST = slice(720, 820)
+"""0.2 s when they do at 100 %."""
 
 
 def at_rest(arm: Arm, motion: Motion) -> np.ndarray:

@@ -169,7 +169,7 @@ def test_one_program_for_all_gives_what_three_give() -> None:
     arm, motion = with_error(30.0), swing()
 
     def moved(arm: Arm) -> tuple[Any, Any]:
-        response = simulate(arm, motion, elastic_belts=True, rate=500.0, step=0.005)
+        response = simulate(arm, motion, rate=500.0, step=0.005)
         return response.displacement, response.quasi_static
 
     for one, other in zip(jax.jit(moved)(arm), moved(arm), strict=True):

@@ -7,6 +7,7 @@ import pytest
 from arms import lcd_arm
 from runs import swing
 
+from ident.arm.chain import no_loads
 from ident.errors import InputError
 from ident.vibrate.evaluator import Evaluator, Variable
 from ident.vibrate.response import peak
@@ -107,7 +108,7 @@ def test_a_sweep_of_the_speed_alone(over):
 @pytest.mark.parametrize("measure", ["peak", "residual"])
 def test_slopes_are_those_of_finite_differences(measure):
     variables = Variable(("joint1.k_tors",), STIFF / 2, 2 * STIFF), Variable(("fingers.com.x",), 1.2, 1.9)
-    trial = replace(TRIAL, variables=variables, draws={}, measure=measure)
+    trial = replace(TRIAL, variables=variables, draws={}, measure=measure, loads=no_loads(ARM))
     at, h = np.array([0.1, 0.05]), 1e-4
     parts, slopes = trial.slopes(at)
     assert slopes.shape == (2, *parts.shape)

@@ -8,6 +8,7 @@ import pytest
 from arms import lcd_arm
 from runs import named
 
+from ident.arm.chain import no_loads
 from ident.vibrate.design import design
 from ident.vibrate.design_search import Requirements, Search, minimum_change
 from ident.vibrate.evaluator import Evaluator, Variable
@@ -27,7 +28,7 @@ def evaluator() -> Evaluator:
     present = float(arm.get("joint1.k_tors"))
     variables = (Variable(("joint1.k_tors",), 0.5 * present, 2.0 * present),)
     motion = named(stroke(arm.stroke, percent=200, dwell=0.2))
-    return Evaluator(arm, motion, variables, rate=200.0, step=2e-3, unknown=PHASES)
+    return Evaluator(arm, motion, variables, loads=no_loads(arm), rate=200.0, step=2e-3, unknown=PHASES)
 
 
 def test_the_least_change_keeps_the_limit_with_any_phases() -> None:
