@@ -196,8 +196,9 @@ INTERVAL_COST = 90
 """What an interval costs apart from its steps, in steps: measured on the paper's arm."""
 MOST_STEPS = 200
 """Steps of an interval at most: beyond, its intermediate values leave the cache."""
-FEWEST = 24
-"""Intervals of the least program: the paper's stroke at 5 to 50 % of full speed and a second's dwell has no more."""
+FEWEST = 28
+"""Intervals of the least program: the paper's stroke at 5 to 50 % of full speed and two seconds' dwell has no more, nor
+with transmission errors."""
 TOGETHER = 4
 """Intervals within which derivatives of the equations are computed together. Of the paper's arm along three directions
 all of the least program take 52 ms, eight at a time 31, four 30, three 28."""
