@@ -26,7 +26,7 @@ from timing import commit, machine
 
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
-from subcampaigns import Verdict, judge, parts, sampled
+from campaign_parts import Verdict, judge, parts, sampled
 
 FACTORS = (1.0, 10.0, 0.1)
 BAND = 0.999

@@ -6,7 +6,7 @@ A small form; all 55 parts, several truths each, are tests/benchmarks/subcampaig
 import numpy as np
 import pytest
 from arms import first_guess_arm, lcd_arm
-from subcampaigns import TRUST, judge, parts, simulated
+from campaign_parts import TRUST, judge, parts, simulated
 
 import ident
 
