@@ -297,9 +297,8 @@ def candidate_experiments(
     cost = np.array([experiment.cost(instruments.costs) for experiment in experiments])
     group = np.tile(np.arange(len(places)), len(WAYS))
     known: dict[int, Any] = {}
-    for (row, *state), read in before.items():
-        place = places.index(tuple(state))
-        known[place] = known.get(place, 0.0) + len(read) * rows[row, *state]
+    for (row, g, s), read in before.items():
+        known[places.index((g, s))] = known.get(places.index((g, s)), 0.0) + len(read) * rows[row, g, s]
     return experiments, Experiments(whole, predictions.jacobian.shape[1], group, cost, known)
 
 
