@@ -26,6 +26,11 @@ def check_references(arm: Arm, campaign: Campaign) -> None:
             frequencies of a state than the arm has modes.
     """
     problems = [problem for m in campaign for problem in _of_row(arm, m)] + [*_of_states(arm, campaign)]
+    if len(campaign) and campaign.joints != len(arm.driven):
+        got = f"{campaign.joints} joint angle{'s' * (campaign.joints != 1)}"
+        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
+        where = campaign.measurements[0].where
+        problems.insert(0, Problem(where, got, expected, "add or remove q columns", "posture"))
     if not len(campaign):
         problems = [Problem(campaign.path, "no measurement", "at least one", "add a row")]
     if problems:
@@ -34,9 +39,6 @@ def check_references(arm: Arm, campaign: Campaign) -> None:
 
 def _of_row(arm: Arm, m: Measurement) -> Iterator[Problem]:
     """Yield what a measurement names and the arm does not have."""
-    if len(m.posture) != len(arm.driven):
-        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
-        yield Problem(m.where, f"{len(m.posture)} joint angles", expected, "add or remove q columns", "posture")
     points, joints = [point.name for point in arm.points], [joint.name for joint in arm.driven]
     named = ("point", m.point, points), ("reference_point", m.reference_point, points), ("joint", m.joint, joints)
     for column, name, known in named:

@@ -273,9 +273,15 @@ WAYS = ((True, False, False), (True, True, False), (False, False, True), (True, 
 
 
 def candidate_experiments(
-    predictions: CandidatePredictions, instruments: Instruments
+    predictions: CandidatePredictions, instruments: Instruments, before: Mapping[tuple[int, int, int], Sequence[int]]
 ) -> tuple[tuple[Experiment, ...], Experiments]:
-    """Return all experiments, and what each would tell; those at one posture have errors in common."""
+    """Return all experiments, and what each would tell: less of a value that was measured before.
+
+    Args:
+        predictions: what the arm would show.
+        instruments: how exact they are, and what they cost.
+        before: by value (its place among those of a state), posture and load case, the rows that have measured it.
+    """
     rows, counted = whole_information(predictions, instruments), counted_modes(predictions)
     by_way = []
     for hammer, labelled, dial in WAYS:
@@ -289,20 +295,24 @@ def candidate_experiments(
     )
     whole = np.concatenate([part.reshape(len(places), *part.shape[2:]) for part in by_way])
     cost = np.array([experiment.cost(instruments.costs) for experiment in experiments])
-    group = np.array([experiment.place for experiment in experiments], int)
-    return experiments, Experiments(whole, predictions.jacobian.shape[1], group, cost)
+    group = np.tile(np.arange(len(places)), len(WAYS))
+    known: dict[int, Any] = {}
+    for (row, g, s), read in before.items():
+        known[places.index((g, s))] = known.get(places.index((g, s)), 0.0) + len(read) * rows[row, g, s]
+    return experiments, Experiments(whole, predictions.jacobian.shape[1], group, cost, known)
 
 
 def whole_information(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T Q Q"]:
-    """Return the information of each frequency, and last of the deflection, on the parameters and on common errors.
+    """Return the information of each frequency, and last of the deflection, on the parameters and on lasting errors.
 
-    A value is wrong by sqrt(c) sigma u + sqrt(1 - c) sigma e with the common share c; u is one number for all
-    frequencies of a posture, and another one for its deflections: the last two of the Q coordinates.
+    A reading is wrong by sqrt(c) sigma u + sqrt(1 - c) sigma e with the common share c; u is one number for all
+    readings of a value in one state, so that their mean has the variance sigma^2 (c + (1 - c) / n). The u of the values
+    are the last r of the Q coordinates.
     """
     scaled = np.moveaxis(predictions.jacobian, 1, -1) / sigmas(predictions, instruments)[..., None]
-    both = np.zeros((*scaled.shape[:-1], 2))
-    both[:-1, ..., 0] = both[-1, ..., 1] = np.sqrt(instruments.common)
-    return fisher(np.concatenate([scaled, both], -1)[..., None, :]) / (1 - instruments.common)
+    own = np.sqrt(instruments.common) * np.eye(len(scaled))[:, None, None, None]
+    both = np.concatenate([scaled, np.broadcast_to(own, (*scaled.shape[:-1], len(scaled)))], -1)
+    return fisher(both[..., None, :]) / (1 - instruments.common)
 
 
 def sigmas(predictions: CandidatePredictions, instruments: Instruments) -> Float[np.ndarray, "r G L T"]:

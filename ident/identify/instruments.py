@@ -39,8 +39,8 @@ class Instruments:
         loads: the load cases.
         sigma: by kind, the standard deviation as a share of the value.
         costs: of the parts of an experiment, in one unit, see `COSTS`.
-        common: share of the variance that all frequencies of a posture have in common, and all deflections: a repeat
-            there makes it no smaller.
+        common: share of the variance that all readings of a value in one state have in common: a repeat makes it no
+            smaller.
     """
 
     modes: int = 4

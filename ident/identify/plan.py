@@ -1,9 +1,9 @@
 """Planning in one call: an arm, and what is measured already, in; the experiments that tell most for their cost out."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -38,11 +38,9 @@ from ident.inference.design import (
     prior_and_data_information,
     prior_information,
     sds,
-    without_common,
 )
 from ident.inference.parameters import Parameter, Parameters
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
-from ident.measure.covariance_and_frames import Covariance, Group
 
 
 @dataclass(frozen=True)
@@ -91,6 +89,8 @@ class PlanSettings:
 
 
 DEFAULT = PlanSettings()
+ALIKE = 1e-3
+"""Share of a value within which two predictions are of one thing: damped and undamped frequencies differ by less."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +122,7 @@ class CampaignPlan:
         grid: the postures.
         predictions: what they would show, those that show the same once.
         measured: (V,) which of the predictions' postures the campaign has been in.
+        before: by value (its place among those of a state), posture and load case, the rows that have measured it.
         gain: (C,) gain of each as the next experiment, by the criterion.
         nats: (C,) its information gain.
         steps: the batch, in the order of choice.
@@ -137,6 +138,7 @@ class CampaignPlan:
     grid: Grid
     predictions: CandidatePredictions
     measured: Bool[np.ndarray, "V"]
+    before: Mapping[tuple[int, int, int], tuple[int, ...]]
     gain: Float[np.ndarray, "C"]
     nats: Float[np.ndarray, "C"]
     steps: tuple[Step, ...]
@@ -194,7 +196,7 @@ class CampaignPlan:
 
     @cached_property
     def _offered(self) -> tuple[tuple[Experiment, ...], Experiments]:
-        return candidate_experiments(self.predictions, self.instruments)
+        return candidate_experiments(self.predictions, self.instruments, self.before)
 
     @property
     def per_cost(self) -> Float[np.ndarray, "C"]:
@@ -238,39 +240,46 @@ class CampaignPlan:
     def campaign(self) -> Campaign:
         """Return the batch as a campaign of the values that are expected.
 
-        Experiments to one posture under one load become one: a value that is taken n times is to be entered once, as a
-        mean, since rows without label in one state are different modes. The errors that the values of a posture have in
-        common are their correlation.
+        A value that is taken several times, earlier rows of the campaign among them, is to be entered once, as their
+        mean: rows without label in one state are different modes. The standard deviation of a mean is such that the fit
+        of all has the standard deviations of the plan: of n readings of one standard deviation s and the common share
+        c, s sqrt(c + (1 - c) / n).
         """
         point, common = self.arm.points[-1].name, self.instruments.common
-        measured = {(m.posture, m.load) for m in self.fit.campaign} if self.fit else set()
+        old = self.fit.campaign.measurements if self.fit else ()
         states: dict[tuple[int, int], list[Experiment]] = {}
         for experiment in self.batch:
             states.setdefault((experiment.place, experiment.case), []).append(experiment)
-        rows: dict[int, list[tuple[Measurement, float]]] = {}
-        for (place, _), experiments in states.items():
+        rows = list[Measurement]()
+        for (place, case), experiments in states.items():
             hammer, labelled, dial = (
                 sum(getattr(v, part) for v in experiments) for part in ("hammer", "labelled", "dial")
             )
             whole = replace(experiments[0], hammer=hammer > 0, labelled=labelled > 0, dial=dial > 0)
-            for row in expected_rows(self.predictions, self.instruments, whole, point):
-                n = hammer if row.kind == "frequency" else dial
-                note = f"mean of {n} readings. " * (n > 1)
-                if (row.posture, row.load) in measured:
-                    note += "measured before: put the mean in place of the row that is there. "
-                mean = replace(row, sigma=row.sigma * math.sqrt(common + (1 - common) / n), note=note.strip())
-                rows.setdefault(place, []).append((mean, math.sqrt(common) * row.sigma / mean.sigma))
-        return _grouped(f"{self.name}.plan", list(rows.values()), common > 0)
+            frequencies = len(self.predictions.frequency)
+            expected = expected_rows(self.predictions, self.instruments, whole, point)
+            for i, row in enumerate(expected):
+                is_frequency = row.kind == "frequency"
+                earlier = [old[k] for k in self.before.get((i if is_frequency else frequencies, place, case), ())]
+                n = (hammer if is_frequency else dial) + len(earlier)
+                weight = [1 / (common + (1 - common) / k) if k else 0.0 for k in (len(earlier), n)]
+                told = sum(1 / m.spread**2 for m in earlier) + (weight[1] - weight[0]) / row.sigma**2
+                note = f"enter the mean of {n} readings" * (n > 1)
+                if earlier:
+                    rows_before = " and ".join(Path(m.where).name or "the earlier row" for m in earlier)
+                    note = f"replace {rows_before}: {note}, the earlier one among them"
+                mode = next((m.mode for m in earlier if m.mode), row.mode)
+                rows.append(replace(row, mode=mode, sigma=told**-0.5, note=note))
+        return Campaign(f"{self.name}.plan", measurements=tuple(rows))
 
     def value_gains(self, step: int) -> list[tuple[str, float]]:
         """Return each value of a step's experiment that counts, with the nats it would give as the only one."""
         experiment = self.batch[step]
         chosen = [each.experiment for each in self.steps[:step]]
-        before, count = self.known.information + self.candidates.together(chosen), len(self.known.names)
-        here = [i for i in chosen if self.experiments[i].place == experiment.place]
+        before = self.known.information + self.candidates.together(chosen)
+        state = int(self.candidates.group[self.steps[step].experiment])
         rows = whole_information(self.predictions, self.instruments)[:, experiment.place, experiment.case]
-        there = self.candidates.whole[here].sum(0)
-        added = without_common(there + rows, count) - without_common(there, count)
+        added = self.candidates.added(self.candidates.taken(state, chosen), rows)
         sought = self.known.of_sought
         alone = information_gain(sought(before), sought(before + added)).mean(-1)
         frequencies = [
@@ -281,26 +290,24 @@ class CampaignPlan:
         return frequencies + ([("deflection", float(alone[-1]))] if experiment.dial else [])
 
 
-def _grouped(name: str, rows: Sequence[Sequence[tuple[Measurement, float]]], common: bool) -> Campaign:
-    """Return the rows of each posture as a campaign, with the correlation of their errors where they have some.
-
-    Args:
-        name: of the campaign.
-        rows: of each posture, with the share of their standard deviation that those of a kind have in common.
-        common: whether they have any in common.
-    """
-    measurements, groups = list[Measurement](), list[Group]()
-    for number, own in enumerate(rows, 1):
-        kinds, share = np.array([row.kind for row, _ in own]), np.array([each for _, each in own])
-        matrix = np.where(kinds[:, None] == kinds, np.outer(share, share), 0.0)
-        np.fill_diagonal(matrix, 1.0)
-        group = Group(f"{name} {number}", tuple(map(tuple, matrix.tolist())))
-        together = common and len(own) > 1
-        groups += [group] * together
-        measurements += [
-            replace(row, group=group.name * together, member=place * together) for place, (row, _) in enumerate(own, 1)
-        ]
-    return Campaign(name, measurements=tuple(measurements), covariance=Covariance(tuple(groups)) if groups else None)
+def _read_before(
+    fit: CampaignFit, predictions: CandidatePredictions, loads: tuple[Load, ...], point: str
+) -> dict[tuple[int, int, int], tuple[int, ...]]:
+    """Return the rows of a campaign that measured a value of the predictions: those that the fit predicts alike."""
+    found: dict[tuple[int, int, int], tuple[int, ...]] = {}
+    places = {tuple(posture): place for place, posture in enumerate(predictions.postures.tolist())}
+    for row, (m, value) in enumerate(zip(fit.campaign, fit.predicted.tolist(), strict=True)):
+        place = places.get(m.posture)
+        if place is None or m.load not in loads or not (m.kind == "frequency" or m.point == point):
+            continue
+        case = loads.index(m.load)
+        shown = predictions.frequency if m.kind == "frequency" else predictions.deflection[None]
+        off = np.abs(shown[:, place, case, 0] - value)
+        if m.kind in ("frequency", "deflection") and off.min() < ALIKE * abs(value):
+            first = 0 if m.kind == "frequency" else len(predictions.frequency)
+            key = (first + int(np.argmin(off)), place, case)
+            found[key] = (*found.get(key, ()), row)
+    return found
 
 
 def plan_campaign(
@@ -339,7 +346,8 @@ def plan_campaign(
     )
     stable = np.asarray(predictions.stable.all(0))
     known, predictions = known.at(stable), predictions.at(points=stable)
-    _, candidates = candidate_experiments(predictions, instruments)
+    read = _read_before(fit, predictions, instruments.loads, arm.points[-1].name) if fit else {}
+    _, candidates = candidate_experiments(predictions, instruments, read)
     return CampaignPlan(
         arm=arm,
         fit=fit,
@@ -350,6 +358,7 @@ def plan_campaign(
         grid=Grid(postures, place[: len(postures)], sampled),
         predictions=predictions,
         measured=measured,
+        before=read,
         settings=settings,
         gain=gains(known, known.information, candidates.information, gain),
         nats=gains(known, known.information, candidates.information, information_gain),

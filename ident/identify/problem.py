@@ -388,7 +388,7 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
         expected, remedy = f"rows of the campaign ({names[0]} to {names[-1]}), or {ALL}", "correct the number"
         raise refusal("trust_values", quoted(unknown[0]), expected, remedy)
     predicted, missing = _by_labels(posed, names)
-    friction = _by_friction(campaign, predicted)
+    friction, places = _by_friction(campaign, predicted), _places_by_order(campaign)
     doubts: list[Problem] = []
     hopeless: list[Problem] = []
     for i, (name, m) in enumerate(zip(names, campaign, strict=True)):
@@ -403,7 +403,7 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
             doubts += _beyond_limits(m, arm, name)
             remedy = f"leave it empty, or {_right(name)}"
             doubts += _no_such_mode(m, arm, remedy) if i in missing else []
-            doubts += _far_off(m, float(predicted[i]), name) if i not in missing | friction else []
+            doubts += _far_off(m, float(predicted[i]), name, places.get(i, "")) if i not in missing | friction else []
     doubts += _contradictions(campaign, names, trusted)
     if hopeless or (doubts and ALL not in trusted):
         first = "correct the arm file first (`ident show` draws it)"
@@ -464,7 +464,21 @@ def row_names(campaign: Campaign) -> list[str]:
     return [m.where.rpartition(":")[2] or str(i) for i, m in enumerate(campaign, 1)]
 
 
-def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
+def _places_by_order(campaign: Campaign) -> dict[int, str]:
+    """Say which of several frequencies without a label of its state each is taken for, by its row."""
+    states: dict[Any, list[int]] = {}
+    for i, m in enumerate(campaign):
+        if m.kind == "frequency" and not m.mode:
+            states.setdefault((m.posture, m.load, m.drives), []).append(i)
+    found = {}
+    for rows in states.values():
+        rows.sort(key=lambda i: campaign.measurements[i].value)
+        for place, i in enumerate(rows, 1) if len(rows) > 1 else ():
+            found[i] = f"it is taken as number {place} of {len(rows)} modes without a label there: label repeats, or "
+    return found
+
+
+def _far_off(m: Measurement, expected: float, row: str, taken: str = "") -> Iterator[Problem]:
     """Refuse a value that differs from the prediction by more than a factor, even if its sigma is considered."""
     if m.kind in POSITIONS and abs(m.value - expected) > AWAY + SUSPICIOUS * m.spread:
         about = f"about {_written(m, expected)}, where the arm file has it"
@@ -481,7 +495,7 @@ def _far_off(m: Measurement, expected: float, row: str) -> Iterator[Problem]:
     hint = "it looks like rad/s written as Hz: " if radians else ""
     got = f"{_written(m, m.value)}, {_times(ratio)} times what the arm file predicts"
     yield Problem(
-        m.where, got, f"about {_written(m, expected)}", f"{hint}check value and unit, or {_right(row)}", "value"
+        m.where, got, f"about {_written(m, expected)}", f"{hint}{taken}check value and unit, or {_right(row)}", "value"
     )
 
 

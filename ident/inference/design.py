@@ -15,8 +15,8 @@ References:
     Chaloner, Verdinelli, "Bayesian experimental design: a review", Statistical Science 10(3), 1995, sections 2 and 4.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import jax.numpy as jnp
@@ -178,12 +178,15 @@ class Experiments:
         count: of the parameters.
         group: (C,) experiments of one number have errors in common.
         cost: (C,) in any one unit.
+        before: by group, the (T, P+S, P+S) information of what was measured there already, of which the parameters'
+            share is known: a further value is averaged with it.
     """
 
     whole: Float[np.ndarray, "C T Q Q"]
     count: int
     group: Int[np.ndarray, "C"]
     cost: Float[np.ndarray, "C"]
+    before: Mapping[int, Float[np.ndarray, "T Q Q"]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.cost).all() and (self.cost > 0).all()):
@@ -192,15 +195,27 @@ class Experiments:
     @cached_property
     def information(self) -> Float[np.ndarray, "C T P P"]:
         """What each alone would add at each point."""
-        return without_common(self.whole, self.count)
+        added = without_common(self.whole, self.count)
+        for group, before in self.before.items():
+            own = self.group == group
+            added[own] = self.added(before, self.whole[own])
+        return added
+
+    def added(self, before: Float[np.ndarray, "*#batch Q Q"], whole: np.ndarray) -> Float[np.ndarray, "*batch P P"]:
+        """Return what values add to the parameters' information after others of their group."""
+        return without_common(before + whole, self.count) - without_common(before, self.count)
+
+    def taken(self, group: int, chosen: Sequence[int]) -> Float[np.ndarray, "T Q Q"]:
+        """Return the information of all values of a group: those measured already, and those chosen."""
+        own = [i for i in chosen if self.group[i] == group]
+        return np.asarray(self.whole[own].sum(0) + self.before.get(group, 0.0))
 
     def after(self, chosen: Sequence[int]) -> Float[np.ndarray, "C T P P"]:
         """Return what each would add after those chosen: less where it shares an error with some of them."""
         added = self.information.copy()
         for group in {int(self.group[i]) for i in chosen}:
-            before = self.whole[[i for i in chosen if self.group[i] == group]].sum(0)
             own = self.group == group
-            added[own] = without_common(before + self.whole[own], self.count) - without_common(before, self.count)
+            added[own] = self.added(self.taken(group, chosen), self.whole[own])
         return added
 
     def together(self, chosen: Sequence[int]) -> Float[np.ndarray, "T P P"]:

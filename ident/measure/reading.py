@@ -111,6 +111,9 @@ def read_header(record: Record, findings: Findings) -> Header:
     """Read the header line and note unknown, doubled and missing columns."""
     where, cells = record
     mine = Findings()
+    if any(cell.lower().split("[")[0].strip() == "time" for cell in cells):
+        remedy = "a trace is for `ident spectrum`, hammer tests are for `ident modal`, runs for `ident source`"
+        raise refusal(where, "a column time, as of a trace", "a campaign, with a row for each value", remedy)
     names = [re.sub(r"\s*\[.*", "", cell).lower() if is_column(cell) else cell for cell in cells]
     angles = {
         name: mine.attempt(where, name, _angle_factor, cell) or 1.0
@@ -162,6 +165,8 @@ def _lacking(names: list[str]) -> Iterator[tuple[str, str, str]]:
 
 # -------- Reading
 
+COARSEST = 0.2
+"""Standard deviation of a frequency, as a fraction of it, above which percent was meant; assumed."""
 AS_TEXT = tuple(name for name in COLUMNS if name not in ("kind", *NUMERIC_COLUMNS))
 """Columns whose text is taken as it is."""
 P = ParamSpec("P")
@@ -356,6 +361,10 @@ def _read_sigma(row: _Row, value: float | None) -> float | None:
     if row["sigma"]:
         return row.attempt("sigma", _positive, row["sigma"], row.decimal, "standard deviation")
     fraction = row.attempt("relative_sigma", parse_fraction, row["relative_sigma"], row.decimal)
+    if fraction and fraction > COARSEST and row["kind"].lower() == "frequency" and "%" not in row["relative_sigma"]:
+        got = f"{quoted(row['relative_sigma'])}, that is {100 * fraction:.3g} % of a frequency"
+        remedy = f"write {row['relative_sigma']}% if percent is meant, else {100 * fraction:.3g}%"
+        row.add(Problem("", got, f"{COARSEST:g} at most", remedy, "relative_sigma"))
     if value == 0:
         got, remedy = "a fraction of the value 0", "give sigma instead"
         row.add(Problem("", got, "an absolute sigma", remedy, "relative_sigma"))
@@ -466,7 +475,7 @@ def _cells(m: Measurement, relative_sigma: bool) -> dict[str, str]:
     for name in ("load", "reference_load"):
         cells[name] = str(getattr(m, name)) if getattr(m, name) else ""
     cells |= {"value": _written(m.value, factor), "unit": unit}
-    if relative_sigma and m.sigma < abs(m.value):
+    if relative_sigma and m.sigma < abs(m.value) * (COARSEST if m.kind == "frequency" else 1.0):
         cells["relative_sigma"] = _written(m.sigma, abs(m.value))
     else:
         cells["sigma"] = _written(m.sigma, factor)

@@ -160,7 +160,7 @@ def _findings(check: "CampaignCheck", *, explained: bool) -> Iterator[Finding]:
         rows = ", ".join(names[i] for i in np.flatnonzero(part.dominant)[:MOST].tolist())
         several = bool(part.dominant.sum() > 1)
         text = f"nothing cross-checks row{'s' * several} {rows}: an error there would go unnoticed"
-        yield Finding(text, "repeat them, or add others")
+        yield Finding(text, f"repeat {'them' if several else 'it'}, or add others")
     for number, doubt in enumerate(check.labels[:MOST]):
         name = names[doubt.row]
         row = f"row {name}" if number else row_in_file(measured[doubt.row], name)

@@ -3,8 +3,8 @@
 import csv
 import io
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+import re
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ from ident.errors import refusal
 from ident.files import replace_file
 from ident.identify.candidates import CLOSE, PARTS, RESOLUTION, Experiment, HammerPlan
 from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
-from ident.measure import format_campaign
+from ident.measure import Measurement, format_campaign
 from ident.present.fit import why_no_interval
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, kept, without_empty_columns
 from ident.present.warnings import drive_states
@@ -34,6 +34,8 @@ LOOSE = 0.3
 """Standard deviation of ln(value) from which a parameter is known to a factor only."""
 LITTLE = 0.9
 """Share of its standard deviation above which the best further experiment tells little of a parameter."""
+SLACK = 1e-9
+"""Rounding [deg] that is forgiven at a limit."""
 COLUMNS = 4
 """Standard deviations that are shown of each parameter, from now on; the last one always is."""
 
@@ -41,7 +43,9 @@ COLUMNS = 4
 def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Report:
     """Return all that is said of a plan."""
     batch = _batch_table(plan, LISTED, gains=False) if plan.steps else "No experiment is needed."
-    then = "add it to the campaign and fit again" if plan.fit else "then: ident fit {result}.csv --arm {arm}"
+    then = "add its rows to the campaign and fit again" if plan.fit else "then: ident fit {result}.csv --arm {arm}"
+    if any(m.note.startswith("replace ") for m in plan.campaign()):
+        then = "replace the rows that its notes name, add the others, fit again"
     following = "fill in {result}.csv, " + then if plan.steps else "ident validate {campaign}"
     if plan.steps and plan.fit and plan.fit.doubts:
         following = "check the causes that ident fit names; fill in {result}.csv, add it and fit again"
@@ -214,7 +218,9 @@ def _from_to(ends: Sequence[str]) -> str:
     """Join the ends of a span; two factors as `factor 2.2 to 4.5`, two of one unit as `5.1 to 8 %`."""
     if ends[0] == ends[1]:
         return ends[0]
-    first, last = (end.split() for end in ends)
+    first, last = (
+        [f"{float(x):#.2g}" if re.fullmatch(r"\d(\.\d)?|0\.0*\d+", x) else x for x in e.split()] for e in ends
+    )
     if first[0] == last[0] == "factor":
         return f"factor {first[1]} to {last[1]}"
     return f"{first[0]} to {' '.join(last)}" if first[1:] == last[1:] else " to ".join(ends)
@@ -341,8 +347,8 @@ def _assumptions(plan: "CampaignPlan") -> Section:
     left = f"; {plan.left_out} more were left out, as the arm has no stable equilibrium there" if plan.left_out else ""
     lines = [
         f"Sigma (--sigma): {shares}, and {1e6 * RESOLUTION:.0f} um of a dial gauge.",
-        f"{100 * instruments.common:.3g} % of their variance is common to a posture (--common-share): a repeat there "
-        "does not average it.",
+        f"{100 * instruments.common:.3g} % of their variance is the same in each repeat at a posture "
+        "(--common-share): a mean does not reduce it.",
         f"Time in minutes (--cost): {costs}.",
         f"A hammer test measures the {len(plan.predictions.frequency)} lowest frequencies (--modes). One nearer than "
         f"{100 * CLOSE:.0f} % to another counts only with a second accelerometer that identifies it.",
@@ -366,10 +372,8 @@ def _assumptions(plan: "CampaignPlan") -> Section:
 def write_form(plan: "CampaignPlan", path: Path) -> None:
     """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes."""
     _refuse_filled(path)
-    campaign = plan.campaign()
-    rows = tuple(replace(m, group="", member=0) for m in campaign)  # a row may be left out: groups count their rows
-    alone = replace(campaign, measurements=rows, covariance=None)
-    table = list(csv.DictReader(io.StringIO(format_campaign(alone, relative_sigma=True))))
+    table = list(csv.DictReader(io.StringIO(format_campaign(plan.campaign(), relative_sigma=True))))
+    measured = set(plan.fit.campaign.postures) if plan.fit else set()
     text = io.StringIO()
     text.write("# Made by `ident plan`. Fill in `value`; `expected` in the notes is a prediction, not a measurement.\n")
     if not any(experiment.labelled for experiment in plan.batch):
@@ -380,9 +384,10 @@ def write_form(plan: "CampaignPlan", path: Path) -> None:
         names.insert(names.index("value"), "mode")
     writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()
-    for row in table:
-        note = f"expected {float(row['value']):.4g} {row['unit']}. {row.get('note') or ''}".strip()
-        writer.writerow({**row, "value": "", "note": note, "relative_sigma": f"{float(row['relative_sigma']):.4g}"})
+    for row, m in zip(table, plan.campaign(), strict=True):
+        note = "; ".join(filter(None, (f"expected {float(row['value']):.4g} {row['unit']}", row.get("note"))))
+        sigma = f"{float(row['relative_sigma']):.4g}"
+        writer.writerow({**row, **_angles(plan, m, measured), "value": "", "note": note, "relative_sigma": sigma})
     replace_file(path, lambda file: file.write(text.getvalue().encode()), make_folders=True)
 
 
@@ -402,6 +407,17 @@ def plan_rows(plan: "CampaignPlan") -> list[dict[str, Any]]:
         }
         for number, (step, each) in enumerate(zip(plan.steps, plan.batch, strict=True), 1)
     ]
+
+
+def _angles(plan: "CampaignPlan", m: Measurement, measured: Collection[tuple[float, ...]]) -> dict[str, str]:
+    """Return angles to 0.001 deg; exactly where it was measured before, or where they would be beyond a limit."""
+    cells = {}
+    for number, (joint, angle) in enumerate(zip(plan.arm.driven, m.posture, strict=True), 1):
+        low, high = (math.degrees(limit) + slack for limit, slack in zip(joint.limits, (-SLACK, SLACK), strict=True))
+        near = round(math.degrees(angle), 3)
+        exact = m.posture in measured or not low <= near <= high
+        cells[f"q{number} [deg]"] = f"{math.degrees(angle) if exact else near:.10g}"
+    return cells
 
 
 def _refuse_filled(path: Path) -> None:

@@ -11,7 +11,7 @@ from scipy.stats import binom
 from ident.errors import InputError
 from ident.identify.conditions import shared_error
 from ident.identify.fit import fit_campaign
-from ident.identify.problem import pose
+from ident.identify.problem import check_values, pose
 from ident.measure import Campaign, parse_campaign
 
 HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,value,unit,sigma,resolution,repeat\n"
@@ -75,3 +75,23 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     low, high = binom.ppf([0.0005, 0.9995], truths, 0.95)
     assert low <= covered(step) <= high
     assert covered(0.0) < 0.1 * truths, "as if all readings were independent, intervals are far too short"
+
+
+@pytest.mark.slow
+def test_readings_without_a_label_are_said_to_count_as_modes():
+    """Two readings of three modes count as six modes: where these are far off, the message says which it took."""
+    rows = [f"frequency,0,0,0,,{value},Hz,0.02,," for value in (4.38, 4.41, 5.07, 5.1, 14.8, 14.9)]
+    campaign = parse_campaign((HEADER + "\n".join(rows)).encode(), "twice.csv")
+    with pytest.raises(InputError) as refused:
+        check_values(pose(lcd_arm(), campaign))
+    last = refused.value.problems[-1]
+    assert last.where == "twice.csv:5"
+    assert "taken as number 4 of 6 modes without a label there: label repeats, or" in last.remedy
+
+
+def test_a_missing_column_of_angles_is_one_line():
+    lines = [HEADER.replace(",q3 [deg]", ""), *(f"frequency,0,0,,{value},Hz,0.02,,\n" for value in (4.38, 5.07, 14.8))]
+    with pytest.raises(InputError) as refused:
+        pose(lcd_arm(), parse_campaign("".join(lines).encode(), "c.csv"))
+    (problem,) = refused.value.problems
+    assert (problem.where, problem.got) == ("c.csv:2", "2 joint angles")

@@ -145,7 +145,9 @@ def test_a_long_campaign_lists_what_matters_only(shipped):
     table = section(report, "Influence").parts[0]
     assert [row[-1] for row in table.rows] == ["dominates", "carries no information"]
     assert "The other measurements of 40" in table.note
-    assert "nothing cross-checks row" in findings(report)
+    (alone,) = [each for each in report.findings if "nothing cross-checks row" in each.text]
+    assert "row " in alone.text
+    assert alone.remedy == "repeat it, or add others"
 
 
 def test_doubtful_labels_are_findings_with_their_rows(shipped):

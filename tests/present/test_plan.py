@@ -162,3 +162,35 @@ def test_the_form_is_refused_empty_and_read_when_filled_in(plan, tmp_path):
     assert [m.kind for m in filled] == [m.kind for m in expected]
     np.testing.assert_allclose([m.value for m in filled], [m.value for m in expected], rtol=1e-3)
     np.testing.assert_allclose([m.sigma for m in filled], [m.sigma for m in expected], rtol=2e-3)
+
+
+def test_rows_of_before_are_replaced_and_angles_are_what_one_types(shipped, tmp_path):
+    """0.1 rad is 5.7295... deg: written to 0.001 deg, but exactly where joint 3 would be beyond its limit."""
+    last = lcd_arm().joints[-1]
+    fields = {field.name: getattr(last, field.name) for field in dataclasses.fields(last)}
+    joints = (*lcd_arm().joints[:-1], type(last)(**{**fields, "limits": (-0.1, 0.1)}))
+    arm = dataclasses.replace(lcd_arm(), joints=joints, stroke=None, workspace=Workspace(postures=((0.1, -0.2, 0.1),)))
+    new = plan_campaign(arm, shipped, settings=PlanSettings(draws=0, count=1, criterion="joint3.k_tors"))
+    new = dataclasses.replace(
+        new, steps=(dataclasses.replace(new.steps[0], experiment=place_of(new, (0.1, -0.2, 0.1))),)
+    )
+    assert "add its rows to the campaign" in plan_sections(new).next
+    write_form(new, tmp_path / "new.csv")
+    cells = [row[f"q{joint} [deg]"] for row in rows_of(tmp_path / "new.csv")[:1] for joint in (1, 2, 3)]
+    assert cells == ["5.73", "-11.459", "5.729577951"]
+    again = dataclasses.replace(lcd_arm(), workspace=Workspace(postures=shipped.campaign.postures))
+    repeat = plan_campaign(again, shipped, settings=PlanSettings(draws=4, count=2))
+    assert "replace the rows that its notes name" in plan_sections(repeat).next
+    write_form(repeat, tmp_path / "repeat.csv")
+    notes = [row["note"] for row in rows_of(tmp_path / "repeat.csv")]
+    assert any(re.search(r"; replace campaign\.csv:\d+: enter the mean of 2 readings", note) for note in notes)
+    spans = [row[-1].removesuffix(" %").split(" to ") for row in plan_sections(repeat).answer[1].rows]
+    assert {len(end.lstrip("0.").replace(".", "")) for ends in spans if len(ends) == 2 for end in ends} == {2}
+
+
+def place_of(plan, posture):
+    return next(i for i, each in enumerate(plan.experiments) if each.posture == posture and each.hammer)
+
+
+def rows_of(path):
+    return list(csv.DictReader(line for line in path.read_text().splitlines() if line[0] != "#"))
