@@ -95,7 +95,7 @@ def _rotors(balance: "Balance") -> Table:
         rows.append((name, *(middle if each.told else (None,) * 4), *seen))
     head = (
         *("Rotor", "imbalance [g mm]", "+- [%]", "at [deg]", "+- [deg]"),
-        *("grade", "balanced", "vibration [mm]", "correction"),
+        *("grade", "after", "makes [mm]", "correction"),
     )
     pulleys = [each.pulley for each in balance.rotors]
     masses = dict.fromkeys(f"rotor of {each.rotor:.3g} kg: {each.assumed}" for each in pulleys if each.assumed)

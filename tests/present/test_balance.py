@@ -19,6 +19,8 @@ DRIVE = ARM.drives[1]
 SIZE, TURN = 0.002, np.radians(0.5)
 """Standard errors of an imbalance: of its size, as a share of it, and of its angle [rad]."""
 
+CONTRADICTING = Calibration(np.ones(4000, complex), state="contradicting")
+
 
 @pytest.fixture
 def balance():
@@ -71,3 +73,11 @@ def test_the_first_screen_says_once_what_verifies_it(balance):
     assert "Next: mount it, measure, name it in the column trial: ident source {runs} --arm {arm}" in text
     assert text.count("column trial") == 1
     assert "no trial mass: mark, sense and model are not verified\n" in text
+
+
+def test_the_tables_heads_take_one_line(balance):
+    """A first screen has 25 lines: what fits 100 columns is not broken."""
+    (rotor,) = balance.rotors
+    words = text_of(balance_sections(replace(balance, rotors=(replace(rotor, calibration=CONTRADICTING),))))
+    assert "  Rotor   imbalance [g mm]  +- [%]  at [deg]  +- [deg]  grade  after  makes [mm]  correction\n" in words
+    assert "trials contradict" in words
