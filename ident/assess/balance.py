@@ -235,6 +235,14 @@ class Rotor:
         off = self.calibration.against(self.draws, self.calibration.draws) / self.wanted
         return float(off.real.std()), float(off.imag.std())
 
+    @cached_property
+    def masses_sd(self) -> Float[np.ndarray, "B"]:
+        """Standard deviation of each body's mass [kg]: what the draws ask for in the same places."""
+        ways = np.exp(1j * np.array([body.angle for body in self.bodies]))
+        wanted = self.calibration.against(self.draws, self.calibration.draws) / self.pulley.radius
+        places, asked = np.stack([ways.real, ways.imag]), np.stack([wanted.real, wanted.imag])
+        return np.asarray(np.linalg.lstsq(places, asked, rcond=None)[0].std(1))
+
     @property
     def bodies(self) -> tuple[Body, ...]:
         """What is mounted, or would have to be."""

@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Loads
 from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders
+from ident.arm.plausibility import reach_of
 from ident.errors import InputError, refusal
 from ident.identify.binding import loads_of
 from ident.measure import Log, read_log
@@ -48,6 +49,11 @@ LATEST = 1.0
 """Time [s] by which a clock may be off that is searched for where the stated offset leads to nothing; assumed."""
 CLOCK = 0.05
 """Time [s] by which a clock may be off where none is fitted; assumed."""
+LARGEST = 0.05
+"""Vibration that an arm can have, as a share of its reach: bending by more breaks it, a wrong unit shows more;
+assumed."""
+QUICKEST = 25.0
+"""Frequency [Hz] of what drives excite at most, at which velocity and acceleration of that are largest."""
 FURTHER = (5.0, 7.0, 10.0, 14.0, 20.0)
 """Speeds [%] of the runs that are tried where some source is not told; assumed."""
 TESTED = 100
@@ -443,10 +449,18 @@ def _channel(arm: Arm, trace: Trace, motion: Motion, run: int, sensor: int, offs
         way = np.abs(np.diff(angles, axis=1)).sum(1) / (2 * np.pi)
         turns = max(ratios.get(joint.name, 0.0) * w for joint, w in zip(arm.driven, way.tolist(), strict=True))
     if turns < TURNS:
-        got = f"{turns:.3g} turns of the fastest pulley in common with the motion"
+        at = f" at speed {trace.row.speed:g} %" if trace.row.speed else ""
+        got = f"{turns:.3g} turns of the fastest pulley in common with the motion{at}"
         remedy = "check delay, speed and path; or measure a longer motion"
         raise refusal(trace.row.where, got, f"at least {TURNS:g}", remedy)
-    return Channel(f"{trace.row.file} {trace.row.channel}", run, sensor, time, trace.values[inside])
+    channel = Channel(f"{trace.row.file} {trace.row.channel}", run, sensor, time, trace.values[inside])
+    slow, unit = slow_columns(channel), ("m", "m/s", "m/s^2")[trace.derivative]
+    size = float(np.abs(channel.values - slow @ (slow.T @ channel.values)).max())
+    most = LARGEST * reach_of(arm) * (2 * np.pi * QUICKEST) ** trace.derivative
+    if size > most:
+        got, expected = f"a vibration of {size:.3g} {unit} in {channel.name}", f"at most {most:.3g} {unit}"
+        raise refusal(trace.row.where, got, f"{expected} of this arm", "check the unit", "unit")
+    return channel
 
 
 def _same_group(table: Runs, name: str, used: Sequence[str]) -> str:

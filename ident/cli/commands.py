@@ -275,7 +275,8 @@ def source_command(
         path = runs / "runs.csv"
         rows = write_runs(runs, path)
         output().wrote(path)
-        output().say(f"{rows} channels to fill in; then: ident source {path}")
+        beside = "" if (runs / "arm.toml").exists() else f" --arm {arm or 'ARM'}"
+        output().say(f"{rows} channels to fill in; then: ident source {path}{beside}")
         return
     result = source(runs, arm, options, posterior=posterior, progress=running.progress)
     finish(result, out, no_figure)

@@ -49,6 +49,8 @@ COMMENTS = (
 )
 RATE = 250.0
 """Samples a second to which faster recordings are brought: what drives excite lies below 25 Hz."""
+FASTEST = 200.0
+"""Speed [%] at most: an override may exceed the file's full speed, a typing error exceeds it by more; assumed."""
 SLOWEST = 50.0
 """Least samples a second: six of a vibration of 8 Hz."""
 CLIPPED = 4
@@ -301,6 +303,9 @@ def _row(where: str, cell: Mapping[str, str], decimal: str, second: float, mine:
             mine.append(Problem(where, quoted(given), f"one of {', '.join(words)}", remedy, name))
         return given
 
+    speed = number("speed", 0.0)
+    if speed is not None and speed > FASTEST:
+        mine.append(Problem(where, f"{speed:g} %", f"at most {FASTEST:g} % of full speed", "correct it", "speed"))
     for name in ("file", "channel"):
         if not cell[name]:
             mine.append(Problem(where, "nothing", f"the {name}'s name", "fill the cell", name))
@@ -310,7 +315,7 @@ def _row(where: str, cell: Mapping[str, str], decimal: str, second: float, mine:
         direction=mine.attempt(where, "direction", parse_direction, cell["direction"], decimal) or (0.0, 0.0, 1.0),
         frame=word("frame", FRAMES),
         sensitivity=number("sensitivity", 0.0),
-        speed=number("speed", 0.0),
+        speed=speed,
         retract=word("retract", ("no", "yes")) == "yes",
         load=mine.attempt(where, "load", Load.parse, cell.get("load", ""), decimal=decimal) or OWN_WEIGHT,
         delay=(number("delay") or 0.0) * second,
@@ -366,8 +371,10 @@ def _trace(row: RunRow, channels: Mapping[str, Channel]) -> Trace:
         raise refusal("", got, "a record within the sensor's range", "measure again, less amplified", "channel")
     rate = 1 / channel.step
     if rate < SLOWEST:
-        got = f"{rate:.4g} samples a second"
-        raise refusal("", got, f"at least {SLOWEST:g}", "measure again, sampled faster", "channel")
+        got, remedy = f"{rate:.4g} samples a second in {one_line(row.file)}", "measure again, sampled faster"
+        if 1e3 * rate >= SLOWEST:
+            remedy += "; or are its times in ms? then write time [ms]"
+        raise refusal("", got, f"at least {SLOWEST:g}", remedy, "channel")
     start = channel.start[0] if isinstance(channel.start, tuple) else channel.start
     values, step = _slower(values, channel.step)
     return Trace(row, derivative, row.delay + start + step * np.arange(len(values)), values * factor)

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import InputError, Problem, refusal, refuse
+from ident.measure.recordings.sampling import UNEVEN, odd_interval
 from ident.measure.table import (
     Findings,
     Record,
@@ -313,9 +314,6 @@ KINDS = {"length": "displacement", "acceleration": "acceleration"}
 TRACE_ROWS_MIN = 16
 """Fewest rows of a trace."""
 
-UNEVEN = 0.01
-"""Largest deviation of a sampling interval from the mean one, as a fraction of it."""
-
 
 @dataclass(frozen=True)
 class Trace:
@@ -386,16 +384,14 @@ def _kind_problems(series: Series) -> Iterator[Problem]:
 
 
 def sampling_problems(series: Series) -> Iterator[Problem]:
-    """Find the interval that differs most from the mean one, once time increases."""
+    """Find the interval that differs most from the median one, once time increases."""
     steps = np.diff(series[TIME]) if TIME in series else np.zeros(0)
     if not steps.size or not (steps > 0).all():
         return
     mean = steps.mean()
-    row = int(np.argmax(abs(steps - mean)))
-    if abs(steps[row] - mean) > UNEVEN * mean:
+    if abs(steps - mean).max() > UNEVEN * mean:
+        row, expected, remedy = odd_interval(series[TIME])
         got = f"{steps[row]:.6g} s since the row before"
-        expected = f"{mean:.6g} s within 1 %, the mean interval"
-        remedy = "resample at equal intervals; if only the times are rounded, write more digits"
         yield Problem(series.where[row + 1], got, expected, remedy, TIME)
 
 

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 GRAM_MM = 1e6
 """g mm in a kg m."""
+TRY = "mount it, measure, name it in the column trial: ident source {runs} --arm {arm}"
+"""What verifies mark, sense and model."""
 
 
 def balance_sections(balance: "Balance") -> Report:
@@ -26,6 +28,7 @@ def balance_sections(balance: "Balance") -> Report:
         (_rotors(balance), *_masses(balance)),
         tuple(_findings(balance)),
         remark=_remark(balance),
+        next=TRY if balance.balanced and balance.gains and not balance.tried else "",
         details=tuple(_details(balance)),
     )
 
@@ -83,28 +86,32 @@ def _rotors(balance: "Balance") -> Table:
     rows = []
     for each in balance.rotors:
         size = abs(each.found)
-        middle = (GRAM_MM * size, 100 * each.sd, float(np.degrees(np.angle(each.found))) % 360)
+        way, off = (float(np.degrees(x)) for x in (np.angle(each.found), (each.draws / each.found).imag.std()))
+        middle = (GRAM_MM * size, 100 * each.sd, way % 360, off)
         left = float(np.quantile(np.abs(each.left), 0.95))
         state = _state(balance, each)
         after = _grade(each.quality(left)) if state == "balance" else ""
         name, seen = each.drive.name, (_grade(each.quality(size)), after, MM * each.makes, state)
-        rows.append((name, *(middle if each.told else (None,) * 3), *seen))
-    head = ("Rotor", "imbalance [g mm]", "error [%]", "at [deg]", "grade", "balanced", "vibration [mm]", "correction")
+        rows.append((name, *(middle if each.told else (None,) * 4), *seen))
+    head = (
+        *("Rotor", "imbalance [g mm]", "+- [%]", "at [deg]", "+- [deg]"),
+        *("grade", "after", "makes [mm]", "correction"),
+    )
     pulleys = [each.pulley for each in balance.rotors]
     masses = dict.fromkeys(f"rotor of {each.rotor:.3g} kg: {each.assumed}" for each in pulleys if each.assumed)
     note = f"Grades of ISO 21940-11 ({'; '.join(masses)})." if masses else ""
-    return Table("", head, tuple(rows), ("", ".0f", ".1f", ".0f", "", "", ".3f", ""), note)
+    return Table("", head, tuple(rows), ("", ".0f", ".1f", ".0f", ".1f", "", "", ".3f", ""), note)
 
 
 def _masses(balance: "Balance") -> Iterator[Table]:
     rows = []
     for each in balance.balanced if balance.gains else ():
-        size, turn = each.wanted_sd
-        for body in each.bodies:
-            hole = (f"{body.hole} of {each.pulley.holes}",) if each.pulley.holes else ("any",)
-            sizes = (1e3 * body.mass, MM * each.pulley.radius, float(np.degrees(body.angle)))
-            rows.append((each.drive.name, *hole, *sizes, 100 * size, float(np.degrees(turn))))
-    head = ("Mount on", "hole", "mass [g]", "radius [mm]", "angle [deg]", "+- [%]", "+- [deg]")
+        holes, turn = each.pulley.holes, float(np.degrees(each.wanted_sd[1]))
+        for body, sd in zip(each.bodies, each.masses_sd.tolist(), strict=True):
+            hole, off = (f"{body.hole} of {holes}", None) if holes else ("any", turn)
+            sizes = (1e3 * body.mass, 1e3 * sd, MM * each.pulley.radius, float(np.degrees(body.angle)))
+            rows.append((each.drive.name, hole, *sizes, off))
+    head = ("Mount on", "hole", "mass [g]", "+- [g]", "radius [mm]", "angle [deg]", "+- [deg]")
     other = [each.drive.name for each in balance.balanced if each.calibration.trials]
     note = (
         "Angles: joints at 0, from the x axis of the link before (y where the joint turns about x), counter-clockwise "
@@ -113,7 +120,7 @@ def _masses(balance: "Balance") -> Iterator[Table]:
         + "; +-: std. error."
     )
     if rows:
-        yield Table("", head, tuple(rows), ("", "", ".1f", ".1f", ".1f", ".1f", ".1f"), note)
+        yield Table("", head, tuple(rows), ("", "", ".1f", ".2f", ".1f", ".1f", ".1f"), note)
 
 
 def _findings(balance: "Balance") -> Iterator[Finding]:
@@ -122,7 +129,7 @@ def _findings(balance: "Balance") -> Iterator[Finding]:
         name, calibration = each.drive.name, each.calibration
         if each.state == "does not fit":
             mass = max(body.mass for body in each.bodies)
-            radius = MM * each.pulley.radius * mass / each.pulley.most
+            radius = np.ceil(MM * each.pulley.radius * mass / each.pulley.most)  # a smaller one needs too much
             remedy = f"mount at {radius:.0f} mm (--radius {name}={radius:.0f}), or allow more (--most)"
             yield Finding(f"{needs_words(each)} ({1e3 * each.pulley.most:g} g at most)", remedy)
         if calibration.trials > 1 and not calibration.state:
@@ -149,15 +156,15 @@ def _findings(balance: "Balance") -> Iterator[Finding]:
         remedy = "add a run after homing again, as another group"
         yield Finding("one group of runs: whether the pulleys keep their angle is not known", remedy)
     if balance.balanced and not balance.tried:
-        remedy = "mount the mass, measure, and name it in the column trial"
-        yield Finding(f"no trial mass: {unverified}", remedy)
+        yield Finding(f"no trial mass: {unverified}")
 
 
 def _remark(balance: "Balance") -> str:
     peak = float(np.abs(balance.before).max())
     if balance.errors < 0.05 * peak:
         return ""
-    return f"Transmission errors make {MM * balance.errors:.3f} mm; masses do not change that."
+    less = " What else is left cancels part of it." * (float(np.abs(balance.after).max()) < balance.errors)
+    return f"Transmission errors make {MM * balance.errors:.3f} mm; masses do not change that.{less}"
 
 
 def _acts(calibration: "Calibration") -> str:
@@ -217,11 +224,12 @@ def balance_rows(balance: "Balance") -> list[dict[str, Any]]:
         about = {"drive": each.drive.name, "state": state, "imbalance": size, "makes": each.makes}
         place = {"radius": each.pulley.radius, "height": each.pulley.height}
         if state != "balance":
-            nothing = dict.fromkeys(("mass", "angle", "size_sd", "angle_sd"), np.nan)
+            nothing = dict.fromkeys(("mass", "mass_sd", "angle", "size_sd", "angle_sd"), np.nan)
             rows.append(about | nothing | place | {"hole": np.nan})
             continue
         of_size, of_turn = each.wanted_sd
-        for body in each.bodies:
-            mounted = {"mass": body.mass, "angle": body.angle, "size_sd": of_size, "angle_sd": of_turn}
+        for body, sd in zip(each.bodies, each.masses_sd.tolist(), strict=True):
+            sizes = {"mass": body.mass, "mass_sd": sd}
+            mounted = sizes | {"angle": body.angle, "size_sd": of_size, "angle_sd": of_turn}
             rows.append(about | mounted | place | {"hole": body.hole})
     return rows

@@ -70,8 +70,8 @@ def _candidates(motions: "MotionStudy", candidates: tuple[Candidate, ...]) -> Ta
         sizes = (MM * median, MM * high, MM * each.worst, MM * each.left)
         rows.append(
             (
-                each.name + " *" * (not each.allowed),
-                *(each.time, each.time - now.time, *sizes, 100 * keeps.share, np.degrees(each.acceleration)),
+                *(each.name + " *" * (not each.allowed), each.time, round(each.time, 1) - round(now.time, 1)),
+                *(*sizes, 100 * keeps.share, np.degrees(each.acceleration)),
             )
         )
     head = (
@@ -105,7 +105,7 @@ def _findings(motions: "MotionStudy") -> Iterator[Finding]:
             "measure the stiffnesses better (ident plan), or give it more time (--time)",
         )
     if not motions.basis.posterior:
-        yield Finding("the stiffnesses count as exact", "give --posterior of ident sample")
+        yield Finding("the stiffnesses count as exact", "give --posterior of ident sample, and --force")
     yield from all_findings(motions.basis)
 
 

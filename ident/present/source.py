@@ -24,6 +24,8 @@ CAUSES = {
     "line": "a fixed frequency",
 }
 """Causes of a peak in words."""
+IMPLAUSIBLE = {True: 600.0, False: 50.0}
+"""Transmission error [arcsec p-p] ten times a plain gear's, and eccentricity [mm] of a rotor's size; assumed."""
 LISTED = 5
 """Further runs on the first screen, at most."""
 
@@ -101,6 +103,7 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
     if study.causes:
         yield cause_finding(study.causes, study.usable)
     check = "check speed, load, direction, unit and delay in the table of runs, and the sampling of the file"
+    yield from too_large(study.found.estimates)
     for name, gain in study.poor.items():
         yield Finding(f"{name} does not follow the computed vibration (gain {gain:.2f})", check)
     if not study.found.settled and not study.poor:
@@ -133,8 +136,18 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
         what = hidden[0] if len(hidden) == 1 else f"{len(hidden)} sources"
         yield Finding(f"{what} cannot be told: at most {most:.2g} mm{' each' * (len(hidden) > 1)}", remedy)
     if not study.known:
-        remedy = "give --posterior of ident sample"
+        remedy = "give --posterior of ident sample, and --force"
         yield Finding("before these runs the stiffnesses are taken as known to 10 % (assumed)", remedy)
+
+
+def too_large(every: "Iterable[Estimate]") -> Iterator[Finding]:
+    """Yield which sources are larger than any drive's."""
+    for each in every:
+        error = each.source.of_error
+        size, unit = (2 * each.amplitude, "arcsec p-p") if error else (each.amplitude, "mm of eccentricity")
+        if each.told and size > IMPLAUSIBLE[error]:
+            text = f"{named(each.source)}: {size:.4g} {unit}, no drive has more than {IMPLAUSIBLE[error]:g}"
+            yield Finding(text, "check the units of the recordings")
 
 
 def _remark(study: "SourceStudy") -> str:

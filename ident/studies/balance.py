@@ -92,8 +92,8 @@ class BalanceOptions(MovingOptions):
 class BalanceResult(Result):
     """Masses that balance the drives' rotors, and what they leave of the vibration.
 
-    Its table has a row for each mass: drive, mass [kg], radius [m], angle [rad], hole, their standard deviations;
-    and one without these for each rotor that gets none.
+    Its table has a row for each mass: drive, mass [kg] and its standard deviation, radius [m], angle [rad], hole,
+    standard deviations of all that is mounted on the drive; and one without these for each rotor that gets none.
 
     Attributes:
         found: rotors, corrections, vibration before and after.

@@ -6,12 +6,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import ArmOptions, as_file, with_numbers
 from ident.studies.values import drawn_values
+from ident.text import one_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -150,6 +152,18 @@ def as_runs(runs: "Runs | str | Path") -> "Runs":
     return runs if isinstance(runs, Runs) else read_runs(runs)
 
 
+def arm_beside(runs: "Runs", soft_base: float | None) -> "ArmFile":
+    """Return the arm beside a table of runs.
+
+    Raises:
+        InputError: there is none, or something is wrong in it.
+    """
+    path = Path(runs.path).parent / ARM
+    if not path.exists():
+        raise refusal(one_line(str(path)), "no such file", "the arm of these runs", "name it (`arm`)")
+    return as_file(path, soft_base)
+
+
 @study
 def source(
     runs: "Runs | str | Path",
@@ -175,7 +189,7 @@ def source(
     from ident.assess.source import studied
 
     runs = as_runs(runs)
-    arm = arm or as_file(Path(runs.path).parent / ARM, options.soft_base)
+    arm = arm or arm_beside(runs, options.soft_base)
     drawn = drawn_values(posterior, arm, MOST_DRAWS, None, options)
     described = with_numbers(arm.arm, drawn, options.set)
     check_place(f"{Path(runs.path).stem}.source", {"arm": arm, "runs": runs, "posterior": drawn})

@@ -9,7 +9,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.result import Result, check_place
-from ident.studies.shared import ArmOptions, as_file, with_numbers
+from ident.studies.shared import ArmOptions, with_numbers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -90,11 +90,11 @@ def triage(runs: "Runs | str | Path", arm: "ArmFile | None" = None, options: Tri
         ModelError: the arm collapses.
     """
     from ident.assess.source import moving_traces
-    from ident.studies.source import ARM, as_runs
+    from ident.studies.source import arm_beside, as_runs
     from ident.vibrate.triage import triage as found
 
     runs = as_runs(runs)
-    arm = arm or as_file(Path(runs.path).parent / ARM, options.soft_base)
+    arm = arm or arm_beside(runs, options.soft_base)
     check_place(f"{Path(runs.path).stem}.triage", {"arm": arm, "runs": runs})
     described = with_numbers(arm.arm, None, options.set)
     return TriageResult(found(described, moving_traces(described, runs), orders=options.orders), runs, arm, options)

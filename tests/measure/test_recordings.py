@@ -371,7 +371,10 @@ def test_csv_without_units_keeps_its_times_as_a_channel(tmp_path):
     [
         ("time [s],a [N]\n0,1\n0.1,x\n0.2,3\n", "a.csv:3: got 'x', expected a number"),
         ("time [s],a [N]\n0,1\n0.1\n0.2,3\n", "a.csv:3: got 1 fields"),
-        ("time [s],a [N]\n0,1\n0.1,2\n0.3,3\n", "an interval of 0.1 s before sample 2, expected 0.15 s within 1 %"),
+        (
+            "time [s],a [N]\n0,1\n0.1,2\n0.3,3\n",
+            "an interval of 0.1 s before sample 2, from 0 s, expected 0.15 s within 1 %",
+        ),
         ("time [s],a [N]\n", "no header with two rows"),
     ],
 )

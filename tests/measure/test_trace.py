@@ -98,9 +98,12 @@ def with_a_pause(seconds):
 
 def test_uneven_sampling_is_refused():
     assert problems(with_a_pause(0.00012)) == [
-        "trace.csv:9, time: got 0.01012 s since the row before, expected 0.0100063 s within 1 %, the mean interval; "
-        "resample at equal intervals; if only the times are rounded, write more digits"
+        "trace.csv:9, time: got 0.01012 s since the row before, expected 0.01 s within 1 %, the median interval; "
+        "resample the recording at even intervals; if only its times are rounded, write more digits"
     ]
+    (gap,) = problems(with_a_pause(3.0))
+    assert gap.endswith("got 3.01 s since the row before, expected 0.01 s within 1 %, the median interval; "
+                        "cut the recording there, or record it again")  # fmt: skip
     assert parse(with_a_pause(0.0001)).interval == pytest.approx(0.01, rel=1e-3)
 
 

@@ -8,6 +8,8 @@ UNEVEN = 0.01
 """Largest deviation of a sampling interval from the mean one, as a fraction of it."""
 COARSE = 0.2
 """Largest deviation from even times by rounding, as a fraction of their interval."""
+GAP = 3.0
+"""Intervals that a pause lasts at least for samples to be missing: interpolated, they would be invented; assumed."""
 ROUNDED = 0.05
 """Largest error of an interval that a file states in few digits: 0.000020 s for 1 / 51.2 kHz has 2.4 %."""
 
@@ -19,18 +21,28 @@ def even_step(time: np.ndarray, file: str, column: str = "time") -> float:
         InputError: they are no numbers, do not increase, or are even neither within 1 % nor within their last digit.
     """
     steps = np.diff(time)
-    remedy = "resample the recording at even intervals; if only its times are rounded, write more digits"
     if not np.isfinite(time).all():
         raise refusal(file, "times that are no numbers", "times that increase", "export it again", column)
     mean = float(steps.mean())
-    worst = int(np.argmax(abs(steps - mean)))
-    if not mean > 0 or abs(steps[worst] - mean) > UNEVEN * mean:
+    if not mean > 0 or abs(steps - mean).max() > UNEVEN * mean:
         digit = last_digit(time) + 4 * float(np.spacing(abs(time).max()))
         if rounded_step(time, digit) is not None:
             return mean
-        got = f"an interval of {steps[worst]:.6g} s before sample {worst + 2}"
-        raise refusal(file, got, f"{mean:.6g} s within 1 %, the mean interval", remedy, column)
+        worst, expected, remedy = odd_interval(time)
+        got = f"an interval of {steps[worst]:.6g} s before sample {worst + 2}, from {time[worst]:.6g} s"
+        raise refusal(file, got, expected, remedy, column)
     return mean
+
+
+def odd_interval(time: np.ndarray) -> tuple[int, str, str]:
+    """Return which interval of times [s] differs most from the median one, what was expected, and what to do."""
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    worst = int(np.argmax(abs(steps - usual)))
+    remedy = "resample the recording at even intervals; if only its times are rounded, write more digits"
+    if abs(np.delete(steps, worst) - usual).max(initial=0.0) <= UNEVEN * usual and steps[worst] > GAP * usual:
+        remedy = "cut the recording there, or record it again"
+    return worst, f"{usual:.6g} s within 1 %, the median interval", remedy
 
 
 def last_digit(time: np.ndarray) -> float:

@@ -1,0 +1,99 @@
+"""Tables of runs: slips of the pen in units, times and speeds are refused in one line that names them."""
+
+import shutil
+
+import numpy as np
+import pytest
+from arms import DATA
+
+import ident
+from ident.arm.multibody import possible_orders
+from ident.assess.source import moving_traces
+from ident.errors import InputError
+from ident.measure.runs import read_runs
+from ident.present.source import too_large
+from ident.vibrate.source_identification import Estimate
+
+ARM = DATA / "lcd_arm" / "arm.toml"
+RECORDED = (DATA / "lcd_arm" / "mujoco" / "run7.csv").read_text()
+HEAD, TABLE = "file,channel,direction,speed [%]\n", "run7.csv,y,y,7\nrun7.csv,z,z,7\n"
+
+
+def refused(folder, recorded=RECORDED, rows=TABLE):
+    (folder / "run7.csv").write_text(recorded)
+    (folder / "runs.csv").write_text(HEAD + rows)
+    with pytest.raises(InputError) as error:
+        moving_traces(ident.read_arm(ARM).arm, read_runs(folder / "runs.csv"))
+    return str(error.value).replace(f"{folder}/", "").splitlines()[0]
+
+
+def over_time(change):
+    """Return the recording with its times [s] changed."""
+    rows = np.loadtxt(RECORDED.splitlines()[2:], delimiter=",")
+    rows[:, 0] = change(rows[:, 0])
+    return "time [s],y [mm],z [mm]\n" + "".join(f"{t:.10g},{y:g},{z:g}\n" for t, y, z in rows)
+
+
+@pytest.mark.parametrize(("unit", "times"), [("m", 0), ("km/s", 1), ("Mm/s^2", 2)])
+def test_a_vibration_that_no_arm_has_is_a_wrong_unit(tmp_path, unit, times):
+    """A twentieth of the reach, of links of 1, 1 and 2.79 m; at 25 Hz as a speed and as an acceleration."""
+    reach = 2 * np.hypot(1.0, 0.12) + np.hypot(2.79, 0.05)
+    bound = f"{0.05 * reach * (2 * np.pi * 25) ** times:.3g} {('m', 'm/s', 'm/s^2')[times]}"
+    said = refused(tmp_path, RECORDED.replace("y [mm]", f"y [{unit}]").replace("z [mm]", f"z [{unit}]"))
+    assert said.startswith("runs.csv:2, unit: got a vibration of ")
+    assert said.endswith(f"in run7.csv y, expected at most {bound} of this arm; check the unit")
+
+
+def test_milliseconds_called_seconds(tmp_path):
+    said = refused(tmp_path, over_time(lambda time: 1e3 * time))
+    assert said == (
+        "runs.csv:2, channel: got 0.1 samples a second in run7.csv, expected at least 50; "
+        "measure again, sampled faster; or are its times in ms? then write time [ms]"
+    )
+    assert refused(tmp_path, over_time(lambda time: 1e6 * time)).endswith("sampled faster"), "nor would ms be"
+
+
+def test_a_gap_is_cut_out_and_an_uneven_clock_resampled(tmp_path):
+    said = refused(tmp_path, over_time(lambda time: time + 3 * (np.arange(len(time)) >= 998)))
+    assert "got an interval of 3.01 s before sample 999, from 10.07 s, expected 0.01 s within 1 %, the median" in said
+    assert said.endswith("cut the recording there, or record it again")
+    jitter = np.random.default_rng(2).uniform(0, 0.003, 10_000)
+    assert "; resample" in refused(tmp_path, over_time(lambda time: time + jitter[: len(time)]))
+
+
+def test_speeds_beside_the_percent(tmp_path):
+    said = refused(tmp_path, rows="run7.csv,y,y,700\n")
+    assert said == "runs.csv:2, speed: got 700 %, expected at most 200 % of full speed; correct it"
+    assert "turns of the fastest pulley in common with the motion at speed 0.07 %" in refused(
+        tmp_path, rows="run7.csv,y,y,0.07\n"
+    )
+
+
+def test_sources_larger_than_any_drive_has_are_a_finding():
+    sources = possible_orders(ident.read_arm(ARM).arm)
+    imbalance, error = (next(each for each in sources if each.of_error == kind) for kind in (False, True))
+    plausible = [(imbalance, 49.0), (error, 299.0)]
+    absurd = [(imbalance, 51.0), (error, 301.0)]  # 602 arc seconds peak to peak
+    known = lambda pairs: (Estimate(source, size, 1.0, (0.0,), (0.1,)) for source, size in pairs)  # noqa: E731
+    assert not list(too_large(known(plausible)))
+    assert [each.text.split(", no drive")[0] for each in too_large(known(absurd))] == [
+        "drive1 imbalance: 51 mm of eccentricity",
+        f"drive1 error, order {error.order:g}: 602 arcsec p-p",
+    ]
+
+
+def test_the_arm_is_named_where_it_does_not_lie_beside_the_runs(tmp_path, run):
+    shutil.copy(DATA / "lcd_arm" / "mujoco" / "run7.csv", tmp_path)
+    _, out, err = run("source", ".", "--init")
+    assert "then: ident source runs.csv --arm ARM" in out + err
+    (tmp_path / "runs.csv").write_text(HEAD + TABLE)
+    for command in ("source", "triage"):
+        code, _, err = run(command, "runs.csv")
+        assert (code, err) == (
+            2,
+            "ident: arm.toml: got no such file, expected the arm of these runs; name it (--arm)\n",
+        )
+    shutil.copy(ARM, tmp_path)
+    (tmp_path / "runs.csv").unlink()
+    _, out, err = run("source", ".", "--init")
+    assert "--arm" not in out + err
