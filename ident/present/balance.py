@@ -7,7 +7,7 @@ import numpy as np
 
 from ident.assess.balance import RATE, grade
 from ident.present.basis import motion_section, subject
-from ident.present.report import Finding, Report, Section, Table, Verdict
+from ident.present.report import Finding, Report, Section, Table, Verdict, without_empty_columns
 from ident.present.source import acting, tried_section
 from ident.present.words import MM, counted, some
 
@@ -108,7 +108,7 @@ def _masses(balance: "Balance") -> Iterator[Table]:
     for each in balance.balanced if balance.gains else ():
         holes, turn = each.pulley.holes, float(np.degrees(each.wanted_sd[1]))
         for body, sd in zip(each.bodies, each.masses_sd.tolist(), strict=True):
-            hole, off = (f"{body.hole} of {holes}", None) if holes else ("any", turn)
+            hole, off = (f"{body.hole} of {holes}", "") if holes else ("any", turn)
             sizes = (1e3 * body.mass, 1e3 * sd, MM * each.pulley.radius, float(np.degrees(body.angle)))
             rows.append((each.drive.name, hole, *sizes, off))
     head = ("Mount on", "hole", "mass [g]", "+- [g]", "radius [mm]", "angle [deg]", "+- [deg]")
@@ -120,7 +120,7 @@ def _masses(balance: "Balance") -> Iterator[Table]:
         + "; +-: std. error."
     )
     if rows:
-        yield Table("", head, tuple(rows), ("", "", ".1f", ".2f", ".1f", ".1f", ".1f"), note)
+        yield without_empty_columns(Table("", head, tuple(rows), ("", "", ".1f", ".2f", ".1f", ".1f", ".1f"), note))
 
 
 def _findings(balance: "Balance") -> Iterator[Finding]:
