@@ -27,10 +27,9 @@ def check_references(arm: Arm, campaign: Campaign) -> None:
     """
     problems = [problem for m in campaign for problem in _of_row(arm, m)] + [*_of_states(arm, campaign)]
     if len(campaign) and campaign.joints != len(arm.driven):
-        got = f"{campaign.joints} joint angle{'s' * (campaign.joints != 1)}"
-        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
-        where = campaign.measurements[0].where
-        problems.insert(0, Problem(where, got, expected, "add or remove q columns", "posture"))
+        got, expected = f"{campaign.joints} joint angles", f"{len(arm.driven)}, one for each driven joint of {arm.name}"
+        where, remedy = campaign.measurements[0].where, "add or remove q columns"
+        problems.insert(0, Problem(where, got, expected, remedy, "posture"))
     if not len(campaign):
         problems = [Problem(campaign.path, "no measurement", "at least one", "add a row")]
     if problems:

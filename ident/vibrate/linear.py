@@ -197,8 +197,7 @@ INTERVAL_COST = 90
 MOST_STEPS = 200
 """Steps of an interval at most: beyond, its intermediate values leave the cache."""
 FEWEST = 28
-"""Intervals of the least program: the paper's stroke at 5 to 50 % of full speed and two seconds' dwell has no more, nor
-with transmission errors."""
+"""Intervals of the least program: the paper's stroke at 5 to 50 % of full speed and two seconds' dwell has no more."""
 TOGETHER = 4
 """Intervals within which derivatives of the equations are computed together. Of the paper's arm along three directions
 all of the least program take 52 ms, eight at a time 31, four 30, three 28."""
