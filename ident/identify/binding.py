@@ -29,8 +29,7 @@ def check_references(arm: Arm, campaign: Campaign) -> None:
     if len(campaign) and campaign.joints != len(arm.driven):
         got = f"{campaign.joints} joint angle{'s' * (campaign.joints != 1)}"
         expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
-        where = campaign.measurements[0].where
-        problems.insert(0, Problem(where, got, expected, "add or remove q columns", "posture"))
+        problems += [Problem(campaign.measurements[0].where, got, expected, "add or remove q columns", "posture")]
     if not len(campaign):
         problems = [Problem(campaign.path, "no measurement", "at least one", "add a row")]
     if problems:

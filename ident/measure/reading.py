@@ -111,9 +111,10 @@ def read_header(record: Record, findings: Findings) -> Header:
     """Read the header line and note unknown, doubled and missing columns."""
     where, cells = record
     mine = Findings()
-    if any(cell.lower().split("[")[0].strip() == "time" for cell in cells):
-        remedy = "a trace is for `ident spectrum`, hammer tests are for `ident modal`, runs for `ident source`"
-        raise refusal(where, "a column time, as of a trace", "a campaign, with a row for each value", remedy)
+    if any(re.match(r"time\b", cell.lower()) for cell in cells):
+        raise refusal(
+            where, "a trace (a column time)", "a campaign", "see `ident spectrum`, `ident modal`, `ident source`"
+        )
     names = [re.sub(r"\s*\[.*", "", cell).lower() if is_column(cell) else cell for cell in cells]
     angles = {
         name: mine.attempt(where, name, _angle_factor, cell) or 1.0
@@ -360,14 +361,10 @@ def _read_sigma(row: _Row, value: float | None) -> float | None:
         return None
     if row["sigma"]:
         return row.attempt("sigma", _positive, row["sigma"], row.decimal, "standard deviation")
-    fraction = row.attempt("relative_sigma", parse_fraction, row["relative_sigma"], row.decimal)
-    if fraction and fraction > COARSEST and row["kind"].lower() == "frequency" and "%" not in row["relative_sigma"]:
-        got = f"{quoted(row['relative_sigma'])}, that is {100 * fraction:.3g} % of a frequency"
-        remedy = f"write {row['relative_sigma']}% if percent is meant, else {100 * fraction:.3g}%"
-        row.add(Problem("", got, f"{COARSEST:g} at most", remedy, "relative_sigma"))
+    most = COARSEST if row["kind"].lower() == "frequency" else 1.0
+    fraction = row.attempt("relative_sigma", parse_fraction, row["relative_sigma"], row.decimal, most)
     if value == 0:
-        got, remedy = "a fraction of the value 0", "give sigma instead"
-        row.add(Problem("", got, "an absolute sigma", remedy, "relative_sigma"))
+        row.add(Problem("", "a fraction of the value 0", "an absolute sigma", "give sigma instead", "relative_sigma"))
     return _scaled(fraction, None if value is None else abs(value))
 
 
