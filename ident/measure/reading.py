@@ -124,10 +124,8 @@ def read_header(record: Record, findings: Findings) -> Header:
     unknown = [name for name in names if not is_column(name)]
     mine += [_unknown_column(where, name) for name in unknown]
     doubled = sorted({name for name in names if name and names.count(name) > 1})
-    mine += [
-        Problem(where, "the column twice", "it once", "remove or rename one", one_line(name[:LONGEST_QUOTE]))
-        for name in doubled
-    ]
+    twice = "the column twice", "it once", "remove or rename one"
+    mine += [Problem(where, *twice, one_line(name[:LONGEST_QUOTE])) for name in doubled]
     mine += [Problem(where, "no such column", *lacking) for lacking in _lacking(names)]
     findings += mine
     meant = {nearest(name, COLUMNS) for name in unknown}
@@ -166,8 +164,6 @@ def _lacking(names: list[str]) -> Iterator[tuple[str, str, str]]:
 
 # -------- Reading
 
-COARSEST = 0.2
-"""Standard deviation of a frequency, as a fraction of it, above which percent was meant; assumed."""
 AS_TEXT = tuple(name for name in COLUMNS if name not in ("kind", *NUMERIC_COLUMNS))
 """Columns whose text is taken as it is."""
 P = ParamSpec("P")
@@ -361,8 +357,7 @@ def _read_sigma(row: _Row, value: float | None) -> float | None:
         return None
     if row["sigma"]:
         return row.attempt("sigma", _positive, row["sigma"], row.decimal, "standard deviation")
-    most = COARSEST if row["kind"].lower() == "frequency" else 1.0
-    fraction = row.attempt("relative_sigma", parse_fraction, row["relative_sigma"], row.decimal, most)
+    fraction = row.attempt("relative_sigma", parse_fraction, row["relative_sigma"], row.decimal, row["kind"].lower())
     if value == 0:
         row.add(Problem("", "a fraction of the value 0", "an absolute sigma", "give sigma instead", "relative_sigma"))
     return _scaled(fraction, None if value is None else abs(value))
@@ -472,7 +467,7 @@ def _cells(m: Measurement, relative_sigma: bool) -> dict[str, str]:
     for name in ("load", "reference_load"):
         cells[name] = str(getattr(m, name)) if getattr(m, name) else ""
     cells |= {"value": _written(m.value, factor), "unit": unit}
-    if relative_sigma and m.sigma < abs(m.value) * (COARSEST if m.kind == "frequency" else 1.0):
+    if relative_sigma and m.sigma < abs(m.value) * (0.2 if m.kind == "frequency" else 1):  # as it is read
         cells["relative_sigma"] = _written(m.sigma, abs(m.value))
     else:
         cells["sigma"] = _written(m.sigma, factor)
