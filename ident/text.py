@@ -75,18 +75,16 @@ def read_bytes(path: str | PathLike[str], expected: str, largest: int = LARGEST_
     where = one_line(str(path))
     try:
         status = Path(path).stat()
-        if stat.S_ISDIR(status.st_mode):
-            raise refusal(where, "a folder", expected, "name a file in it")
-        if not stat.S_ISREG(status.st_mode):
+        if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
             remedy = "save what it holds as a file, and name that"
             raise refusal(where, "a pipe, a device or a socket", f"{expected} in a regular file", remedy)
-        if status.st_size > largest:
+        if stat.S_ISREG(status.st_mode) and status.st_size > largest:
             got, most = f"a file of {status.st_size / 1e6:.0f} MB", f"at most {largest / 1e6:.0f} MB"
             raise refusal(where, got, f"{expected} of {most}", "name another file, or split this one")
         LOG.info("read %s, %d bytes", where, status.st_size)
         return Path(path).read_bytes()
     except (OSError, ValueError) as error:
-        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        reason = (getattr(error, "strerror", None) or str(error)).lower().removeprefix("is ")
         raise refusal(where, reason, expected, "check the path and its permissions") from None
 
 

@@ -24,7 +24,7 @@ from ident.arm.modes import (
     vertical_share,
 )
 from ident.arm.plausibility import oddities
-from ident.errors import ARM_FILE, InputError, ModelError, Problem, refusal
+from ident.errors import ARM_FILE, LINES_MAX, InputError, ModelError, Problem, refusal
 from ident.identify.binding import check_references
 from ident.identify.conditions import (
     BY_MODE,
@@ -382,13 +382,12 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
         InputError: lists the numbers of the arm that look wrong, then the values, each with its row; or a trusted row
             that is not there, or whose label no mode of the arm can bear.
     """
-    arm, campaign = posed.arm, posed.campaign
-    names = row_names(campaign)
+    arm, campaign, names = posed.arm, posed.campaign, row_names(posed.campaign)
     if unknown := [row for row in trusted if row not in {*names, ALL}]:
         expected, remedy = f"rows of the campaign ({names[0]} to {names[-1]}), or {ALL}", "correct the number"
         raise refusal("trust_values", quoted(unknown[0]), expected, remedy)
     predicted, missing = _by_labels(posed, names)
-    friction, places = _by_friction(campaign, predicted), _places_by_order(campaign)
+    friction = _by_friction(campaign, predicted)
     doubts: list[Problem] = []
     hopeless: list[Problem] = []
     for i, (name, m) in enumerate(zip(names, campaign, strict=True)):
@@ -401,9 +400,9 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
             hopeless += [Problem(m.where, got, limit, remedy, "of")]
         elif name not in trusted:
             doubts += _beyond_limits(m, arm, name)
-            remedy = f"leave it empty, or {_right(name)}"
-            doubts += _no_such_mode(m, arm, remedy) if i in missing else []
-            doubts += _far_off(m, float(predicted[i]), name, places.get(i, "")) if i not in missing | friction else []
+            doubts += _no_such_mode(m, arm, f"leave it empty, or {_right(name)}") if i in missing else []
+            among = campaign.measurements if len(doubts) < LINES_MAX else ()
+            doubts += _far_off(m, float(predicted[i]), name, among) if i not in missing | friction else []
     doubts += _contradictions(campaign, names, trusted)
     if hopeless or (doubts and ALL not in trusted):
         first = "correct the arm file first (`ident show` draws it)"
@@ -464,21 +463,7 @@ def row_names(campaign: Campaign) -> list[str]:
     return [m.where.rpartition(":")[2] or str(i) for i, m in enumerate(campaign, 1)]
 
 
-def _places_by_order(campaign: Campaign) -> dict[int, str]:
-    """Say which of several frequencies without a label of its state each is taken for, by its row."""
-    states: dict[Any, list[int]] = {}
-    for i, m in enumerate(campaign):
-        if m.kind == "frequency" and not m.mode:
-            states.setdefault((m.posture, m.load, m.drives), []).append(i)
-    found = {}
-    for rows in states.values():
-        rows.sort(key=lambda i: campaign.measurements[i].value)
-        for place, i in enumerate(rows, 1) if len(rows) > 1 else ():
-            found[i] = f"it is taken as number {place} of {len(rows)} modes without a label there: label repeats, or "
-    return found
-
-
-def _far_off(m: Measurement, expected: float, row: str, taken: str = "") -> Iterator[Problem]:
+def _far_off(m: Measurement, expected: float, row: str, among: Sequence[Measurement] = ()) -> Iterator[Problem]:
     """Refuse a value that differs from the prediction by more than a factor, even if its sigma is considered."""
     if m.kind in POSITIONS and abs(m.value - expected) > AWAY + SUSPICIOUS * m.spread:
         about = f"about {_written(m, expected)}, where the arm file has it"
@@ -491,12 +476,15 @@ def _far_off(m: Measurement, expected: float, row: str, taken: str = "") -> Iter
     if not expected or not (m.value + SUSPICIOUS * m.spread < low or m.value - SUSPICIOUS * m.spread > high):
         return
     ratio = m.value / expected
-    radians = m.kind == "frequency" and 0.8 < ratio / (2 * math.pi) < 1.25
-    hint = "it looks like rad/s written as Hz: " if radians else ""
+    hint = "it looks like rad/s written as Hz: " * (m.kind == "frequency" and 0.8 < ratio / (2 * math.pi) < 1.25)
+    if m.kind == "frequency" and not m.mode:
+        own = (None, m.kind, m.posture, m.load, m.drives)
+        alike = sorted(o.value for o in among if (o.mode, o.kind, o.posture, o.load, o.drives) == own)
+        place = f"number {alike.index(m.value) + 1} of {len(alike)} modes" if alike[1:] else ""
+        hint += f"it is taken as {place} without a label there: label repeats, or " * bool(place)
     got = f"{_written(m, m.value)}, {_times(ratio)} times what the arm file predicts"
-    yield Problem(
-        m.where, got, f"about {_written(m, expected)}", f"{hint}{taken}check value and unit, or {_right(row)}", "value"
-    )
+    remedy = f"{hint}check value and unit, or {_right(row)}"
+    yield Problem(m.where, got, f"about {_written(m, expected)}", remedy, "value")
 
 
 def _times(ratio: float) -> str:
@@ -576,9 +564,8 @@ def _contradictions(campaign: Campaign, names: Sequence[str], trusted: Collectio
         got = f"{_written(second, second.value)}, {apart:.2g} sd from row {a}, which {same}"
         label = "correct one of the labels, " if first.mode else "correct point, posture or load of one, "
         remedy = f"{label}drop the wrong one, widen their sigmas, or say that both are right (`trust_values` {b})"
-        yield Problem(
-            second.where, got, f"about {_written(second, first.value)}", remedy, "" if first.mode else "value"
-        )
+        about, column = f"about {_written(second, first.value)}", "" if first.mode else "value"
+        yield Problem(second.where, got, about, remedy, column)
 
 
 def _no_such_mode(m: Measurement, arm: Arm, remedy: str) -> Iterator[Problem]:

@@ -111,9 +111,10 @@ def read_header(record: Record, findings: Findings) -> Header:
     """Read the header line and note unknown, doubled and missing columns."""
     where, cells = record
     mine = Findings()
-    if any(cell.lower().split("[")[0].strip() == "time" for cell in cells):
-        remedy = "a trace is for `ident spectrum`, hammer tests are for `ident modal`, runs for `ident source`"
-        raise refusal(where, "a column time, as of a trace", "a campaign, with a row for each value", remedy)
+    if any(re.match(r"time\b", cell.lower()) for cell in cells):
+        raise refusal(
+            where, "a trace (a column time)", "a campaign", "see `ident spectrum`, `ident modal`, `ident source`"
+        )
     names = [re.sub(r"\s*\[.*", "", cell).lower() if is_column(cell) else cell for cell in cells]
     angles = {
         name: mine.attempt(where, name, _angle_factor, cell) or 1.0
@@ -123,10 +124,8 @@ def read_header(record: Record, findings: Findings) -> Header:
     unknown = [name for name in names if not is_column(name)]
     mine += [_unknown_column(where, name) for name in unknown]
     doubled = sorted({name for name in names if name and names.count(name) > 1})
-    mine += [
-        Problem(where, "the column twice", "it once", "remove or rename one", one_line(name[:LONGEST_QUOTE]))
-        for name in doubled
-    ]
+    twice = "the column twice", "it once", "remove or rename one"
+    mine += [Problem(where, *twice, one_line(name[:LONGEST_QUOTE])) for name in doubled]
     mine += [Problem(where, "no such column", *lacking) for lacking in _lacking(names)]
     findings += mine
     meant = {nearest(name, COLUMNS) for name in unknown}
@@ -165,8 +164,6 @@ def _lacking(names: list[str]) -> Iterator[tuple[str, str, str]]:
 
 # -------- Reading
 
-COARSEST = 0.2
-"""Standard deviation of a frequency, as a fraction of it, above which percent was meant; assumed."""
 AS_TEXT = tuple(name for name in COLUMNS if name not in ("kind", *NUMERIC_COLUMNS))
 """Columns whose text is taken as it is."""
 P = ParamSpec("P")
@@ -360,14 +357,9 @@ def _read_sigma(row: _Row, value: float | None) -> float | None:
         return None
     if row["sigma"]:
         return row.attempt("sigma", _positive, row["sigma"], row.decimal, "standard deviation")
-    fraction = row.attempt("relative_sigma", parse_fraction, row["relative_sigma"], row.decimal)
-    if fraction and fraction > COARSEST and row["kind"].lower() == "frequency" and "%" not in row["relative_sigma"]:
-        got = f"{quoted(row['relative_sigma'])}, that is {100 * fraction:.3g} % of a frequency"
-        remedy = f"write {row['relative_sigma']}% if percent is meant, else {100 * fraction:.3g}%"
-        row.add(Problem("", got, f"{COARSEST:g} at most", remedy, "relative_sigma"))
+    fraction = row.attempt("relative_sigma", parse_fraction, row["relative_sigma"], row.decimal, row["kind"].lower())
     if value == 0:
-        got, remedy = "a fraction of the value 0", "give sigma instead"
-        row.add(Problem("", got, "an absolute sigma", remedy, "relative_sigma"))
+        row.add(Problem("", "a fraction of the value 0", "an absolute sigma", "give sigma instead", "relative_sigma"))
     return _scaled(fraction, None if value is None else abs(value))
 
 
@@ -475,7 +467,7 @@ def _cells(m: Measurement, relative_sigma: bool) -> dict[str, str]:
     for name in ("load", "reference_load"):
         cells[name] = str(getattr(m, name)) if getattr(m, name) else ""
     cells |= {"value": _written(m.value, factor), "unit": unit}
-    if relative_sigma and m.sigma < abs(m.value) * (COARSEST if m.kind == "frequency" else 1.0):
+    if relative_sigma and m.sigma < abs(m.value) * (0.2 if m.kind == "frequency" else 1):  # as it is read
         cells["relative_sigma"] = _written(m.sigma, abs(m.value))
     else:
         cells["sigma"] = _written(m.sigma, factor)

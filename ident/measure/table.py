@@ -275,13 +275,14 @@ def parse_number(text: str, decimal: str = ".") -> float:
     return number
 
 
-def parse_fraction(text: str, decimal: str = ".") -> float:
-    """Read a fraction between 0 and 1, exclusive: `0.005` or `0.5%`."""
+def parse_fraction(text: str, decimal: str = ".", kind: str = "") -> float:
+    """Read a fraction between 0 and 1, exclusive: `0.005` or `0.5%`; of a frequency, up to 0.2 without the sign."""
     percent = text.endswith("%")
     fraction = parse_number(text.removesuffix("%").rstrip(), decimal) / (100 if percent else 1)
-    if not 0 < fraction < 1:
-        remedy = "write 2% if percent is meant, or give an absolute sigma"
-        raise refusal("", quoted(text), "a fraction between 0 and 1", remedy)
+    most = 0.2 if kind == "frequency" and not percent else 1  # from there 0.5 stands for 0.5% rather; assumed
+    if not 0 < fraction < most:
+        remedy = f"write {'2%' if percent else text + '%'} if percent is meant, or give an absolute sigma"
+        raise refusal("", quoted(text), f"a fraction between 0 and {most:g}", remedy)
     return fraction
 
 

@@ -331,7 +331,7 @@ def test_a_file_that_is_no_text_is_refused(tmp_path, data, words):
 def test_an_absent_file_and_a_folder_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"nothing\.toml: got no such file"):
         read_arm(tmp_path / "nothing.toml")
-    with pytest.raises(InputError, match=r"got a folder, expected .*; name a file in it"):
+    with pytest.raises(InputError, match="got a directory"):
         read_arm(tmp_path)
     with pytest.raises(InputError, match="null"):
         read_arm("a\0b")

@@ -53,7 +53,11 @@ BAD_ROWS = [
     ("frequency,10,,,,,,4.5,Hz,nan,,", "sigma", "finite"),
     ("frequency,10,,,,,,4.5,Hz,1%,,", "sigma", "relative_sigma"),
     ("frequency,10,,,,,,4.5,Hz,,5,", "relative_sigma", "'5'.*percent"),
-    ("frequency,10,,,,,,4.5,Hz,,0.5,", "relative_sigma", "50 % of a frequency, .*write 0.5% if percent is meant"),
+    (
+        "frequency,10,,,,,,4.5,Hz,,0.5,",
+        "relative_sigma",
+        "'0.5', expected a fraction between 0 and 0.2.*write 0.5% if percent is meant",
+    ),
     ("frequency,10,,,,,,4.5,Hz,,-1%,", "relative_sigma", "between 0 and 1"),
     ("deflection,10,,tip,,,,0,mm,,1%,", "relative_sigma", "value 0"),
     ("deflection,10,sway,tip,,,,1,mm,0.1,,", "mode", "'sway'.*no mode"),
@@ -111,7 +115,7 @@ def test_a_large_share_is_taken_where_percent_is_written():
 
 def test_a_trace_is_named_as_one():
     (problem,) = problems("Time [s],y [mm]\n0,1\n0.1,2\n")
-    assert problem.got == "a column time, as of a trace"
+    assert problem.got == "a trace (a column time)"
     assert "`ident modal`" in problem.remedy
 
 
@@ -206,7 +210,7 @@ def test_a_path_that_cannot_be_read(tmp_path, name):
     with pytest.raises(InputError, match="a readable CSV file") as caught:
         read_campaign(f"{tmp_path}/{name}")
     assert len(str(caught.value).splitlines()) == 1
-    assert ("got a folder" in str(caught.value)) == (name == ".")
+    assert ("got a directory" in str(caught.value)) == (name == ".")
 
 
 @pytest.mark.parametrize(
