@@ -65,13 +65,12 @@ def measure(campaign: ident.Campaign, seed: int) -> ident.Campaign:
         by_label[posture] = dict(zip(labels, frequencies.tolist(), strict=True))
         upwards[posture] = iter(frequencies.tolist())
     noise = np.random.default_rng(seed).standard_normal(len(campaign))
-    for places, correlation in campaign.correlated:
-        noise[list(places)] = np.linalg.cholesky(correlation) @ noise[list(places)]
     rows = []
     for row, z in zip(campaign, noise.tolist(), strict=True):
         frequency = by_label[row.posture][row.mode] if row.mode else next(upwards[row.posture])
-        value = frequency * (1 + SIGMA * z)
-        rows.append(replace(row, value=value, sigma=SIGMA * value))
+        share = min(SIGMA, row.sigma / row.value)  # a mean with the reading of before is more exact than one reading
+        value = frequency * (1 + share * z)
+        rows.append(replace(row, value=value, sigma=share * value))
     return replace(campaign, measurements=tuple(rows))
 
 

@@ -45,7 +45,7 @@ def plan_sections(plan: "CampaignPlan", hammer: Sequence[HammerPlan] = ()) -> Re
     batch = _batch_table(plan, LISTED, gains=False) if plan.steps else "No experiment is needed."
     then = "add its rows to the campaign and fit again" if plan.fit else "then: ident fit {result}.csv --arm {arm}"
     if any(m.note.startswith("replace ") for m in plan.campaign()):
-        then = "replace the rows that its notes name, add the others, fit again"
+        then = "replace the rows its notes name, add the rest, fit again"
     following = "fill in {result}.csv, " + then if plan.steps else "ident validate {campaign}"
     if plan.steps and plan.fit and plan.fit.doubts:
         following = "check the causes that ident fit names; fill in {result}.csv, add it and fit again"

@@ -180,7 +180,7 @@ def test_rows_of_before_are_replaced_and_angles_are_what_one_types(shipped, tmp_
     assert cells == ["5.73", "-11.459", "5.729577951"]
     again = dataclasses.replace(lcd_arm(), workspace=Workspace(postures=shipped.campaign.postures))
     repeat = plan_campaign(again, shipped, settings=PlanSettings(draws=4, count=2))
-    assert "replace the rows that its notes name" in plan_sections(repeat).next
+    assert "replace the rows its notes name" in plan_sections(repeat).next
     write_form(repeat, tmp_path / "repeat.csv")
     notes = [row["note"] for row in rows_of(tmp_path / "repeat.csv")]
     assert any(re.search(r"; replace campaign\.csv:\d+: enter the mean of 2 readings", note) for note in notes)
