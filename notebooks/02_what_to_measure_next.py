@@ -16,7 +16,7 @@
 #
 # An identification that fails on purpose: eighteen frequencies, six unknown stiffnesses, a perfect fit, and two of
 # the six are still not determined. The check predicts this before any fit, the fit reports it too, and the plan
-# proposes three experiments, 70 minutes in all, that cure it. At the end the plan's promise is compared with the
+# proposes three experiments, 60 minutes in all, that cure it. At the end the plan's promise is compared with the
 # result.
 #
 # **All measurements in this notebook are synthetic.** They are computed with the arm of `data/lcd_arm/arm.toml`,
@@ -162,11 +162,11 @@ plan.figures()[""]
 
 # %% [markdown]
 # A hammer test gives four frequencies instead of two, and the *third and fourth* are the new information (in the
-# details of the plan: 2.7 and 2.3 nat against 0.1 each for the two lowest). In those modes the joints move against
+# details of the plan: 2.7 and 2.8 nat against 0.1 each for the two lowest). In those modes the joints move against
 # each other. So even a posture that was measured before is worthwhile. The dial gauge adds little: one more number
 # on bending, where torsion is missing.
 #
-# The first experiment alone promises 5 % or better for every stiffness. But it relies on two frequencies, the third
+# The first experiment alone promises 3 % or better for every stiffness. But it relies on two frequencies, the third
 # and fourth of one posture, which no other value checks. So three experiments are made here.
 #
 # The plan knows joint limits and the workspace, but no collisions: at q2 = 180 degrees link 2 lies above link 1.
@@ -224,7 +224,7 @@ for name, value in after.parameters.items():
 # %% [markdown]
 # The promise held: each result lies within a factor of two of it. It cannot be exact, because the plan used the
 # stiffnesses of the failed fit. The errors match the reported standard deviations. The largest, of joint 3 in
-# torsion, is 2.3 sd, as the largest of six is in one set of data in eight.
+# torsion, is 1.9 sd, as the largest of six is in one set of data in three.
 #
 # Two things are not shown. The model is right here, with true lengths and masses; and only frequencies were
 # measured, so nothing could contradict them. On a real robot one deflection is worth its ten minutes as a check of
