@@ -152,7 +152,7 @@ def test_a_diagnosis_takes_what_excites_the_arm_from_runs(folder, result, monkey
     assert diagnosis.stages == stages_of(runs=True)[:-2]
     rotors = diagnosis.excited.rotors
     assert rotors
-    monkeypatch.setattr("ident.assess.cures.remedies", lambda *_: ())
+    monkeypatch.setattr("ident.assess.cures.single_remedies", lambda *_: [])
     monkeypatch.setattr("ident.assess.cures.along_path", lambda *_: None)
     (mounted,) = cures(diagnosis.task, 1.0, rotors)
     assert (mounted.kind, mounted.rotors) == ("balance", rotors)
