@@ -50,10 +50,9 @@ LATEST = 1.0
 CLOCK = 0.05
 """Time [s] by which a clock may be off where none is fitted; assumed."""
 LARGEST = 0.05
-"""Vibration that an arm can have, as a share of its reach: bending by more breaks it, a wrong unit shows more;
-assumed."""
+"""Largest vibration of an arm, as a share of its reach; with a wrong unit it seems larger; assumed."""
 QUICKEST = 25.0
-"""Frequency [Hz] of what drives excite at most, at which velocity and acceleration of that are largest."""
+"""Frequency [Hz] of what drives excite at most, which bounds velocity and acceleration, too; assumed."""
 FURTHER = (5.0, 7.0, 10.0, 14.0, 20.0)
 """Speeds [%] of the runs that are tried where some source is not told; assumed."""
 TESTED = 100

@@ -260,7 +260,7 @@ class CampaignPlan:
             expected = expected_rows(self.predictions, self.instruments, whole, point)
             # all rows of a state have the labels of before, or none: measured frequencies are entered as they rise
             read = [self.before.get((i, place, case), ()) for i in range(frequencies)]
-            labelled = all(any(old[k].mode for k in rows_of_mode) for rows_of_mode in read)
+            keep_labels = all(any(old[k].mode for k in rows_of_mode) for rows_of_mode in read)
             for i, row in enumerate(expected):
                 is_frequency = row.kind == "frequency"
                 earlier = [old[k] for k in self.before.get((i if is_frequency else frequencies, place, case), ())]
@@ -271,7 +271,7 @@ class CampaignPlan:
                 if earlier:
                     rows_before = " and ".join(Path(m.where).name or "the earlier row" for m in earlier)
                     note = f"replace {rows_before}: {note}, the earlier one among them"
-                mode = next((m.mode for m in earlier if m.mode and labelled), row.mode)
+                mode = next((m.mode for m in earlier if m.mode and keep_labels), row.mode)
                 rows.append(replace(row, mode=mode, sigma=told**-0.5, note=note))
         return Campaign(f"{self.name}.plan", measurements=tuple(rows))
 

@@ -29,6 +29,7 @@ from ident.measure.covariance_and_frames import (
 )
 from ident.measure.load import DRIVE_STATES, KINDS, Load, format_direction, parse_direction
 from ident.measure.table import (
+    BARE,
     Findings,
     Record,
     decimal_mark,
@@ -109,12 +110,10 @@ def is_column(name: str) -> bool:
 
 def read_header(record: Record, findings: Findings) -> Header:
     """Read the header line and note unknown, doubled and missing columns."""
-    where, cells = record
-    mine = Findings()
+    (where, cells), mine = record, Findings()
     if any(re.match(r"time\b", cell.lower()) for cell in cells):
-        raise refusal(
-            where, "a trace (a column time)", "a campaign", "see `ident spectrum`, `ident modal`, `ident source`"
-        )
+        see = "see `ident spectrum`, `ident modal`, `ident source`"
+        raise refusal(where, "a trace (a column time)", "a campaign", see)
     names = [re.sub(r"\s*\[.*", "", cell).lower() if is_column(cell) else cell for cell in cells]
     angles = {
         name: mine.attempt(where, name, _angle_factor, cell) or 1.0
@@ -467,7 +466,7 @@ def _cells(m: Measurement, relative_sigma: bool) -> dict[str, str]:
     for name in ("load", "reference_load"):
         cells[name] = str(getattr(m, name)) if getattr(m, name) else ""
     cells |= {"value": _written(m.value, factor), "unit": unit}
-    if relative_sigma and m.sigma < abs(m.value) * (0.2 if m.kind == "frequency" else 1):  # as it is read
+    if relative_sigma and m.sigma < abs(m.value) * (BARE if m.kind == "frequency" else 1):  # as it is read
         cells["relative_sigma"] = _written(m.sigma, abs(m.value))
     else:
         cells["sigma"] = _written(m.sigma, factor)

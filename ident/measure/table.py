@@ -248,6 +248,8 @@ def _content_lines(text: str) -> Iterator[tuple[int, str, Iterator[str]]]:
 # -------- Text
 # One cell of text, read as a number.
 
+BARE = 0.2
+"""Fraction of a frequency from which, without a sign, percent is meant: 0.5 for 0.5 %; assumed."""
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 """Regular expression of a plain number with a decimal point."""
 
@@ -276,10 +278,10 @@ def parse_number(text: str, decimal: str = ".") -> float:
 
 
 def parse_fraction(text: str, decimal: str = ".", kind: str = "") -> float:
-    """Read a fraction between 0 and 1, exclusive: `0.005` or `0.5%`; of a frequency, up to 0.2 without the sign."""
+    """Read a fraction between 0 and 1, exclusive: `0.005` or `0.5%`; of a frequency, below `BARE` without the sign."""
     percent = text.endswith("%")
     fraction = parse_number(text.removesuffix("%").rstrip(), decimal) / (100 if percent else 1)
-    most = 0.2 if kind == "frequency" and not percent else 1  # from there 0.5 stands for 0.5% rather; assumed
+    most = BARE if kind == "frequency" and not percent else 1
     if not 0 < fraction < most:
         remedy = f"write {'2%' if percent else text + '%'} if percent is meant, or give an absolute sigma"
         raise refusal("", quoted(text), f"a fraction between 0 and {most:g}", remedy)

@@ -372,7 +372,8 @@ def _assumptions(plan: "CampaignPlan") -> Section:
 def write_form(plan: "CampaignPlan", path: Path) -> None:
     """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes."""
     _refuse_filled(path)
-    table = list(csv.DictReader(io.StringIO(format_campaign(plan.campaign(), relative_sigma=True))))
+    campaign = plan.campaign()
+    table = list(csv.DictReader(io.StringIO(format_campaign(campaign, relative_sigma=True))))
     measured = set(plan.fit.campaign.postures) if plan.fit else set()
     text = io.StringIO()
     text.write("# Made by `ident plan`. Fill in `value`; `expected` in the notes is a prediction, not a measurement.\n")
@@ -384,7 +385,7 @@ def write_form(plan: "CampaignPlan", path: Path) -> None:
         names.insert(names.index("value"), "mode")
     writer = csv.DictWriter(text, names, lineterminator="\n")
     writer.writeheader()
-    for row, m in zip(table, plan.campaign(), strict=True):
+    for row, m in zip(table, campaign, strict=True):
         note = "; ".join(filter(None, (f"expected {float(row['value']):.4g} {row['unit']}", row.get("note"))))
         sigma = f"{float(row['relative_sigma']):.4g}"
         writer.writerow({**row, **_angles(plan, m, measured), "value": "", "note": note, "relative_sigma": sigma})

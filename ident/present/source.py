@@ -25,7 +25,7 @@ CAUSES = {
 }
 """Causes of a peak in words."""
 IMPLAUSIBLE = {True: 600.0, False: 50.0}
-"""Transmission error [arcsec p-p] ten times a plain gear's, and eccentricity [mm] of a rotor's size; assumed."""
+"""Most that a drive has, of a transmission error [arcsec p-p] and else of an eccentricity [mm]; assumed."""
 LISTED = 5
 """Further runs on the first screen, at most."""
 
@@ -307,7 +307,7 @@ def run_plan_sections(plan: "RunPlan") -> Report:
         verdict = Verdict(f"PARTLY {told} OF {sized}" if told else "NOT SUFFICIENT", words, "caution")
     rows = []
     for k, source in enumerate(problem.sources):
-        size, unit = (2.0, "arcsec p-p") if source.of_error else (plan.problem.masses[source.drive], "kg mm")
+        size, unit = (2.0, "arcsec p-p") if source.of_error else (problem.masses[source.drive], "kg mm")
         own = float(plan.amplitude[k])
         said = f"{size * own:.4g}" if own else "not given"
         answer = ("yes" if own > plan.least[k] else "no") if own else "above least told"

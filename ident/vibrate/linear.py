@@ -199,8 +199,7 @@ MOST_STEPS = 200
 FEWEST = 28
 """Intervals of the least program: the paper's stroke at 5 to 50 % of full speed and two seconds' dwell has no more."""
 TOGETHER = 4
-"""Intervals within which derivatives of the equations are computed together. Of the paper's arm along three directions
-all of the least program take 52 ms, eight at a time 31, four 30, three 28."""
+"""Intervals whose derivatives are computed together: of the paper's arm all of 24 take 52 ms, four 30, three 28."""
 ROUGH, FINEST, MOST_FINE = 5e-3, 0.01, 8
 """An interval is halved where its polynomial misses the acceleration by more, times its length, than this share of the
 largest speed; down to this length [s] at least, and to so many times more intervals at most. Measured on the paper's
