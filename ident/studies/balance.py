@@ -70,7 +70,7 @@ class BalanceOptions(MovingOptions):
         """Refuse sizes that nothing has, and too few holes to hold a mass at any angle."""
         sizes, above = ("radius", "most", "rotor"), "a number above 0"
         bad = [(name, x, above) for name in sizes for x in getattr(self, name).values() if not 0 < x < 1e6]
-        pattern = f"a whole number from {FEWEST}: two neighbours hold a mass at any angle"
+        pattern = f"a whole number of at least {FEWEST}, so that two neighbouring holes hold a mass at any angle"
         bad += [("holes", x, pattern) for x in self.holes.values() if not FEWEST <= x <= 1000 or x != int(x)]
         return [*super().problems(), *(Problem(name, f"{x:g}", expected, "correct it") for name, x, expected in bad)]
 

@@ -121,7 +121,7 @@ def peak_to_peak(text: str, flag: str) -> tuple[float, float]:
     parts = [number(part, f"{flag} {text}") for part in text.split(":")]
     if len(parts) not in (1, 2) or not 0 <= parts[0] <= parts[-1]:
         expected = "LOW:HIGH in arc seconds peak to peak, 0 <= LOW <= HIGH"
-        raise refusal(f"{flag} {text}", "no transmission errors", expected, "as 30:60")
+        raise refusal(f"{flag} {text}", "no such range", expected, "as 30:60")
     return parts[0], parts[-1]
 
 

@@ -118,8 +118,9 @@ class Prior:
 
     def numbers(self, arm: Arm, changes: Float[np.ndarray, "P"]) -> dict[str, float]:
         """Return the arm's numbers after changes, by path."""
+        own = arm.numbers()
         return {
-            path: float(arm.get(path)) * float(np.exp(change))
+            path: float(own[path]) * float(np.exp(change))
             for paths, change in zip(self.groups.values(), changes.tolist(), strict=True)
             for path in paths
         }

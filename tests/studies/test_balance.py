@@ -251,8 +251,8 @@ def test_it_is_made_again_from_its_file(result, tmp_path):
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        ({"holes": {"": 2}}, "a whole number from 3"),
-        ({"holes": {"drive2": 6.5}}, "a whole number from 3"),
+        ({"holes": {"": 2}}, "a whole number of at least 3"),
+        ({"holes": {"drive2": 6.5}}, "a whole number of at least 3"),
         ({"radius": {"drive2": -3.0}}, "a number above 0"),
         ({"radius": {"drive5": 30.0}}, "one of drive1, drive2, drive3"),
         ({"most": "heavy"}, "a finite number"),

@@ -201,8 +201,16 @@ def _draw_rotor(axes: Axes, rotor: "Rotor", *, mounted: bool) -> None:
     axes.plot([0, float(np.angle(rotor.found))], [0, size], color=ORANGE, linewidth=1.0)
     for body in rotor.bodies if mounted else ():
         axes.plot([body.angle], [1.15 * size], color=GREEN, marker="s", markersize=7, linestyle="")
+        right, up = np.cos(body.angle), np.sin(body.angle)
         axes.annotate(
-            f"{1e3 * body.mass:.1f} g", (body.angle, 0.75 * size), ha="center", va="center", fontsize=8, color=GREEN
+            f"{1e3 * body.mass:.1f} g",
+            (body.angle, 1.15 * size),
+            (-7 * right, -7 * up),
+            textcoords="offset points",
+            ha="center" if abs(right) < 0.3 else "right" if right > 0 else "left",
+            va="center" if abs(up) < 0.3 else "top" if up > 0 else "bottom",
+            fontsize=8,
+            color=GREEN,
         )
     axes.set_ylim(0, 1.35 * size)
     axes.set_yticks([])
