@@ -205,7 +205,7 @@ def _draw_rotor(axes: Axes, rotor: "Rotor", *, mounted: bool) -> None:
         axes.annotate(
             f"{1e3 * body.mass:.1f} g",
             (body.angle, 1.15 * size),
-            (-7 * right, -7 * up),
+            (-7 * right, -7 * up),  # towards the middle, clear of the square
             textcoords="offset points",
             ha="center" if abs(right) < 0.3 else "right" if right > 0 else "left",
             va="center" if abs(up) < 0.3 else "top" if up > 0 else "bottom",
