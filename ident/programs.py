@@ -19,7 +19,7 @@ import shutil
 import stat
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from contextvars import Context
 from dataclasses import fields, is_dataclass
@@ -108,7 +108,7 @@ def _log(event: str, duration_secs: float, **of: Any) -> None:
 
 
 jax.monitoring.register_event_duration_secs_listener(_log)
-LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "diffrax", "numpy")
+LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 """What programs are made with."""
 UNIMPORTANT = ("cache", "log", "dump", "traceback", "profil")
 """Words in the names of jax's settings that no program depends on."""
@@ -329,6 +329,9 @@ def _read(path: Path, key: str) -> tuple[bytes, Any] | None:
 # `jit` for programs of many small kernels, as all of the arm's are.
 
 AnyArray = jax.Array | np.ndarray
+
+Progress = Callable[[Iterable[int]], Iterator[int]]
+"""Shows how far a loop is that runs over the numbers."""
 F = TypeVar("F", bound=Callable[..., Any])
 SMALL_KERNELS: Any = {
     "compiler_options": {

@@ -42,7 +42,7 @@ def test_the_door_opens_without_a_library():
 def test_a_fit_loads_neither_the_sampler_nor_what_vibrates():
     loaded = of_the_door("ident.studies.fit, ident.identify.fit, ident.present.files.values, ident.present.fit")
     assert "ident.inference.fit" in loaded
-    others = "emcee", "scipy.stats", "scipy.optimize", "arviz", "diffrax", "optimistix", "ident.vibrate"
+    others = "emcee", "scipy.stats", "scipy.optimize", "arviz", "optimistix", "ident.vibrate"
     assert not {name for name in loaded if name.startswith(others)}
 
 

@@ -23,7 +23,6 @@ MAY_USE = {
 }
 """Which rooms each room may use, besides the ground: no licence to use all that lie below it."""
 ONLY_IN = {
-    "diffrax": "vibrate/exact",
     "dynesty": "inference/draws",
     "emcee": "inference",
     "jinja2": "present/html",

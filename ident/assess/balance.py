@@ -27,8 +27,8 @@ from ident.arm.multibody import possible_orders
 from ident.arm.parts import Drive
 from ident.assess.scenario import Basis
 from ident.assess.source import CHANCE, NEAR, Tried
-from ident.vibrate.fast import FastMethod, numbers_of, vibrations
-from ident.vibrate.simulate import fast_method, refuse_collapse
+from ident.vibrate.fast import FastMethod, numbers_of, refuse_collapse, vibrations
+from ident.vibrate.simulate import fast_method
 from ident.vibrate.source_problem import LEVEL
 
 RATE = 200.0

@@ -22,7 +22,7 @@ from ident.assess.remedies import (
     single_remedies,
 )
 from ident.errors import InputError
-from ident.vibrate.exact import Progress
+from ident.programs import Progress
 from ident.vibrate.schedule import Schedule, Scheduling
 
 SEGMENTS = 12

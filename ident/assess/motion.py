@@ -12,8 +12,8 @@ from ident.arm.parts import Stroke
 from ident.assess.remedies import CONFIDENT, exact_response, keeping
 from ident.assess.scenario import Basis, over_phases
 from ident.errors import refusal
+from ident.programs import Progress
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, binomial_estimate
-from ident.vibrate.exact import Progress
 from ident.vibrate.motion import PROFILES, Motion, stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.response import belt_tension, peak, slack

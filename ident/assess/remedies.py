@@ -13,13 +13,13 @@ from ident.assess.balance import Rotor
 from ident.assess.effort import DiagnosisEffort
 from ident.assess.scenario import Basis, OverPhases, Unknowns, at_share, over_phases
 from ident.errors import refusal
+from ident.programs import Progress
 from ident.vibrate.design_search import Point, Requirements, Search
 from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, Variable, binomial_estimate, side_by_side
-from ident.vibrate.exact import Progress
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import Response, peak
 from ident.vibrate.schedule import Schedule
-from ident.vibrate.simulate import sample_times, simulate
+from ident.vibrate.simulate import simulate
 
 # -------- Task
 # What a diagnosis is asked: an arm in motion, a limit, and what of the arm is uncertain.
@@ -277,16 +277,8 @@ def likely_excitation(evaluator: Evaluator, unknown: Unknowns, change: Float[np.
 
 
 def exact_response(evaluator: Evaluator) -> Response:
-    """Simulate the motion of an evaluator's arm by the exact equations, to its end.
-
-    Raises:
-        KeyboardInterrupt: interrupted; `simulate` would return the part that there is.
-    """
-    rate, motion = evaluator.rate, evaluator.motion
-    response = simulate(evaluator.arm, motion, loads=evaluator.loads, method="exact", rate=rate)
-    if len(response.time) < len(sample_times(motion, rate)):
-        raise KeyboardInterrupt
-    return response
+    """Simulate the motion of an evaluator's arm by the exact equations."""
+    return simulate(evaluator.arm, evaluator.motion, loads=evaluator.loads, method="exact", rate=evaluator.rate)
 
 
 # -------- Remedies

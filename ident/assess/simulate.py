@@ -27,8 +27,8 @@ class Simulation:
 
     Attributes:
         basis: what was simulated, and what that rests on.
-        response: by the exact method where it came to the end, else by the fast one, if it was chosen.
-        other: by the other method, if both were chosen.
+        response: by the exact method, unless the fast one alone was chosen.
+        other: by the fast one, if both were chosen.
         tolerance: [m] of the settling time.
         at: [s] from when on the late peak counts; None for none.
         limit: [m] that the peak should not exceed; None for none.
@@ -50,18 +50,11 @@ class Simulation:
     phases: OverPhases | None = None
 
     @property
-    def interrupted(self) -> float | None:
-        """Until when [s] the exact method came before the user stopped it; None if it was not stopped."""
-        return (self.response if self.other is None else self.other).interrupted
-
-    @property
     def difference(self) -> Float[np.ndarray, "3"]:
         """Largest difference of the two methods in each direction, as a share of the peak; NaN with one method."""
         if self.other is None:
             return np.full(3, np.nan)
-        pair = [np.asarray(response.vibration) for response in (self.response, self.other)]
-        common = min(x.shape[1] for x in pair)
-        ours, theirs = (x[:, :common] for x in pair)
+        ours, theirs = (np.asarray(response.vibration) for response in (self.response, self.other))
         largest = np.maximum(np.abs(ours).max(1), np.finfo(float).tiny)
         return np.abs(ours - theirs).max(1) / largest
 

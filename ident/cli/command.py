@@ -348,7 +348,6 @@ def offer(
     *,
     files: bool = True,
     judged: bool = False,
-    then: Callable[[Any], None] = lambda result: None,
     **words: Any,
 ) -> None:
     """Hang a study on the program: its inputs and options become arguments and flags.
@@ -358,7 +357,6 @@ def offer(
         text: help of the command.
         files: whether files are written, besides the report that is printed.
         judged: whether there is a flag by which a verdict against the data counts as a failure.
-        then: does what is left to do with the result.
         words: inputs that are told otherwise than in `INPUTS`, in typer's words.
     """
     names = inspect.signature(study).parameters
@@ -378,7 +376,6 @@ def offer(
         else:
             tell(result)
             output().document = result.document
-        then(result)
         leave(result, strict=strict)
 
     def parameter(name: str, annotation: Any, default: Any = None) -> inspect.Parameter:

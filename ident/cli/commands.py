@@ -57,7 +57,7 @@ from ident.studies.profile import profile
 from ident.studies.resonance import resonance
 from ident.studies.result import written_to
 from ident.studies.sample import SampleOptions, sample
-from ident.studies.simulate import SimulateResult, simulate
+from ident.studies.simulate import simulate
 from ident.studies.source import SourceOptions, source
 from ident.studies.spectrum import spectrum
 from ident.studies.sweep import sweep
@@ -161,13 +161,6 @@ def plan_command(
         raise refusal("", "neither campaign nor arm", "one of them", "as ident plan --arm arm.toml")
 
 
-def stop_if_interrupted(result: SimulateResult) -> None:
-    """Say so where the user has interrupted the exact method, and end with the code of an interruption."""
-    if result.interrupted is not None:
-        typer.echo(f"interrupted at {result.interrupted:.4g} s; what there is was written", err=True)
-        raise typer.Exit(130)
-
-
 offer(
     resonance,
     """Draw the Campbell diagram of a motion: pulley frequencies against natural frequencies (the paper's Figure 4).
@@ -201,10 +194,8 @@ offer(
     simulate,
     """Simulate how the arm's end vibrates while the arm carries out a motion.
 
-    Writes ARM.MOTION.simulate.csv, .nc and .json and figures into the folder given by --out, when all is done. Ctrl-C
-    during the exact method: what there is, is written.
+    Writes ARM.MOTION.simulate.csv, .nc and .json and figures into the folder given by --out.
     """,
-    then=stop_if_interrupted,
 )
 offer(
     spectrum,

@@ -50,7 +50,7 @@ def start() -> None:
         jax.config.update("jax_compilation_cache_dir", str(Path(folder) / "ident" / "jax"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     os.environ.setdefault("IDENT_PROGRAMS", "on")
-    os.environ.setdefault("EQX_ON_ERROR", "nan")  # the checks of diffrax else call Python, which no cache can keep
+    os.environ.setdefault("EQX_ON_ERROR", "nan")  # the checks of equinox else call Python, which no cache can keep
     if sys.stderr.isatty() and not output().quiet:
         import jax.monitoring
 

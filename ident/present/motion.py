@@ -105,7 +105,7 @@ def _findings(motions: "MotionStudy") -> Iterator[Finding]:
             "measure the stiffnesses better (ident plan), or give it more time (--time)",
         )
     if not motions.basis.posterior:
-        yield Finding("the stiffnesses count as exact", "give --posterior of ident sample, and --force")
+        yield Finding("the stiffnesses count as exact", "add --posterior of ident sample; --force replaces this result")
     yield from all_findings(motions.basis)
 
 

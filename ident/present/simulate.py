@@ -56,14 +56,10 @@ def simulate_sections(simulation: "Simulation") -> Report:
 
 
 def _verdict(simulation: "Simulation") -> Verdict | None:
-    """Judge a motion: NOT OK where it exceeds the limit, MARGINAL where it may, INCOMPLETE when interrupted, else OK.
+    """Judge a motion: NOT OK where it exceeds the limit, MARGINAL where it may, else OK.
 
     It may where some phases or draws exceed the limit. Without a limit nothing is judged.
     """
-    if simulation.interrupted is not None:
-        draws = "; no draws were simulated" if simulation.basis.posterior else ""
-        reached = f"{simulation.interrupted:.4g} of {simulation.response.motion.breaks[-1]:.4g} s"
-        return Verdict("INCOMPLETE", f"The exact method was interrupted at {reached}{draws}.", "caution")
     if simulation.limit is None:
         return None
     limit, peak = f"the limit of {MM * simulation.limit:g} mm", simulation.sizes.peak
@@ -270,9 +266,7 @@ def _methods(simulation: "Simulation") -> Iterator[Section]:
         return
     ways = zip(DIRECTIONS, simulation.difference, strict=True)
     shares = ", ".join(f"{direction} {100 * share:.2g} %" for direction, share in ways)
-    stopped = simulation.interrupted
-    span = "" if stopped is None else f" up to {stopped:.4g} s"
-    yield Section("Fast method against exact", (f"Largest difference over the peak{span}: {shares}.",))
+    yield Section("Fast method against exact", (f"Largest difference over the peak: {shares}.",))
 
 
 def _belts(simulation: "Simulation") -> Iterator[Section]:

@@ -136,7 +136,7 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
         what = hidden[0] if len(hidden) == 1 else f"{len(hidden)} sources"
         yield Finding(f"{what} cannot be told: at most {most:.2g} mm{' each' * (len(hidden) > 1)}", remedy)
     if not study.known:
-        remedy = "give --posterior of ident sample, and --force"
+        remedy = "add --posterior of ident sample; --force replaces this result"
         yield Finding("before these runs the stiffnesses are taken as known to 10 % (assumed)", remedy)
 
 

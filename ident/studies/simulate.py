@@ -1,13 +1,12 @@
 """Simulate how the end point vibrates while the arm carries out a motion."""
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, Problem, refusal
+from ident.errors import Problem, refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
@@ -26,8 +25,7 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log, Trace
-    from ident.vibrate.compare import Comparison
-    from ident.vibrate.response import Outline, Response
+    from ident.vibrate.response import Outline
     from ident.vibrate.study import Draws
 
 
@@ -77,7 +75,7 @@ class SimulateResult(Result):
     subject = "simulation.basis.name"
     shown = ("simulation",)
     numbers = ("vibration",)
-    summary = ("arrival", "interrupted", "exceedance")
+    summary = ("arrival", "exceedance")
 
     @property
     def arm(self) -> "Arm":
@@ -129,11 +127,6 @@ class SimulateResult(Result):
         """Share of the draws [-] whose peak exceeds the limit in any direction; None without draws or limit."""
         draws, limit = self.simulation.draws, self.simulation.limit
         return None if draws is None or limit is None else float(draws.exceeds(limit)[1])
-
-    @property
-    def interrupted(self) -> float | None:
-        """Time [s] that the exact method came to before the user interrupted it; None where nobody did."""
-        return self.simulation.interrupted
 
     def figures(self) -> "dict[str, Figure]":
         """Return two figures: vibration of the end point; joints, belts and pulleys (`drives`)."""
@@ -189,8 +182,6 @@ def simulate(
 ) -> SimulateResult:
     """Simulate how the end point vibrates while the arm carries out a motion.
 
-    Interrupted (Ctrl-C) during the exact method it returns what there is, and says so in `interrupted`.
-
     Args:
         arm: the arm.
         options: motion, load, method, and what is reported of the vibration.
@@ -199,7 +190,7 @@ def simulate(
         posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes over their medians
             unless it has fitted values.
         trace: measured vibration to compare with, on the clock of the motion, or its file.
-        progress: shows how far it is, over the time of the exact method and over the draws.
+        progress: shows how far it is, over the draws.
 
     Raises:
         InputError: options that do not go together, a file that does not fit the arm, a motion that it can't make.
@@ -207,25 +198,21 @@ def simulate(
     """
     from ident.assess.simulate import Simulation, simulated_over_phases
     from ident.vibrate.response import refuse_slack
-    from ident.vibrate.study import simulate_motion
+    from ident.vibrate.study import against, simulate_motion
 
     basis = basis_of(arm, options, path=path, fit=fit, posterior=posterior)
     _check_time(options.at, basis)
     check_place(f"{basis.name}.simulate", {**basis.sources, "trace": trace})
-    with ThreadPoolExecutor(1) as beside:  # the exact method keeps one core busy
-        phases = beside.submit(simulated_over_phases, basis, options.elastic_belts, options.rate, options.step)
-        response, other = simulate_motion(
-            basis.arm,
-            basis.motion,
-            loads=basis.loads,
-            method=options.method or ("fast" if posterior else "both"),
-            elastic_belts=options.elastic_belts,
-            rate=options.rate,
-            step=options.step,
-            progress=progress("exact method"),
-        )
-    is_whole = (other or response).interrupted is None
-    if is_whole and response.model.elastic and (basis.draws or response.method == "fast"):
+    response, other = simulate_motion(
+        basis.arm,
+        basis.motion,
+        loads=basis.loads,
+        method=options.method or ("fast" if posterior else "both"),
+        elastic_belts=options.elastic_belts,
+        rate=options.rate,
+        step=options.step,
+    )
+    if response.model.elastic and (basis.draws or response.method == "fast"):
         refuse_slack(response, [belt.name for belt in basis.arm.belts])
     simulation = Simulation(
         basis,
@@ -234,10 +221,10 @@ def simulate(
         options.tolerance / 1e3,
         options.at,
         None if options.limit is None else options.limit / 1e3,
-        _draws(basis, options, progress) if is_whole else None,
+        _draws(basis, options, progress),
         trace,
-        _compared(response, trace, options.band, is_whole) if trace else None,
-        phases.result() if is_whole else None,
+        against(response, trace.time, trace.values, trace.kind, options.band) if trace else None,
+        simulated_over_phases(basis, options.elastic_belts, options.rate, options.step),
     )
     return SimulateResult(simulation, options)
 
@@ -259,20 +246,6 @@ def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Dra
         measure=how,
         progress=progress("draws"),
     )
-
-
-def _compared(
-    response: "Response", measured: "Trace", band: tuple[float, float], is_whole: bool
-) -> "dict[str, Comparison] | None":
-    """Compare with a trace; what an interruption has left may be too short for it."""
-    from ident.vibrate.study import against
-
-    try:
-        return against(response, measured.time, measured.values, measured.kind, band)
-    except InputError:
-        if is_whole:
-            raise
-        return None
 
 
 def _check_time(at: float | None, basis: "Basis") -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import ModelError, refusal
+from ident.programs import Progress
 from ident.vibrate.design_search import Requirements, Search, minimum_change
 from ident.vibrate.evaluator import (
     BinomialEstimate,
@@ -18,7 +19,6 @@ from ident.vibrate.evaluator import (
     check,
     side_by_side,
 )
-from ident.vibrate.exact import Progress
 from ident.vibrate.simulate import simulate
 
 STARTS = 3

@@ -18,10 +18,9 @@ from ident.arm.fields import COMPONENTS, field_of
 from ident.arm.mechanics import deflection, static_equilibrium
 from ident.arm.modes import lowest_eigenpairs, to_hertz
 from ident.errors import ModelError, Problem, refusal, refuse
-from ident.programs import AnyArray, cores, jit, library
+from ident.programs import AnyArray, Progress, cores, jit, library
 from ident.text import did_you_mean
-from ident.vibrate.exact import Progress
-from ident.vibrate.fast import Fast, FastMethod, Linearised, at_once, numbers_of, step_for, vibrations
+from ident.vibrate.fast import Fast, FastMethod, Linearised, at_once, numbers_of, refuse_collapse, step_for, vibrations
 from ident.vibrate.linear import TimeIntervals, some_at_a_time
 from ident.vibrate.motion import Motion
 from ident.vibrate.simulate import (
@@ -32,7 +31,6 @@ from ident.vibrate.simulate import (
     fast_method,
     largest_over_phases,
     parts_of,
-    refuse_collapse,
     rms_over_phases,
     sets_of,
     superposition,

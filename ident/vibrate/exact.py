@@ -1,192 +1,220 @@
-"""The exact equations of motion integrated in time, with error control. The only module with diffrax."""
+"""The exact equations of motion integrated in time, with error control.
 
-from collections.abc import Callable, Iterable, Iterator
+The coordinates are y = y_r(t) + x, with y_r and the linearised equations as in `fast`. At the stages of each step of
+Gauss's method, of order six,
+
+    residual(y, dy/dt, d2y/dt2) = 0
+
+is solved by Newton's method for some steps together: the residual that is left excites the linearised equations, whose
+solution is the correction. These derivatives are not those of the exact equations, so corrections shrink by a constant
+factor, some hundred on the paper's arm; what they converge to is exact. Steps are halved until that does not change.
+
+References:
+    Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods).
+    Deuflhard, "Newton Methods for Nonlinear Problems", 2004, section 2.1 (simplified Newton method).
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ident.arm.linalg import solve_positive
-from ident.arm.multibody import Command, Multibody, residual
-from ident.errors import ConvergenceError, ModelError
-from ident.programs import LONG_LOOPS, RUNS_ONCE, AnyArray, jit
-from ident.vibrate.motion import Motion
+from ident.arm.arm import Arm
+from ident.arm.multibody import residual
+from ident.errors import ConvergenceError
+from ident.programs import LONG_LOOPS, AnyArray, concrete, jit
+from ident.vibrate.fast import (
+    Fast,
+    FastMethod,
+    Linearised,
+    Solution,
+    by_stage,
+    linearised_for,
+    numbers_of,
+    refuse_collapse,
+    repeated,
+    sampled_for,
+    stepped,
+)
+from ident.vibrate.linear import (
+    A2,
+    FEWEST,
+    GAUSS,
+    STAGES,
+    STEPS,
+    A,
+    Linear,
+    advance,
+    initial_equilibrium,
+    interpolate,
+    weights,
+    where,
+)
+from ident.vibrate.motion import Motion, command
 
-MAX_STEPS = 2_000_000
-"""Steps of a section at most."""
-EXPLICIT_STEPS = 20_000
-"""Steps for a second of motion, by the stability of an explicit method, above which an implicit one takes less time."""
-REACH = 3.0
-"""Largest |rate| times step at which an explicit method of order eight stays stable, about."""
-OMEGA = 2 * np.pi * 10
-"""Rates are weighed against coordinates as at this frequency [rad/s]."""
-NEAR = 1e-6
-"""Differences of the state [rad, rad/s] by which derivatives are estimated: they choose the method only."""
-SAMPLES = 250
-"""Times of a section, after each of which progress is shown and the solution so far can be returned."""
+RTOL, ATOL = 1e-6, 1e-10
+"""By how much halving the steps may change the coordinates: relative to their largest change over the motion, and
+[rad]. What is returned errs some 60 times less, by the order of the method; 5 to 10 times less where a spring breaks or
+a belt goes slack, which costs the order."""
+HALVINGS = 10
+"""How often the steps are halved at most."""
+CORRECTION = 1e-12
+"""Largest correction of coordinates [rad] that ends Newton's method."""
+CORRECTIONS = 60
+"""Corrections at most; where a spring is curved or a belt goes slack some ten are needed, else three."""
+EDGES = weights(np.array([0.0, 1.0]))[:2]
+"""Weights of the nodes for value and slope at both ends of an interval."""
 
-
-Progress = Callable[[Iterable[int]], Iterator[int]]
-"""Shows how far a loop is that runs over the numbers."""
-
-
-class Exact(NamedTuple):
-    """A solution of the exact equations.
-
-    Attributes:
-        y: (n, T) coordinates, see `kinematics`.
-        yd: (n, T) their rates [1/s]
-        steps: steps taken.
-        method: name of the method.
-        interrupted: [s] until when it was solved before the user stopped it; None if to the end.
-    """
-
-    y: Float[np.ndarray, "n T"]
-    yd: Float[np.ndarray, "n T"]
-    steps: int
-    method: str
-    interrupted: float | None = None
-
-
-def acceleration(model: Multibody, command: Command, y: Array, yd: Array) -> Float[Array, "n"]:
-    """Solve M(y) d2y/dt2 = -h(y, dy/dt, t) for the accelerations [rad/s^2].
-
-    The residual is affine in the accelerations, so that all columns of M and h come from one evaluation at none and
-    each of the unit accelerations.
-
-    Args:
-        model: gathered with `rank=1`.
-        command: of the motors, (driven,) each.
-        y: (n,) coordinates.
-        yd: (n,) their rates.
-    """
-    n = y.shape[0]
-    wide = Command(*(part[:, None] for part in command))
-    unit_accelerations = jnp.concatenate([jnp.zeros((n, 1)), jnp.eye(n)], 1)
-    R = residual(model, wide, y[:, None], yd[:, None], unit_accelerations)
-    h = R[:, 0]
-    return solve_positive(R[:, 1:] - h[:, None], -h)
+State = tuple[AnyArray, AnyArray]
+"""Coordinates and their rates, (n,) each [rad, rad/s]."""
 
 
 def integrate(
-    model: Multibody,
+    arm: Arm,
     motion: Motion,
-    start: tuple[AnyArray, AnyArray],
-    times: Float[np.ndarray, "T"],
+    method: Callable[[float], FastMethod],
+    step: float,
+    start: State | None = None,
     *,
-    rtol: float = 1e-7,
-    atol: float = 1e-10,
-    max_steps: int = MAX_STEPS,
-    progress: Progress = iter,
-) -> Exact:
-    """Integrate from rest or any other state; the first of the times is the start.
-
-    An explicit method of order eight (Dormand, Prince) where its stability allows, else an implicit one of order five
-    (Kvaerno); step sizes by error control, with a new start at each break of the motion.
+    rtol: float = RTOL,
+    atol: float = ATOL,
+    halvings: int = HALVINGS,
+) -> Solution:
+    """Integrate with steps halved until the solution does not change.
 
     Args:
-        model: gathered with `rank=1`, without batch axes of the arm's numbers.
+        arm: the arm, without batch axes.
         motion: the commanded motion.
-        start: coordinates and their rates, (n,) each.
-        times: increasing times at which the solution is wanted [s].
-        rtol: relative tolerance of each step.
-        atol: absolute tolerance of the coordinates [rad]; that of the rates is OMEGA as large.
-        max_steps: steps of a section at which the integrator gives up.
-        progress: shows how far it is, over the sections of the time span.
-
-    Returns:
-        The solution; where the user interrupts, up to the section before, which it says.
+        method: gives the fast method for steps of a length [s].
+        step: length of the first steps [s].
+        start: at the first break of the motion; at rest in equilibrium when None.
+        rtol: largest change of coordinates by the last halving, relative to that over the motion.
+        atol: the same [rad], which is added.
+        halvings: of the steps at most.
 
     Raises:
+        ModelError: the arm collapses.
         ConvergenceError: the tolerance cannot be met.
-
-    References:
-        Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.5, II.10.
-        Kvaerno, "Singly diagonally implicit Runge-Kutta methods with an explicit first stage", BIT 44, 2004.
     """
-    if not np.isfinite(np.asarray(start[0])).all():
-        raise ModelError(
-            "the arm has no stable equilibrium where the motion starts; check stiffnesses, masses and units"
+    coarse = solved(arm, method(step), start)
+    refuse_collapse(motion, coarse.quasi_static)
+    for halving in range(1, halvings + 1):
+        fine = solved(arm, method(step / 2**halving), start)
+        change, size = np.abs(fine.y - coarse.y).max(), np.abs(fine.y - fine.y[:, :1]).max()
+        if change <= atol + rtol * size:
+            return fine
+        coarse = fine
+    raise ConvergenceError(
+        f"the simulation of {motion.name} cannot meet its tolerance with steps down to {step / 2**halvings:.2g} s; "
+        "check stiffness, damping and motion"
+    )
+
+
+def solved(arm: Arm, method: FastMethod, start: State | None = None) -> Solution:
+    """Solve with the steps of a fast method, some intervals at a time, so that one program serves any number.
+
+    NaN stands from where on Newton's method does not converge.
+
+    Args:
+        arm: the arm, without batch axes.
+        method: the fast method for it.
+        start: see `integrate`.
+    """
+    values: dict[str, Any] = {path: np.asarray(x, float) for path, x in numbers_of(arm).items()}
+    time, grid, parts = np.asarray(method.time)[: int(method.samples)], method.grid, []
+    firsts = range(0, int(np.isfinite(grid.start).sum()), FEWEST)
+    times = np.split(time, np.searchsorted(time, grid.start[list(firsts[1:])]))
+    at_rest = start is None
+    state: AnyArray = np.zeros(0) if start is None else np.concatenate(start)
+    for first, within in zip(firsts, times, strict=True):
+        some = slice(first, first + FEWEST)
+        part = replace(
+            method,
+            grid=grid._replace(start=grid.start[some], step=grid.step[some]),
+            time=repeated(within if len(within) else time[:1]),
+            samples=np.asarray(len(within)),
         )
-    fastest = np.abs(np.linalg.eigvals(np.asarray(_linear(model, motion, start)))).max()  # rate at the start [1/s]
-    method = "Dopri8" if float(fastest / REACH) < EXPLICIT_STEPS else "Kvaerno5"
-    parts, steps, interrupted = [tuple(np.asarray(part)[:, None] for part in start)], 0, None
-    sections, tolerances = _sections(times), (np.asarray(rtol), np.asarray(atol))
-    try:
-        for k in progress(range(len(sections))):
-            state = parts[-1][0][:, -1], parts[-1][1][:, -1]
-            answer = _solve(model, motion, state, sections[k], *tolerances, method, max_steps)
-            solved, y, yd, took = map(np.asarray, answer)
-            if not solved:
-                raise ConvergenceError(
-                    f"the simulation cannot meet its tolerance from {sections[k][0]:.4g} to {sections[k][-1]:.4g} s; "
-                    "loosen the tolerance, or check stiffness, damping and motion there"
-                )
-            parts.append((y[:, 1:], yd[:, 1:]))
-            steps += int(took)
-    except KeyboardInterrupt:
-        reached = (len(parts) - 1) * SAMPLES
-        interrupted = float(times[reached]) if reached < len(times) - 1 else None
-    y, yd = (np.concatenate(part, 1)[:, : len(times)] for part in zip(*parts, strict=True))
-    return Exact(y, yd, steps, method, interrupted)
+        linear = linearised_for(arm, values, part)
+        state = np.zeros(2 * linear.equations.quasi_static.shape[1]) if at_rest else state
+        here, state = _solved(arm, values, part, linear, np.asarray(at_rest), state)
+        at_rest = False
+        parts.append(concrete(sampled_for(arm, values, {}, part, linear, here, FastMethod.solution)))
 
+    def joined(*sampled: np.ndarray) -> np.ndarray:
+        return np.concatenate([x[0, ..., : len(within)] for x, within in zip(sampled, times, strict=True)], -1)
 
-def _sections(times: Float[np.ndarray, "T"]) -> list[np.ndarray]:
-    """Cut the times into sections of equal length, each beginning where the one before ends; the last may overhang."""
-    count = -(-(len(times) - 1) // SAMPLES)
-    beyond = times[-1] + (times[-1] - times[-2]) * np.arange(1, count * SAMPLES + 2 - len(times))
-    whole = np.concatenate([times, beyond])
-    return [whole[k * SAMPLES : (k + 1) * SAMPLES + 1] for k in range(count)]
-
-
-@partial(jit, options=RUNS_ONCE)
-def _linear(model: Multibody, motion: Motion, start: tuple[AnyArray, AnyArray]) -> Float[Array, "state state"]:
-    """Return the derivatives of the rates at the start by the state there, by differences."""
-    command = Command(*motion(motion.breaks[0]))
-
-    def rates(state: Array) -> Array:
-        y, yd = jnp.split(state, 2)
-        return jnp.concatenate([yd, acceleration(model, command, y, yd)])
-
-    state = jnp.concatenate(start)
-    moved = jax.vmap(rates)(state + NEAR * jnp.eye(len(state) + 1, len(state)))
-    return (moved[:-1] - moved[-1]).T / NEAR
+    whole: Solution = jax.tree.map(joined, *parts)
+    return whole
 
 
 @partial(jit, options=LONG_LOOPS)
-def _solve(
-    model: Multibody,
-    motion: Motion,
-    start: tuple[AnyArray, AnyArray],
-    times: AnyArray,
-    rtol: AnyArray,
-    atol: AnyArray,
-    method: str,
-    max_steps: int,
-) -> tuple[Array, Array, Array, Array]:
-    import diffrax  # a program that is known needs no solver
+def _solved(
+    arm: Arm, values: dict[str, Any], method: FastMethod, linear: Linearised, at_rest: AnyArray, state: AnyArray
+) -> tuple[Fast, Array]:
+    """Return the solution within a grid, behind an axis of one as `sampled_for` takes it, and the state at its end."""
+    arm = arm.replace(values)
+    model, motion, grid, at = method.model(arm), method.motion, method.grid, method.weights
+    n, chunks = model.size, jax.tree.map(jnp.asarray, (at.within, at.middles, at.in_steps, at.stages))
 
-    def rates(t: Any, state: tuple[Array, Array], _: Any) -> tuple[Array, Array]:
-        y, v = state
-        return OMEGA * v, acceleration(model, Command(*motion(t)), y, OMEGA * v) / OMEGA
+    def from_rest(state: Array) -> Array:
+        y, K = (interpolate(part[0], EDGES[0][:, :1])[..., 0] for part in (linear.equations[0], linear.equations.K))
+        return jnp.concatenate([initial_equilibrium(model, motion, y, K), jnp.zeros(n)])
 
-    y, yd = start
-    control = diffrax.PIDController(rtol=rtol, atol=atol)
-    solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(rates),
-        getattr(diffrax, method)(),
-        times[0],
-        times[-1],
-        None,
-        (y, yd / OMEGA),
-        saveat=diffrax.SaveAt(ts=jnp.asarray(times)),
-        stepsize_controller=diffrax.ClipStepSizeController(control, jump_ts=jnp.asarray(motion.breaks)),
-        max_steps=max_steps,
-        throw=False,
-    )
-    successful = solution.result == diffrax.RESULTS.successful
-    y, v = (part.T for part in solution.ys)
-    return successful, y, OMEGA * v, solution.stats["num_accepted_steps"]
+    def interval(state: Array, given: tuple[Array, Array, Linear]) -> tuple[Array, tuple]:
+        start, h, here = given
+        value, slope = (interpolate(here.quasi_static, W) for W in EDGES)
+        reference = jnp.concatenate([value, slope / (h * at.steps)])  # y_r and its rate at both ends
+        push = advance(h, n)[1]
+
+        def some_steps(z: Array, given: tuple[Array, ...]) -> tuple[Array, tuple]:
+            within, middles, in_steps, stages = given
+            real, commanded = within < at.steps, command(model, motion, start + h * in_steps)
+            line = [interpolate(here.quasi_static, stages[k]) / (h * at.steps) ** k for k in range(3)]
+
+            def corrected(now: tuple) -> tuple:
+                count, size, (z, states, a), shift = now
+                off = residual(model, commanded, *(y + x for y, x in zip(line, _at_stages(h, states, a), strict=True)))
+                more = stepped(here, middles, real, push, shift, by_stage(-off))
+                size = jnp.abs(more[1][:, :n]).max() + h * h * jnp.abs(jnp.where(real[:, None], more[2], 0.0)).max()
+                return count + 1, size, jax.tree.map(jnp.add, (z, states, a), more), jnp.zeros_like(shift)
+
+            def go_on(now: tuple) -> Array:
+                return (now[1] > CORRECTION) & (now[0] < CORRECTIONS)
+
+            none = jnp.zeros(2 * n), *(jnp.zeros((STEPS, row)) for row in rows)
+            _, size, found, _ = jax.lax.while_loop(go_on, corrected, (0, jnp.inf, none, z))
+            z, *parts = jax.tree.map(lambda x: jnp.where(size <= CORRECTION, x, jnp.nan), found)
+            return z, tuple(parts)
+
+        real = where(lambda given: given[0][0] < at.steps, some_steps, *((STEPS, row) for row in rows))
+        parts: tuple[Array, ...]
+        z, parts = jax.lax.scan(real, state - reference[:, 0], chunks)
+        return z + reference[:, 1], tuple(part.reshape((-1, part.shape[-1])) for part in parts)
+
+    rows = 2 * n, STAGES * n
+    times = jnp.asarray(grid.start), jnp.asarray(grid.step)
+    real = where(lambda given: jnp.isfinite(given[0]), interval, *((at.within.size, row) for row in rows))
+    first: Array = jax.lax.cond(at_rest, from_rest, lambda state: state, jnp.asarray(state))
+    last: Array
+    states: Array
+    a: Array
+    last, (states, a) = jax.lax.scan(real, first, (*times, linear.equations))
+    x, v = jnp.split(states, 2, -1)
+    whole = Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), linear.equations.quasi_static)
+    return jax.tree.map(lambda x: x[None], whole), last
+
+
+def _at_stages(
+    h: Array, states: Float[Array, "S state"], a: Float[Array, "S stages"]
+) -> list[Float[Array, "n places"]]:
+    """Return x and its two derivatives at the stages of some steps, by the states at their starts, in order of time."""
+    a = a.reshape((len(a), STAGES, -1))
+    x, v = (part[:, None] for part in jnp.split(states, 2, 1))
+    once, twice = (jnp.einsum("ij,sjn->sin", jnp.asarray(W), a) for W in (A, A2))
+    at = x + h * GAUSS[:, None] * v + h * h * twice, v + h * once, a
+    return [part.reshape((-1, part.shape[-1])).T for part in at]

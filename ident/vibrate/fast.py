@@ -47,7 +47,7 @@ from ident.arm.multibody import (
 )
 from ident.arm.parts import Spring
 from ident.arm.rotations import matvec
-from ident.errors import InputError, Problem
+from ident.errors import InputError, ModelError, Problem
 from ident.programs import LONG_LOOPS, AnyArray, concrete, cores, is_traced, jit
 from ident.vibrate.linear import (
     ONCE,
@@ -123,6 +123,19 @@ def refuse_curved(arm: Arm, missed: AnyArray | None) -> None:
         expected = f"{MISSED:g} at most, where springs are taken as straight about the quasi-static deflection"
         remedy = "simulate by the exact method (`method` exact), or take its [[spring]] out"
         raise LeavesTangentError(Problem(arm.name, got, expected, remedy))
+
+
+def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
+    """Refuse a displacement that is NaN; under `jit` or `grad` it may be.
+
+    Raises:
+        ModelError: the arm collapses.
+    """
+    if not isinstance(displacement, jax.core.Tracer) and not np.isfinite(np.asarray(displacement)).all():
+        raise ModelError(
+            f"no response to {motion.name}: the arm has no stable equilibrium somewhere along it; "
+            "check stiffnesses, masses and their units"
+        )
 
 
 def passages(arm: Arm, response: Response) -> tuple[Passage, ...]:
@@ -230,14 +243,8 @@ def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeigh
         def some_steps(z: Array, given: tuple[Array, ...]) -> tuple[Array, tuple]:
             within, middles, in_steps, stages = given
             f = _excitation(model, motion, here, stages, start + h * in_steps, h * at.steps)
-            own = _at_middles(middles, here.yields @ f)
-
-            def step(z: Array, given: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-                share, kick, real = given
-                return jnp.where(real, jnp.tensordot(share, here.along, 1) @ z + kick, z), z
-
-            z, states = jax.lax.scan(step, z, (middles.T, (push @ own).T, within < at.steps))
-            return z, (states, (_at_middles(middles, here.gain @ states.T) + own).T)
+            z, states, a = stepped(here, middles, within < at.steps, push, z, f)
+            return z, (states, a)
 
         parts: tuple[Array, ...]
         z = jax.lax.cond(start == first, begin, go_on, z)
@@ -254,6 +261,32 @@ def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeigh
     states, a = jax.lax.scan(real, rest, (*times, linear))[1]
     x, v = jnp.split(states, 2, -1)
     return Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), linear.quasi_static)
+
+
+def stepped(
+    linear: Linear, middles: Float[Array, "m S"], real: Array, push: Array, z: Array, f: Float[Array, "stages S"]
+) -> tuple[Array, Float[Array, "S state"], Float[Array, "S stages"]]:
+    """Integrate the linearised equations over some steps of an interval, which are real first.
+
+    Args:
+        linear: the equations within the interval.
+        middles: weights of its nodes for the middles of the steps.
+        real: (S,) which steps are.
+        push: of the state by the stages' accelerations, see `advance`.
+        z: (state,) x and dx/dt at the start of the first step.
+        f: what excites at the stages of each step.
+
+    Returns:
+        The state at the end of the last real step, that at the start of each, and the accelerations at its stages.
+    """
+    own = _at_middles(middles, linear.yields @ f)
+
+    def step(z: Array, given: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        share, kick, real = given
+        return jnp.where(real, jnp.tensordot(share, linear.along, 1) @ z + kick, z), z
+
+    z, states = jax.lax.scan(step, z, (middles.T, (push @ own).T, real))
+    return z, states, (_at_middles(middles, linear.gain @ states.T) + own).T
 
 
 def _at_middles(middles: Float[Array, "m S"], x: Float[Array, "m k S"]) -> Float[Array, "k S"]:
@@ -273,7 +306,12 @@ def _excitation(
     f = interpolate(linear.residual, stages[0]) + turned
     for by_pin, deviation in zip(linear.by_pin, transmission_error(model, turning), strict=False):
         f = f + matvec(interpolate(by_pin, stages[0]), deviation)
-    return -jnp.concatenate([f[:, stage::STAGES] for stage in range(STAGES)])
+    return by_stage(-f)
+
+
+def by_stage(f: Float[Array, "n places"]) -> Float[Array, "stages S"]:
+    """Return values at the stages of some steps, in the order of time, with those of a step one above the other."""
+    return jnp.concatenate([f[:, stage::STAGES] for stage in range(STAGES)])
 
 
 # -------- Fast method
@@ -391,24 +429,12 @@ class FastMethod(eqx.Module):
         return jnp.concatenate(beyond_tangent(model, bushing_rotations(model, rest), bushing_rotations(model, y)))
 
 
-def by_time(f: Callable[..., Any], time: Array, *more: Array) -> Any:
-    """Return what f gives for times and what belongs to them, some together, none that are repeated."""
+def by_time(f: Callable[[Array], Any], time: Array) -> Any:
+    """Return what f gives for times, some together, none that are repeated."""
     chunks = time.reshape((-1, TOGETHER))
     real = chunks[:, 0] > jnp.concatenate([jnp.full(1, -jnp.inf), chunks[:-1, -1]])
-    with_times = [jnp.moveaxis(x.reshape((x.shape[0], *chunks.shape)), 1, 0) for x in more]
-    whole = in_chunks(f, (chunks, *with_times), real)
+    whole = in_chunks(f, (chunks,), real)
     return jax.tree.map(lambda part: jnp.moveaxis(part, 0, 1).reshape((part.shape[1], -1)), whole)
-
-
-@jit
-def displacement(model: Multibody, motion: Motion, time: Times, y: AnyArray) -> Float[Array, "3 T"]:
-    """Return how far the end point is from its path."""
-
-    def at(time: Array, y: Array) -> Array:
-        return end_point_of(model, motion, time, y)[1]
-
-    moved: Array = by_time(at, jnp.asarray(time), jnp.asarray(y))
-    return moved
 
 
 def repeated(time: Float[np.ndarray, "T"]) -> Float[np.ndarray, "more"]:
@@ -509,7 +535,7 @@ def each_of(
         filled = [*some, *[some[0]] * (most - len(some))]  # one program for all shares
         turned: dict[str, AnyArray] = {path: np.array([own.get(path, OWN) for own in filled]) for path in paths}
         response = _excited(arm, values, turned, solve, linear)
-        kept = concrete(_sampled(arm, values, turned, solve, linear, response, keep))
+        kept = concrete(sampled_for(arm, values, turned, solve, linear, response, keep))
         return jax.tree.map(lambda x: np.moveaxis(x[: len(some), ..., :samples], 0, -1), kept)
 
     def gathered(of_shares: Sequence[Any]) -> Any:
@@ -586,7 +612,7 @@ def _excited(
 
 
 @partial(jit, options=LONG_LOOPS)
-def _sampled(
+def sampled_for(
     arm: Arm,
     values: dict[str, Array],
     sets: dict[str, AnyArray],

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
+from ident.arm.linalg import solve_positive
 from ident.arm.multibody import (
     Command,
     Multibody,
@@ -20,13 +21,13 @@ from ident.arm.multibody import (
     drive_torques,
     kinematics,
     pins,
+    residual,
     stretch,
     tensions,
 )
 from ident.arm.rotations import matvec
 from ident.errors import refusal
 from ident.programs import AnyArray, concrete, jit, library
-from ident.vibrate.exact import acceleration
 from ident.vibrate.linear import quasi_static_deflection
 from ident.vibrate.motion import Motion, command
 
@@ -46,7 +47,6 @@ class Response(eqx.Module):
         displacement: (3, T, *batch) [m] of the end point from that path, in the base frame.
         quasi_static: (3, T, *batch) [m] quasi-static deflection, the part of it at static equilibrium.
         method: how it was computed.
-        interrupted: [s] until when it was solved before the user stopped it; None if to the end.
     """
 
     model: Multibody
@@ -58,7 +58,6 @@ class Response(eqx.Module):
     displacement: Vibration
     quasi_static: Vibration
     method: str = eqx.field(static=True)
-    interrupted: float | None = eqx.field(static=True, default=None)
 
     @property
     def vibration(self) -> Vibration:
@@ -183,6 +182,26 @@ def _of_rigid_belts(model: Multibody, commanded: Command, *state: AnyArray) -> F
         tension[b] = torque[driven] / model.belts.radius[1, b] / 2
         torque[driver] = torque[driver] + 2 * tension[b] * model.belts.radius[0, b]
     return model.belts.pretension + jnp.stack([jnp.stack(tension), -jnp.stack(tension)])
+
+
+def acceleration(model: Multibody, command: Command, y: Array, yd: Array) -> Float[Array, "n"]:
+    """Solve M(y) d2y/dt2 = -h(y, dy/dt, t) for the accelerations [rad/s^2].
+
+    The residual is affine in the accelerations, so that all columns of M and h come from one evaluation at none and
+    each of the unit accelerations.
+
+    Args:
+        model: gathered with `rank=1`.
+        command: of the motors, (driven,) each.
+        y: (n,) coordinates.
+        yd: (n,) their rates.
+    """
+    n = y.shape[0]
+    wide = Command(*(part[:, None] for part in command))
+    unit_accelerations = jnp.concatenate([jnp.zeros((n, 1)), jnp.eye(n)], 1)
+    R = residual(model, wide, y[:, None], yd[:, None], unit_accelerations)
+    h = R[:, 0]
+    return solve_positive(R[:, 1:] - h[:, None], -h)
 
 
 def slack(time: Float[AnyArray, "T"], tension: Float[AnyArray, "2 B T"]) -> Iterator[tuple[int, str, float, float]]:

@@ -31,9 +31,8 @@ from ident.arm.modes import natural_frequencies
 from ident.arm.multibody import orders_of
 from ident.arm.parts import Stroke
 from ident.errors import ModelError, refusal
-from ident.programs import AnyArray, jit
+from ident.programs import AnyArray, Progress, jit
 from ident.vibrate.evaluator import Evaluator
-from ident.vibrate.exact import Progress
 from ident.vibrate.motion import Motion
 from ident.vibrate.replay import DEGREE
 from ident.vibrate.shaping import averaged

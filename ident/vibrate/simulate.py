@@ -13,17 +13,16 @@ from jaxtyping import Bool, Float, Int
 from ident.arm.arm import Arm, nominal
 from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, exciting_orders, has_transmission_error, multibody
-from ident.errors import ModelError, refusal
+from ident.errors import refusal
 from ident.programs import RUNS_ONCE, AnyArray, jit, library
 from ident.text import did_you_mean, quoted
 from ident.vibrate import exact, fast
-from ident.vibrate.exact import Progress
 from ident.vibrate.fast import (
     FastMethod,
     Solution,
-    displacement,
     each_of,
     numbers_of,
+    refuse_collapse,
     refuse_curved,
     repeated,
     vibrations,
@@ -52,7 +51,6 @@ def simulate(
     elastic_belts: bool = False,
     rate: float = RATE,
     step: float | None = None,
-    progress: Progress = iter,
 ) -> Response:
     """Simulate an arm from rest through a motion.
 
@@ -65,8 +63,7 @@ def simulate(
         method: `fast`, linearised about the quasi-static deflection of the moving arm, or `exact`.
         elastic_belts: whether belts stretch; otherwise the pins follow the motors.
         rate: samples a second.
-        step: longest time step of the fast method [s]; see `fast.step_for` when None.
-        progress: shows progress of the exact method, section by section.
+        step: longest time step [s], which the exact method halves as needed; see `fast.step_for` when None.
 
     Raises:
         InputError: no such method, a rate or step out of range, an arm without a named point, the exact method for
@@ -75,50 +72,17 @@ def simulate(
     """
     _check_method(method, arm.batch)
     _check(arm, rate, step)
-    response, missed = _by_fast_method(arm, motion, loads, elastic_belts, rate, step)
-    if method == "exact":
-        return exactly(response, progress)
-    refuse_curved(arm, missed)
-    return response
-
-
-def exactly(response: Response, progress: Progress = iter) -> Response:
-    """Simulate by the exact method what was simulated by the fast one, from where that starts.
-
-    Args:
-        response: by the fast method, without batch axes.
-        progress: shows how far it is, section by section.
-
-    Returns:
-        The response; where the user interrupts, up to then, which it says.
-
-    Raises:
-        InputError: a batch.
-        ModelError: the tolerance cannot be met.
-    """
-    _check_method("exact", response.y.shape[2:])
-    model, motion, time = response.model, response.motion, np.asarray(response.time)
-    start = np.asarray(response.y[:, 0])
-    solved = exact.integrate(model, filled_up(motion), (start, np.zeros_like(start)), time, progress=progress)
-    y, count = np.asarray(solved.y), solved.y.shape[1]
-    times = repeated(time)
-    whole = np.pad(y, ((0, 0), (0, len(times) - count)), mode="edge")
-    moved = np.asarray(displacement(model, filled_up(motion), np.minimum(times, time[count - 1]), whole))
-    path, displaced, static = (part[:, :count] for part in (response.path, moved, response.quasi_static))
-    return Response(model, motion, time[:count], y, solved.yd, path, displaced, static, "exact", solved.interrupted)
-
-
-def _by_fast_method(
-    arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float, step: float | None
-) -> tuple[Response, AnyArray | None]:
-    """Simulate by the fast method, and return by how much springs that are curved leave their tangents."""
     time, batch = sample_times(motion, rate), arm.batch
-    solution = _whole(arm, fast_method(arm, motion, loads, elastic, rate, step))
-    refuse_collapse(motion, solution.displacement)
-    model = _multibody(arm, loads, 1 + len(batch), elastic, has_transmission_error(arm))
-    y, yd, path, displacement, static = solution[:5]
-    path = path.reshape((3, len(time), -1))[..., 0]
-    return Response(model, motion, time, y, yd, path, displacement, static, "fast"), solution.missed
+    if method == "exact":
+        setup = partial(fast_method, arm, motion, loads, elastic_belts, rate)
+        solution = exact.integrate(arm, motion, setup, fast.step_for(arm, motion) / 2 if step is None else step)
+    else:
+        solution = _whole(arm, fast_method(arm, motion, loads, elastic_belts, rate, step))
+        refuse_collapse(motion, solution.displacement)
+        refuse_curved(arm, solution.missed)
+    model = _multibody(arm, loads, 1 + len(batch), elastic_belts, has_transmission_error(arm))
+    path = solution.path.reshape((3, len(time), -1))[..., 0]
+    return Response(model, motion, time, *solution[:2], path, *solution[3:5], method)
 
 
 def _whole(arm: Arm, solve: FastMethod) -> Solution:
@@ -203,19 +167,6 @@ def refuse_jumps(arm: Arm, motion: Motion) -> None:
         got = f"a jump of {name}'s speed by {np.rad2deg(jumps[piece, joint]):.4g} deg/s at {motion.breaks[piece]:.4g} s"
         remedy = "let a path begin at rest, and smooth a log (`smoothing`)"
         raise refusal(motion.name, got, "a motion from rest without such jumps", remedy)
-
-
-def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
-    """Refuse a displacement that is NaN; under `jit` or `grad` it may be.
-
-    Raises:
-        ModelError: the arm collapses.
-    """
-    if not isinstance(displacement, jax.core.Tracer) and not np.isfinite(np.asarray(displacement)).all():
-        raise ModelError(
-            f"no response to {motion.name}: the arm has no stable equilibrium somewhere along it; "
-            "check stiffnesses, masses and their units"
-        )
 
 
 @partial(jit, options=RUNS_ONCE)

@@ -43,7 +43,7 @@ from ident.errors import refusal
 from ident.text import quoted
 from ident.vibrate.source_identification import RIDGE, whitened
 from ident.vibrate.source_problem import Channel, Place, SourceProblem
-from ident.vibrate.sources import Response, Run
+from ident.vibrate.sources import Response, Run, path_of
 
 CAUSES = ("imbalance", "error", "mesh", "finger", "line")
 """Causes that compete."""
@@ -295,11 +295,13 @@ def _rows(problem: SourceProblem, place: Place, responses: Sequence[Response], p
 
 def _driving(problem: SourceProblem, place: Place, responses: Sequence[Response]) -> Iterator[np.ndarray]:
     """Yield of each channel the acceleration along its sensor (T,) [m/s^2], at the times of its response."""
+    arm = problem.arm_at(place)
     for channel in problem.channels:
         response = responses[channel.run]
         weights = np.append(1.0, problem.parts_of(channel.run, place).ravel())
-        every = response.moved[response.run.sensors[channel.sensor].point]
-        moved = make_interp_spline(response.time, ((every[:3] + every[3:6]) @ weights).T, k=5)(response.time, nu=2)
+        point = response.run.sensors[channel.sensor].point
+        moved = response.moved[point][:3] @ weights + path_of(arm, response.run, point)
+        moved = make_interp_spline(response.time, moved.T, k=5)(response.time, nu=2)
         yield np.einsum("ti,it->t", moved, response.directions[channel.sensor])
 
 

@@ -19,10 +19,10 @@ from ident.arm.chain import Loads, at_posture
 from ident.arm.multibody import ERROR, IMBALANCE, ExcitingOrder
 from ident.arm.parts import Point
 from ident.errors import refusal
-from ident.vibrate.fast import Fast, FastMethod, Linearised, by_time, each_of, end_point_of, numbers_of
+from ident.vibrate.fast import Fast, FastMethod, Linearised, by_time, each_of, end_point_of, numbers_of, refuse_collapse
 from ident.vibrate.linear import between_nodes
 from ident.vibrate.motion import Motion
-from ident.vibrate.simulate import fast_method, parts_of, refuse_collapse, sets_of
+from ident.vibrate.simulate import fast_method, parts_of, sets_of, simulate
 
 RATE = 250.0
 """Samples a second at which responses are computed; between them a quintic spline errs by 1e-4 of a second derivative
@@ -104,8 +104,8 @@ class Response:
     Attributes:
         run: the run.
         time: (T,) [s] from the start of the motion.
-        moved: by point: (6, T, K) [m] vibration, and path with quasi-static deflection, of K members; at a point with
-            an accelerometer 3 rows more [m/s^2]: what gravity and tilt add to the acceleration.
+        moved: by point: (3, T, K) [m] vibration of K members; at a point with an accelerometer 6 rows more: path with
+            quasi-static deflection [m], and what gravity and tilt add to the acceleration [m/s^2].
         directions: of each sensor, (3, T) in the base frame.
     """
 
@@ -197,6 +197,12 @@ def changed_responses(
     return _response(with_units(arm, sources), run, [excited_by(sources, parts)], numbers)
 
 
+def path_of(arm: Arm, run: Run, point: str) -> Float[np.ndarray, "3 T"]:
+    """Return the path of a point with its quasi-static deflection [m], at the times of a `Response`."""
+    response = simulate(_ending_at(arm, point), run.motion, loads=run.loads, rate=RATE)
+    return np.asarray(response.path + response.quasi_static)
+
+
 def _response(
     arm: Arm, run: Run, sets: Sequence[Mapping[str, float]], numbers: Sequence[Mapping[str, float]] = ({},)
 ) -> Response:
@@ -205,7 +211,7 @@ def _response(
         pointed = _ending_at(arm, point)
         felt = any(sensor.derivative == 2 for sensor in run.sensors if sensor.point == point)
         solve = fast_method(pointed, run.motion, run.loads, False, RATE, None)
-        keep = _path_and_turn if felt else _path
+        keep = _path_and_turn if felt else FastMethod.vibration
         time = np.asarray(solve.time)[: int(solve.samples)]
         own = numbers_of(pointed)
         batch = {path: np.stack([np.asarray(each.get(path, x), float) for each in numbers]) for path, x in own.items()}
@@ -220,30 +226,21 @@ def _response(
     return Response(run, time, moved, tuple(_directions(arm, run, time)))
 
 
-def _path(solve: FastMethod, arm: Arm, linear: Linearised, solved: Fast) -> Float[Array, "6 T"]:
-    """Return the vibration at the samples, and the path with the quasi-static deflection [m]."""
-    model = solve.model(arm)
-
-    def at(time: Array) -> Array:
-        y, bent = (between_nodes(solve.grid, x, time)[0] for x in (linear.equations.quasi_static, linear.bent))
-        return end_point_of(model, solve.motion, time, y)[0] + bent
-
-    return jnp.concatenate([solve.vibration(arm, linear, solved), by_time(at, jnp.asarray(solve.time))])
-
-
 def _path_and_turn(solve: FastMethod, arm: Arm, linear: Linearised, solved: Fast) -> Float[Array, "9 T"]:
-    """Return these, and the rotation of the end point's link from the path [rad]."""
+    """Return vibration and path with quasi-static deflection [m], and how the end point's link turns from it [rad]."""
     model = solve.model(arm)
     ends = [eqx.tree_at(lambda m: m.position, model, model.position + each[:, None, None]) for each in jnp.eye(3)]
 
     def at(time: Array) -> Array:
-        """Half the sum of a x b, a an axis of the link on the path, b how it has moved."""
+        """Path, and half the sum of a x b, a an axis of the link on the path, b how it has moved."""
+        rest, bent = (between_nodes(solve.grid, x, time)[0] for x in (linear.equations.quasi_static, linear.bent))
+        path = end_point_of(model, solve.motion, time, rest)[0] + bent
         y, _ = solved.at(solve.grid, time)
         here, *there = (jnp.stack(end_point_of(each, solve.motion, time, y)) for each in (model, *ends))
         axes = jnp.stack(there) - here
-        return jnp.cross(axes[:, 0], axes[:, 1], axis=1).sum(0) / 2
+        return jnp.concatenate([path, jnp.cross(axes[:, 0], axes[:, 1], axis=1).sum(0) / 2])
 
-    return jnp.concatenate([_path(solve, arm, linear, solved), by_time(at, jnp.asarray(solve.time))])
+    return jnp.concatenate([solve.vibration(arm, linear, solved), by_time(at, jnp.asarray(solve.time))])
 
 
 def _ending_at(arm: Arm, name: str) -> Arm:

@@ -11,12 +11,12 @@ from jaxtyping import Float
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.errors import refusal
+from ident.programs import Progress
 from ident.text import did_you_mean, quoted
 from ident.vibrate.compare import Comparison, Trace, compare
-from ident.vibrate.exact import Progress
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import Response, peak, rms, settling_time
-from ident.vibrate.simulate import RATE, exactly, simulate
+from ident.vibrate.simulate import RATE, simulate
 
 DIRECTIONS = ("x", "y", "z")
 METHODS = ("both", "fast", "exact")
@@ -31,8 +31,8 @@ class Sizes:
     Attributes:
         peak: [m] largest magnitude.
         rms: [m] over the whole time.
-        residual: [m] largest magnitude after arrival; NaN where the response ends before.
-        settling: [s] after arrival until it stays within the tolerance; infinite where it does not, NaN as above.
+        residual: [m] largest magnitude after arrival.
+        settling: [s] after arrival until it stays within the tolerance; infinite where it does not.
         late: [m] largest magnitude from a time on; NaN where no time was given.
     """
 
@@ -77,32 +77,22 @@ def simulate_motion(
     elastic_belts: bool = False,
     rate: float = RATE,
     step: float | None = None,
-    progress: Progress = iter,
 ) -> tuple[Response, Response | None]:
     """Simulate a motion by the fast method, the exact one, or both.
 
-    Returned is the response by the exact method where it came to the end, else by the fast one if it was chosen; and
-    that by the other method, if both were chosen. A user who interrupts the exact method gets what there is.
+    Returned is the response by the exact method unless the fast one alone was chosen, and that by the fast one if both
+    were.
 
     Raises:
         InputError: no such method; see also `simulate`.
         ModelError: the arm collapses; see also `simulate`.
-        KeyboardInterrupt: interrupted before there is anything.
     """
     if method not in METHODS:
         remedy = did_you_mean(method, METHODS, "choose one of them")
         raise refusal("", quoted(method), f"one of {', '.join(METHODS)}", remedy, "method")
     how: Any = {"loads": loads, "elastic_belts": elastic_belts, "rate": rate, "step": step}
-    fast = None if method == "exact" else simulate(arm, motion, **how)
-    if method == "fast":
-        assert fast is not None
-        return fast, None
-    exact = exactly(fast, progress) if fast else simulate(arm, motion, method="exact", progress=progress, **how)
-    if exact.interrupted is None:
-        return exact, fast
-    if len(exact.time) < 2 and fast is None:
-        raise KeyboardInterrupt
-    return (exact, None) if fast is None else (fast, exact)
+    responses = [simulate(arm, motion, method=each, **how) for each in ("exact", "fast") if method in (each, "both")]
+    return responses[0], responses[1] if len(responses) > 1 else None
 
 
 def draw(
@@ -150,14 +140,12 @@ def measures(response: Response, tolerance: float, at: float | None = None) -> S
     """Return the sizes of a response; the tolerance [m] is that of the settling time."""
     vibration = response.vibration
     none = np.full((3, *vibration.shape[2:]), np.nan)
-    end, arrival = float(response.time[-1]), response.motion.arrival
-    arrived = end >= arrival - 1e-9
     return Sizes(
         np.asarray(peak(vibration)),
         np.asarray(rms(vibration)),
-        np.asarray(peak(response.after(arrival))) if arrived else none,
-        settling_time(response, tolerance) if arrived else none,
-        none if at is None or at > end + 1e-9 else np.asarray(peak(response.after(at))),
+        np.asarray(peak(response.after(response.motion.arrival))),
+        settling_time(response, tolerance),
+        none if at is None else np.asarray(peak(response.after(at))),
     )
 
 

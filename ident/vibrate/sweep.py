@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from ident.arm.arm import Arm, check_drives
 from ident.arm.fields import COMPONENTS, SPEED, field_of
 from ident.errors import refusal, refuse
-from ident.programs import cores
+from ident.programs import Progress, cores
 from ident.vibrate.evaluator import (
     WIDTH,
     Evaluator,
@@ -23,7 +23,6 @@ from ident.vibrate.evaluator import (
     outside,
     refuse_factor,
 )
-from ident.vibrate.exact import Progress
 from ident.vibrate.motion import FASTEST
 from ident.vibrate.study import DIRECTIONS
 

@@ -4,10 +4,9 @@
     python tests/benchmarks/schedules.py --shaper "mid-mode ZVD" [--draws 200] [--seed 0] [--resume FILE]
 
 `ident motion` takes the least vibration in that time for the worst phases, judged by 50 draws. The fresh ones, from the
-fit's normal approximation to the shipped campaign, have phases of their own; twenty are integrated side by side, by the
-equations and the tolerance of `ident.vibrate.exact`. A shaper is judged at full speed (trapezoid) by 200 draws: what it
-leaves of the vibration after the arrival, the drives balanced; and how many fresh draws keep the limit that nine tenths
-of the judging ones keep.
+fit's normal approximation to the shipped campaign, have phases of their own. A shaper is judged at full speed
+(trapezoid) by 200 draws: what it leaves of the vibration after the arrival, the drives balanced; and how many fresh
+draws keep the limit that nine tenths of the judging ones keep.
 """
 
 import argparse
@@ -21,8 +20,6 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 import resumable
 from scipy.stats import norm
@@ -33,9 +30,6 @@ from ident.arm.arm import Arm
 from ident.assess.motion import Candidate
 from ident.identify.values import Values
 from ident.studies.motion import MotionResult
-from ident.vibrate import exact
-from ident.vibrate.fast import displacement, repeated
-from ident.vibrate.linear import filled_up
 from ident.vibrate.motion import Motion
 from ident.vibrate.simulate import simulate
 
@@ -78,38 +72,10 @@ def shaped(limit: float, time: float, shaper: str) -> Candidate:
     return made[f"{shaper} shaper"]
 
 
-@eqx.filter_jit
-def solved(model: object, motion: Motion, start: tuple[jax.Array, ...], times: jax.Array) -> tuple[jax.Array, ...]:
-    """Integrate a section of the exact equations for several arms."""
-
-    def one(model: object, start: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
-        return exact._solve(model, motion, start, times, 1e-7, 1e-10, "Dopri8", exact.MAX_STEPS)
-
-    return eqx.filter_vmap(one)(model, start)
-
-
 def peaks(arms: list[Arm], motion: Motion, dwell: float, after: bool = False) -> list[float]:
     """Return the peak of each arm's vibration [m] by the exact equations, over all of a motion or after arrival."""
-    held = motion.dwell(dwell)
-    every = [simulate(arm, held, rate=250.0) for arm in arms]
-    models, time_of = [each.model for each in every], np.asarray(every[0].time)
-    stacked = jax.tree.map(lambda *x: jnp.stack(x) if eqx.is_array(x[0]) else x[0], *models)
-    y = jnp.stack([jnp.asarray(each.y[:, 0]) for each in every])
-    state, parts = (y, jnp.zeros_like(y)), [y[..., None]]
-    filled = filled_up(held)
-    for section in exact._sections(time_of):
-        good, y, rate, _ = solved(stacked, filled, state, jnp.asarray(section))
-        assert np.asarray(good).all()
-        state = y[..., -1], rate[..., -1]
-        parts.append(y[..., 1:])
-    times, count = repeated(time_of), len(time_of)
-    whole = np.concatenate(parts, -1)[..., :count]
-    whole = np.pad(whole, ((0, 0), (0, 0), (0, len(times) - count)), mode="edge")
-    moved = [
-        np.asarray(displacement(model, filled, times, y))[:, :count] for model, y in zip(models, whole, strict=True)
-    ]
-    first = int(np.searchsorted(time_of, held.arrival)) if after else 0
-    return [float(np.abs(m - each.quasi_static)[:, first:].max()) for m, each in zip(moved, every, strict=True)]
+    every = [simulate(arm, motion.dwell(dwell), method="exact", rate=250.0) for arm in arms]
+    return [float(np.abs(each.after(motion.arrival) if after else each.vibration).max()) for each in every]
 
 
 def work(first: int, limit: float, time: float, seed: int, shaper: str) -> list[Any]:

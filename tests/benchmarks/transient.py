@@ -57,9 +57,9 @@ def draws(arm: Arm, count: int) -> Arm:
     return arm.replace({p: float(arm.get(p)) * np.exp(0.1 * rng.normal(size=count)) for p in stiffness_paths(arm)})
 
 
-def ours(arm: Arm, motion: Motion, repeat: int) -> float:
+def ours(arm: Arm, motion: Motion, repeat: int, method: str = "fast") -> float:
     """Return the least time [s] of a simulation."""
-    return timed(lambda: simulate(arm, motion, rate=RATE).vibration, repeat)[0] / 1e6
+    return timed(lambda: simulate(arm, motion, method=method, rate=RATE).vibration, repeat)[0] / 1e6
 
 
 def mujoco(arm: Arm, motion: Motion, wanted: float, repeat: int) -> tuple[float, float, float]:
@@ -124,6 +124,7 @@ def main() -> None:
     print(f"peak {np.round(1e3 * np.asarray(peak(exact)), 4)} mm; the fast path errs by {apart:.1e} of the largest")
     print(f"MuJoCo, RK4, step {1e3 * step:g} ms, errs by {theirs_apart:.1e}: {1e3 * theirs:.1f} ms for 10 s")
     print(f"ident, one run: {1e3 * single:.1f} ms, {theirs / single:.1f} times as fast")
+    print(f"ident, exact equations, steps halved: {1e3 * ours(arm, motion, repeat, 'exact'):.1f} ms")
     print(f"ident, {many} sets of stiffnesses: {1e3 * batch:.1f} ms a set, {theirs / batch:.1f} times as fast")
     if not quick:
         print(f"ident, 200 draws: {ours(draws(arm, 200), motion, 1):.1f} s")

@@ -11,7 +11,6 @@ from arms import lcd_arm
 from commands import ARM, files, posterior
 
 import ident
-from ident.cli import running
 from ident.measure import read_pulleys, read_trace
 from ident.vibrate.motion import stroke
 from ident.vibrate.response import belt_tension, peak, rms, settling_time
@@ -103,40 +102,7 @@ def test_a_measured_acceleration_is_compared_as_acceleration(run, tmp_path, dire
     assert "x" not in comparisons
 
 
-def test_an_interrupted_run_leaves_readable_files(run, tmp_path, monkeypatch, direct):
-    def interrupting(*_):
-        def shown(numbers):
-            for count, number in enumerate(numbers):
-                if count == 1:
-                    raise KeyboardInterrupt
-                yield number
-
-        return shown
-
-    monkeypatch.setattr(running, "progress", interrupting)
-    code, out, err = run("simulate", ARM, *SHORT, "--method=exact", "--no-figure")
-    assert code == 130
-    assert err == "interrupted at 0.5 s; what there is was written\n"
-    assert "RESULT: INCOMPLETE. The exact method was interrupted at 0.5 of 2.078 s" in out
-    trace = read_trace(f"out/{NAME}.simulate.csv")
-    assert trace.time[-1] == pytest.approx(0.5)
-    np.testing.assert_allclose(trace.values["y"], direct["exact"].vibration[1, : len(trace.time)], atol=1e-12)
-    with xarray.open_dataset(f"out/{NAME}.simulate.nc", engine="h5netcdf") as data:
-        assert data.sizes["time"] == len(trace.time)
-    summary = json.loads((tmp_path / f"out/{NAME}.simulate.json").read_text())["summary"]
-    assert summary["interrupted"] == pytest.approx(0.5)
-
-    code, out, err = run("simulate", ARM, *SHORT, "--out=both")
-    assert code == 130
-    trace = read_trace(f"both/{NAME}.simulate.csv")
-    assert trace.time[-1] == pytest.approx(direct["fast"].time[-1]), "the fast method's came to the end"
-    with xarray.open_dataset(f"both/{NAME}.simulate.nc", engine="h5netcdf") as data:
-        exact = data["vibration_exact"]
-        assert np.isfinite(exact.sel(time=slice(0, 0.5))).all()
-        assert np.isnan(exact.sel(time=slice(0.51, None))).all()
-
-
-def test_interrupted_elsewhere_nothing_is_written(run, tmp_path, monkeypatch):
+def test_interrupted_nothing_is_written(run, tmp_path, monkeypatch):
     from ident.vibrate import study
 
     def interrupted(*_, **__):

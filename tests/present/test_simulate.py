@@ -122,29 +122,6 @@ def test_bands_and_probability_follow_from_the_draws(plain):
     ]
 
 
-def test_what_was_interrupted_before_arrival_has_no_residual(plain):
-    motion = MOTION.dwell(0.1)
-    early = simulate(FILE.arm, motion, rate=100)
-    import equinox as eqx
-
-    keep = 20
-    cut = eqx.tree_at(
-        lambda r: (r.time, r.y, r.yd, r.path, r.displacement, r.quasi_static),
-        early,
-        (
-            early.time[:keep],
-            *(x[:, :keep] for x in (early.y, early.yd, early.path, early.displacement, early.quasi_static)),
-        ),
-    )
-    stopped = replace(plain, response=replace(cut, interrupted=0.19), at=0.5)
-    verdict = simulate_sections(stopped).verdict
-    assert verdict.word == "INCOMPLETE"
-    assert "interrupted at 0.19 of" in verdict.reason
-    assert np.isnan(stopped.sizes.residual).all()
-    assert not np.isfinite([row["settling_time"] for row in simulate_rows(stopped)]).any()
-    simulate_figure(stopped)
-
-
 def test_a_load_moves_the_vibration(plain):
     done, _ = simulate_motion(FILE.arm, MOTION, loads=loads_of(FILE.arm, Load.parse("glass")), method="fast", rate=100)
     assert not np.allclose(done.vibration, plain.vibration, rtol=1e-2)

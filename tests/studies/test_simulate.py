@@ -36,22 +36,12 @@ def drawn(tmp_path_factory):
     return simulate(FILE, SimulateOptions(**SHORT, draws=5, limit=20.0), posterior=path)
 
 
-def interrupting(description, total=None):
-    def wrap(numbers):
-        for count, number in enumerate(numbers):
-            if count == 1:
-                raise KeyboardInterrupt
-            yield number
-
-    return wrap
-
-
 def test_the_result_has_the_response_in_si(fast):
     direct = response(lcd_arm(), stroke(lcd_arm().stroke, percent=200, dwell=0.5), rate=100)
     np.testing.assert_allclose(fast.vibration, direct.vibration, atol=1e-15)
     np.testing.assert_array_equal(fast.time, direct.time)
     np.testing.assert_allclose(fast.peak, np.abs(direct.vibration).max(1))
-    assert fast.interrupted is fast.draws is None
+    assert fast.draws is None
     assert fast.name == "arm.extend-200.simulate"
     rows = fast.table()
     assert [row["direction"] for row in rows] == ["x", "y", "z"]
@@ -124,17 +114,6 @@ def test_path_and_trace_may_be_values_or_files(fast, tmp_path):
     one, other = (simulate(FILE, options, path=path) for path in (log, tmp_path / "teach.csv"))
     np.testing.assert_array_equal(one.vibration, other.vibration)
     assert one.name == other.name == "arm.teach.simulate"
-
-
-def test_an_interruption_leaves_a_result_that_can_be_saved(tmp_path):
-    options = SimulateOptions(speed=200.0, dwell=0.5, method="exact")
-    result = simulate(FILE, options, progress=interrupting)
-    assert result.interrupted == pytest.approx(0.5)
-    assert result.time[-1] == pytest.approx(0.5)
-    result.save(tmp_path)
-    loaded = load(tmp_path / f"{result.name}.json")
-    assert loaded.interrupted == result.interrupted
-    assert loaded.report() == result.report()
 
 
 @pytest.mark.parametrize(

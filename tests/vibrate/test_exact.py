@@ -1,7 +1,6 @@
 """The exact equations in time: energy, decay, order, another engine's motion, stiff arms, failure."""
 
-from collections.abc import Iterable, Iterator
-from functools import cache
+from functools import partial
 from itertools import pairwise
 
 import jax.numpy as jnp
@@ -10,22 +9,23 @@ import pytest
 import scipy.linalg
 from arms import lcd_arm
 from moving_engines import PinocchioMoving
-from numpy.polynomial import Polynomial
 from oracles import QuickMujoco, command_at, follow, table_of
-from runs import about, along, apart, held, paper, short, still, swing, undamped
+from runs import about, apart, held, paper, short, still, swing, undamped
 
 from ident.arm.arm import Arm
 from ident.arm.modes import damped_eigenvalues
 from ident.arm.multibody import multibody
 from ident.errors import ConvergenceError
 from ident.vibrate import exact
+from ident.vibrate.fast import Solution, step_for
 from ident.vibrate.linear import quasi_static_deflection
 from ident.vibrate.motion import Motion
+from ident.vibrate.simulate import fast_method
 
 pytestmark = pytest.mark.slow
 
 POSTURE = (20.0, -50.0, 40.0)
-SAMPLES = exact.SAMPLES
+SAMPLES = 250
 FASTEST = slice(7500, 7900)
 """0.8 s from 15 s on, when pulleys turn fastest at 10 %: five of their turns, four periods of the first mode."""
 QUICKEST = slice(720, 820)
@@ -36,9 +36,10 @@ def at_rest(arm: Arm, motion: Motion) -> np.ndarray:
     return np.array(quasi_static_deflection(arm, multibody(arm, rank=1), motion(jnp.zeros(1))[0])[:, 0])
 
 
-def run(arm: Arm, motion: Motion, y: np.ndarray, yd: np.ndarray, end: float, **options: float) -> exact.Exact:
-    times = np.linspace(0, end, SAMPLES + 1)
-    return exact.integrate(multibody(arm, rank=1), motion, (jnp.asarray(y), jnp.asarray(yd)), times, **options)
+def run(arm: Arm, motion: Motion, y: np.ndarray, yd: np.ndarray, **options: float) -> Solution:
+    """To the end of the motion, from any state."""
+    method = partial(fast_method, arm, motion, None, False, SAMPLES / float(motion.breaks[-1]))
+    return exact.integrate(arm, motion, method, step_for(arm, motion), (y, yd), **options)
 
 
 @pytest.mark.parametrize(("percent", "span", "engine"), [(10, FASTEST, QuickMujoco), (100, QUICKEST, PinocchioMoving)])
@@ -61,10 +62,11 @@ def test_against_another_engine(percent: float, span: slice, engine: type) -> No
 def test_energy_is_kept() -> None:
     """Held, undamped, nothing turning: kinetic and potential energy, by Pinocchio, of a vibration of some mm."""
     arm = undamped(still(lcd_arm()))
-    rest, engine = at_rest(arm, held(POSTURE)), PinocchioMoving(arm)
-    command = command_at(table_of(held(POSTURE)), 0.0)
+    posture = held(POSTURE, 0.5)
+    rest, engine = at_rest(arm, posture), PinocchioMoving(arm)
+    command = command_at(table_of(posture), 0.0)
     push = 1e-3 * np.random.default_rng(1).normal(size=(2, len(rest))) * np.array([[1.0], [100.0]])
-    found = run(arm, held(POSTURE), rest + push[0], push[1], 0.5, rtol=1e-9, atol=1e-12)
+    found = run(arm, posture, rest + push[0], push[1])
     states = zip(np.array(found.y).T, np.array(found.yd).T, strict=True)
     energy = np.array([engine.energy(command, y, yd) for y, yd in states]) - engine.energy(command, rest, 0 * rest)
     kinetic = energy[0] - engine.energy(command, rest + push[0], 0 * rest) + engine.energy(command, rest, 0 * rest)
@@ -84,7 +86,7 @@ def test_free_vibration_decays_as_its_mode_does(mode: int) -> None:
     s, shape = nearest(lin, complex(damped_eigenvalues(lin)[mode]))
     local = in_shafts(shape)
     local *= 1e-5 / np.abs(local).max()
-    found = run(arm, held(POSTURE), rest + local.real, (s * local).real, 10 * np.pi / s.imag, rtol=1e-9, atol=1e-13)
+    found = run(arm, held(POSTURE, 10 * np.pi / s.imag), rest + local.real, (s * local).real, atol=1e-13)
     M, C, _ = (np.asarray(part) for part in (lin.M, lin.C, lin.H))
     turned = in_shafts(np.eye(9))
     x, v = turned.T @ (np.asarray(found.y) - rest[:, None]), turned.T @ np.asarray(found.yd)
@@ -111,47 +113,30 @@ def in_shafts(x: np.ndarray) -> np.ndarray:
     return scipy.linalg.block_diag(*parts) @ x
 
 
-@cache
-def nearly_true() -> exact.Exact:
-    return run(lcd_arm(), swing(), *started(), 0.5, rtol=1e-13, atol=1e-16)
-
-
-def started() -> tuple[np.ndarray, np.ndarray]:
-    rest = at_rest(lcd_arm(), swing())
+def started(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    rest = at_rest(lcd_arm(), motion)
     return rest, np.zeros_like(rest)
 
 
-def test_error_falls_with_the_tolerance() -> None:
-    """As the tolerance of a step does, at least where stability does not hold the step down."""
-    errors = []
-    for rtol in (1e-4, 1e-6, 1e-8, 1e-10):
-        found = run(lcd_arm(), swing(), *started(), 0.5, rtol=rtol, atol=1e-3 * rtol)
-        errors.append(float(np.abs(found.y - nearly_true().y).max()))
-    assert errors[0] < 1e-6
-    # measured: 5e-8, 7e-10, 2e-12, 5e-14
-    assert all(later < first / 10 for first, later in pairwise(errors))
+def test_order() -> None:
+    """Halving the steps divides what the next halving changes by 2^6; all modes vibrate, up to 300 Hz."""
+    motion, rng = swing(0.5), np.random.default_rng(3)
+    rest, _ = started(motion)
+    start = rest, 0.03 * rng.normal(size=len(rest))
+    steps = 1.6e-3 / 2.0 ** np.arange(4)
+    ways = [exact.solved(lcd_arm(), fast_method(lcd_arm(), motion, None, False, 2500.0, h), start).y for h in steps]
+    changes = np.array([np.abs(one - other).max() for one, other in pairwise(ways)])
+    # measured: 6.00, 5.95
+    np.testing.assert_allclose(np.log2(changes[:-1] / changes[1:]), 6, atol=0.2)
 
 
-def in_pieces(h: float) -> Motion:
-    """A turn at constant speed, cut every h seconds."""
-    whole = along(Polynomial([0.3, 0.5]), 8 * h)
-    return Motion("run", np.append(whole.breaks[:-1], 5.0), whole.coefficients, 0.0)
-
-
-def test_order_of_a_fixed_step() -> None:
-    """Breaks at each step and a loose tolerance make the steps what we like; rates are large, so terms not linear."""
-    rng, end = np.random.default_rng(3), 2e-3
-    rest = at_rest(lcd_arm(), in_pieces(end))
-    rates = 30 * rng.normal(size=len(rest))
-    # at a tenth of these tolerances rounding errors of ten times the steps add up to more than is gained
-    true = run(lcd_arm(), in_pieces(end), rest, rates, end, rtol=1e-11, atol=1e-14)
-    counts, errors = (4, 5, 6, 7), []
-    for count in counts:
-        found = run(lcd_arm(), in_pieces(end / count), rest, rates, end, rtol=1e2, atol=1e2)
-        assert found.steps == count
-        errors.append(float(np.abs(found.y - true.y)[:, -1].max()))
-    # measured: 9.4, more than the method's eight; the reason was not looked for
-    assert -np.polyfit(np.log(counts), np.log(errors), 1)[0] > 7.7
+def test_error_keeps_the_tolerance() -> None:
+    """What halving the last steps has changed is larger than what is left."""
+    motion = swing(0.5)
+    true = run(lcd_arm(), motion, *started(motion), rtol=1e-9, atol=0).y
+    size = np.abs(true - true[:, :1]).max()
+    for rtol in (1e-2, 1e-4, 1e-6):
+        assert np.abs(run(lcd_arm(), motion, *started(motion), rtol=rtol, atol=0).y - true).max() < 0.1 * rtol * size
 
 
 def stiff() -> Arm:
@@ -162,34 +147,30 @@ def stiff() -> Arm:
     return arm.replace(light | firm)
 
 
-def test_stiff_arm_takes_the_implicit_method() -> None:
+def test_stiff_arm() -> None:
+    """An explicit method would need 20,000 steps a second and more."""
     motion = swing(0.5)
     fast = short(stiff(), motion)
-    found = run(stiff(), motion, np.asarray(fast.y[:, 0]), np.zeros(9), 0.5)
-    assert found.method == "Kvaerno5"
+    found = run(stiff(), motion, np.asarray(fast.y[:, 0]), np.zeros(9))
     every = slice(None, None, (fast.y.shape[1] - 1) // SAMPLES)
     vibration = np.asarray(fast.y - fast.y[:, :1])[:, every]
-    largest = np.abs(vibration).max()
-    assert np.abs(np.asarray(found.y) - np.asarray(fast.y)[:, every]).max() < 1e-3 * largest
-    assert run(lcd_arm(), swing(), *started(), 0.5).method == "Dopri8"
+    assert np.abs(found.y - np.asarray(fast.y)[:, every]).max() < 1e-3 * np.abs(vibration).max()
+
+
+def test_sections_are_one_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of intervals that are solved some at a time, with samples or without."""
+    for rate in (500.0, 1.0):
+        method = fast_method(lcd_arm(), swing(), None, False, rate, 1e-3)
+        whole = exact.solved(lcd_arm(), method)
+        with monkeypatch.context() as patch:
+            patch.setattr(exact, "FEWEST", 4)
+            parted = exact.solved(lcd_arm(), method)
+        assert whole.y.shape == parted.y.shape == (9, round(5 * rate) + 1)
+        for one, other in zip(whole[:5], parted[:5], strict=True):
+            np.testing.assert_allclose(other, one, rtol=0, atol=1e-13)
 
 
 def test_tolerance_that_cannot_be_met() -> None:
-    """One line that names the times."""
-    with pytest.raises(
-        ConvergenceError, match=r"^the simulation cannot meet its tolerance from 0 to 0\.5 s; loosen .*$"
-    ):
-        run(lcd_arm(), swing(), *started(), 0.5, max_steps=10)
-
-
-@pytest.mark.parametrize("sections", [0, 1, 2])
-def test_an_interrupted_solution_says_so(sections: int) -> None:
-    def stopping(numbers: Iterable[int]) -> Iterator[int]:
-        yield from list(numbers)[:sections]
-        raise KeyboardInterrupt
-
-    times = np.linspace(0, 0.5, 2 * SAMPLES + 1)
-    y, yd = map(jnp.asarray, started())
-    solution = exact.integrate(multibody(lcd_arm(), rank=1), swing(), (y, yd), times, progress=stopping)
-    assert solution.y.shape == solution.yd.shape == (9, sections * SAMPLES + 1)
-    assert solution.interrupted == (None if sections == 2 else pytest.approx(0.25 * sections))
+    """One line that says how far it went."""
+    with pytest.raises(ConvergenceError, match=r"^the simulation of run cannot meet its tolerance with steps down .*$"):
+        run(lcd_arm(), swing(0.5), *started(swing(0.5)), rtol=0, atol=1e-17, halvings=1)

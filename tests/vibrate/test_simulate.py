@@ -1,6 +1,5 @@
 """Runs of the paper's arm: gradients, sets, measures, tension of belts, and what cannot be simulated."""
 
-from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 
 import equinox as eqx
@@ -13,11 +12,9 @@ from moving_engines import PinocchioMoving
 from numpy.polynomial import Polynomial
 from runs import along, named, paper, short, swing
 
-from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.mechanics import deflection, equilibrium
 from ident.errors import InputError, ModelError
-from ident.vibrate.exact import SAMPLES
 from ident.vibrate.motion import Motion, stroke
 from ident.vibrate.response import Response, belt_tension, peak, refuse_slack, rms, settling_time, slack
 from ident.vibrate.simulate import simulate
@@ -77,30 +74,6 @@ def test_sets_are_single_arms() -> None:
         np.testing.assert_allclose(around()[:, k, 2], alone, rtol=1e-12, atol=2e-15)  # rounding of lengths of 4 m
 
 
-@cache
-def interrupted(arm_of: Callable[[], Arm] = lcd_arm) -> Response:
-    """An exact run that the user stops after two sections."""
-
-    def twice(sections: Iterable[int]) -> Iterator[int]:
-        for k in sections:
-            if k == 2:
-                raise KeyboardInterrupt
-            yield k
-
-    return simulate(arm_of(), swing(), method="exact", progress=twice)
-
-
-def test_interruption_keeps_what_there_is() -> None:
-    response, T = interrupted(), 2 * SAMPLES + 1
-    parts = (response.time, response.y, response.yd, response.path, response.displacement, response.quasi_static)
-    assert {part.shape[-1] for part in parts} == {T}
-    assert response.method == "exact"
-    assert response.interrupted == response.time[-1]
-    assert np.isfinite(np.asarray(response.vibration)).all()
-    assert np.asarray(response.phi).shape == np.asarray(response.moment).shape == (3, 3, T)
-    np.testing.assert_allclose(response.vibration, short(lcd_arm(), swing()).vibration[:, :T], atol=1e-6)
-
-
 def test_quasi_static_deflection_is_that_of_the_chain() -> None:
     response = short(lcd_arm(), swing())
     some = slice(0, None, 250)
@@ -137,7 +110,7 @@ def test_measures_of_made_signals() -> None:
 
 def test_tension_of_rigid_belts() -> None:
     """Each span carries half of torque / ratio / radius; the first belt also what the second one asks of its pulley."""
-    response, engine = interrupted(), PinocchioMoving(lcd_arm())
+    response, engine = short(lcd_arm(), swing(), method="exact"), PinocchioMoving(lcd_arm())
     found = np.asarray(belt_tension(response))
     for k in (0, 77, 500):
         command = np.stack([np.asarray(part) for part in response.motion(response.time[k])])
@@ -166,7 +139,7 @@ def test_tension_of_elastic_belts() -> None:
 
 def test_slack_is_told() -> None:
     """Belts that are hardly tensioned go slack, and the report names span and times."""
-    response = interrupted(first_guess_arm)
+    response = short(first_guess_arm(), swing())
     loose = eqx.tree_at(lambda r: r.model.belts.pretension, response, 0 * response.model.belts.pretension)
     tension = belt_tension(loose)
     told = list(slack(response.time, tension))

@@ -165,8 +165,6 @@ def _notes(simulation: Simulation) -> Iterator[str]:
         yield f"measured: from {low:.4g} to {high:.4g} s, drawn behind, its mean set to the simulation's"
     if any(_by_acceleration(simulation, direction) for direction in DIRECTIONS):
         yield "where an acceleration was measured: the simulated displacement differentiated twice; no bands"
-    if simulation.interrupted is not None:
-        yield f"interrupted: exact method up to {simulation.interrupted:.4g} s"
 
 
 def _drive_panels(simulation: Simulation) -> Iterator[tuple[str, Mapping[str, np.ndarray]]]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-LIBRARIES = ("ident-arm", "jax", "optimistix", "emcee", "arviz", "diffrax", "ruckig", "xarray", "numpy", "scipy")
+LIBRARIES = ("ident-arm", "jax", "optimistix", "emcee", "arviz", "ruckig", "xarray", "numpy", "scipy")
 EXPECTED = "a result file of ident (.json or .nc)"
 FIRST, NEWEST = 10, 10
 """Versions of all formats that are read, the newest of which is written; those before named classes."""

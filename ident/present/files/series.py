@@ -102,9 +102,7 @@ def _variables(simulation: "Simulation") -> Iterator[tuple[str, tuple[Any, ...]]
         _variable(moved, simulation.vibration, "m", LESS),
     )
     if other is not None:
-        values = np.full_like(simulation.vibration, np.nan)
-        values[:, : len(other.time)] = np.asarray(other.vibration)[:, : values.shape[1]]
-        yield f"vibration_{other.method}", _variable(moved, values, "m", f"the same by the {other.method} method")
+        yield "vibration_fast", _variable(moved, other.vibration, "m", "the same by the fast method")
     if simulation.phases is not None:
         words = "largest magnitude of the vibration over the phases that are not known"
         yield "vibration_worst_phases", _variable(moved, simulation.phases.envelope, "m", words)
