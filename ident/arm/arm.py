@@ -327,9 +327,8 @@ class Arm(eqx.Module):
     @property
     def batch(self) -> tuple[int, ...]:
         """Batch axes `(*batch)` that the arm's numbers carry, as posterior draws given by `replace`; none as a rule."""
-        return jnp.broadcast_shapes(
-            *(jnp.shape(getattr(part, field.name))[field.rank :] for part in self.parts() for field in fields_in(part))
-        )
+        pairs = ((part, field) for part in self.parts() for field in fields_in(part))
+        return np.broadcast_shapes(*{np.shape(getattr(part, field.name))[field.rank :] for part, field in pairs})
 
     @property
     def bodies(self) -> tuple[Body, ...]:

@@ -31,4 +31,4 @@ def test_a_posterior_comes_with_what_replaces_the_result_without_one():
     """A result of other inputs is refused: the advice has to work in the same folder."""
     every, basis = (candidate(3.14),), Basis(FILE, FILE.arm, stroke(FILE.arm.stroke, percent=10.0), 10.0)
     found = SimpleNamespace(candidates=every, verification=every[0].verification, limit=5e-4, basis=basis)
-    assert "give --posterior of ident sample, and --force" in [each.remedy for each in _findings(found)]
+    assert "add --posterior of ident sample; --force replaces this result" in [each.remedy for each in _findings(found)]
