@@ -352,7 +352,7 @@ class Hypotheses:
     @cached_property
     def freedom(self) -> int:
         """Values and priors less the directions that they see together."""
-        s = np.linalg.svd(self._weigh(self._along(()), np.zeros(0))[1])[1]
+        s = np.linalg.svd(self._weigh(self._along(()), np.zeros(0))[1], compute_uv=False)
         seen = int((s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)).sum())
         proper = int(self.problem.parameters.proper[: self.unknowns].sum())
         return int(np.isfinite(np.asarray(self.problem.sigma)).sum()) + proper - seen

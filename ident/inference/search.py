@@ -33,6 +33,9 @@ is left to gain."""
 GAINS = 0.25, 0.75
 """Shares of the foreseen fall of the cost below which a step was too long, and above which a longer one may do."""
 
+MANY, BLOCK = 500, 100
+"""Residuals from which on their triangle takes less time than they do, and how many are taken at a time."""
+
 Look = Callable[[Float[np.ndarray, "P"], Any], "End"]
 Weigh = Callable[["End"], tuple[Float[np.ndarray, "R"], Float[np.ndarray, "R P"]]]
 
@@ -92,7 +95,11 @@ def descent(
 
     def at(here: End) -> tuple[End, np.ndarray, np.ndarray]:
         residuals, slope = weigh(here)
-        return here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals), residuals, slope
+        here = here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
+        if len(residuals) > MANY:  # the triangle of both has their lengths and angles, so all that a step needs
+            both = _triangle(np.column_stack([slope, residuals]))
+            residuals, slope = both[:, -1], both[:, :-1]
+        return here, residuals, slope
 
     here, residuals, slope = at((yield ask(start, held)))
     damping, before = 0.0, math.inf
@@ -118,6 +125,12 @@ def descent(
         if near or there.cost <= limit:
             here, (residuals, slope) = there, weighed
     return here, False
+
+
+def _triangle(rows: Float[np.ndarray, "R p"]) -> Float[np.ndarray, "p p"]:
+    """Return the triangle R of QR, some rows at a time: of many at once a library makes threads that wait."""
+    blocks = np.pad(rows, ((0, -len(rows) % BLOCK), (0, 0))).reshape((-1, BLOCK, rows.shape[1]))
+    return np.asarray(np.linalg.qr(np.concatenate(np.linalg.qr(blocks, mode="r")), mode="r"))
 
 
 def _next_damping(damping: float, gain: float) -> float:

@@ -201,7 +201,7 @@ def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
     if not fit.doubts:
         yield from [asked] if (asked := asked_for(fit)) else untested(fit)
     if fit.weights is not None and fit.suspicious.any():
-        names = [row_names(fit.campaign)[i] for i in np.flatnonzero(fit.suspicious).tolist()]
+        names = np.array(row_names(fit.campaign))[fit.suspicious]
         yield Finding(f"robust weights: rows {', '.join(names[:LISTED])} count for less than half", "check these rows")
     if fit.contradictory and not explained and len(fit.blamed) != 1 and not fit.exchanges:
         yield Finding("the kinds of measurement contradict each other", "check values, labels, units and load cases")

@@ -444,7 +444,8 @@ def _amount(change: Change) -> str:
 def _rows(rows: Sequence[int], campaign: Campaign) -> str:
     if len(rows) == len(campaign):
         return "all rows"
-    return f"row{'s' * (len(rows) > 1)} {some([row_names(campaign)[i] for i in rows], ROWS)}"
+    names = row_names(campaign)
+    return f"row{'s' * (len(rows) > 1)} {some([names[i] for i in rows], ROWS)}"
 
 
 def _widths(found: Explanations) -> str:
