@@ -1,14 +1,17 @@
-"""What a fit of many rows costs, in how many postures: `python tests/benchmarks/large.py [ROWSxPOSTURES ...]`.
+"""What a fit of many rows costs, in how many postures: `large.py [ROWSxPOSTURES ...] [--contradict]`.
 
 Each campaign is fitted from the shell twice, in processes of their own; the second time is the one in which nothing is
-compiled. Values are those of the shipped arm with noise; postures are multiples of (1, -2, 1).
+compiled. Values are those of the shipped arm with noise; postures are multiples of (1, -2, 1). With `--contradict`
+deflections are 30 % too large, so that explanations are searched for.
 """
 
+import argparse
 import os
 import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -67,18 +70,29 @@ def fitted(path: Path) -> tuple[float, float, float]:
     return time.perf_counter() - start, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
 
 
-def main(sizes: list[tuple[int, int]]) -> None:
+def contradicting(right: Campaign) -> Campaign:
+    """Return a campaign whose deflections were read 30 % too large."""
+    wrong = (replace(m, value=1.3 * m.value, sigma=1.3 * m.sigma) if m.kind == "deflection" else m for m in right)
+    return Campaign(measurements=tuple(wrong))
+
+
+def main() -> None:
     """Print the table of times and memory."""
-    arm = read_arm(DATA / "arm.toml").arm
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("sizes", nargs="*", help="ROWSxPOSTURES")
+    parser.add_argument("--contradict", action="store_true", help="deflections 30 %% too large")
+    asked = parser.parse_args()
+    sizes, arm = [tuple(map(int, each.split("x"))) for each in asked.sizes] or SIZES, read_arm(DATA / "arm.toml").arm
     print(f"{machine()}; {commit()}\n{'rows':>7s} {'postures':>9s} {'time':>8s} {'of all cores':>13s} {'memory':>8s}")
     with tempfile.TemporaryDirectory() as folder:
         for rows, postures in sizes:
             path = Path(folder) / f"c{rows}x{postures}.csv"
-            write_campaign(campaign(arm, rows, postures), path, relative_sigma=True)
+            right = campaign(arm, rows, postures)
+            write_campaign(contradicting(right) if asked.contradict else right, path, relative_sigma=True)
             fitted(path)
             wall, cores, memory = fitted(path)
             print(f"{rows:7d} {postures:9d} {wall:6.1f} s {cores:11.1f} s {memory:5.0f} MB", flush=True)
 
 
 if __name__ == "__main__":
-    main([tuple(map(int, each.split("x"))) for each in sys.argv[1:]] or list(SIZES))  # type: ignore[misc]
+    main()
