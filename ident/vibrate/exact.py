@@ -6,8 +6,10 @@ Gauss's method, of order six,
     residual(y, dy/dt, d2y/dt2) = 0
 
 is solved by Newton's method for some steps together: the residual that is left excites the linearised equations, whose
-solution is the correction. These derivatives are not those of the exact equations, so corrections shrink by a constant
-factor, some hundred on the paper's arm; what they converge to is exact. Steps are halved until that does not change.
+solution is the correction. Their derivatives are those at rest, so corrections shrink by a constant factor only, some
+hundred on the paper's arm, less the more it vibrates; what they converge to is exact. Where the arm vibrates so much
+that its mass matrix changes, the residual is first multiplied by the one at rest and the inverse of the one where some
+steps begin: so fine steps converge. Steps are halved until the solution does not change.
 
 References:
     Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods).
@@ -25,8 +27,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.arm.multibody import residual
-from ident.errors import ConvergenceError
+from ident.arm.multibody import Command, Multibody, residual
+from ident.errors import ConvergenceError, InputError
 from ident.programs import LONG_LOOPS, AnyArray, concrete, jit
 from ident.vibrate.fast import (
     Fast,
@@ -58,15 +60,15 @@ from ident.vibrate.linear import (
 from ident.vibrate.motion import Motion, command
 
 RTOL, ATOL = 1e-6, 1e-10
-"""By how much halving the steps may change the coordinates: relative to their largest change over the motion, and
-[rad]. What is returned errs some 60 times less, by the order of the method; 5 to 10 times less where a spring breaks or
-a belt goes slack, which costs the order."""
-HALVINGS = 10
+"""By how much halving the steps may change the coordinates at the samples: relative to their largest change over the
+motion, and [rad]. What is returned errs some 60 times less, by the order of the method; twice to ten times less where a
+spring breaks or a belt goes slack, which costs the order. Rates between the steps err more, by 1e-5 of the largest."""
+HALVINGS = 9
 """How often the steps are halved at most."""
 CORRECTION = 1e-12
 """Largest correction of coordinates [rad] that ends Newton's method."""
 CORRECTIONS = 60
-"""Corrections at most; where a spring is curved or a belt goes slack some ten are needed, else three."""
+"""Corrections at most; 3 to 7 are needed, where a spring is curved or a belt goes slack up to 35."""
 EDGES = weights(np.array([0.0, 1.0]))[:2]
 """Weights of the nodes for value and slope at both ends of an interval."""
 
@@ -101,17 +103,23 @@ def integrate(
         ModelError: the arm collapses.
         ConvergenceError: the tolerance cannot be met.
     """
-    coarse = solved(arm, method(step), start)
+    setup = method(step)
+    step = min(step, float(setup.grid.step.max()))  # where intervals are shorter, halving it would change nothing
+    coarse = solved(arm, setup, start)
     refuse_collapse(motion, coarse.quasi_static)
-    for halving in range(1, halvings + 1):
-        fine = solved(arm, method(step / 2**halving), start)
+    for _ in range(halvings):
+        step /= 2
+        try:
+            fine = solved(arm, method(step), start)
+        except InputError:  # too many steps
+            break
         change, size = np.abs(fine.y - coarse.y).max(), np.abs(fine.y - fine.y[:, :1]).max()
         if change <= atol + rtol * size:
             return fine
         coarse = fine
     raise ConvergenceError(
-        f"the simulation of {motion.name} cannot meet its tolerance with steps down to {step / 2**halvings:.2g} s; "
-        "check stiffness, damping and motion"
+        f"the simulation of {motion.name} cannot meet its tolerance with steps of {step:.2g} s; check stiffness, "
+        "damping and motion: the arm may vibrate too much"
     )
 
 
@@ -175,11 +183,13 @@ def _solved(
             within, middles, in_steps, stages = given
             real, commanded = within < at.steps, command(model, motion, start + h * in_steps)
             line = [interpolate(here.quasi_static, stages[k]) / (h * at.steps) ** k for k in range(3)]
+            begun, rest = Command(*(part[:, :1] for part in commanded)), line[0][:, :1]
+            balance = _mass(model, begun, rest) @ jnp.linalg.inv(_mass(model, begun, rest + z[:n, None]))
 
             def corrected(now: tuple) -> tuple:
                 count, size, (z, states, a), shift = now
                 off = residual(model, commanded, *(y + x for y, x in zip(line, _at_stages(h, states, a), strict=True)))
-                more = stepped(here, middles, real, push, shift, by_stage(-off))
+                more = stepped(here, middles, real, push, shift, by_stage(-balance @ off))
                 size = jnp.abs(more[1][:, :n]).max() + h * h * jnp.abs(jnp.where(real[:, None], more[2], 0.0)).max()
                 return count + 1, size, jax.tree.map(jnp.add, (z, states, a), more), jnp.zeros_like(shift)
 
@@ -191,22 +201,29 @@ def _solved(
             z, *parts = jax.tree.map(lambda x: jnp.where(size <= CORRECTION, x, jnp.nan), found)
             return z, tuple(parts)
 
-        real = where(lambda given: given[0][0] < at.steps, some_steps, *((STEPS, row) for row in rows))
+        guarded = where(lambda given: given[0][0] < at.steps, some_steps, *((STEPS, row) for row in rows))
         parts: tuple[Array, ...]
-        z, parts = jax.lax.scan(real, state - reference[:, 0], chunks)
+        z, parts = jax.lax.scan(guarded, state - reference[:, 0], chunks)
         return z + reference[:, 1], tuple(part.reshape((-1, part.shape[-1])) for part in parts)
 
     rows = 2 * n, STAGES * n
     times = jnp.asarray(grid.start), jnp.asarray(grid.step)
-    real = where(lambda given: jnp.isfinite(given[0]), interval, *((at.within.size, row) for row in rows))
+    guarded = where(lambda given: jnp.isfinite(given[0]), interval, *((at.within.size, row) for row in rows))
     first: Array = jax.lax.cond(at_rest, from_rest, lambda state: state, jnp.asarray(state))
     last: Array
     states: Array
     a: Array
-    last, (states, a) = jax.lax.scan(real, first, (*times, linear.equations))
+    last, (states, a) = jax.lax.scan(guarded, first, (*times, linear.equations))
     x, v = jnp.split(states, 2, -1)
     whole = Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), linear.equations.quasi_static)
     return jax.tree.map(lambda x: x[None], whole), last
+
+
+def _mass(model: Multibody, command: Command, y: Float[Array, "n 1"]) -> Float[Array, "n n"]:
+    """Return the mass matrix at some coordinates, in which the residual is affine in the accelerations."""
+    n = len(y)
+    R = residual(model, command, y, jnp.zeros_like(y), jnp.concatenate([jnp.zeros((n, 1)), jnp.eye(n)], 1))
+    return R[:, 1:] - R[:, :1]
 
 
 def _at_stages(

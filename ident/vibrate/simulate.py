@@ -75,7 +75,8 @@ def simulate(
     time, batch = sample_times(motion, rate), arm.batch
     if method == "exact":
         setup = partial(fast_method, arm, motion, loads, elastic_belts, rate)
-        solution = exact.integrate(arm, motion, setup, fast.step_for(arm, motion) / 2 if step is None else step)
+        half = fast.step_for(arm, motion) / 2
+        solution = exact.integrate(arm, motion, setup, half if step is None else min(step, half))
     else:
         solution = _whole(arm, fast_method(arm, motion, loads, elastic_belts, rate, step))
         refuse_collapse(motion, solution.displacement)

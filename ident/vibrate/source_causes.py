@@ -295,12 +295,14 @@ def _rows(problem: SourceProblem, place: Place, responses: Sequence[Response], p
 
 def _driving(problem: SourceProblem, place: Place, responses: Sequence[Response]) -> Iterator[np.ndarray]:
     """Yield of each channel the acceleration along its sensor (T,) [m/s^2], at the times of its response."""
-    arm = problem.arm_at(place)
+    arm, paths = problem.arm_at(place), dict[tuple[int, str], np.ndarray]()
     for channel in problem.channels:
         response = responses[channel.run]
         weights = np.append(1.0, problem.parts_of(channel.run, place).ravel())
         point = response.run.sensors[channel.sensor].point
-        moved = response.moved[point][:3] @ weights + path_of(arm, response.run, point)
+        if (channel.run, point) not in paths:
+            paths[channel.run, point] = path_of(arm, response.run, point)
+        moved = response.moved[point][:3] @ weights + paths[channel.run, point]
         moved = make_interp_spline(response.time, moved.T, k=5)(response.time, nu=2)
         yield np.einsum("ti,it->t", moved, response.directions[channel.sensor])
 

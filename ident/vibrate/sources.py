@@ -22,7 +22,7 @@ from ident.errors import refusal
 from ident.vibrate.fast import Fast, FastMethod, Linearised, by_time, each_of, end_point_of, numbers_of, refuse_collapse
 from ident.vibrate.linear import between_nodes
 from ident.vibrate.motion import Motion
-from ident.vibrate.simulate import fast_method, parts_of, sets_of, simulate
+from ident.vibrate.simulate import fast_method, parts_of, sets_of
 
 RATE = 250.0
 """Samples a second at which responses are computed; between them a quintic spline errs by 1e-4 of a second derivative
@@ -199,8 +199,10 @@ def changed_responses(
 
 def path_of(arm: Arm, run: Run, point: str) -> Float[np.ndarray, "3 T"]:
     """Return the path of a point with its quasi-static deflection [m], at the times of a `Response`."""
-    response = simulate(_ending_at(arm, point), run.motion, loads=run.loads, rate=RATE)
-    return np.asarray(response.path + response.quasi_static)
+    pointed = _ending_at(arm, point)
+    batch = {path: np.asarray(x, float)[None] for path, x in numbers_of(pointed).items()}
+    path = each_of(pointed, batch, fast_method(pointed, run.motion, run.loads, False, RATE, None), _path)
+    return np.asarray(path)[..., 0, 0]
 
 
 def _response(
@@ -226,21 +228,31 @@ def _response(
     return Response(run, time, moved, tuple(_directions(arm, run, time)))
 
 
+def _path(solve: FastMethod, arm: Arm, linear: Linearised, solved: Fast) -> Float[Array, "3 T"]:
+    """Return the path of the end point with its quasi-static deflection [m]."""
+    model = solve.model(arm)
+
+    def at(time: Array) -> Array:
+        rest, bent = (between_nodes(solve.grid, x, time)[0] for x in (linear.equations.quasi_static, linear.bent))
+        return end_point_of(model, solve.motion, time, rest)[0] + bent
+
+    return by_time(at, jnp.asarray(solve.time))
+
+
 def _path_and_turn(solve: FastMethod, arm: Arm, linear: Linearised, solved: Fast) -> Float[Array, "9 T"]:
     """Return vibration and path with quasi-static deflection [m], and how the end point's link turns from it [rad]."""
     model = solve.model(arm)
     ends = [eqx.tree_at(lambda m: m.position, model, model.position + each[:, None, None]) for each in jnp.eye(3)]
 
     def at(time: Array) -> Array:
-        """Path, and half the sum of a x b, a an axis of the link on the path, b how it has moved."""
-        rest, bent = (between_nodes(solve.grid, x, time)[0] for x in (linear.equations.quasi_static, linear.bent))
-        path = end_point_of(model, solve.motion, time, rest)[0] + bent
+        """Half the sum of a x b, a an axis of the link on the path, b how it has moved."""
         y, _ = solved.at(solve.grid, time)
         here, *there = (jnp.stack(end_point_of(each, solve.motion, time, y)) for each in (model, *ends))
         axes = jnp.stack(there) - here
-        return jnp.concatenate([path, jnp.cross(axes[:, 0], axes[:, 1], axis=1).sum(0) / 2])
+        return jnp.cross(axes[:, 0], axes[:, 1], axis=1).sum(0) / 2
 
-    return jnp.concatenate([solve.vibration(arm, linear, solved), by_time(at, jnp.asarray(solve.time))])
+    turn, path = by_time(at, jnp.asarray(solve.time)), _path(solve, arm, linear, solved)
+    return jnp.concatenate([solve.vibration(arm, linear, solved), path, turn])
 
 
 def _ending_at(arm: Arm, name: str) -> Arm:

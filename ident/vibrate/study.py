@@ -31,8 +31,8 @@ class Sizes:
     Attributes:
         peak: [m] largest magnitude.
         rms: [m] over the whole time.
-        residual: [m] largest magnitude after arrival.
-        settling: [s] after arrival until it stays within the tolerance; infinite where it does not.
+        residual: [m] largest magnitude after arrival; NaN where no sample is that late.
+        settling: [s] after arrival until it stays within the tolerance; infinite where it does not, NaN as above.
         late: [m] largest magnitude from a time on; NaN where no time was given.
     """
 
@@ -91,8 +91,10 @@ def simulate_motion(
         remedy = did_you_mean(method, METHODS, "choose one of them")
         raise refusal("", quoted(method), f"one of {', '.join(METHODS)}", remedy, "method")
     how: Any = {"loads": loads, "elastic_belts": elastic_belts, "rate": rate, "step": step}
-    responses = [simulate(arm, motion, method=each, **how) for each in ("exact", "fast") if method in (each, "both")]
-    return responses[0], responses[1] if len(responses) > 1 else None
+    fast, exact = (simulate(arm, motion, method=m, **how) if method in (m, "both") else None for m in ("fast", "exact"))
+    response = exact or fast
+    assert response is not None
+    return response, fast if exact else None
 
 
 def draw(
@@ -140,12 +142,14 @@ def measures(response: Response, tolerance: float, at: float | None = None) -> S
     """Return the sizes of a response; the tolerance [m] is that of the settling time."""
     vibration = response.vibration
     none = np.full((3, *vibration.shape[2:]), np.nan)
+    end, arrival = float(response.time[-1]), response.motion.arrival
+    arrived = end >= arrival - 1e-9
     return Sizes(
         np.asarray(peak(vibration)),
         np.asarray(rms(vibration)),
-        np.asarray(peak(response.after(response.motion.arrival))),
-        settling_time(response, tolerance),
-        none if at is None else np.asarray(peak(response.after(at))),
+        np.asarray(peak(response.after(arrival))) if arrived else none,
+        settling_time(response, tolerance) if arrived else none,
+        none if at is None or at > end + 1e-9 else np.asarray(peak(response.after(at))),
     )
 
 

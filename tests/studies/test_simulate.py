@@ -1,6 +1,7 @@
 """`ident.simulate` from Python: its inputs as values or files, what it returns, and the file that brings it back."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +115,15 @@ def test_path_and_trace_may_be_values_or_files(fast, tmp_path):
     one, other = (simulate(FILE, options, path=path) for path in (log, tmp_path / "teach.csv"))
     np.testing.assert_array_equal(one.vibration, other.vibration)
     assert one.name == other.name == "arm.teach.simulate"
+
+
+@pytest.mark.parametrize("more", [{"dwell": 0.0}, {"rate": 37.0, "dwell": 0.5, "at": 2.07}])
+def test_what_no_sample_shows_is_not_told(more):
+    """Held for no time, the arm has arrived after the last sample; so it is with a time behind that."""
+    result = simulate(FILE, SimulateOptions(speed=200.0, method="fast", **more))
+    late = "residual" if "at" not in more else "late_peak"
+    assert np.isnan([row[late] for row in result.table()]).all()
+    assert not re.search(r"\bnan\b", result.report(details=True))
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from ident.vibrate.motion import stroke
 from ident.vibrate.source_causes import CAUSES, WIDTH, Band, Causes, compared
 from ident.vibrate.source_identification import _fitted
 from ident.vibrate.source_problem import Channel, Place, Prior, SourceProblem, Whitening, slow_columns
-from ident.vibrate.sources import Response, Run, Sensor, unit_response
+from ident.vibrate.sources import Response, Run, Sensor, path_of, unit_response
 
 PEAK, RATE = 9.5, 60.0
 SPEEDS = (6.0, 15.0)
@@ -113,7 +113,8 @@ def problem(
         values = [own + 1e-4 * line / in_band(lines) for own, line in zip(values, lines, strict=True)]
     if kind == "finger":
         for r, (run, time) in enumerate(zip(runs, times, strict=True)):
-            values[r * len(SENSORS) + 1] += 1.5 * swing(run, parts, time, frequency, damping)
+            path = path_of(toothed(seed if off else None), run.run, "tip")
+            values[r * len(SENSORS) + 1] += 1.5 * swing(run, path, parts, time, frequency, damping)
     channels = []
     for k, own in enumerate(values):
         noisy = own + NOISE * np.abs(own).max() * rng.standard_normal(len(own))
@@ -135,10 +136,11 @@ def in_band(traces: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
-def swing(run: Response, parts: np.ndarray, times: np.ndarray, frequency: float, damping: float) -> np.ndarray:
+def swing(
+    run: Response, path: np.ndarray, parts: np.ndarray, times: np.ndarray, frequency: float, damping: float
+) -> np.ndarray:
     """A light vertical oscillator on the tip, by an integrator."""
-    vibration, path = np.split(run.moved["tip"], 2)
-    up = make_interp_spline(run.time, (vibration + path)[2] @ np.append(1.0, parts.ravel()), k=5)
+    up = make_interp_spline(run.time, path[2] + run.moved["tip"][2] @ np.append(1.0, parts.ravel()), k=5)
     pushed, omega = up.derivative(2)(run.time), 2 * np.pi * frequency
 
     def rate(t: float, y: np.ndarray) -> list[float]:
