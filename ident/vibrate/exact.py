@@ -7,9 +7,9 @@ Gauss's method, of order six,
 
 is solved by Newton's method for some steps together: the residual that is left excites the linearised equations, whose
 solution is the correction. Their derivatives are those at rest, so corrections shrink by a constant factor only, some
-hundred on the paper's arm, less the more it vibrates; what they converge to is exact. Where the arm vibrates so much
-that its mass matrix changes, the residual is first multiplied by the one at rest and the inverse of the one where some
-steps begin: so fine steps converge. Steps are halved until the solution does not change.
+hundred on the paper's arm, less the more it vibrates; what they converge to is exact. As the mass matrix changes with
+the vibration, the residual is first multiplied by the mass matrix at rest and by the inverse of that where these steps
+begin: so fine steps converge however much the arm vibrates. Steps are halved until the solution does not change.
 
 References:
     Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 1993, II.7 (Gauss methods).
@@ -110,9 +110,10 @@ def integrate(
     for _ in range(halvings):
         step /= 2
         try:
-            fine = solved(arm, method(step), start)
+            setup = method(step)
         except InputError:  # too many steps
             break
+        fine = solved(arm, setup, start)
         change, size = np.abs(fine.y - coarse.y).max(), np.abs(fine.y - fine.y[:, :1]).max()
         if change <= atol + rtol * size:
             return fine
