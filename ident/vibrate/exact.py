@@ -65,10 +65,9 @@ motion, and [rad]. What is returned errs some 60 times less, by the order of the
 spring breaks or a belt goes slack, which costs the order. Rates between the steps err more, by 1e-5 of the largest."""
 HALVINGS = 9
 """How often the steps are halved at most."""
-CORRECTION = 1e-12
-"""Largest correction of coordinates [rad] that ends Newton's method."""
-CORRECTIONS = 60
-"""Corrections at most; 3 to 7 are needed, where a spring is curved or a belt goes slack up to 35."""
+CORRECTION, CORRECTIONS = 1e-12, 60
+"""Largest correction of coordinates [rad] that ends Newton's method, and how many there are at most: 3 to 7 are needed,
+where a spring is curved or a belt goes slack up to 35."""
 EDGES = weights(np.array([0.0, 1.0]))[:2]
 """Weights of the nodes for value and slope at both ends of an interval."""
 
@@ -222,8 +221,7 @@ def _solved(
 
 def _mass(model: Multibody, command: Command, y: Float[Array, "n 1"]) -> Float[Array, "n n"]:
     """Return the mass matrix at some coordinates, in which the residual is affine in the accelerations."""
-    n = len(y)
-    R = residual(model, command, y, jnp.zeros_like(y), jnp.concatenate([jnp.zeros((n, 1)), jnp.eye(n)], 1))
+    R = residual(model, command, y, jnp.zeros_like(y), jnp.concatenate([jnp.zeros_like(y), jnp.eye(len(y))], 1))
     return R[:, 1:] - R[:, :1]
 
 

@@ -75,8 +75,7 @@ def simulate(
     time, batch = sample_times(motion, rate), arm.batch
     if method == "exact":
         setup = partial(fast_method, arm, motion, loads, elastic_belts, rate)
-        half = fast.step_for(arm, motion) / 2
-        solution = exact.integrate(arm, motion, setup, half if step is None else min(step, half))
+        solution = exact.integrate(arm, motion, setup, min(step or np.inf, fast.step_for(arm, motion) / 2))
     else:
         solution = _whole(arm, fast_method(arm, motion, loads, elastic_belts, rate, step))
         refuse_collapse(motion, solution.displacement)
