@@ -642,6 +642,23 @@ def residual(model: Multibody, command: Command, y: Array, yd: Array, ydd: Array
     return residual_of(model, pins(model, command, xi), y, yd, ydd)
 
 
+def mass_and_forces(
+    model: Multibody, command: Command, y: Array, yd: Array
+) -> tuple[Float[Array, "n n"], Float[Array, "n"]]:
+    """Return M and h of M(y) d2y/dt2 + h(y, dy/dt, t), in which the residual is affine in the accelerations.
+
+    Args:
+        model: gathered with `rank=1`.
+        command: of the motors, (driven,) each.
+        y: (n,) coordinates.
+        yd: (n,) their rates.
+    """
+    wide = Command(*(part[:, None] for part in command))
+    accelerations = jnp.concatenate([jnp.zeros((len(y), 1)), jnp.eye(len(y))], 1)
+    R = residual(model, wide, y[:, None], yd[:, None], accelerations)
+    return R[:, 1:] - R[:, :1], R[:, 0]
+
+
 def residual_of(model: Multibody, turning: Pins, y: Array, yd: Array, ydd: Array) -> Float[Array, "n *#batch"]:
     """Return the residual where it is known how pins and pulleys turn; see `residual`."""
     at = kinematics(model, turning.pin, *(bushing_rotations(model, part) for part in (y, yd, ydd)))

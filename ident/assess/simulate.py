@@ -28,7 +28,7 @@ class Simulation:
     Attributes:
         basis: what was simulated, and what that rests on.
         response: by the exact method, unless the fast one alone was chosen.
-        other: by the fast one, if both were chosen.
+        other: by the fast method, if both were chosen.
         tolerance: [m] of the settling time.
         at: [s] from when on the late peak counts; None for none.
         limit: [m] that the peak should not exceed; None for none.

@@ -25,10 +25,12 @@ def check_references(arm: Arm, campaign: Campaign) -> None:
         InputError: no row, a posture of the wrong length, an unknown point, joint, payload or mode, or more
             frequencies of a state than the arm has modes.
     """
-    seen = [(m.kind, m.mode, m.point, m.reference_point, m.joint, m.load, m.reference_load, m.drives) for m in campaign]
-    each = dict(zip(seen, campaign, strict=True))  # rows that name the same are right or wrong together
+    named = [
+        (m.kind, m.mode, m.point, m.reference_point, m.joint, m.load, m.reference_load, m.drives) for m in campaign
+    ]
+    each = dict(zip(named, campaign, strict=True))  # rows that name the same are right or wrong together
     wrong = {names for names, m in each.items() if next(_of_row(arm, m), None)}
-    rows = (m for names, m in zip(seen, campaign, strict=True) if names in wrong)
+    rows = (m for names, m in zip(named, campaign, strict=True) if names in wrong)
     problems = [problem for m in rows for problem in _of_row(arm, m)] + [*_of_states(arm, campaign)]
     if len(campaign) and campaign.joints != len(arm.driven):
         got = f"{campaign.joints} joint angle{'s' * (campaign.joints != 1)}"

@@ -33,8 +33,8 @@ is left to gain."""
 GAINS = 0.25, 0.75
 """Shares of the foreseen fall of the cost below which a step was too long, and above which a longer one may do."""
 
-MANY, BLOCK = 500, 100
-"""Residuals from which on their triangle takes less time than they do, and how many are taken at a time."""
+MANY, BLOCK = 1000, 100
+"""Residuals from which on their triangle takes less time than they do, and how many are taken at a time; measured."""
 
 Look = Callable[[Float[np.ndarray, "P"], Any], "End"]
 Weigh = Callable[["End"], tuple[Float[np.ndarray, "R"], Float[np.ndarray, "R P"]]]

@@ -27,10 +27,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
-from ident.arm.multibody import Command, Multibody, residual
+from ident.arm.multibody import Command, mass_and_forces, residual
 from ident.errors import ConvergenceError, InputError
 from ident.programs import LONG_LOOPS, AnyArray, concrete, jit
 from ident.vibrate.fast import (
+    EDGE_SLOPES,
+    EDGE_VALUES,
     Fast,
     FastMethod,
     Linearised,
@@ -54,7 +56,6 @@ from ident.vibrate.linear import (
     advance,
     initial_equilibrium,
     interpolate,
-    weights,
     where,
 )
 from ident.vibrate.motion import Motion, command
@@ -68,8 +69,6 @@ HALVINGS = 9
 CORRECTION, CORRECTIONS = 1e-12, 60
 """Largest correction of coordinates [rad] that ends Newton's method, and how many there are at most: 3 to 7 are needed,
 where a spring is curved or a belt goes slack up to 35."""
-EDGES = weights(np.array([0.0, 1.0]))[:2]
-"""Weights of the nodes for value and slope at both ends of an interval."""
 
 State = tuple[AnyArray, AnyArray]
 """Coordinates and their rates, (n,) each [rad, rad/s]."""
@@ -170,12 +169,12 @@ def _solved(
     n, chunks = model.size, jax.tree.map(jnp.asarray, (at.within, at.middles, at.in_steps, at.stages))
 
     def from_rest(state: Array) -> Array:
-        y, K = (interpolate(part[0], EDGES[0][:, :1])[..., 0] for part in (linear.equations[0], linear.equations.K))
+        y, K = (interpolate(part[0], EDGE_VALUES)[..., 0] for part in (linear.equations[0], linear.equations.K))
         return jnp.concatenate([initial_equilibrium(model, motion, y, K), jnp.zeros(n)])
 
     def interval(state: Array, given: tuple[Array, Array, Linear]) -> tuple[Array, tuple]:
         start, h, here = given
-        value, slope = (interpolate(here.quasi_static, W) for W in EDGES)
+        value, slope = (interpolate(here.quasi_static, W) for W in (EDGE_VALUES, EDGE_SLOPES))
         reference = jnp.concatenate([value, slope / (h * at.steps)])  # y_r and its rate at both ends
         push = advance(h, n)[1]
 
@@ -183,8 +182,9 @@ def _solved(
             within, middles, in_steps, stages = given
             real, commanded = within < at.steps, command(model, motion, start + h * in_steps)
             line = [interpolate(here.quasi_static, stages[k]) / (h * at.steps) ** k for k in range(3)]
-            begun, rest = Command(*(part[:, :1] for part in commanded)), line[0][:, :1]
-            balance = _mass(model, begun, rest) @ jnp.linalg.inv(_mass(model, begun, rest + z[:n, None]))
+            begun, rest = Command(*(part[:, 0] for part in commanded)), line[0][:, 0]
+            still, moved = (mass_and_forces(model, begun, y, 0 * y)[0] for y in (rest, rest + z[:n]))
+            balance = still @ jnp.linalg.inv(moved)
 
             def corrected(now: tuple) -> tuple:
                 count, size, (z, states, a), shift = now
@@ -217,12 +217,6 @@ def _solved(
     x, v = jnp.split(states, 2, -1)
     whole = Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), linear.equations.quasi_static)
     return jax.tree.map(lambda x: x[None], whole), last
-
-
-def _mass(model: Multibody, command: Command, y: Float[Array, "n 1"]) -> Float[Array, "n n"]:
-    """Return the mass matrix at some coordinates, in which the residual is affine in the accelerations."""
-    R = residual(model, command, y, jnp.zeros_like(y), jnp.concatenate([jnp.zeros_like(y), jnp.eye(len(y))], 1))
-    return R[:, 1:] - R[:, :1]
 
 
 def _at_stages(

@@ -125,19 +125,6 @@ def refuse_curved(arm: Arm, missed: AnyArray | None) -> None:
         raise LeavesTangentError(Problem(arm.name, got, expected, remedy))
 
 
-def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
-    """Refuse a displacement that is NaN; under `jit` or `grad` it may be.
-
-    Raises:
-        ModelError: the arm collapses.
-    """
-    if not isinstance(displacement, jax.core.Tracer) and not np.isfinite(np.asarray(displacement)).all():
-        raise ModelError(
-            f"no response to {motion.name}: the arm has no stable equilibrium somewhere along it; "
-            "check stiffnesses, masses and their units"
-        )
-
-
 def passages(arm: Arm, response: Response) -> tuple[Passage, ...]:
     """Return the springs whose load passes T1 during a response without batch axes."""
     places = {joint.name: place for place, joint in enumerate(arm.joints)}
@@ -158,8 +145,8 @@ def passages(arm: Arm, response: Response) -> tuple[Passage, ...]:
 
 ABSTRACT = 0.005
 """Step for an arm whose first frequency is not known [s]."""
-START, EDGES = weights(np.array([0.0]))[0], weights(np.array([0.0, 1.0]))[1]
-"""Weights of the nodes for value at the start of an interval, and slopes at its edges."""
+EDGE_VALUES, EDGE_SLOPES = weights(np.array([0.0, 1.0]))[:2]
+"""Weights of the nodes for value and slope at both ends of an interval."""
 
 
 class Fast(NamedTuple):
@@ -230,11 +217,11 @@ def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeigh
 
     def interval(state: tuple[Array, Array], given: tuple[Array, Array, Linear]) -> tuple[tuple, tuple]:
         (z, seam), (start, h, here) = state, given
-        first_slope, last_slope = (interpolate(here.quasi_static, EDGES) / (h * at.steps)).T
+        first_slope, last_slope = (interpolate(here.quasi_static, EDGE_SLOPES) / (h * at.steps)).T
         push = advance(h, model.size)[1]
 
         def begin(z: Array) -> Array:
-            y, K = (interpolate(part, START)[..., 0] for part in (here.quasi_static, here.K))
+            y, K = (interpolate(part, EDGE_VALUES)[..., 0] for part in (here.quasi_static, here.K))
             return jnp.concatenate([initial_equilibrium(model, motion, y, K) - y, jnp.zeros(model.size)])
 
         def go_on(z: Array) -> Array:
@@ -459,6 +446,19 @@ def numbers_of(arm: Arm) -> dict[str, AnyArray]:
     """Return the numbers of an arm by path, but for those of its stroke, which is a motion already."""
     own = "" if arm.stroke is None else f"{arm.stroke.name}."
     return {path: x for path, x in arm.numbers().items() if not (own and path.startswith(own))}
+
+
+def refuse_collapse(motion: Motion, displacement: AnyArray) -> None:
+    """Refuse a displacement that is NaN; under `jit` or `grad` it may be.
+
+    Raises:
+        ModelError: the arm collapses.
+    """
+    if not isinstance(displacement, jax.core.Tracer) and not np.isfinite(np.asarray(displacement)).all():
+        raise ModelError(
+            f"no response to {motion.name}: the arm has no stable equilibrium somewhere along it; "
+            "check stiffnesses, masses and their units"
+        )
 
 
 def vibrations(

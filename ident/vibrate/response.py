@@ -20,8 +20,8 @@ from ident.arm.multibody import (
     deviations,
     drive_torques,
     kinematics,
+    mass_and_forces,
     pins,
-    residual,
     stretch,
     tensions,
 )
@@ -175,33 +175,18 @@ def _of_elastic_belts(model: Multibody, commanded: Command, *state: AnyArray) ->
 def _of_rigid_belts(model: Multibody, commanded: Command, *state: AnyArray) -> Float[Array, "2 B T"]:
     y, yd = map(jnp.asarray, state)
     by_time = Command(*(part.T for part in commanded)), y.T, yd.T
-    ydd = jax.lax.map(lambda now: acceleration(model, *now), by_time, batch_size=BATCH).T
+
+    def acceleration(now: tuple[Command, Array, Array]) -> Array:
+        M, h = mass_and_forces(model, *now)
+        return solve_positive(M, -h)
+
+    ydd = jax.lax.map(acceleration, by_time, batch_size=BATCH).T
     torque = list(drive_torques(model, commanded, y, yd, ydd) / model.drives.ratio)
     tension = [jnp.zeros_like(torque[0])] * len(model.belts.ends)
     for b, (driver, driven) in reversed(list(enumerate(model.belts.ends))):
         tension[b] = torque[driven] / model.belts.radius[1, b] / 2
         torque[driver] = torque[driver] + 2 * tension[b] * model.belts.radius[0, b]
     return model.belts.pretension + jnp.stack([jnp.stack(tension), -jnp.stack(tension)])
-
-
-def acceleration(model: Multibody, command: Command, y: Array, yd: Array) -> Float[Array, "n"]:
-    """Solve M(y) d2y/dt2 = -h(y, dy/dt, t) for the accelerations [rad/s^2].
-
-    The residual is affine in the accelerations, so that all columns of M and h come from one evaluation at none and
-    each of the unit accelerations.
-
-    Args:
-        model: gathered with `rank=1`.
-        command: of the motors, (driven,) each.
-        y: (n,) coordinates.
-        yd: (n,) their rates.
-    """
-    n = y.shape[0]
-    wide = Command(*(part[:, None] for part in command))
-    unit_accelerations = jnp.concatenate([jnp.zeros((n, 1)), jnp.eye(n)], 1)
-    R = residual(model, wide, y[:, None], yd[:, None], unit_accelerations)
-    h = R[:, 0]
-    return solve_positive(R[:, 1:] - h[:, None], -h)
 
 
 def slack(time: Float[AnyArray, "T"], tension: Float[AnyArray, "2 B T"]) -> Iterator[tuple[int, str, float, float]]:
