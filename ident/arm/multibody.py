@@ -491,7 +491,7 @@ def pins(model: Multibody, command: Command, xi: Turning) -> Pins:
     With amplitudes A and phases chi at the orders o, theta = ratio q: error = sum of A sin(o theta + chi), slope = 1 +
     ratio sum of o A cos(o theta + chi); the pin accelerates by slope d2q/dt2 - (ratio dq/dt)^2 sum of o^2 A sin(...).
     """
-    q, qd, qdd = (_spread(part, model) + own for part, own in zip(command, xi, strict=True))
+    q, qd, qdd = (of_joints(model, part) + own for part, own in zip(command, xi, strict=True))
     drives, error, slope, curve = model.drives, jnp.zeros_like(q), jnp.ones_like(q), jnp.zeros_like(q)
     if model.transmission_error:
         waves = [
@@ -540,7 +540,8 @@ def end_point(model: Multibody, q: Joints, phi: Phi | None = None) -> Float[Arra
     return jnp.stack(jnp.broadcast_arrays(*r))
 
 
-def _spread(driven: AnyArray, model: Multibody) -> Joints:
+def of_joints(model: Multibody, driven: Float[AnyArray, "driven *#batch"]) -> Joints:
+    """Return what driven joints have of all joints, zero of the others."""
     none = jnp.zeros_like(driven[0])
     return jnp.stack([driven[model.driven.index(j)] if j in model.driven else none for j in range(model.joints)])
 

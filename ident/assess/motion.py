@@ -26,6 +26,8 @@ SLOWER = 0.95
 SLOWEST = 0.2
 TRIES = 5
 """Speeds that keep the limit nominally which are judged by draws, at most; assumed."""
+LIMITS = ("speed", "acceleration", "jerk")
+"""What limits of a joint are of."""
 ALLOWED = 1.001
 """Factor by which samples may exceed a limit: differences of them stand for the jerk."""
 ALONG = 33
@@ -50,7 +52,7 @@ class Candidate:
         worst: [m] largest over the phases, of the nominal arm.
         left: [m] the same after the arrival.
         acceleration: [rad/s^2] largest of any joint.
-        allowed: whether the joints keep their limits of speed, acceleration and jerk.
+        beyond: which limits of the joints it exceeds: speed, acceleration, jerk.
         verification: by the exact equations; None where the motion was not proposed.
     """
 
@@ -61,7 +63,7 @@ class Candidate:
     worst: float
     left: float
     acceleration: float
-    allowed: bool
+    beyond: tuple[str, ...]
     verification: "MotionVerification | None" = None
 
     @property
@@ -131,7 +133,7 @@ class MotionStudy:
         if checks is not None:
             keeps, largest = checks.keeps or keeps, checks.largest
         good = largest <= self.limit and keeps.share >= CONFIDENT and not (checks and checks.slack)
-        return good and (candidate.allowed or candidate.kind == "as it is")
+        return good and (not candidate.beyond or candidate.kind == "as it is")
 
     @property
     def recommended(self) -> Candidate | None:
@@ -251,18 +253,19 @@ def _candidate(
     else:
         peaks = np.array([whole.worst.max()])
     left = float(whole.envelope[:, whole.time >= motion.arrival].max(initial=0.0))
-    acceleration, allowed = _kinematics(scheduling, motion)
-    return Candidate(name, kind, motion, peaks, float(whole.worst.max()), left, acceleration, allowed)
+    acceleration, beyond = _kinematics(scheduling, motion)
+    return Candidate(name, kind, motion, peaks, float(whole.worst.max()), left, acceleration, beyond)
 
 
-def _kinematics(scheduling: Scheduling, motion: Motion) -> tuple[float, bool]:
-    """Return the largest acceleration of a joint [rad/s^2], and whether joints keep their limits, by dense samples."""
+def _kinematics(scheduling: Scheduling, motion: Motion) -> tuple[float, tuple[str, ...]]:
+    """Return the largest acceleration of a joint [rad/s^2], and which limits joints exceed, by dense samples."""
     step = 0.1 / RATE
     _, qd, qdd = (np.asarray(part) for part in motion(np.arange(0.0, motion.arrival, step)))
     still = np.zeros((len(qdd), 1))
     rates = qd, qdd, np.diff(qdd, prepend=still, append=still) / step
     sizes = np.array([np.abs(rate).max(1) for rate in rates])
-    return float(sizes[1].max()), bool((sizes <= ALLOWED * scheduling.path.limits).all())
+    within = (sizes <= ALLOWED * scheduling.path.limits).all(1)
+    return float(sizes[1].max()), tuple(name for name, kept in zip(LIMITS, within, strict=True) if not kept)
 
 
 def _profiles(basis: Basis, scheduling: Scheduling) -> Iterator[tuple[str, str, Motion]]:

@@ -70,7 +70,8 @@ def _verdict(balance: "Balance") -> Verdict:
 def needs_words(rotor: "Rotor") -> str:
     """Say which mass a rotor needs that does not fit."""
     mass = 1e3 * max(body.mass for body in rotor.bodies)
-    return f"{rotor.drive.name} needs {mass:.3g} g at {MM * rotor.pulley.radius:g} mm: does not fit"
+    pulley = rotor.pulley
+    return f"{rotor.drive.name} needs {mass:.3g} g at {MM * pulley.radius:g} mm, more than {1e3 * pulley.most:g} g"
 
 
 def _grade(quality: float) -> str:
@@ -131,7 +132,7 @@ def _findings(balance: "Balance") -> Iterator[Finding]:
             mass = max(body.mass for body in each.bodies)
             radius = np.ceil(MM * each.pulley.radius * mass / each.pulley.most)  # a smaller one needs too much
             remedy = f"mount at {radius:.0f} mm (--radius {name}={radius:.0f}), or allow more (--most)"
-            yield Finding(f"{needs_words(each)} ({1e3 * each.pulley.most:g} g at most)", remedy)
+            yield Finding(needs_words(each), remedy)
         if calibration.trials > 1 and not calibration.state:
             yield Finding(f"{name}: masses act {_acts(calibration)}: allowed for")
         for tried in balance.tried:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.assess.motion import TOUCHED, Candidate
+from ident.assess.motion import LIMITS, TOUCHED, Candidate
 from ident.assess.remedies import CONFIDENT
 from ident.files import replace_file
 from ident.present.basis import all_findings, assumed_section, motion_section, same_motion, subject
@@ -70,7 +70,7 @@ def _candidates(motions: "MotionStudy", candidates: tuple[Candidate, ...]) -> Ta
         sizes = (MM * median, MM * high, MM * each.worst, MM * each.left)
         rows.append(
             (
-                *(each.name + " *" * (not each.allowed), each.time, round(each.time, 1) - round(now.time, 1)),
+                *(each.name + " *" * bool(each.beyond), each.time, round(each.time, 1) - round(now.time, 1)),
                 *(*sizes, 100 * keeps.share, np.degrees(each.acceleration)),
             )
         )
@@ -79,8 +79,8 @@ def _candidates(motions: "MotionStudy", candidates: tuple[Candidate, ...]) -> Ta
         *("after arrival [mm]", "keeps limit [%]", "joint acceleration [deg/s^2]"),
     )
     strong = tuple(k for k, each in enumerate(candidates) if each is best)
-    beyond = "* beyond the arm file's limits of speed, acceleration or jerk: not recommended."
-    note = "" if all(each.allowed for each in candidates) else beyond
+    beyond = [name for name in LIMITS if any(name in each.beyond for each in candidates)]
+    note = f"* beyond the arm file's limit of {', '.join(beyond)}: not recommended." if beyond else ""
     return Table("", head, tuple(rows), ("", ".1f", "+.1f", *(".2f",) * 4, ".0f", ".0f"), note, strong)
 
 

@@ -79,7 +79,7 @@ def _size(study: "SourceStudy", source: ExcitingOrder) -> tuple[float, str]:
 def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...]:
     size, unit = _size(study, each.source)
     name, low, high = named(each.source), *each.interval
-    phase = round(float(np.degrees(each.phase[0]))) if len(each.phase) == 1 else None  # the details have several
+    phase = round(float(np.degrees(each.phase[0]))) % 360 if len(each.phase) == 1 else None  # the details have several
     estimate, vibration = f"{size * each.amplitude:.4g}", MM * makes * each.amplitude
     if not study.usable:
         return name, estimate, None, None, unit, phase, vibration
@@ -161,7 +161,7 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
     found = study.found
     problem, place = found.problem, found.place
     phases = [
-        (named(each.source), group, np.degrees(phase), np.degrees(sd))
+        (named(each.source), group, np.degrees(phase) % 360, np.degrees(sd))
         for each in found.estimates
         for group, (phase, sd) in enumerate(zip(each.phase, each.phase_sd, strict=True), 1)
     ]

@@ -41,6 +41,7 @@ from ident.arm.multibody import (
     equations,
     imbalance,
     multibody,
+    of_joints,
     orders_of,
     pins,
     transmission_error,
@@ -270,7 +271,7 @@ def stepped(
 
     def step(z: Array, given: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         share, kick, real = given
-        return jnp.where(real, jnp.tensordot(share, linear.along, 1) @ z + kick, z), z
+        return jnp.where(real, matvec(jnp.tensordot(share, linear.along, 1), z) + kick, z), z
 
     z, states = jax.lax.scan(step, z, (middles.T, (push @ own).T, real))
     return z, states, (_at_middles(middles, linear.gain @ states.T) + own).T
@@ -292,7 +293,9 @@ def _excitation(
     turned = equations(model, moving, turning.slope, imbalance(model, moving, turning.pulley))
     f = interpolate(linear.residual, stages[0]) + turned
     for by_pin, deviation in zip(linear.by_pin, transmission_error(model, turning), strict=False):
-        f = f + matvec(interpolate(by_pin, stages[0]), deviation)
+        slopes = interpolate(by_pin, stages[0])
+        for pin in range(model.joints):  # by `matvec` XLA computes a deviation's sines for each row again
+            f = f + slopes[:, pin] * deviation[pin]
     return by_stage(-f)
 
 
@@ -433,8 +436,9 @@ def end_point_of(
     model: Multibody, motion: Motion, time: AnyArray, y: Array
 ) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"]]:
     """Return path and displacement of the end point."""
-    turning = pins(model, command(model, motion, time), at_rest(deviations(model, y)))
-    path = end_point(model, turning.pin.angle - turning.error - deviations(model, y))
+    commanded = command(model, motion, time)
+    turning = pins(model, commanded, at_rest(deviations(model, y)))
+    path = end_point(model, of_joints(model, commanded.q))
     return path, end_point(model, turning.pin.angle, bushing_rotations(model, y)) - path
 
 

@@ -111,12 +111,15 @@ def fast_method(
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
     """Return uniform times from the first break of a motion to the last [s]."""
     start, end = float(motion.breaks[0]), float(motion.breaks[-1])
-    _refuse_many(motion, (end - start) * rate, rate)
+    _refuse_samples(motion, (end - start) * rate, rate)
     return start + np.arange(int(np.floor((end - start) * rate + 1e-9)) + 1) / rate
 
 
-def _refuse_many(motion: Motion, samples: float, rate: float) -> None:
-    """Refuse a motion with more samples than can be computed, by what makes it so long."""
+def _refuse_samples(motion: Motion, samples: float, rate: float) -> None:
+    """Refuse a motion with one sample, or with more than can be computed, by what makes it so long."""
+    if samples < 1:
+        got = f"{rate:g} samples a second of a motion of {samples / rate:.3g} s"
+        raise refusal("", got, "at least two samples", "choose a rate as 500", "rate")
     if samples <= MOST_SAMPLES:
         return
     dwell = float(motion.breaks[-1]) - motion.arrival

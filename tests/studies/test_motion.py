@@ -112,7 +112,7 @@ def test_along_a_given_path_joints_keep_their_limits(limited, quick, tmp_path):
     result = ident.motion(limited, path=log, limit=0.75, **FULL)
     found, own = (each.motions.candidates[-1] for each in (result, quick))
     assert result.motions.recommended is found
-    assert found.allowed
+    assert not found.beyond
     assert result.vibration < 0.75e-3
     assert found.worst == pytest.approx(own.worst, rel=0.05)
     path = result.motions.scheduling.path

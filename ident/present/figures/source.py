@@ -156,7 +156,8 @@ def source_figure(study: "SourceStudy") -> Figure:
         Line2D([], [], label=label, **style)
         for label, style in (("measured", MEASURED), ("computed", COMPUTED), ("left unexplained", LEFT))
     ]
-    key_below(figure, handles, f"Slower than 0.5 Hz left out. {len(problem.channels)} traces in all.", columns=3)
+    which = f" The {MOST} least explained of {len(found.explained)} traces." if len(found.explained) > MOST else ""
+    key_below(figure, handles, f"Slower than 0.5 Hz left out.{which}", columns=3)
     return figure
 
 
