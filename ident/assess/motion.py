@@ -264,7 +264,7 @@ def _kinematics(scheduling: Scheduling, motion: Motion) -> tuple[float, tuple[st
     still = np.zeros((len(qdd), 1))
     rates = qd, qdd, np.diff(qdd, prepend=still, append=still) / step
     sizes = np.array([np.abs(rate).max(1) for rate in rates])
-    within = (sizes <= ALLOWED * scheduling.path.limits).all(1)
+    within = np.all(sizes <= ALLOWED * scheduling.path.limits, axis=1)
     return float(sizes[1].max()), tuple(name for name, kept in zip(LIMITS, within, strict=True) if not kept)
 
 

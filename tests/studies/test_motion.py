@@ -67,6 +67,7 @@ def test_the_speed_along_the_path_vibrates_less_in_less_time(result):
 def test_it_comes_back_and_fits_a_screen(result, tmp_path):
     assert_plain(assert_comes_back(result, tmp_path).table())
     assert_one_screen(result.report(), files=3)
+    assert "* beyond the arm file's limit of jerk: not recommended." in result.report()
     assert not too_wide(result.report(details=True))
     assert [path.name for path in result.save_figures(tmp_path)] == ["arm.extend-10.motion.png"]
 
