@@ -293,9 +293,8 @@ def _excitation(
     turned = equations(model, moving, turning.slope, imbalance(model, moving, turning.pulley))
     f = interpolate(linear.residual, stages[0]) + turned
     for by_pin, deviation in zip(linear.by_pin, transmission_error(model, turning), strict=False):
-        slopes = interpolate(by_pin, stages[0])
-        for pin in range(model.joints):  # by `matvec` XLA computes a deviation's sines for each row again
-            f = f + slopes[:, pin] * deviation[pin]
+        slopes = interpolate(by_pin, stages[0])  # by `matvec` XLA computes a deviation's sines for each row again
+        f = sum((slopes[:, pin] * deviation[pin] for pin in range(model.joints)), f)
     return by_stage(-f)
 
 
@@ -437,9 +436,9 @@ def end_point_of(
 ) -> tuple[Float[Array, "3 T"], Float[Array, "3 T"]]:
     """Return path and displacement of the end point."""
     commanded = command(model, motion, time)
-    turning = pins(model, commanded, at_rest(deviations(model, y)))
+    angle = pins(model, commanded, at_rest(deviations(model, y))).pin.angle
     path = end_point(model, of_joints(model, commanded.q))
-    return path, end_point(model, turning.pin.angle, bushing_rotations(model, y)) - path
+    return path, end_point(model, angle, bushing_rotations(model, y)) - path
 
 
 # -------- Each
@@ -523,7 +522,6 @@ def each_of(
         gather: gives what is kept of what an arm's sets have given, whose axis is the last.
     """
     samples, count = int(solve.samples), len(next(iter(numbers.values())))
-
     if is_traced(jax.tree.leaves((arm, numbers, solve))):
         turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
         solved = [_traced(arm, dict(numbers), solve, keep, own) for own in turned]

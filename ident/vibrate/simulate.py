@@ -70,7 +70,10 @@ def simulate(
             a batch, a motion whose speed jumps, or by the fast method curved springs that leave their tangents.
         ModelError: the arm collapses, or the tolerance cannot be met.
     """
-    _check_method(method, arm.batch)
+    if method not in ("fast", "exact"):
+        raise refusal("method", f"'{method}'", "fast or exact", "choose one")
+    if method == "exact" and arm.batch:
+        raise refusal("method", "exact for several sets", "one set", "simulate them one by one")
     _check(arm, rate, step)
     time, batch = sample_times(motion, rate), arm.batch
     if method == "exact":
@@ -118,8 +121,7 @@ def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
 def _refuse_samples(motion: Motion, samples: float, rate: float) -> None:
     """Refuse a motion with one sample, or with more than can be computed, by what makes it so long."""
     if samples < 1:
-        got = f"{rate:g} samples a second of a motion of {samples / rate:.3g} s"
-        raise refusal("", got, "at least two samples", "choose a rate as 500", "rate")
+        raise refusal("rate", f"{rate:g} samples a second, one in all", "two samples or more", "choose a rate as 500")
     if samples <= MOST_SAMPLES:
         return
     dwell = float(motion.breaks[-1]) - motion.arrival
@@ -142,13 +144,6 @@ def _refuse_short(seconds: float, step: float, needed: bool) -> None:
     got += f", {seconds / step:.3g} in all"
     remedy = "correct the arm's ratios and stiffnesses" if needed else "leave it out for one that fits"
     raise refusal("", got, f"at most {MOST_STEPS:,} steps".replace(",", " "), remedy, "" if needed else "step")
-
-
-def _check_method(method: str, batch: tuple[int, ...]) -> None:
-    if method not in ("fast", "exact"):
-        raise refusal("method", f"'{method}'", "fast or exact", "choose one")
-    if method == "exact" and batch:
-        raise refusal("method", "exact for several sets", "one set", "simulate them one by one")
 
 
 def _check(arm: Arm, rate: float, step: float | None) -> None:
