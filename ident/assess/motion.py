@@ -27,7 +27,7 @@ SLOWEST = 0.2
 TRIES = 5
 """Speeds that keep the limit nominally which are judged by draws, at most; assumed."""
 LIMITS = ("speed", "acceleration", "jerk")
-"""What limits of a joint are of."""
+"""What joints have limits of."""
 ALLOWED = 1.001
 """Factor by which samples may exceed a limit: differences of them stand for the jerk."""
 ALONG = 33

@@ -80,7 +80,7 @@ def _candidates(motions: "MotionStudy", candidates: tuple[Candidate, ...]) -> Ta
     )
     strong = tuple(k for k, each in enumerate(candidates) if each is best)
     beyond = [name for name in LIMITS if any(name in each.beyond for each in candidates)]
-    note = f"* beyond the arm file's limit of {', '.join(beyond)}: not recommended." if beyond else ""
+    note = f"* beyond the arm file's limit of {' and '.join(beyond)}: not recommended." if beyond else ""
     return Table("", head, tuple(rows), ("", ".1f", "+.1f", *(".2f",) * 4, ".0f", ".0f"), note, strong)
 
 

@@ -120,8 +120,8 @@ def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
 
 def _refuse_samples(motion: Motion, samples: float, rate: float) -> None:
     """Refuse a motion with one sample, or with more than can be computed, by what makes it so long."""
-    if samples < 1:
-        raise refusal("rate", f"{rate:g} samples a second, one in all", "two samples or more", "choose a rate as 500")
+    if samples + 1e-9 < 1:
+        raise refusal("rate", f"{rate:g} samples a second, one in all", "two samples or more", "choose a higher rate")
     if samples <= MOST_SAMPLES:
         return
     dwell = float(motion.breaks[-1]) - motion.arrival
