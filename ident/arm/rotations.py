@@ -90,7 +90,7 @@ def turned(v: Components, axis: Vector, angle: Float[Array, "*#batch"]) -> Compo
 def rotated(v: Components, phi: Vector) -> Components:
     """Return exp[phi] v, see `rotation`: v + (sin t/t) phi x v + (1 - cos t)/t^2 phi x (phi x v), t = |phi|."""
     size, along = _dot(phi, phi), _dot(phi, v)
-    # by Horner's rule: of many times at once quicker than `_series`, of few postures slower
+    # Horner's rule: faster than `_series` for thousands of times, as here; slower in a prediction
     b, c = (reduce(lambda value, term: value * size + term, row[::-1]) for row in SERIES[:2].tolist())
     once = 1 - c * size
     return tuple(x + once * y + b * (p * along - x * size) for x, y, p in zip(v, _cross(phi, v), phi, strict=True))

@@ -71,7 +71,9 @@ def needs_words(rotor: "Rotor") -> str:
     """Say which mass a rotor needs that does not fit."""
     mass = 1e3 * max(body.mass for body in rotor.bodies)
     pulley = rotor.pulley
-    return f"{rotor.drive.name} needs {mass:.3g} g at {MM * pulley.radius:g} mm, more than {1e3 * pulley.most:g} g"
+    return (
+        f"{rotor.drive.name} needs {mass:.3g} g at {MM * pulley.radius:g} mm, above the {1e3 * pulley.most:g} g allowed"
+    )
 
 
 def _grade(quality: float) -> str:

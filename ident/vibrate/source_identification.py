@@ -50,7 +50,7 @@ RECOLOURED = 5
 NOISE_PASSES = 5
 """Passes between noise model and step at most, in a round; two or three do."""
 SETTLED = 0.5
-"""Step of each unknown, in its standard deviations, with which the search ends: after one of 0.26 came one of 0.004."""
+"""Step of each unknown, in standard deviations, with which the search ends; assumed. After one of 0.26 came 0.004."""
 ALIKE = 0.02
 """Change of the step, in standard deviations, below which two noise models count as one."""
 RIDGE = 1e-13

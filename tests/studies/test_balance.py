@@ -132,7 +132,7 @@ def test_what_does_not_fit_says_so(file):
     part = ident.balance(file, speed=12.0, draws=32)  # at the largest pulleys' radii, 50 g at most
     assert part.sections().verdict.word == "PARTLY 1 OF 2"
     assert "drive2 needs 13" in part.report()
-    assert "at 30 mm, more than 50 g" in part.report()
+    assert "at 30 mm, above the 50 g allowed" in part.report()
     assert_one_screen(part.report(), files=2)
 
 

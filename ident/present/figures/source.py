@@ -156,7 +156,7 @@ def source_figure(study: "SourceStudy") -> Figure:
         Line2D([], [], label=label, **style)
         for label, style in (("measured", MEASURED), ("computed", COMPUTED), ("left unexplained", LEFT))
     ]
-    which = f" The {MOST} least explained of {len(found.explained)} traces." if len(found.explained) > MOST else ""
+    which = f" The {MOST} least explained of {len(problem.channels)} traces." if len(problem.channels) > MOST else ""
     key_below(figure, handles, f"Slower than 0.5 Hz left out.{which}", columns=3)
     return figure
 
