@@ -138,10 +138,11 @@ def lcd_frequencies(k: Array) -> Array:
 @cache
 def crossing() -> float:
     """The stiffness at which the two lowest frequencies meet, found by their labels' motion."""
+    arm = lcd_arm()  # read before anything is traced
 
     @jax.jit
     def gap(k: Array) -> Array:
-        found = modes(at_posture(lcd_arm().replace({"joint1.k_tors": k}), jnp.zeros(3)), 2)
+        found = modes(at_posture(arm.replace({"joint1.k_tors": k}), jnp.zeros(3)), 2)
         vertical = jnp.abs(found.motion[2, -1]) > jnp.abs(found.motion[1, -1])
         return jnp.where(vertical, found.frequency, -found.frequency).sum()
 
