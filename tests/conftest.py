@@ -43,25 +43,38 @@ gc.set_threshold(200_000, 50, 1000)
 
 
 MAPS, MEMORY = Path("/proc/self/maps"), Path("/proc/self/statm")
-MOST_MAPS, MOST_PAGES = 15_000, 1_000_000_000 // 4096
+MOST_MAPS = 15_000
+MOST_PAGES, MOST_PAGES_WITHIN = 900_000_000 // 4096, 1_200_000_000 // 4096
+"""Of memory after a module, and after a test within one: its neighbours would share what has been compiled."""
 C_LIBRARY = ctypes.CDLL(None) if MAPS.exists() else None
 if hasattr(C_LIBRARY, "mallopt"):  # of the GNU C library
     C_LIBRARY.mallopt(ctypes.c_int(-8), ctypes.c_int(2))  # M_ARENA_MAX: else each thread that compiles keeps its own
 
 
-@pytest.fixture(autouse=True, scope="module")
-def few_programs():
-    """Forget compiled programs when they are many: each has memory maps of its own, and Linux admits 65530 in all.
-
-    Or when a worker has 1 GB, so that none comes to 1.5. What they have filled is given back to the system: else it
-    would count as full ever after, and every module began with nothing compiled.
-    """
-    yield
-    if MAPS.exists() and (MAPS.read_text().count("\n") > MOST_MAPS or int(MEMORY.read_text().split()[1]) > MOST_PAGES):
+def _keep_few_programs(most_pages):
+    """Forget compiled programs when a worker fills memory; what they took goes back to the system."""
+    if MEMORY.exists() and int(MEMORY.read_text().split()[1]) > most_pages:
         jax.clear_caches()
         gc.collect()
         if trim := getattr(C_LIBRARY, "malloc_trim", None):
             trim(0)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def few_programs():
+    """Begin each module with memory to spare, and with few programs.
+
+    Each has memory maps of its own, and Linux admits 65530 in all.
+    """
+    yield
+    _keep_few_programs(0 if MAPS.exists() and MAPS.read_text().count("\n") > MOST_MAPS else MOST_PAGES)
+
+
+@pytest.fixture(autouse=True)
+def few_programs_within():
+    """Let no module that compiles very many come to 1.5 GB."""
+    yield
+    _keep_few_programs(MOST_PAGES_WITHIN)
 
 
 @pytest.fixture(scope="module")

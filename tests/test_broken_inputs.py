@@ -23,6 +23,7 @@ from broken import (
     pick,
 )
 from commands import ARM, log, posterior
+from figures import CAMPAIGN_FIT
 from hammer_files import FOLDER
 from recording_files import ANSWER, FORCE, LVM, TIME, files, uff
 from three_joints import WITH_HAND, WITHOUT_MESHES
@@ -182,15 +183,9 @@ def test_channel_tables(tmp_path):
     )
 
 
-@pytest.fixture(scope="module")
-def fit_file(tmp_path_factory):
-    options = ident.FitOptions(starts=1, no_explain=True)
-    return ident.fit(ARM, TABLE, options).save(tmp_path_factory.mktemp("fit"))[0]
-
-
-def test_fits(tmp_path, fit_file):
+def test_fits(tmp_path):
     arm, path, rng = lcd_arm(), tmp_path / "bad.fit.json", np.random.default_rng(5)
-    whole = json.loads(fit_file.read_text())
+    whole = json.loads(CAMPAIGN_FIT.read_text())
     short = {key: whole[key] for key in ("format", "options", "inputs", "summary", "robot")}
 
     def read(document):
@@ -207,11 +202,11 @@ def test_fits(tmp_path, fit_file):
     assert 0.3 < share_refused([b"[" * n + head for n in (1, 10**4, 10**6)], read_bytes) <= 1
 
 
-def test_results(tmp_path, fit_file):
+def test_results(tmp_path):
     """What is loaded can be printed, and says to which inputs and options it belongs."""
     path = tmp_path / "bad.fit.json"
-    whole = json.loads(fit_file.read_text())
-    result = ident.load(fit_file)
+    whole = json.loads(CAMPAIGN_FIT.read_text())
+    result = ident.load(CAMPAIGN_FIT)
 
     def read(document):
         path.write_text(json.dumps(document))

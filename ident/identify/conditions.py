@@ -58,7 +58,7 @@ def frequencies_of_pole(s: Complex[Array, "*shape"]) -> tuple[Float[Array, "*sha
     """
     hertz = jnp.abs(s) / (2 * jnp.pi)
     squared = 1 - 2 * (s.real / jnp.abs(s)) ** 2
-    peaked = squared >= 1 - 2 * MOST_DAMPED**2
+    peaked = ~(squared < 1 - 2 * MOST_DAMPED**2)  # of no pole there is none to tell: NaN, not 0
     ratio = jnp.sqrt(jnp.where(peaked, squared, 1.0))
     peaks = (jnp.where(peaked, hertz * ratio, 0.0), jnp.where(peaked, hertz / ratio, 0.0))
     return hertz, s.imag / (2 * jnp.pi), *peaks

@@ -28,16 +28,10 @@ def column(height: float, mass: float, com: float, moment: float) -> Arm:
 
 
 @eqx.filter_jit
-def frequencies(arm: Arm, posture: Array, count: int) -> Array:
-    """The lowest ones [Hz]."""
-    return natural_frequencies(at_posture(arm, posture), count)
-
-
-@eqx.filter_jit
-def moved(arm: Arm, posture: Array) -> Array:
-    """By how much gravity moves each point [m]."""
+def seen(arm: Arm, posture: Array) -> tuple[Array, Array]:
+    """All frequencies [Hz], and by how much gravity moves each point [m]."""
     chain = at_posture(arm, posture)
-    return deflection(chain, equilibrium(chain))
+    return natural_frequencies(chain, 3 * len(arm.joints)), deflection(chain, equilibrium(chain))
 
 
 @pytest.mark.parametrize("height", [0.3, 1.0])
@@ -50,7 +44,7 @@ def test_a_rigid_body_rocks_on_the_base_as_an_inverted_pendulum_on_a_spring(heig
     spring = k - 9.80665 * (mass * (height + com) + weight * low)
     rocking = np.sqrt(spring / inertia) / (2 * np.pi)
     turning = np.sqrt(2 * k / (moment / 2 + float(pedestal.inertia[2, 2]))) / (2 * np.pi)
-    found = np.asarray(frequencies(arm, jnp.zeros(1), 3))
+    found = np.asarray(seen(arm, jnp.zeros(1))[0])[:3]
     # the body's own bushing gives 1/20000 and 1/10000 of the compliance
     np.testing.assert_allclose(found, sorted([rocking, rocking, turning]), rtol=2e-4)
 
@@ -58,21 +52,11 @@ def test_a_rigid_body_rocks_on_the_base_as_an_inverted_pendulum_on_a_spring(heig
 def test_nothing_moves_where_the_base_is_put_under_it():
     arm, posture = lcd_arm(), jnp.array([0.3, -0.6, 0.3])
     based = on_soft_base(arm, 0.7)
-    before, after = (straight_positions(at_posture(each, posture)) for each in (arm, based))
+    straight = eqx.filter_jit(lambda each: straight_positions(at_posture(each, posture)))
+    before, after = map(straight, (arm, based))
     np.testing.assert_allclose(after, before, atol=1e-15)
     assert [joint.name for joint in based.driven] == [joint.name for joint in arm.driven]
     assert float(based.get("base.k_bend")) == STIFFER * float(arm.get("joint1.k_bend"))
-
-
-def test_the_stiffer_the_base_the_nearer_to_a_rigid_one():
-    arm, posture = lcd_arm(), jnp.array([0.3, -0.6, 0.3])
-    rigid = np.asarray(frequencies(arm, posture, 4))
-
-    def off(k):
-        based = on_soft_base(arm, 0.5).replace({"base.k_bend": k, "base.k_tors": k})
-        return np.abs(np.asarray(frequencies(based, posture, 4)) - rigid).max()
-
-    assert off(1e10) == pytest.approx(10 * off(1e11), rel=1e-3), "as the compliance"
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -91,10 +75,9 @@ def test_frequencies_and_deflection_are_those_of_mujoco(seed):
     ).x
     H = engine.gravity_hessian(settled) + K
     inverse = eigh(engine.mass_matrix(settled), (H + H.T) / 2, eigvals_only=True)[::-1]
-    found = np.asarray(frequencies(arm, posture, 12))
+    found, moved = map(np.asarray, seen(arm, posture))
     np.testing.assert_allclose(found, 1 / (2 * np.pi * np.sqrt(inverse)), rtol=1e-8)
-    tip = np.asarray(moved(arm, posture))[:, -1]
-    np.testing.assert_allclose(tip, engine.point(settled) - engine.point(0 * settled), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(moved[:, -1], engine.point(settled) - engine.point(0 * settled), rtol=1e-9, atol=1e-12)
 
 
 def test_asked_for_twice_it_is_put_there_once():

@@ -36,10 +36,10 @@ def compliant(arm, posture, point, force, moment, stiffer: float) -> tuple[np.nd
     return move, turn
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_it_is_the_limit_of_stiff_joints(seed):
     rng = np.random.default_rng(seed)
-    arm = without_gravity(random_arm(rng, 4 + seed % 3))
+    arm = without_gravity(random_arm(rng, 6))
     posture, point = posture_of(arm, rng), arm.points[-1]
     force, moment = rng.normal(size=3) * 100, rng.normal(size=3) * 30
     load = Load(forces=((tuple(force), point.name),), moments=((tuple(moment), point.name),))

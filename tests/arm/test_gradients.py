@@ -1,4 +1,4 @@
-"""Every gradient, forward and reverse, against central differences; also where frequencies repeat and cross."""
+"""Gradients, forward and reverse, against central differences; forward also where frequencies repeat and cross."""
 
 from collections.abc import Callable
 from functools import cache, partial
@@ -13,8 +13,8 @@ from scipy.optimize import brentq
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
-from ident.arm.mechanics import deflection
-from ident.arm.modes import damped_eigenvalues, linearize, modes, natural_frequencies
+from ident.arm.mechanics import deflection, equilibrium
+from ident.arm.modes import damped_eigenvalues, linearize, natural_frequencies
 
 pytestmark = pytest.mark.slow
 
@@ -62,21 +62,16 @@ def differences(f: Callable[[Array], dict[str, Array]], at: Array) -> dict[str, 
     return jax.tree.map(lambda *x: jnp.stack(x, -1), *(column(e) for e in np.eye(len(at))))
 
 
-@cache
-def reference() -> tuple[Callable[[Array], dict[str, Array]], Array, dict[str, Array]]:
+def test_gradients_forward_and_reverse() -> None:
+    """Each row to 1e-8 of its largest entry."""
     arm, posture, paths = case()
     f, at = partial(quantities, arm, posture, paths), jnp.ones(len(paths))
-    return f, at, differences(jax.jit(f), at)
-
-
-@pytest.mark.parametrize("mode", ["fwd", "rev"])
-def test_gradients(mode: str) -> None:
-    """Each row to 1e-8 of its largest entry."""
-    f, at, expected = reference()
-    jacobian = jax.jit({"fwd": jax.jacfwd, "rev": jax.jacrev}[mode](f))(at)
-    for name, rows in expected.items():
+    both = jax.jit(lambda scale: (f(scale), jax.jacfwd(f)(scale), jax.jacrev(f)(scale)))
+    _, *jacobians = both(at)
+    for name, rows in differences(lambda scale: both(scale)[0], at).items():
         size = jnp.abs(rows).max(1, keepdims=True) + 1e-12
-        assert (jnp.abs(jacobian[name] - rows) / size).max() < 1e-8, name
+        for jacobian in jacobians:
+            assert (jnp.abs(jacobian[name] - rows) / size).max() < 1e-8, name
 
 
 # repeated frequencies: the lower bending pair of a column of bodies of revolution
@@ -95,23 +90,15 @@ def column_frequencies(scale: Array) -> Array:
     return natural_frequencies(at_posture(arm, jnp.zeros(2)), 6)
 
 
-def pairs() -> list[tuple[int, int]]:
-    found = np.asarray(jax.jit(column_frequencies)(jnp.ones(len(REPEATED_PATHS))))
-    return [(i, i + 1) for i in range(5) if abs(found[i + 1] / found[i] - 1) < 1e-12]
-
-
-def test_the_column_has_two_repeated_frequencies() -> None:
-    assert len(pairs()) == 2
-
-
-@pytest.mark.parametrize("mode", ["fwd", "rev"])
-def test_gradient_at_repeated_frequencies(mode: str) -> None:
+def test_gradient_at_repeated_frequencies() -> None:
     """Finite; the sum over a pair is smooth, and right, though each one's share depends on the basis."""
+    both = jax.jit(lambda scale: (column_frequencies(scale), jax.jacfwd(column_frequencies)(scale)))
     at = jnp.ones(len(REPEATED_PATHS))
-    jacobian = jax.jit({"fwd": jax.jacfwd, "rev": jax.jacrev}[mode](column_frequencies))(at)
+    found, jacobian = both(at)
     assert np.isfinite(jacobian).all()
-    cluster = np.array(pairs())
-    expected = differences(jax.jit(lambda s: {"sum": column_frequencies(s)[cluster].sum(1)}), at)["sum"]
+    cluster = np.array([(i, i + 1) for i in range(5) if abs(found[i + 1] / found[i] - 1) < 1e-12])
+    assert len(cluster) == 2
+    expected = differences(lambda scale: {"sum": both(scale)[0][cluster].sum(1)}, at)["sum"]
     ours = jacobian[cluster].sum(1)
     assert jnp.abs(ours - expected).max() < 1e-8 * jnp.abs(expected).max()
 
@@ -122,7 +109,7 @@ def test_deflection_gradient_is_finite_at_zero_deflection(mode: str) -> None:
 
     def tip(k: Array) -> Array:
         chain = at_posture(two_equal_arm().replace({"lower.k_bend": k}), jnp.zeros(2))
-        return deflection(chain, linearize(chain).phi)
+        return deflection(chain, equilibrium(chain))
 
     slope = jax.jit({"fwd": jax.jacfwd, "rev": jax.jacrev}[mode](tip))(8e3)
     assert jnp.abs(slope).max() == 0
@@ -131,20 +118,25 @@ def test_deflection_gradient_is_finite_at_zero_deflection(mode: str) -> None:
 # a crossing: torsion 1 and bending 1 of the LCD arm, unfolded, as the stiffness of joint 1 in torsion varies
 
 
-def lcd_frequencies(k: Array) -> Array:
-    return natural_frequencies(at_posture(lcd_arm().replace({"joint1.k_tors": k}), jnp.zeros(3)), 2)
+@jax.jit
+def with_slopes(k: Array) -> tuple[Array, Array]:
+    """The two lowest frequencies and their derivatives."""
+    arm = lcd_arm()
+
+    def frequencies(k: Array) -> Array:
+        return natural_frequencies(at_posture(arm.replace({"joint1.k_tors": k}), jnp.zeros(3)), 2)
+
+    return frequencies(k), jax.jacfwd(frequencies)(k)
 
 
 @cache
 def crossing() -> float:
-    """The stiffness at which the two lowest frequencies meet, found by their labels' motion."""
-    arm = lcd_arm()  # read before anything is traced
+    """The stiffness at which the two lowest frequencies meet: bending does not feel joint 1 in torsion."""
+    lcd_arm()  # read before anything is traced
 
-    @jax.jit
-    def gap(k: Array) -> Array:
-        found = modes(at_posture(arm.replace({"joint1.k_tors": k}), jnp.zeros(3)), 2)
-        vertical = jnp.abs(found.motion[2, -1]) > jnp.abs(found.motion[1, -1])
-        return jnp.where(vertical, found.frequency, -found.frequency).sum()
+    def gap(k: float) -> float:
+        values, slope = (np.asarray(x) for x in with_slopes(k))
+        return float(values[np.abs(slope).argmin()] - values[np.abs(slope).argmax()])
 
     return brentq(gap, 2e5, 2e6, xtol=1e-9, rtol=1e-15)
 
@@ -152,19 +144,20 @@ def crossing() -> float:
 def test_gradient_at_a_crossing() -> None:
     """The sum is smooth. Each branch, taken by what it is on both sides, has the slope found on either side."""
     at = crossing()
-    values, slope = (np.asarray(jax.jit(f)(at)) for f in (lcd_frequencies, jax.jacfwd(lcd_frequencies)))
+    values, slope = (np.asarray(x) for x in with_slopes(at))
     assert abs(values[1] / values[0] - 1) < 1e-9
     assert np.isfinite(slope).all()
-    assert np.allclose(slope, jax.jit(jax.jacrev(lcd_frequencies))(at), rtol=1e-9, atol=1e-18)
-    f, h = jax.jit(lcd_frequencies), 1e-3 * at
-    by_differences = sum(w * (f(at + n * h) - f(at - n * h)).sum() / h for n, w in FOURTH_ORDER.items())
+    h = 1e-3 * at
+    by_differences = sum(
+        w * (with_slopes(at + n * h)[0] - with_slopes(at - n * h)[0]).sum() / h for n, w in FOURTH_ORDER.items()
+    )
     assert slope.sum() == pytest.approx(float(by_differences), rel=1e-8)
 
 
 def test_branches_swap_at_the_crossing() -> None:
     """Bending does not feel joint 1 in torsion: its slope is zero, as second before and as first after."""
-    at, slope = crossing(), jax.jit(jax.jacfwd(lcd_frequencies))
-    before, after = (np.asarray(slope(at * factor)) for factor in (0.99, 1.01))
+    at = crossing()
+    before, after = (np.asarray(with_slopes(at * factor)[1]) for factor in (0.99, 1.01))
     assert abs(before[1] / before[0]) < 1e-6
     assert abs(after[0] / after[1]) < 1e-6
     assert before[0] == pytest.approx(after[1], rel=0.1)

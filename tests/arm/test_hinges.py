@@ -11,15 +11,7 @@ from ident.arm.hinges import cut
 from ident.arm.mechanics import mass_matrix, point_positions, potential_energy
 from ident.arm.parts import Body, Joint, Payload
 
-pytestmark = pytest.mark.slow
-
-ARMS = [
-    *(random_arm(np.random.default_rng(n), n) for n in (1, 2, 3, 6)),
-    random_arm(np.random.default_rng(7), 4, undriven=(0,)),
-    random_arm(np.random.default_rng(8), 4, undriven=(2,)),
-    lcd_arm(),
-    on_soft_base(lcd_arm(), 0.5),
-]
+ARMS = [random_arm(np.random.default_rng(8), 4, undriven=(2,)), on_soft_base(lcd_arm(), 0.5)]
 
 
 @filter_jit
@@ -30,7 +22,8 @@ def seen(arm, posture, phi):
     return mass_matrix(chain, phi), energy, point_positions(chain, phi)
 
 
-@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: f"{arm.name}-{arm.base is None}")
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
 def test_with_its_hinges_at_rest_it_is_the_same_arm(arm):
     rng, pieces = np.random.default_rng(0), cut(arm)
     posture = posture_of(arm, rng)

@@ -11,9 +11,7 @@ from commands import files
 
 from ident import __version__
 from ident.cli import main
-from ident.cli.output import app
-
-pytestmark = pytest.mark.slow
+from ident.measure import read_campaign
 
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 HEADER = "kind,q1 [deg],q2 [deg],q3 [deg],mode,point,value,unit,relative_sigma"
@@ -25,15 +23,6 @@ def test_version_and_help(run):
     code, out, _ = run("fit", "--help")
     assert code == 0
     assert "--no-prior" in out
-
-
-@pytest.mark.parametrize("name", [command.name for command in app.registered_commands])
-def test_the_help_of_a_command_is_one_screen(run, monkeypatch, name):
-    monkeypatch.setenv("COLUMNS", "102")  # click leaves two of them free
-    code, out, _ = run(name, "--help")
-    assert code == 0
-    assert len(out.splitlines()) <= 30
-    assert max(map(len, out.splitlines())) <= 100
 
 
 def test_python_m_ident_is_the_same_program(tmp_path):
@@ -56,7 +45,6 @@ BAD_CAMPAIGNS = {
     "short posture": ([HEADER.replace(",q3 [deg]", ""), ROW.replace("0,0,0", "0,0")], "c.csv:2, posture"),
     "unknown point": ([HEADER, "deflection,0,0,0,,nose,22,mm,2%"], "c.csv:2, point"),
     "duplicate row": ([HEADER, ROW, ROW], "c.csv:3"),
-    "rad/s as Hz": ([HEADER, ROW.replace("4.38", "27.52")], "c.csv:2, value"),
     "unknown label": ([HEADER, ROW.replace(",,,4.38", ",wobble,,4.38")], "c.csv:2, mode"),
     "decimal commas between commas": ([HEADER, ROW.replace("4.38", "4,38")], "c.csv:2"),
     "empty": ([], "c.csv"),
@@ -78,13 +66,11 @@ def test_a_bad_campaign_is_one_clear_line_and_nothing_is_written(run, tmp_path, 
     assert files(tmp_path) == ["c.csv"]
 
 
-def test_european_spreadsheets_are_read(run, tmp_path):
+def test_european_spreadsheets_are_read(tmp_path):
     path = tmp_path / "c.csv"
     text = "\n".join([HEADER, ROW, ROW.replace("4.38", "4.41")]).replace(",", ";").replace(".", ",")
     path.write_bytes(b"\xef\xbb\xbf" + text.encode() + b"\r\n")
-    code, out, _ = run("fit", path, "--arm", DATA / "arm.toml", "--no-figure", "--starts=1", "--details")
-    assert code == 0
-    assert "4.41" in out
+    assert [row.value for row in read_campaign(path)] == [4.38, 4.41]
 
 
 def test_latin_1_is_refused(run, tmp_path):

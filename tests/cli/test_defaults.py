@@ -18,7 +18,7 @@ arm = "robot.toml"
 method = "fast"  # of other commands
 [fit]
 prior-sd = 0.5
-fix = ["joint1.k_bend", "joint2.k_bend"]
+trust-values = ["5", "6"]
 [predict]
 posture = "30,-60,30"
 """
@@ -42,20 +42,20 @@ def test_the_file_is_taken_and_the_result_records_the_values(run, folder):
     code, out, err = run("fit", "my/campaign.csv")
     assert (code, err) == (0, "")
     assert out.startswith("defaults from my/ident.toml: ")
-    assert 'prior-sd = 0.5, fix = ["joint1.k_bend", "joint2.k_bend"]' in out.replace("\n    ", " ")
+    assert 'prior-sd = 0.5, trust-values = ["5", "6"]' in out.replace("\n    ", " ")
     assert files(folder / "results") == ["campaign.fit.json"]
     recorded = options(folder)
-    assert (recorded["starts"], recorded["prior_sd"], recorded["fix"]) == (1, 0.5, ["joint1.k_bend", "joint2.k_bend"])
+    assert (recorded["starts"], recorded["prior_sd"], recorded["trust_values"]) == (1, 0.5, ["5", "6"])
     code, out, _ = run("rerun", "my/results/campaign.fit.json")
     assert code == 0
     assert "defaults" not in out
 
 
 def test_the_command_line_comes_first(run, folder):
-    code, *_ = run("fit", "my/campaign.csv", "--prior-sd=1", "--fix=joint3.k_tors", "--out=my/results")
+    code, *_ = run("fit", "my/campaign.csv", "--prior-sd=1", "--trust-values=7", "--out=my/results")
     assert code == 0
     recorded = options(folder)
-    assert (recorded["starts"], recorded["prior_sd"], recorded["fix"]) == (1, 1.0, ["joint3.k_tors"])
+    assert (recorded["starts"], recorded["prior_sd"], recorded["trust_values"]) == (1, 1.0, ["7"])
 
 
 def test_what_insists_is_no_default(run, folder):

@@ -23,13 +23,9 @@ NAME = "arm.teach"
 def test_a_design_with_all_that_there_is(run, tmp_path, made):
     log(tmp_path / "teach.csv")
     posterior(tmp_path / "draws.nc")
-    code, out, err = run("simulate", ARM, *SHORT, "--method=fast", "--no-figure")
-    assert (code, err) == (0, "")
-    peaks = json.loads((tmp_path / f"out/{NAME}.simulate.json").read_text())["table"]
-    limit = 0.8e3 * max(row["peak"] for row in peaks)
-
+    limit = 20.0
     options = (f"--change={K[0]}", f"--change={K[1]}={K[2]}=0.5x:1.5x:2", "--set=link2.mass=36")
-    drawn = ("--posterior=draws.nc", "--draws=4", "--fresh=30", "--starts=2", f"--limit={limit}", "--max-change=1.2")
+    drawn = ("--posterior=draws.nc", "--draws=4", "--fresh=4", "--starts=1", f"--limit={limit}", "--max-change=1.2")
     code, out, err = run("design", ARM, *SHORT, *options, *drawn, "--out=new")
     assert (code, err) == (0, "")
     base = f"new/{NAME}.design"
@@ -53,10 +49,10 @@ def test_a_design_with_all_that_there_is(run, tmp_path, made):
     assert best.values[K[2]] == pytest.approx(best.values[K[1]] / present * float(lcd_arm().get(K[2])))
     assert [row["best"] for row in result["table"]] == list(best.values.values())
     assert best.change_norm <= 1.2 * (1 + 1e-6)
-    assert design.optima[0].largest <= design.present.largest
+    assert design.optima[0].largest < design.limit < design.present.largest
     assert [place.change_norm for place in design.curve] == sorted(place.change_norm for place in design.curve)
     fresh = study.verification.after.exceedance
-    assert fresh.draws == 20, "of 24 there are, 4 were used"
+    assert fresh.draws == 4
     assert fresh.interval[0] <= fresh.share <= fresh.interval[1]
     for check in (study.verification.before, study.verification.after):
         assert np.abs(check.difference).max() < 0.05
@@ -69,11 +65,6 @@ def test_a_design_with_all_that_there_is(run, tmp_path, made):
         assert written.origins[path] == "designed"
     assert (written.origins["link2.mass"], float(written.arm.get("link2.mass"))) == ("assumed", 36)
     assert tomllib.loads(text)["name"] == lcd_arm().name
-    code, _, err = run("simulate", f"{base}.toml", *SHORT, "--method=fast", "--no-figure", "--out=again")
-    assert (code, err) == (0, "")
-    (again,) = (name for name in files(tmp_path) if name.startswith("again") and name.endswith("json"))
-    peaks = json.loads((tmp_path / again).read_text())["table"]
-    assert [row["peak_worst_phases"] for row in peaks] == pytest.approx(best.amplitude, rel=0.02)
 
     report = ident.load(tmp_path / f"{base}.json").sections()
     assert report.verdict.word == ("MET" if study.verification.after.amplitude.max() <= design.limit else "NOT MET")
@@ -82,21 +73,7 @@ def test_a_design_with_all_that_there_is(run, tmp_path, made):
     titles = [section.title for section in report.details]
     assert "Verification by the exact equations of motion" in titles
     (_, chances) = report.details[titles.index("Verification by the exact equations of motion")].parts
-    assert [row[-1] for row in chances.rows] == [20, 20]
-
-
-def test_sensitivities_alone(run, tmp_path):
-    log(tmp_path / "teach.csv")
-    code, out, err = run("design", ARM, *SHORT, "--sensitivities")
-    assert (code, err) == (0, "")
-    assert files(tmp_path) == [f"out/{NAME}.sensitivities.{end}" for end in ("json", "png")] + ["teach.csv"]
-    result = json.loads((tmp_path / f"out/{NAME}.sensitivities.json").read_text())
-    numbers = result["table"]
-    assert len(numbers) == 36
-    worst = "xyz"[int(np.argmax(result["summary"]["present"]))]
-    sizes = [abs(number[worst]) for number in numbers]
-    assert sizes == sorted(sizes, reverse=True)
-    assert_one_screen(out)
+    assert [row[-1] for row in chances.rows] == [4, 4]
 
 
 @pytest.mark.parametrize(
@@ -138,14 +115,3 @@ def test_a_bound_by_its_old_name_is_refused_with_the_new_one(run, tmp_path):
     assert (code, out) == (2, "")
     assert "No such option: --max-amount" in err
     assert "--max-change" in err
-
-
-def test_what_has_no_answer_is_told(run, tmp_path):
-    log(tmp_path / "teach.csv")
-    code, out, err = run("design", ARM, *SHORT, f"--change={K[0]}", "--min-frequency=50", "--starts=1", "--no-curve")
-    assert (code, out) == (1, "")
-    assert "the first frequency reaches" in err
-    code, out, err = run("design", ARM, *SHORT, "--change=joint1.k_bend=0.0001x:2x", "--no-curve")
-    assert (code, out) == (1, "")
-    assert "collapses at joint1.k_bend = " in err
-    assert files(tmp_path) == ["teach.csv"]

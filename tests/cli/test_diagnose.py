@@ -13,7 +13,6 @@ from diagnose_small import CAMPAIGN
 from reports import assert_one_screen
 
 from ident.assess.remedies import AND, EFFORTS
-from ident.codec import Store
 
 pytestmark = pytest.mark.slow
 
@@ -67,25 +66,6 @@ def test_from_a_campaign_to_advice_with_a_kill_on_the_way(small, tmp_path, brows
                 "all => all.map(b => b.scrollWidth > b.clientWidth)"
             )
             assert set(boxes) == {width < 600}
-
-
-def test_an_interrupted_run_says_how_it_goes_on(run, monkeypatch):
-    def stopped(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("ident.identify.compare.sample_campaign", stopped)
-    code, _, err = run("diagnose", CAMPAIGN, *MOTION)
-    assert code == 130
-    assert "goes on from there" in err
-
-
-def test_a_run_of_other_inputs_is_not_gone_on_with(run, tmp_path):
-    Store(tmp_path / "out" / "campaign.diagnose.part", {"campaign": "another"})
-    code, _, err = run("diagnose", CAMPAIGN, *MOTION)
-    assert code == 2
-    assert "another campaign" in err
-    assert "--restart" in err
-    assert len(err.splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""`ident fit` from the command line."""
+"""`ident fit` and `ident check` from the command line."""
 
 import json
 from pathlib import Path
@@ -39,40 +39,34 @@ def test_fit_prints_a_report_and_writes_a_result_and_a_figure(run, tmp_path, she
 def test_a_dial_gauge_alone_is_fitted_and_what_it_leaves_open_is_said(run, tmp_path):
     lines = (DATA / "campaign.csv").read_text().splitlines(keepends=True)
     (tmp_path / "dial.csv").write_text("".join(line for line in lines if not line.startswith("frequency")))
-    code, out, err = run("fit", tmp_path / "dial.csv", f"--arm={DATA / 'arm.toml'}")
+    options = (f"--arm={DATA / 'arm.toml'}", "--tie=joint2.k_tors=joint3.k_tors", "--starts=1", "--no-figure")
+    code, out, err = run("fit", tmp_path / "dial.csv", *options)
     assert (code, err) == (0, "")
-    assert "4 measurements, 6 unknown stiffnesses" in out
+    assert "4 measurements, 5 unknown stiffnesses" in out
+    result = json.loads((tmp_path / "out/dial.fit.json").read_text())
+    tied = result["summary"]["parameters"]
+    assert len(result["table"]) == 5
+    assert tied["joint2.k_tors"] == tied["joint3.k_tors"]
     assert "inf" not in out
     assert "nan" not in out
 
 
-def test_what_is_taken_for_granted_is_said_and_a_base_that_gives_is_fitted_instead(run, tmp_path):
-    code, out, _ = run("fit", DATA / "campaign.csv", "--starts=1", "--no-figure", "--details")
-    assert code == 0
-    section = out.partition("Sensitivity to modelling assumptions\n")[2].partition("\n\n")[0].splitlines()
-    rows = [line.split() for line in section if line.split()[:1] == ["base"]]
-    assert [row[:2] for row in rows] == [["base", "rocks"], ["base", "turns"]]
-    assert rows[1][-4:] == ["joint1.k_tors", "cannot", "be", "tested"]
-    code, out, _ = run("fit", DATA / "campaign.csv", "--starts=1", "--no-figure", "--soft-base=0.5", "--details")
-    assert code == 0
-    assert "base.k_bend" in out
-    assert "base rocks" not in out
-    code, _, err = run("predict", DATA / "arm.toml", f"--fit={tmp_path / 'out/campaign.fit.json'}")
-    assert code == 2
-    assert "give --soft-base as it was given there" in err
-
-
-def test_a_verdict_on_the_data_is_a_status_of_its_own_only_where_that_is_asked_for(run):
-    assert run("fit", DATA / "table1.csv", "--starts=1", "--no-figure", "--no-explain", "--strict")[0] == 3
-    assert run("fit", DATA / "campaign.csv", "--starts=1", "--no-figure", "--strict")[0] == 0
+def test_check_prints_a_verdict_for_each_parameter_and_writes_nothing(run, tmp_path):
+    code, out, err = run("check", DATA / "table1.csv", "--no-explain")
+    assert (code, err) == (0, "")
+    assert "RESULT: NOT READY. Deflection and frequency data contradict each other (4.1 sigma)." in out
+    assert out.count("not determined  only in combination with others") == 6
+    code, out, _ = run("check", DATA / "table1.csv", "--no-explain", "--details", "--strict")
+    assert code == 3
+    assert "torsion of joint2 against torsion of joint1" in out
+    assert files(tmp_path) == []
 
 
 def test_options_reach_the_fit(run, tmp_path):
     code, out, _ = run(
         "fit",
-        DATA / "campaign.csv",
+        DATA / "table1.csv",
         "--fix=joint1.k_bend",
-        "--tie=joint2.k_tors=joint3.k_tors",
         "--starts=1",
         "--no-figure",
         "--no-prior",
@@ -81,15 +75,13 @@ def test_options_reach_the_fit(run, tmp_path):
         "--details",
     )
     assert code == 0
-    assert files(tmp_path) == ["results/campaign.fit.json"]
-    result = json.loads((tmp_path / "results/campaign.fit.json").read_text())
+    assert files(tmp_path) == ["results/table1.fit.json"]
+    result = json.loads((tmp_path / "results/table1.fit.json").read_text())
     names = [row["parameter"] for row in result["table"]]
-    assert names == ["joint2.k_bend", "joint3.k_bend", "joint1.k_tors", "joint2.k_tors"]
-    tied = result["summary"]["parameters"]
-    assert tied["joint2.k_tors"] == tied["joint3.k_tors"] == result["table"][3]["value"]
+    assert names == ["joint2.k_bend", "joint3.k_bend", "joint1.k_tors", "joint2.k_tors", "joint3.k_tors"]
     assert result["options"]["fix"] == ["joint1.k_bend"]
     assert "Prior: none." in out
-    assert ident.load("results/campaign.fit.json").report(details=True) == out.partition("wrote ")[0]
+    assert ident.load("results/table1.fit.json").report(details=True) == out.partition("wrote ")[0]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ PLANNED = ["out/table1.plan.csv", "out/table1.plan.json", "out/table1.plan.png"]
 
 
 def test_plan_says_what_to_measure_next(run, tmp_path):
-    options = ["--step=90", "--load=glass", "--count=2", "--draws=1", "--starts=2"]
+    options = ["--step=90", "--load=glass", "--count=2", "--draws=1", "--starts=1"]
     code, out, _ = run("plan", DATA / "table1.csv", *options)
     assert code == 0
     assert out.startswith("Plan of 2 experiments")
@@ -35,7 +35,7 @@ def test_plan_says_what_to_measure_next(run, tmp_path):
 
 
 def test_plan_starts_from_nothing_and_ends_at_a_target(run, tmp_path):
-    options = ["--step=90", "--draws=0", "--target=5", "--criterion=a", "--no-figure", "--cost=dial=0"]
+    options = ["--step=90", "--draws=1", "--target=5", "--criterion=a", "--no-figure", "--cost=dial=0"]
     code, out, _ = run("plan", "--arm", DATA / "arm.toml", "--count=9", *options)
     assert code == 0
     assert "Plan of 2 experiments" in out

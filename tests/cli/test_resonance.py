@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from arms import lcd_arm
-from commands import ARM, files, posterior
+from commands import ARM, files
 
 from ident.vibrate.branches import branches
 from ident.vibrate.motion import stroke
@@ -28,16 +28,6 @@ def test_report_and_result_agree_with_the_library(run, tmp_path, made):
     assert written["table"] == loaded.table()
     assert len(written["table"]) == 4
     assert "Pulley 2 (drive2) crosses lateral torsion 1 at 13.61 s" in out
-
-
-def test_draws_give_bands_and_probabilities(run, tmp_path, made):
-    posterior(tmp_path / "draws.nc")
-    code, _, _ = run("resonance", ARM, "--posterior=draws.nc", "--draws=8", "--no-figure")
-    assert code == 0
-    low, high = made[BASE].branches.band()[:, 0]
-    assert (high > low).all()
-    written = json.loads((tmp_path / "out" / f"{BASE}.json").read_text())
-    assert all(0 < row["probability"] <= 1 for row in written["table"])
 
 
 @pytest.mark.parametrize(

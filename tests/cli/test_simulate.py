@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray
 from arms import lcd_arm
+from chain_files import chain_file
 from commands import ARM, files, posterior
 
 import ident
@@ -18,15 +19,20 @@ from ident.vibrate.simulate import simulate
 
 pytestmark = pytest.mark.slow
 
-SHORT = ("--speed=200", "--dwell=0.5")
+SHORT = ("--speed=200", "--dwell=0.5", "--rate=100")
 NAME = "arm.extend-200"
+POINT = (
+    '[[point]]\nname = "end"\njoint = "joint1"\nposition = { value = [0.1, 0, 0], unit = "m", origin = "assumed" }\n'
+)
+BARE = chain_file(1) + POINT
+"""An arm without drives, belts and stroke, of one joint, whose equations are compiled soon."""
 
 
 @pytest.fixture(scope="module")
 def direct():
     """The same motion, by the library."""
     motion = stroke(lcd_arm().stroke, percent=200, dwell=0.5)
-    return {method: simulate(lcd_arm(), motion, method=method) for method in ("fast", "exact")}
+    return {method: simulate(lcd_arm(), motion, method=method, rate=100) for method in ("fast", "exact")}
 
 
 def test_csv_netcdf_summary_and_report_agree_with_simulate(run, tmp_path, direct, made):
@@ -74,20 +80,6 @@ def test_csv_netcdf_summary_and_report_agree_with_simulate(run, tmp_path, direct
         assert words in out
 
 
-def test_its_own_csv_as_measured_trace_gives_ratio_one(run, tmp_path, made):
-    assert run("simulate", ARM, *SHORT, "--method=fast", "--no-figure", "--out=one")[0] == 0
-    code, out, err = run("simulate", ARM, *SHORT, "--method=fast", f"--trace=one/{NAME}.simulate.csv", "--band=2:20")
-    assert (code, err) == (0, "")
-    assert "Simulated over measured" in out
-    result = json.loads((tmp_path / f"out/{NAME}.simulate.json").read_text())
-    comparisons = made[f"{NAME}.simulate"].simulation.comparisons
-    assert list(comparisons) == ["x", "y", "z"]
-    for each in comparisons.values():
-        assert (each.peak_ratio, each.rms_ratio, each.band_rms_ratio) == pytest.approx((1, 1, 1), rel=1e-6)
-    assert result["inputs"]["trace"]["path"] == f"one/{NAME}.simulate.csv"
-    assert result["options"]["method"] == "fast"
-
-
 def test_a_measured_acceleration_is_compared_as_acceleration(run, tmp_path, direct, made):
     from ident.vibrate.compare import second_derivative
 
@@ -113,35 +105,6 @@ def test_interrupted_nothing_is_written(run, tmp_path, monkeypatch):
     assert (code, out) == (130, "")
     assert "Traceback" not in err
     assert files(tmp_path) == []
-
-
-def test_draws_of_a_posterior_give_bands(run, tmp_path):
-    values = posterior(tmp_path / "draws.nc")
-    limit = 20.0
-    options = ("--posterior=draws.nc", "--draws=4", f"--limit={limit}", "--rate=100", "--details")
-    code, out, err = run("simulate", ARM, *SHORT, *options)
-    assert (code, err) == (0, "")
-    assert "Not used, as the arm has no such number: discrepancy.deflection" in out
-    assert "5 to 95 % of 4 draws" in out
-    assert f"Probability that the peak exceeds {limit:g} mm" in out
-    picked = {name: column.ravel()[[3, 9, 15, 21]] for name, column in values.items()}
-    with xarray.open_dataset(f"out/{NAME}.simulate.nc", engine="h5netcdf") as data:
-        drawn = data["vibration_draws"]
-        assert drawn.dims == ("draw", "direction", "time")
-        assert drawn.sizes["draw"] == 4
-        for name, column in picked.items():
-            np.testing.assert_allclose(data["parameter_draws"].sel(parameter=name), column)
-        motion = stroke(lcd_arm().stroke, percent=200, dwell=0.5)
-        numbers = {str(name): float(data["parameter_draws"].sel(parameter=name)[2]) for name in data.parameter.values}
-        assert numbers.keys() - picked.keys() == {f"{drive.name}.phase" for drive in lcd_arm().drives}
-        arm = lcd_arm().replace(numbers)
-        one = simulate(arm, motion, rate=100).vibration
-        np.testing.assert_allclose(drawn[2], one, atol=1e-9)
-        sizes = np.abs(drawn.values).max(2)
-    result = json.loads((tmp_path / f"out/{NAME}.simulate.json").read_text())
-    over = sizes > limit / 1e3
-    assert [row["exceedance"] for row in result["table"]] == pytest.approx(over.mean(0))
-    assert result["summary"]["exceedance"] == over.any(1).mean()
 
 
 def test_fitted_values_ties_and_set_reach_the_arm(tmp_path):
@@ -180,30 +143,18 @@ def log(path, angles):
     np.savetxt(path, np.column_stack(columns), header=header, comments="", delimiter=",")
 
 
-def test_a_logged_path_is_followed(run, tmp_path):
-    log(tmp_path / "teach.csv", (20, -40, 20))
-    options = ("--path=teach.csv", "--dwell=0.2", "--method=fast", "--rate=100", "--no-figure")
-    code, out, err = run("simulate", ARM, *options, "--load=glass", "--set=link2.mass=40", "--details")
+def test_an_arm_without_drives_is_shaken_by_its_motion_alone_along_a_logged_path(run, tmp_path):
+    (tmp_path / "bare.toml").write_text(BARE)
+    time = np.linspace(0, 1, 21)
+    way = 20 * (10 * time**3 - 15 * time**4 + 6 * time**5)
+    header = "time [s],joint1 [deg]"
+    np.savetxt(tmp_path / "teach.csv", np.column_stack([time, way]), header=header, comments="", delimiter=",")
+    options = ("--path=teach.csv", "--dwell=0.2", "--method=fast", "--rate=100", "--no-figure", "--details")
+    code, out, err = run("simulate", "bare.toml", *options, "--load=0.5 kg @ end", "--set=link1.mass=4")
     assert (code, err) == (0, "")
-    assert "to (20, -40, 20) deg in 1 s, then held for 0.2 s" in out
-    assert "Load: glass" in out
-    assert "Set: link2.mass = 40" in out
-    assert "out/arm.teach.simulate.csv" in files(tmp_path)
-
-
-@pytest.fixture(scope="module")
-def bare(tmp_path_factory):
-    """The arm without drives, belts and stroke."""
-    path = tmp_path_factory.mktemp("bare") / "bare.toml"
-    path.write_text(ARM.read_text().split("[[drive]]")[0])
-    return path
-
-
-def test_an_arm_without_drives_is_shaken_by_its_motion_alone(run, tmp_path, bare):
-    log(tmp_path / "teach.csv", (20, -40, 20))
-    options = ("--path=teach.csv", "--dwell=0.2", "--method=fast", "--rate=100", "--no-figure")
-    code, out, err = run("simulate", bare, *options)
-    assert (code, err) == (0, "")
+    assert "to (20) deg in 1 s, then held for 0.2 s" in out
+    assert "Load: 0.5 kg @ end" in out
+    assert "Set: link1.mass = 4" in out
     assert "no [[drive]]: only the motion itself excites the arm" in out
     assert read_pulleys("out/bare.teach.simulate.csv", read_trace("out/bare.teach.simulate.csv")) == {}
 
@@ -249,13 +200,14 @@ def test_bad_simulations_are_one_line_and_nothing_is_written(run, tmp_path, opti
     assert files(tmp_path) == before
 
 
-def test_an_arm_without_stroke_says_how_to_add_one(run, bare, tmp_path):
-    code, out, err = run("simulate", bare)
+def test_an_arm_without_stroke_says_how_to_add_one(run, tmp_path):
+    (tmp_path / "bare.toml").write_text(BARE)
+    code, out, err = run("simulate", "bare.toml")
     assert (code, out) == (2, "")
     assert "no motion defined" in err
     assert "[stroke]" in err
     assert "--path" in err
-    assert files(tmp_path) == []
+    assert files(tmp_path) == ["bare.toml"]
 
 
 def test_an_arm_that_collapses_is_told(run, tmp_path):

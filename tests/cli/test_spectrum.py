@@ -4,26 +4,12 @@ import re
 
 import numpy as np
 import pytest
-from commands import ARM, files
+from commands import files
 
 pytestmark = pytest.mark.slow
 
 SHORT = ("--speed=200", "--dwell=0.5")
 NAME = "arm.extend-200"
-
-
-def test_spectrum_tells_peaks_modes_and_orders(run, tmp_path):
-    assert run("simulate", ARM, *SHORT, "--method=fast", "--no-figure")[0] == 0
-    path = f"out/{NAME}.simulate.csv"
-    options = ("--orders=1,2", "--revolutions=8", "--spectrogram", f"--arm={ARM}", "--direction=x,z", "--upto=100")
-    options += ("--details",)
-    code, out, err = run("spectrum", path, *options, "--out=pictures")
-    assert (code, err) == (0, "")
-    for words in ("Hann window", "vertical bending 1", "Orders of drive1 and drive3", "Orders of drive2"):
-        assert words in out
-    pictures = [f"pictures/{NAME}.spectrum{end}.png" for end in ("", ".orders", ".x", ".z")]
-    written = [*pictures, f"pictures/{NAME}.spectrum.json"]
-    assert [name for name in files(tmp_path) if name.startswith("pictures")] == sorted(written)
 
 
 def sine(path, header, amplitude, frequency):

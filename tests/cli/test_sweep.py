@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import lcd_arm
-from commands import ARM, files, posterior
+from commands import ARM, files
 
 from ident.vibrate.motion import stroke
-from ident.vibrate.simulate import amplitude, simulate, superposition
+from ident.vibrate.simulate import superposition
 
 pytestmark = pytest.mark.slow
 
@@ -63,62 +63,6 @@ def test_table_summary_and_report_agree_with_simulate(run, tmp_path, made):
     assert {r["q05 [mm]"] for r in rows(f"{NAME}.csv")} == {""}
     for words in ("[N m/rad]", "3.5982e5", "present", "torsional stiffness of joint1", "41 assumed numbers"):
         assert words in out
-
-
-def test_a_map_of_a_number_and_the_speed(run, tmp_path, made):
-    options = ("--vary=speed=150:200:2", f"--vary={K}=0.5x:2x:2", "--grid", "--measure=rms", "--details")
-    code, out, err = run("sweep", ARM, *SHORT, *options)
-    assert (code, err) == (0, "")
-    name = f"out/arm.extend-200.speed-by-{K}.sweep"
-    assert files(tmp_path) == [f"{name}.{end}" for end in ("csv", "json", "png")]
-    (found,) = made[Path(name).name].study.sweeps
-    assert np.shape(found.amplitude) == (3, 2, 2)
-    motion = stroke(lcd_arm().stroke, percent=200, dwell=0.5)
-    single = simulate(lcd_arm().replace({K: 2 * float(lcd_arm().get(K))}), motion, rate=100 * 200 / 150)
-    expected = amplitude("rms", motion, 100 * 200 / 150)(single.vibration)
-    np.testing.assert_allclose(found.amplitude[:, 1, 1], expected, rtol=5e-3)
-    last = rows(f"{name}.csv")[-1]
-    assert (last["parameter"], last["value"], last["unit"], last["parameter2"]) == ("speed", "200", "%", K)
-    assert float(last["amplitude [mm]"]) == pytest.approx(1e3 * found.amplitude[2, 1, 1])
-    assert "pauses included" in out
-    assert "For each speed: least and largest" in out
-    assert "the mean over the unknown imbalance phases" in " ".join(out.split())
-
-
-def test_draws_give_bands_and_the_probability_of_exceeding(run, tmp_path, made):
-    values = posterior(tmp_path / "draws.nc")
-    options = (f"--vary={K}=0.5x:2x:2", "--posterior=draws.nc", "--draws=3", "--limit=20", "--details")
-    code, out, err = run("sweep", ARM, *SHORT, *options)
-    assert (code, err) == (0, "")
-    assert "5 to 95 %" in out
-    assert "3 draws of the posterior of 2 numbers" in out
-    name = f"out/arm.extend-200.{K}.sweep"
-    study = made[Path(name).name].study
-    (found,) = study.sweeps
-    low, high = found.band
-    assert study.draws == 3
-    assert (high > low).all()
-    assert len(found.exceeds(study.limit)) == 2
-    for share in found.exceeds(study.limit):
-        assert f" {100 * share:.0f} %" in out
-    assert found.axes[0].present == pytest.approx(np.median(values[K].ravel()[[4, 12, 20]]))
-    first = rows(f"{name}.csv")[0]
-    assert float(first["q05 [mm]"]) == pytest.approx(1e3 * low[0, 0])
-    assert float(first["q95 [mm]"]) == pytest.approx(1e3 * high[0, 0])
-
-
-def test_other_parameters_are_other_files_and_an_arm_without_drives_is_told(run, tmp_path):
-    log = "time [s],joint1 [deg],joint2 [deg],joint3 [deg]\n"
-    way = ((t, 10 * t**3 - 15 * t**4 + 6 * t**5) for t in np.linspace(0, 1, 21))
-    (tmp_path / "teach.csv").write_text(log + "".join(f"{t},{20 * s},{-40 * s},{20 * s}\n" for t, s in way))
-    (tmp_path / "bare.toml").write_text(ARM.read_text().split("[[drive]]")[0])
-    options = ("--path=teach.csv", "--dwell=0.2", "--rate=100", "--no-figure")
-    for vary in ("link1.mass=0.9x:1.1x:2", "link2.mass=0.9x:1.1x:2"):
-        code, out, err = run("sweep", "bare.toml", *options, f"--vary={vary}")
-        assert (code, err) == (0, "")
-        assert "no [[drive]]: only the motion itself excites the arm" in out
-    names = [f"out/bare.teach.link{n}.mass.sweep.{end}" for n in (1, 2) for end in ("csv", "json")]
-    assert files(tmp_path) == ["bare.toml", *names, "teach.csv"]
 
 
 @pytest.mark.parametrize(

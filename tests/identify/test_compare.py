@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
-from one_program import predicted
 
 from ident import InputError, read_campaign
 from ident.arm.arm import stiffness_paths
@@ -13,6 +12,7 @@ from ident.identify.compare import compare_fits
 from ident.identify.fit import fit_campaign
 from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
+from ident.inference.search import evaluate
 
 pytestmark = pytest.mark.slow
 
@@ -25,7 +25,7 @@ def fitted(seed, unknowns=None, **factors):
     problem = pose(lcd_arm(), campaign).problem
     stiffness = np.array([float(lcd_arm().get(name)) * factors.get(name.replace(".", "_"), 1.0) for name in NAMES])
     scatter = np.asarray(problem.sigma) * np.random.default_rng(seed).standard_normal(len(campaign))
-    values = predicted(problem, np.log(stiffness)) + scatter
+    values = evaluate(problem, np.log(stiffness)).predicted + scatter
     measured = tuple(replace(m, value=float(v)) for m, v in zip(campaign.measurements, values, strict=True))
     return fit_campaign(lcd_arm(), replace(campaign, measurements=measured), unknowns, starts=1)
 

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from arms import DATA, lcd_arm
-from one_program import predicted
 
 from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.fit import contradicting, cross_predictions
-from ident.inference.search import solve
+from ident.inference.search import evaluate, solve
 from ident.measure import Campaign, Measurement, read_campaign
 
 POSTURES = (38.2, 16.2, 2.5)
@@ -25,7 +24,7 @@ def test_damping_ratios_are_compared_at_the_modes_that_all_data_choose():
     rng = np.random.default_rng(9)
     start = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
     truth = start + rng.standard_normal(len(start)) * np.minimum(problem.parameters.normal_sd, 0.15)
-    values = predicted(problem, truth)
+    values = evaluate(problem, truth).predicted
     sigma = np.array([RELATIVE[m.kind] for m in rows]) * values
     values = values + sigma * rng.standard_normal(len(values))
     measured = (replace(m, value=float(v), sigma=float(s)) for m, v, s in zip(rows, values, sigma, strict=True))

@@ -31,7 +31,7 @@ def measured(arm: Arm, campaign: Campaign = CAMPAIGN, seed: int = 0) -> Campaign
 
 
 def explained(campaign: Campaign, arm: Arm = ARM) -> tuple[CampaignFit, Explanations]:
-    fit = fit_campaign(arm, campaign, starts=4, trusted=("all",))
+    fit = fit_campaign(arm, campaign, starts=1, trusted=("all",))
     assert fit.in_doubt
     found = explain(fit)
     assert found is not None
@@ -43,7 +43,7 @@ def kinds(found: Explanations) -> list[tuple[str, str]]:
 
 
 def test_right_data_give_the_truth_and_nothing_is_in_doubt():
-    fit = fit_campaign(ARM, measured(ARM), starts=2)
+    fit = fit_campaign(ARM, measured(ARM), starts=1)
     true = [TRUTH.get(name, float(ARM.get(name))) for name in fit.problem.parameters.names]
     assert (np.abs(np.log(fit.best.values / true)) < 3 * fit.information.sd).all()
     assert not fit.in_doubt

@@ -160,9 +160,12 @@ def simulated(truth, seed):
     ids=["motor", "alone", "load"],
 )
 def test_intervals_cover(truth, channels, alone):
-    """Of 60 logs with coloured noise; no quick test finds intervals that are too narrow."""
+    """Of 24 logs with coloured noise; no quick test finds intervals that are too narrow.
+
+    Half as wide, 19 of 24 would hold the truth once in seven times: not for all of a dozen numbers.
+    """
     inside = {name: [] for name in QUANTITIES}
-    for seed in range(60):
+    for seed in range(24):
         log = simulated(truth, seed)
         seen = {name: log.columns["joint"][name] for name in channels}
         found = found_in(truth, replace(log, columns={"joint": seen}), alone=alone)
@@ -173,4 +176,4 @@ def test_intervals_cover(truth, channels, alone):
     for name, each in inside.items():
         if each:
             assert binom.ppf(0.001, len(each), 0.95) <= sum(each), f"{name}: {sum(each)} of {len(each)}"
-            assert len(each) > 48
+            assert len(each) > 19

@@ -1,6 +1,7 @@
 """Labels as data: the probability of each pair of value and mode, and fits that no label leads astray."""
 
 import dataclasses
+from dataclasses import fields
 from itertools import product
 
 import jax
@@ -15,17 +16,17 @@ from scipy.stats import norm
 from ident.arm.mechanics import static_equilibrium
 from ident.arm.modes import modes_about, parse_label, torsion_share, vertical_share
 from ident.errors import InputError
-from ident.identify.check import check_campaign
 from ident.identify.conditions import bind
-from ident.identify.fit import fit_campaign
+from ident.identify.fit import CampaignFit, fit_campaign
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.mode_matching import NAMING_SD, most_probable
 from ident.identify.predict import chains
-from ident.identify.problem import changing_labels, pose
+from ident.identify.problem import changing_labels, check_values, pose
+from ident.inference.fit import fit
 from ident.inference.search import End, solve
 from ident.measure import Campaign, Measurement, read_campaign
 
-pytestmark = pytest.mark.slow
+slow = pytest.mark.slow
 
 LABELS = ("vertical bending 1", "lateral torsion 1", "vertical 2", "torsion 2")
 
@@ -69,6 +70,7 @@ def by_enumeration(values, modes, state):
     return rows, best[1]
 
 
+@slow
 @pytest.mark.parametrize("state", [0, 1])
 def test_the_best_of_all_ways_to_name_the_modes_is_found(state):
     values, modes = two_states()
@@ -92,6 +94,7 @@ def step_length(problem, end):
     return np.linalg.norm(np.linalg.svd(slope, full_matrices=False)[0].T @ residuals)
 
 
+@slow
 def test_no_start_is_lost_where_only_vertical_modes_were_measured():
     problem = shipped("vertical")
     start = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
@@ -101,6 +104,7 @@ def test_no_start_is_lost_where_only_vertical_modes_were_measured():
     assert max(step_length(problem, end) for end in ends) < 1e-3
 
 
+@slow
 def test_labels_lead_every_start_to_the_optimum_of_the_file():
     """One of these 8 starts was stuck where a label was a rule that jumps."""
     problem = pose(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv")).problem
@@ -112,6 +116,7 @@ def test_labels_lead_every_start_to_the_optimum_of_the_file():
     np.testing.assert_allclose([float(end.cost) for end in ends], float(ends[0].cost), atol=1e-6)
 
 
+@slow
 def test_data_do_not_overrule_clear_names():
     rows = tuple(m for m in read_campaign(DATA / "lcd_arm" / "campaign.csv") if m.kind == "frequency")[:2]
     swapped = (dataclasses.replace(rows[0], mode=rows[1].mode), dataclasses.replace(rows[1], mode=rows[0].mode))
@@ -128,26 +133,32 @@ def relabelled(row, mode):
     return Campaign(measurements=tuple(rows))
 
 
-@pytest.mark.parametrize("trusted", [(), ("7",), ("all",)])
-def test_a_label_that_no_mode_can_bear_is_refused_with_its_row_even_where_it_is_trusted(trusted):
-    with pytest.raises(InputError, match=r"campaign.csv:7, mode: got 'torsion 9', .*or leave it empty") as raised:
-        fit_campaign(lcd_arm(), relabelled(7, "torsion 9"), trusted=trusted)
-    assert len(raised.value.problems) == 1
+@slow
+def test_a_label_that_no_mode_can_bear_is_refused_with_its_row_even_where_it_is_trusted():
+    posed = pose(lcd_arm(), relabelled(7, "torsion 9"))
+    for trusted in ((), ("7",), ("all",)):
+        with pytest.raises(InputError, match=r"campaign.csv:7, mode: got 'torsion 9', .*or leave it empty") as raised:
+            check_values(posed, trusted)
+        assert len(raised.value.problems) == 1
 
 
-def test_a_label_that_the_arm_never_has_is_refused_and_no_other_row_is_blamed():
+@slow
+def test_a_label_that_the_arm_never_has_is_refused_and_where_it_is_trusted_withholds_every_interval():
+    """No other row is blamed; in the fit it is named."""
+    campaign = relabelled(7, "vertical torsion 3")
+    posed = pose(lcd_arm(), campaign)
     with pytest.raises(InputError, match=r"campaign.csv:7, mode: got 'vertical torsion 3'.*`trust_values` 7") as raised:
-        check_campaign(lcd_arm(), relabelled(7, "vertical torsion 3"))
+        check_values(posed)
     assert len(raised.value.problems) == 1
-
-
-def test_a_wrong_label_that_is_trusted_withholds_every_interval_and_is_named():
-    found = fit_campaign(lcd_arm(), relabelled(7, "vertical torsion 3"), trusted=("7",), starts=2)
+    check_values(posed, ("7",))
+    plain = fit(posed.problem, starts=2)
+    found = CampaignFit(**{f.name: getattr(plain, f.name) for f in fields(plain)}, arm=lcd_arm(), campaign=campaign)
     assert not found.supported.any()
     assert 0 in found.renamed
     assert any("7 ('vertical torsion 3')" in remark for remark in found.remarks)
 
 
+@slow
 def test_right_labels_leave_nothing_to_remark():
     found = fit_campaign(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv"), starts=1)
     assert found.renamed == ()
@@ -155,6 +166,7 @@ def test_right_labels_leave_nothing_to_remark():
     assert found.doubts == found.remarks == ()
 
 
+@slow
 def test_labels_that_change_within_the_prior_are_those_of_modes_near_one_half():
     """By the shares of torsion and of vertical motion at the same points, straight from the modes."""
     campaign = read_campaign(DATA / "lcd_arm" / "campaign.csv")

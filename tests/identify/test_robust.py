@@ -62,8 +62,8 @@ def test_a_gross_error_is_named_and_hardly_moves_the_answer():
     rows = list(campaign.measurements)
     rows[13] = replace(rows[13], value=1.08 * rows[13].value)
     wrong = Campaign(measurements=tuple(rows))
-    right, plain = fit_campaign(lcd_arm(), campaign, starts=2), fit_campaign(lcd_arm(), wrong, starts=2)
-    robust = fit_campaign(lcd_arm(), wrong, starts=2, robust="t")
+    right, plain = fit_campaign(lcd_arm(), campaign, starts=1), fit_campaign(lcd_arm(), wrong, starts=1)
+    robust = fit_campaign(lcd_arm(), wrong, starts=1, robust="t")
     sd = right.information.sd
     assert np.abs((robust.best.theta - right.best.theta) / sd).max() < 0.5
     assert np.abs((plain.best.theta - right.best.theta) / sd).max() > 2

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
 from engines import MujocoArm, stiffness
@@ -19,7 +18,7 @@ from ident.inference.search import evaluate, solve
 from ident.measure import Campaign, Measurement
 from ident.measure.reading import format_campaign, parse_campaign
 
-pytestmark = pytest.mark.slow
+slow = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -32,20 +31,33 @@ def of_poles(campaign):
 
 
 @pytest.fixture(scope="module")
-def posed(arm):
-    both = {"": lambda each: each, "pole": of_poles}
+def campaigns(arm):
+    """Those of the skew posture and near the crossing, of undamped modes and of poles: predicted by one program."""
     return {
-        (posture, of): pose(arm, Campaign(measurements=change(rows(arm, posture)))).problem
-        for posture in (SKEW, CROSSING)
-        for of, change in both.items()
+        "skew": rows(arm, SKEW),
+        "skew, poles": of_poles(rows(arm, SKEW)),
+        "crossing": rows(arm, CROSSING),
+        "crossing, poles": of_poles(rows(arm, CROSSING)),
     }
+
+
+def together(arm, campaigns):
+    return pose(arm, Campaign(measurements=tuple(m for own in campaigns.values() for m in own))).problem
+
+
+@pytest.fixture(scope="module")
+def found(arm, campaigns):
+    """The problem, what is predicted at its start, with the derivatives, and the rows of the skew posture's modes."""
+    problem = together(arm, campaigns)
+    return problem, evaluate(problem), slice(0, len(campaigns["skew"]))
 
 
 def start(problem):
     return np.asarray(problem.parameters.theta(problem.parameters.column("start")))
 
 
-def test_ratios_are_those_of_mujocos_eigenvectors(arm, posed):
+@slow
+def test_ratios_are_those_of_mujocos_eigenvectors(arm, campaigns, found):
     """Points of the end only, which is where the engine has a site; eigenvectors by LAPACK."""
     other = MujocoArm(arm, SKEW)
     K = stiffness(arm, other)
@@ -60,8 +72,7 @@ def test_ratios_are_those_of_mujocos_eigenvectors(arm, posed):
     moved = np.array(
         [(other.point(x + h * v) - other.point(x - h * v)) / (2 * h) for v in (shapes / np.abs(shapes).max(0)).T]
     )
-    campaign = rows(arm, SKEW)
-    predicted = evaluate(posed[SKEW, ""]).predicted
+    campaign, predicted = campaigns["skew"], found[1].predicted[found[2]]
     labels = [m.mode for m in campaign if m.kind == "frequency"]
     compared = 0
     for m, value in zip(campaign, predicted, strict=True):
@@ -72,39 +83,39 @@ def test_ratios_are_those_of_mujocos_eigenvectors(arm, posed):
     assert compared >= 4
 
 
-@pytest.mark.parametrize("of", ["", "pole"])
-@pytest.mark.parametrize("posture", [SKEW, CROSSING])
-def test_slopes_are_those_of_differences(posed, posture, of):
-    problem = posed[posture, of]
-    theta, found, h = start(problem), evaluate(problem), 1e-5
-    ways = np.eye(len(theta))
-    predict = jax.jit(jax.vmap(lambda t: problem.predict(t)))
-    far = np.asarray(predict(np.concatenate([theta + h * ways, theta - h * ways])))
-    differences = ((far[: len(ways)] - far[len(ways) :]) / (2 * h)).T
-    shapes = np.array(problem.kinds) == "shape"
-    jacobian = np.asarray(found.jacobian)
-    assert np.abs(jacobian[shapes]).max() > 0.1
-    np.testing.assert_allclose(jacobian, differences, atol=2e-8 * np.abs(jacobian).max())
+@slow
+def test_slopes_are_those_of_differences(found):
+    """Of undamped modes and of poles, also near the crossing."""
+    problem, there, _ = found
+    theta, h, shapes = start(problem), 1e-5, np.array(problem.kinds) == "shape"
+    ends = [[evaluate(problem, theta + way * h * e).predicted for e in np.eye(len(theta))] for way in (1, -1)]
+    differences = (np.array(ends[0]) - ends[1]).T / (2 * h)
+    jacobian = np.asarray(there.jacobian)
+    for own in np.split(np.arange(len(jacobian)), 4):
+        assert np.abs(jacobian[own][shapes[own]]).max() > 0.1
+        np.testing.assert_allclose(jacobian[own], differences[own], atol=2e-8 * np.abs(jacobian[own]).max())
 
 
-def test_shapes_tell_joints_apart_that_frequencies_do_not(posed):
+@slow
+def test_shapes_tell_joints_apart_that_frequencies_do_not(found):
     """What the data of one posture say of the stiffnesses, in the units of their priors."""
-    problem = posed[SKEW, ""]
-    jacobian = np.asarray(evaluate(problem).jacobian) / np.asarray(problem.sigma)[:, None]
-    shapes = np.array(problem.kinds) == "shape"
+    problem, there, own = found
+    jacobian = (np.asarray(there.jacobian) / np.asarray(problem.sigma)[:, None])[own]
+    shapes = np.array(problem.kinds)[own] == "shape"
     sd = [np.sqrt(np.diag(np.linalg.inv(J.T @ J + np.eye(J.shape[1])))) for J in (jacobian[~shapes], jacobian)]
     assert (sd[0] > 0.5).any()
     assert (sd[1] < 0.1 * sd[0]).any()
     assert (sd[1][sd[0] > 0.5] < 0.3).any()
 
 
-def test_a_prediction_stays_bounded_where_its_mode_does_not_move_the_reference(arm):
+@slow
+def test_a_prediction_stays_bounded_where_its_mode_does_not_move_the_reference(arm, campaigns):
     """Shapes measured of another mode than the label says: nothing runs away, where a ratio would."""
-    campaign = rows(arm, SKEW)
+    campaign = campaigns["skew"]
     named = {m.mode for m in campaign}
     moved = tuple(replace(m, mode=dict(zip(named, [*named][1:] + [*named][:1], strict=True))[m.mode]) for m in campaign)
     exchanged = tuple(m if m.kind == "frequency" else n for m, n in zip(campaign, moved, strict=True))
-    predicted = evaluate(pose(arm, Campaign(measurements=exchanged)).problem).predicted
+    predicted = evaluate(together(arm, {**campaigns, "skew": exchanged})).predicted[: len(exchanged)]
     for m, value in zip(exchanged, predicted, strict=True):
         if m.kind == "shape":
             own = [n.value for n in exchanged if n.kind == "shape" and n.mode == m.mode]
@@ -123,8 +134,9 @@ def test_modes_that_coincide_are_compared_as_their_plane():
     assert np.abs(far[1:] - y[1:]).max() > 0.05
 
 
-def test_rows_of_shapes_are_written_and_read_again(arm):
-    campaign = Campaign(measurements=of_poles(rows(arm, SKEW)))
+@slow
+def test_rows_of_shapes_are_written_and_read_again(campaigns):
+    campaign = Campaign(measurements=campaigns["skew, poles"])
     assert parse_campaign(format_campaign(campaign).encode(), "a.csv") == campaign
 
 
@@ -166,20 +178,23 @@ def test_the_slopes_of_measured_ratios_are_those_of_differences():
     np.testing.assert_allclose(_ratios(3 * shape * np.exp(1j))[1], _ratios(shape)[1], rtol=1e-12)
 
 
-def test_fits_of_noisy_shapes_hold_the_truth_as_often_as_they_say(arm, posed):
+@slow
+def test_fits_of_noisy_shapes_hold_the_truth_as_often_as_they_say(arm, campaigns, found):
     """Twelve campaigns near the crossing, one search each from the truth; rates: tests/benchmarks/shapes.py."""
-    rng, campaign = np.random.default_rng(7), rows(arm, CROSSING)
-    truth, sigma = start(posed[CROSSING, ""]), np.array([m.sigma for m in campaign])
+    rng, campaign = np.random.default_rng(7), campaigns["crossing"]
+    truth, sigma = start(found[0]), np.array([m.sigma for m in campaign])
+    counts = np.repeat([name == "crossing" for name in campaigns], [len(own) for own in campaigns.values()])
     inside, squared = 0, 0.0
     for _ in range(12):
         noise = sigma * rng.standard_normal(len(sigma))
         made = tuple(replace(m, value=m.value + float(e)) for m, e in zip(campaign, noise, strict=True))
-        problem = pose(arm, Campaign(measurements=made)).problem
+        problem = together(arm, {**campaigns, "crossing": made})
+        problem = problem.with_sigma(np.where(counts, np.asarray(problem.sigma), np.inf))
         end = solve(problem, truth)
         residuals, slope = problem.weigh(np.asarray(end.predicted), np.asarray(end.jacobian), np.asarray(end.theta))
         sd = np.sqrt(np.diag(np.linalg.inv(slope.T @ slope)))
         inside += int((abs(np.asarray(end.theta) - truth) < 1.96 * sd).sum())
-        squared += float(np.square(residuals[: len(campaign)]).sum())
+        squared += float(np.square(residuals[: len(counts)]).sum())
     assert inside >= binom.ppf(0.001, 12 * len(truth), 0.95)
     degrees = 12 * (len(campaign) - len(truth))
     # the pair that nearly coincides says less than its rows, and priors hold what data leave open

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
+from chains import storey_frequencies, storey_problem
 from one_program import shown
 
 from ident.errors import InputError, ModelError
@@ -21,7 +22,7 @@ from ident.inference.optima import Optimum, unmet
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
-from ident.inference.search import evaluate
+from ident.inference.search import evaluate, solve
 from ident.measure import Campaign, Measurement, read_campaign
 
 pytestmark = pytest.mark.slow
@@ -67,13 +68,12 @@ def started_at(problem, factor):
     return InverseProblem(problem.model, problem.measured, problem.sigma, Parameters(items), problem.kinds)
 
 
-def test_exact_data_give_all_six_from_any_of_six_starts():
-    """Within a factor of ten: all soft, all stiff, soft and stiff by turns, and two at random; each with few beside."""
+def test_exact_data_give_all_six_from_any_of_four_starts():
+    """Within a factor of ten: all soft, all stiff, soft and stiff by turns, and at random; each with few beside."""
     problem = pose(lcd_arm(), exact(shipped()), Unknowns(prior_sd=math.inf)).problem
     truth = np.asarray(problem.parameters.column("start"))
     turns = (-1.0) ** np.arange(6)
-    far = [-np.ones(6), np.ones(6), turns, -turns]
-    for powers in [*far, *np.random.default_rng(0).uniform(-1, 1, (2, 6))]:
+    for powers in (-np.ones(6), np.ones(6), turns, np.random.default_rng(0).uniform(-1, 1, 6)):
         found = fit(started_at(problem, 10**powers), starts=3)
         assert found.best.converged
         assert found.information.rank == 6
@@ -90,13 +90,16 @@ def test_the_noisy_campaign_gives_all_six_within_three_standard_deviations():
     assert 0.01 < found.p_value < 0.99
 
 
-def test_three_numbers_are_three_directions_of_six():
+def test_three_consistent_numbers_are_three_directions_of_six_and_contradict_nothing():
     found = fit(pose(lcd_arm(), exact(table_1())).problem)
     assert found.information.rank == 3
     assert len(found.information.trade_offs()) == 3
     assert np.isinf(found.information.data_sd).all()
     assert not found.information.supported.any()
     np.testing.assert_allclose(found.predicted, found.problem.measured, rtol=1e-6)
+    assert [each.kind for each in found.cross_predictions] == ["deflection", "frequency"]
+    assert max(t.statistic for t in found.cross_predictions) < 0.01
+    assert not found.contradictory
 
 
 def test_without_prior_three_numbers_fit_exactly_and_no_interval_is_finite():
@@ -115,7 +118,8 @@ def test_the_measured_numbers_of_the_paper_contradict_each_other():
     by_kind = {each.kind: each for each in found.cross_predictions}
     deflection, frequency = by_kind["deflection"], by_kind["frequency"]
     assert deflection.predicted[0] > 0.029, "frequencies alone ask for some 31 mm; 22 were measured"
-    alone = fit_campaign(lcd_arm(), table_1().of_kind("frequency")).best.cost
+    frequencies = np.where(np.array(found.problem.kinds) == "frequency", found.problem.sigma, np.inf)
+    alone = fit(found.problem.with_sigma(frequencies)).best.cost
     assert deflection.statistic == pytest.approx(found.best.cost - alone, abs=0.01), "the deflection alone can be met"
     assert deflection.degrees_of_freedom == pytest.approx(1, abs=0.03)
     assert deflection.sd == pytest.approx(4.1, abs=0.1)
@@ -125,8 +129,9 @@ def test_the_measured_numbers_of_the_paper_contradict_each_other():
     assert 0.01 < deflection.wider < 0.02, "with priors twice as wide it would be 2.4 sd: it rests on them"
 
 
-@pytest.mark.parametrize("prior", [Prior.log_uniform(1e5, 1e6), Prior.catalogue(2e5, 3e5, 5e5)], ids=str)
-@pytest.mark.parametrize("name", ["table1", "campaign"])
+@pytest.mark.parametrize(
+    ("name", "prior"), [("table1", Prior.log_uniform(1e5, 1e6)), ("campaign", Prior.catalogue(2e5, 3e5, 5e5))]
+)
 def test_a_flat_prior_does_not_switch_the_comparison_of_kinds_off(name, prior):
     campaign = read_campaign(DATA / f"{name}.csv")
     found = fit_campaign(lcd_arm(), campaign, Unknowns(priors={"joint1.k_tors": prior}))
@@ -137,68 +142,63 @@ def test_a_flat_prior_does_not_switch_the_comparison_of_kinds_off(name, prior):
         assert found.cross_predictions[0].statistic == pytest.approx(17.2, abs=0.1)
 
 
-def test_consistent_numbers_do_not():
-    found = fit(pose(lcd_arm(), exact(table_1())).problem)
-    assert [each.kind for each in found.cross_predictions] == ["deflection", "frequency"]
-    assert max(t.statistic for t in found.cross_predictions) < 0.01
-    assert not found.contradictory
-
-
 def test_damping_ratios_give_the_damping_times():
+    """Of stiffnesses that are known, so that nothing else moves."""
     arm = lcd_arm()
+    modes = ("lateral torsion 1", "vertical bending 1")
     ratios = tuple(
         Measurement(kind="damping_ratio", posture=(0.0, 0.0, 0.0), value=0.01, sigma=0.0005, mode=mode)
-        for mode in ("lateral torsion 1", "vertical bending 1")
+        for mode in modes
     )
-    campaign = exact(Campaign(measurements=(*shipped().measurements, *ratios)))
+    campaign = exact(Campaign(measurements=(*table_1().measurements, *ratios)))
     start = arm.replace({f"joint{j}.{tau}": 1e-3 for j in (1, 2, 3) for tau in ("tau_bend", "tau_tors")})
-    found = fit_campaign(start, campaign, Unknowns(prior_sd=math.inf), starts=1, trusted=("all",))
-    assert found.parameters["joint2.tau_bend"] == pytest.approx(0.0002, rel=1e-5)
-    assert found.parameters["joint3.tau_tors"] == pytest.approx(0.002, rel=1e-5)
+    stiff = tuple(path for path in arm.paths() if path.endswith((".k_bend", ".k_tors")))
+    problem = pose(start, campaign, Unknowns(fixed=stiff, prior_sd=math.inf)).problem
+    end = solve(problem, problem.parameters.theta(problem.parameters.column("start")))
+    found = dict(zip(problem.parameters.names, problem.parameters.values(end.theta).tolist(), strict=True))
+    assert found == pytest.approx({"joint1.tau_bend": 0.0002, "joint1.tau_tors": 0.002}, rel=1e-5)
 
 
 def test_a_mass_and_a_length_may_be_unknown_too():
     truth = {"link2.mass": float(lcd_arm().get("link2.mass")) * 1.05, "joint3.offset.x": 1.01}
-    campaign = exact(shipped(), truth)
     free = {"link2.mass": 0.3, "joint3.offset.x": 0.05}
-    found = fit_campaign(lcd_arm(), campaign, Unknowns(free=free, prior_sd=3.0), starts=1)
+    problem = pose(lcd_arm(), exact(shipped(), truth), Unknowns(free=free, prior_sd=3.0)).problem
+    found = fit(problem, starts=1)
     assert found.chi_squared < 0.1
     assert found.parameters["link2.mass"] == pytest.approx(truth["link2.mass"], rel=0.05)
-    assert float(found.fitted_arm.get("joint3.offset.x")) == pytest.approx(1.01, abs=0.02)
+    assert found.parameters["joint3.offset.x"] == pytest.approx(1.01, abs=0.02)
+
+
+def typed(*values, sigma=(0.1, 0.1, 1e-4)):
+    """The rows of Table 1 with other values in rows 2, 3 and 4 of a file; None leaves one as the arm has it."""
+    rows = zip(exact(table_1()), values, sigma, range(2, 5), strict=True)
+    changed = (
+        dataclasses.replace(m, value=m.value if value is None else value, sigma=sd, where=f"t.csv:{row}")
+        for m, value, sd, row in rows
+    )
+    return pose(lcd_arm(), Campaign(measurements=tuple(changed)))
 
 
 def test_radians_per_second_taken_for_hertz_are_questioned():
-    wrong = tuple(
-        Measurement(kind="frequency", posture=(0.0, 0.0, 0.0), value=27.5, sigma=0.1, mode=mode, where=f"t.csv:{row}")
-        for row, mode in ((2, "vertical bending 1"), (3, "lateral torsion 1"))
-    )
-    campaign = Campaign(measurements=wrong)
     with pytest.raises(InputError, match="rad/s written as Hz") as error:
-        check_values(pose(lcd_arm(), campaign))
+        check_values(typed(27.5, 27.5, None))
     assert [p.where for p in error.value.problems] == ["t.csv:2", "t.csv:3"]
 
 
 def test_only_the_rows_named_are_trusted():
-    right, typing_error = (
-        Measurement(kind="deflection", posture=(0.0, 0.0, 0.0), value=v, sigma=1e-4, point="tip", where=f"t.csv:{row}")
-        for row, v in ((2, 0.15), (3, 0.26))
-    )
-    campaign = Campaign(measurements=(right, typing_error))
-    posed = pose(lcd_arm(), campaign)
-    with pytest.raises(InputError, match=r"say that it is right \(`trust_values` 3\)") as error:
+    posed = typed(27.5, None, 0.26)
+    with pytest.raises(InputError, match=r"say that it is right \(`trust_values` 4\)") as error:
         check_values(posed, ("2",))
-    assert [p.where for p in error.value.problems] == ["t.csv:3"]
-    for trusted in (("2", "3"), ("all",)):
+    assert [p.where for p in error.value.problems] == ["t.csv:4"]
+    for trusted in (("2", "4"), ("all",)):
         check_values(posed, trusted)
-    with pytest.raises(InputError, match=r"trust_values: got '4', expected rows of the campaign \(2 to 3\), or all"):
-        check_values(posed, ("4",))
+    with pytest.raises(InputError, match=r"trust_values: got '5', expected rows of the campaign \(2 to 4\), or all"):
+        check_values(posed, ("5",))
 
 
 @pytest.mark.parametrize(("sigma", "refused"), [(0.02, True), (0.05, False)])
 def test_a_value_is_far_off_only_beyond_its_own_uncertainty(sigma, refused):
-    far = Measurement(kind="deflection", posture=(0.0, 0.0, 0.0), value=0.24, sigma=sigma, point="tip", where="t.csv:2")
-    campaign = Campaign(measurements=(far,))
-    posed = pose(lcd_arm(), campaign)
+    posed = typed(None, None, 0.24, sigma=(0.1, 0.1, sigma))
     with pytest.raises(InputError, match=r"9\.13 times") if refused else nullcontext():
         check_values(posed)
 
@@ -214,9 +214,10 @@ def test_one_mistyped_frequency_is_an_outlier_and_no_interval_is_quoted():
 
 
 def test_a_posture_beyond_the_limits_is_questioned():
-    beyond = Measurement(kind="frequency", posture=(30.0, -60.0, 30.0), value=4.4, sigma=0.02, where="t.csv:2")
+    first, *rest = table_1()
+    beyond = dataclasses.replace(first, posture=(30.0, -60.0, 30.0), where="t.csv:2")
     with pytest.raises(InputError, match="limits in the arm file"):
-        fit_campaign(lcd_arm(), Campaign(measurements=(beyond,)))
+        fit_campaign(lcd_arm(), Campaign(measurements=(beyond, *rest)))
 
 
 def test_without_prior_the_contradiction_is_still_found_and_the_valley_is_one_optimum():
@@ -229,32 +230,6 @@ def test_an_arm_that_collapses_is_said_to():
     soft = lcd_arm().replace({f"joint{j}.k_bend": 10.0 for j in (1, 2, 3)})
     with pytest.raises(ModelError, match="no stable equilibrium"):
         fit_campaign(soft, table_1(), Unknowns(prior_sd=0.01), starts=1)
-
-
-def chain_frequencies(parameters):
-    """Natural frequencies [Hz] of a spring-mass chain, one end on the ground, masses of 1000 kg.
-
-    Clough, Penzien, "Dynamics of Structures", 3rd ed., ch. 8 (shear building).
-    """
-    k = jnp.stack([parameters[f"k{i}"] for i in range(4)])
-    K = jnp.diag(k + jnp.append(k[1:], 0.0)) - jnp.diag(k[1:], 1) - jnp.diag(k[1:], -1)
-    return jnp.sqrt(jnp.linalg.eigvalsh(K / 1000.0)) / (2 * jnp.pi)
-
-
-def chain_problem(measured):
-    items = tuple(Parameter((f"k{i}",), True, 1e6, 1e6) for i in range(4))
-    return InverseProblem(chain_frequencies, measured, 0.002 * measured, Parameters(items), ("frequency",) * 4)
-
-
-def test_a_chain_of_four_has_several_exact_solutions_and_all_are_listed():
-    truth = {f"k{i}": jnp.asarray(k) for i, k in enumerate((1.2e6, 1.0e6, 0.8e6, 0.9e6))}
-    found = fit(chain_problem(chain_frequencies(truth)), starts=60, seed=3)
-    perfect = [o for o in found.optima if o.cost < 1e-12]
-    assert len(perfect) == 4, "a Jacobi matrix of this form is not fixed by its spectrum alone"
-    for optimum in perfect:
-        values = {f"k{i}": jnp.asarray(v) for i, v in enumerate(optimum.values)}
-        np.testing.assert_allclose(chain_frequencies(values), found.problem.measured, rtol=1e-7)
-    assert any(np.allclose(o.values, [float(k) for k in truth.values()], rtol=1e-6) for o in perfect)
 
 
 def test_evaluate_predicts_at_the_start():
@@ -270,11 +245,10 @@ def test_the_same_seed_gives_the_same_fit():
 
 
 def test_a_label_of_no_mode_is_refused_with_its_row_and_the_modes_that_there_are():
-    wrong = Measurement(
-        kind="frequency", posture=(0, 0, 0), value=4.1, sigma=0.1, mode="lateral torsion 9", where="c.csv:7"
-    )
+    first, *rest = table_1()
+    wrong = dataclasses.replace(first, mode="lateral torsion 9", where="c.csv:7")
     with pytest.raises(InputError, match=r"c.csv:7, mode: got 'lateral torsion 9', .*vertical bending 1") as raised:
-        fit_campaign(lcd_arm(), Campaign(measurements=(wrong,)), starts=1)
+        check_values(pose(lcd_arm(), Campaign(measurements=(wrong, *rest))))
     assert len(raised.value.problems) == 1
 
 
@@ -333,17 +307,28 @@ def test_how_many_rivals_were_not_met_is_estimated_by_how_often_each_was():
     assert unmet([*met(14), far]) == 0.0, "what the data rule out does not count"
 
 
-def test_where_a_rival_was_met_the_search_goes_on_until_no_more_are_expected():
-    """A chain of four: of 8 seeds, 16 starts alone miss one of the four solutions in about half."""
-    truth = {f"k{i}": jnp.asarray(k) for i, k in enumerate((1.2e6, 1.0e6, 0.8e6, 0.9e6))}
-    problem = chain_problem(chain_frequencies(truth))
-    found = [fit(problem, seed=seed) for seed in range(8)]
-    assert all(unmet(each.optima) < 0.5 for each in found)
-    assert sum(each.ties == 3 for each in found) >= 6
-    assert min(sum(o.starts for o in each.optima) for each in found) > 16
+def test_where_a_rival_was_met_the_search_goes_on_until_all_are_listed():
+    """A chain of four has four exact solutions: a Jacobi matrix of this form is not fixed by its spectrum alone.
+
+    Of 4 seeds, 16 starts alone miss one of them in about half.
+    """
+    truth = np.array([1.2e6, 1.0e6, 0.8e6, 0.9e6])
+    problem = storey_problem(truth, 0.002, math.inf)
+    every = [fit(problem, seed=seed) for seed in range(4)]
+    assert all(unmet(each.optima) < 0.5 for each in every)
+    assert min(sum(o.starts for o in each.optima) for each in every) > 16
+    complete = [each for each in every if each.ties == 3]
+    assert len(complete) >= 3
+    for found in complete:
+        perfect = [optimum for optimum in found.optima if optimum.cost < 1e-12]
+        assert len(perfect) == 4
+        assert any(np.allclose(optimum.values, truth, rtol=1e-6) for optimum in perfect)
+    for optimum in perfect:
+        values = {f"k{i + 1}": jnp.asarray(v) for i, v in enumerate(optimum.values)}
+        np.testing.assert_allclose(storey_frequencies(values), problem.measured, rtol=1e-7)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_exact_ties_are_ordered_by_a_rule_whatever_start_found_them_first(seed):
     """Both are as far from the centre: the lesser one comes first."""
     found = fit(two_wells(), seed=seed)

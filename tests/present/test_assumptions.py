@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import DATA, lcd_arm
+from figures import fitted
 
-from ident.identify.fit import KINDS, Assumption, Assumptions, fit_campaign
+from ident.identify.fit import KINDS, Assumption, Assumptions
 from ident.inference.information import ScoreTest
 from ident.inference.parameters import Parameter, Parameters
-from ident.measure import read_campaign
 from ident.present.fit import fit_sections
 from ident.present.report import text_of
 from ident.present.warnings import asked_for, assumption_section
@@ -19,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def fit():
-    return fit_campaign(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv"), starts=1)
+    return fitted("campaign")
 
 
 def scored(z, *, seen=True, apart=0.5, positive=True, shift=0.0, sd=0.02):

@@ -7,13 +7,13 @@ import re
 
 import numpy as np
 import pytest
-from arms import DATA, lcd_arm, loose_arm
+from arms import lcd_arm, loose_arm
+from figures import fitted
 from reports import assert_one_screen, too_wide
 
 from ident.arm.arm import Arm, Workspace
 from ident.errors import InputError
 from ident.identify.candidates import main_joints
-from ident.identify.fit import fit_campaign
 from ident.identify.plan import PlanSettings, plan_campaign
 from ident.measure import read_campaign
 from ident.present.figures.sample import plan_figure
@@ -52,12 +52,8 @@ def test_the_report_says_what_to_do_and_what_it_gives(plan):
 
 
 def test_a_fit_in_doubt_is_said():
-    table = read_campaign(DATA / "lcd_arm" / "table1.csv")
-    doubtful = plan_campaign(
-        loose_arm(),
-        fit_campaign(loose_arm(), table, starts=2),
-        settings=PlanSettings(step=math.radians(90.0), draws=1, count=1),
-    )
+    settings = PlanSettings(step=math.radians(90.0), draws=1, count=1)
+    doubtful = plan_campaign(lcd_arm(), fitted("table1"), settings=settings)
     report = plan_sections(doubtful)
     assert report.verdict.word == "PROVISIONAL"
     assert "contradict each other" in report.verdict.reason
@@ -87,7 +83,7 @@ def test_the_figure_names_joints_units_and_visits(plan, tmp_path):
 
 @pytest.fixture(scope="module")
 def shipped():
-    return fit_campaign(lcd_arm(), read_campaign(DATA / "lcd_arm" / "campaign.csv"), starts=2)
+    return fitted("campaign")
 
 
 def test_what_was_measured_beside_the_grid_lies_on_the_curve(shipped):
@@ -104,10 +100,20 @@ def test_what_was_measured_beside_the_grid_lies_on_the_curve(shipped):
     assert "5 distinct postures (4 on the grid, 1 already measured)" in candidates
 
 
-def test_postures_that_were_measured_but_are_not_listed_are_left_out_of_the_bars(shipped):
-    arm = dataclasses.replace(lcd_arm(), workspace=Workspace(postures=((0.0, 0.0, 0.0), (1.0, -2.0, 1.0))))
-    axes = plan_figure(plan_campaign(arm, shipped, settings=PlanSettings(draws=0, count=1))).axes[0]
-    assert len(axes.lines) == 1, "one of four is listed"
+@pytest.fixture(scope="module")
+def listed(shipped):
+    """A plan for postures of which one has been measured."""
+    postures = ((0.0, 0.0, 0.0), (1.0, -2.0, 1.0), (0.1, -0.2, 0.1))
+    arm = dataclasses.replace(lcd_arm(), workspace=Workspace(postures=postures))
+    return plan_campaign(arm, shipped, settings=PlanSettings(draws=0, count=1))
+
+
+def test_listed_postures_have_a_bar_each_and_what_was_measured_elsewhere_none(listed):
+    axes = plan_figure(listed).axes[0]
+    assert len(axes.lines) == 1, "one of the four that were measured is listed"
+    assert [t.get_text() for t in axes.get_yticklabels()] == [degrees(posture) for posture in listed.grid.postures]
+    np.testing.assert_allclose([bar.get_width() for bar in axes.patches], 60 * listed.gain_over_grid)
+    assert len([text for text in axes.texts if text.get_text()[0] in "12"]) >= 1
 
 
 def test_a_span_of_two_factors_says_factor_once(plan):
@@ -115,24 +121,13 @@ def test_a_span_of_two_factors_says_factor_once(plan):
     assert not any(re.search(r"factor \S+ to factor", cell) for cell in cells)
 
 
-def test_listed_postures_have_a_bar_each(tmp_path):
-    postures = ((0.0, 0.0, 0.0), (0.0, -0.5, 0.5), (0.0, -1.0, 1.0))
-    arm = dataclasses.replace(loose_arm(), workspace=Workspace(postures=postures))
-    plan = plan_campaign(arm, settings=PlanSettings(draws=0, count=2, modes=2))
-    axes = plan_figure(plan).axes[0]
-    assert [t.get_text() for t in axes.get_yticklabels()] == [degrees(posture) for posture in plan.grid.postures]
-    np.testing.assert_allclose([bar.get_width() for bar in axes.patches], 60 * plan.gain_over_grid)
-    assert len([text for text in axes.texts if text.get_text()[0] in "12"]) >= 1
-
-
 def test_joints_that_do_not_matter_are_not_drawn(plan):
     assert np.isfinite(plan.gain_over_grid).all()
     assert main_joints(plan.grid.postures, plan.gain_over_grid) == [1, 2]
 
 
-def test_a_sampled_grid_and_a_single_joint_are_drawn(tmp_path):
-    sampled = plan_campaign(loose_arm(), settings=PlanSettings(step=math.radians(4.0), draws=0, count=1))
-    assert sampled.grid.sampled
+def test_a_sampled_grid_and_a_single_joint_are_drawn(plan, tmp_path):
+    sampled = dataclasses.replace(plan, grid=dataclasses.replace(plan.grid, sampled=True))
     assert "a sample of the grid" in plan_sections(sampled).details[0].parts[0]
     save(plan_figure(sampled), tmp_path / "sampled.png")
     arm = loose_arm()
@@ -164,16 +159,15 @@ def test_the_form_is_refused_empty_and_read_when_filled_in(plan, tmp_path):
     np.testing.assert_allclose([m.sigma for m in filled], [m.sigma for m in expected], rtol=2e-3)
 
 
-def test_rows_of_before_are_replaced_and_angles_are_what_one_types(shipped, tmp_path):
+def test_rows_of_before_are_replaced_and_angles_are_what_one_types(shipped, listed, tmp_path):
     """0.1 rad is 5.7295... deg: written to 0.001 deg, but exactly where joint 3 would be beyond its limit."""
     last = lcd_arm().joints[-1]
     fields = {field.name: getattr(last, field.name) for field in dataclasses.fields(last)}
     joints = (*lcd_arm().joints[:-1], type(last)(**{**fields, "limits": (-0.1, 0.1)}))
-    arm = dataclasses.replace(lcd_arm(), joints=joints, stroke=None, workspace=Workspace(postures=((0.1, -0.2, 0.1),)))
-    new = plan_campaign(arm, shipped, settings=PlanSettings(draws=0, count=1, criterion="joint3.k_tors"))
-    new = dataclasses.replace(
-        new, steps=(dataclasses.replace(new.steps[0], experiment=place_of(new, (0.1, -0.2, 0.1))),)
-    )
+    workspace = Workspace(postures=((0.1, -0.2, 0.1),))
+    arm = dataclasses.replace(listed.arm, joints=joints, stroke=None, workspace=workspace)
+    first = dataclasses.replace(listed.steps[0], experiment=place_of(listed, (0.1, -0.2, 0.1)))
+    new = dataclasses.replace(listed, arm=arm, steps=(first,))
     assert "add its rows to the campaign" in plan_sections(new).next
     write_form(new, tmp_path / "new.csv")
     cells = [row[f"q{joint} [deg]"] for row in rows_of(tmp_path / "new.csv")[:1] for joint in (1, 2, 3)]

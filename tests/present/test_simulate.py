@@ -12,10 +12,9 @@ from reports import assert_one_screen
 from ident.assess.scenario import Basis, OverPhases
 from ident.assess.simulate import Simulation
 from ident.description.file import read_arm
-from ident.identify.binding import loads_of
 from ident.identify.values import Values
-from ident.measure import Load
 from ident.present.figures.vibration import drives_figure, simulate_figure
+from ident.present.files.series import simulate_groups
 from ident.present.report import text_of
 from ident.present.simulate import simulate_rows, simulate_sections
 from ident.present.words import percent
@@ -115,18 +114,18 @@ def test_bands_and_probability_follow_from_the_draws(plain):
     rows = simulate_rows(with_bands)
     assert [row["exceedance"] for row in rows] == pytest.approx(share)
     assert [row["peak_q05"] for row in rows] == pytest.approx(np.quantile(draws.sizes.peak, 0.05, axis=1))
+    assert "Not used, as the arm has no such number: discrepancy.deflection" in text_of(report, details=True)
+    arrays = simulate_groups(with_bands, {})["/"]
+    assert arrays["vibration_draws"].dims == ("draw", "direction", "time")
+    np.testing.assert_array_equal(arrays["vibration_draws"][3], draws.vibration[:, :, 3])
+    np.testing.assert_array_equal(
+        arrays["parameter_draws"].sel(parameter="joint1.k_tors"), draws.values["joint1.k_tors"]
+    )
     figure = simulate_figure(with_bands)
     assert [text.get_text() for text in figure.legends[0].get_texts()][:2] == [
         "simulated, by the medians of the draws",
         "5 to 95 % of 5 draws",
     ]
-
-
-def test_a_load_moves_the_vibration(plain):
-    done, _ = simulate_motion(FILE.arm, MOTION, loads=loads_of(FILE.arm, Load.parse("glass")), method="fast", rate=100)
-    assert not np.allclose(done.vibration, plain.vibration, rtol=1e-2)
-    zero, _ = simulate_motion(FILE.arm, MOTION, loads=loads_of(FILE.arm, Load()), method="fast", rate=100)
-    np.testing.assert_allclose(zero.vibration, plain.vibration, atol=1e-12)
 
 
 def test_figures_name_units_and_lines(plain):

@@ -69,7 +69,9 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def identified(folder):
-    return ident.source(folder / "runs.csv")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ident.assess.source.FURTHER", (10.0,))  # what a further run would tell is not looked at here
+        return ident.source(folder / "runs.csv")
 
 
 @pytest.fixture(scope="module")
@@ -337,7 +339,7 @@ def test_a_correction_at_another_height_leaves_what_another_engine_leaves():
     pulley = Pulley(0.09, height, 1.0, 0.5, 12, 0.2)
     draws = np.full(count, unbalanced)
     ours = Rotor(arm.drives[1], pulley, unbalanced, draws, True, 0.01, np.nan, calibrated([], count), 8.0)
-    after = [balanced(basis, [replace(ours, pulley=replace(pulley, height=h))], [], {}).after for h in (height, 0.05)]
+    after = [balanced(basis, [replace(ours, pulley=replace(pulley, height=h))], [], {}).after for h in (height, 0.06)]
     bodies = [(body.mass, 0.09 * np.exp(1j * body.angle), height) for body in ours.bodies]
 
     def table(time):
@@ -350,7 +352,7 @@ def test_a_correction_at_another_height_leaves_what_another_engine_leaves():
     )
     off = [np.abs(part[:, :count] - vibration).max() for part in after]
     assert off[0] < 0.02 * np.abs(vibration).max()
-    assert off[1] > 0.2 * np.abs(vibration).max()  # without the couple
+    assert off[1] > 0.2 * np.abs(vibration).max()  # almost without the couple
 
 
 def test_two_holes_make_what_is_wanted():

@@ -1,6 +1,8 @@
 """`ident.compare` from Python: results and their files, report, table and figure."""
 
 import shutil
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,13 +12,14 @@ from results import assert_comes_back, assert_plain
 
 import ident
 from ident import InputError
+from ident.identify.fit import fit_campaign
 from ident.studies.compare import CompareOptions, compare
 from ident.studies.fit import FitOptions, fit
-from ident.studies.predict import predict
 
 pytestmark = pytest.mark.slow
 
 ARM = DATA / "lcd_arm" / "arm.toml"
+PREDICTED = Path(__file__).parents[1] / "data" / "results" / "10" / "arm.predict.json"
 FEW = FitOptions(starts=1, no_explain=True)
 
 
@@ -48,7 +51,8 @@ def result(files):
     return compare(*files)
 
 
-def test_campaigns_are_fitted_and_compared(result, files):
+def test_campaigns_are_fitted_and_compared(result, files, monkeypatch):
+    monkeypatch.setattr("ident.identify.fit.fit_campaign", partial(fit_campaign, starts=1))
     later = files[1].with_name("later.csv")
     shutil.copy(ARM, later.parent)
     fitted = compare(ARM.with_name("campaign.csv"), later)
@@ -170,9 +174,8 @@ def test_folders_are_compared_file_by_file(files, result, before, tmp_path):
         compare(folders[0], tmp_path / "empty")
 
 
-def test_other_results_are_refused(before, tmp_path):
-    with pytest.raises(InputError, match=r"second: got a result of 'predict', expected one of fit, sample or diagnose"):
-        compare(before, predict(ARM))
-    (path,) = predict(ARM).save(tmp_path)
+def test_other_results_are_refused(before, result):
+    with pytest.raises(InputError, match=r"second: got a result of 'compare', expected one of fit, sample or diagnose"):
+        compare(before, result)
     with pytest.raises(InputError, match=r"arm.predict.json: got a result of 'predict'"):
-        compare(before, path)
+        compare(before, PREDICTED)

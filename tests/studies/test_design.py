@@ -13,11 +13,9 @@ from results import assert_comes_back, assert_plain
 from ident.assess.design import unchanged
 from ident.description.file import parse_arm, read_arm
 from ident.errors import InputError
-from ident.studies.design import DesignOptions, design
+from ident.studies.design import DesignOptions, _checked_text, design
 from ident.studies.values import drawn_groups, drawn_values
 from ident.vibrate.design import verify, with_minimum_change
-from ident.vibrate.evaluator import Evaluator
-from ident.vibrate.sweep import sensitivities
 
 pytestmark = pytest.mark.slow
 
@@ -35,10 +33,25 @@ def path(tmp_path_factory):
     return path
 
 
+def telling(progress):
+    """A progress that notes of what it is."""
+
+    def shown(description, total=None):
+        return lambda numbers: (progress.append(description) or number for number in numbers)
+
+    return shown
+
+
 @pytest.fixture(scope="module")
-def result(path):
+def progress():
+    """What the design has said of its progress."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def result(path, progress):
     options = DesignOptions(change=CHANGE, set={"link2.mass": 36.0}, starts=1, no_curve=True, **SHORT)
-    return design(FILE, options, path=path)
+    return design(FILE, options, path=path, progress=telling(progress))
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +82,13 @@ def limited(result, limit):
     return replace(result, study=replace(study, design=least, verification=checks))
 
 
-def test_with_a_limit_the_least_change_that_keeps_it_is_proposed_and_verified(result):
-    limit = float(result.present.max() + result.best.max()) / 2
-    found = limited(result, limit)
+@pytest.fixture(scope="module")
+def found(result):
+    return limited(result, float(result.present.max() + result.best.max()) / 2)
+
+
+def test_with_a_limit_the_least_change_that_keeps_it_is_proposed_and_verified(result, found):
+    limit = found.study.limit
     design = found.study.design
     assert design.best is design.minimum_change
     assert design.best.change_norm < result.study.design.best.change_norm
@@ -92,8 +109,7 @@ def test_with_a_limit_the_least_change_that_keeps_it_is_proposed_and_verified(re
     assert any("peak in z rises by 50 %" in finding.text for finding in findings)
 
 
-def test_a_design_that_misses_its_limit_says_so(result):
-    found = limited(result, float(result.present.max() + result.best.max()) / 2)
+def test_a_design_that_misses_its_limit_says_so(result, found):
     missed = with_design(found, replace(found.study.design, limit=float(found.best.max()) / 2))
     assert (missed.short, missed.sections().verdict.word) == (True, "NOT MET")
     assert result.sections().verdict is None, "no limit, nothing to judge"
@@ -132,33 +148,33 @@ def test_it_comes_back_as_it_was(name, request, tmp_path):
     assert figures == [f"{result.name}{word}.png" for word in words]
 
 
-def test_sensitivities_alone_are_those_of_the_library(alone):
-    basis = alone.study.basis
-    direct = sensitivities(Evaluator(lcd_arm(), basis.motion, (), loads=basis.loads, rate=100.0))
+def test_sensitivities_alone_are_listed_with_the_strongest_first(alone):
+    direct = alone.study.sensitivities
     assert alone.name == "arm.teach.sensitivities"
     assert (alone.best, dict(alone.values), alone.text) == (None, {}, "")
     first, *_ = alone.table()
     strongest = direct.order[0]
     assert first["number"] == direct.paths[strongest]
     np.testing.assert_allclose([first[way] for way in "xyz"], direct.elasticity[strongest], rtol=1e-6)
+    in_its_way = np.abs(direct.elasticity[:, np.argmax(direct.amplitude)])
+    assert in_its_way[strongest] == in_its_way.max()
     assert_one_screen(alone.report(), files=2)
     assert not too_wide(alone.report(details=True))
     assert alone.sections().verdict is None
 
 
-def test_an_arm_of_python_has_no_file_to_write(path, tmp_path):
-    arm = parse_arm((DATA / "lcd_arm" / "arm.toml").read_text())
-    progress = []
-
-    def shown(description, total=None):
-        return lambda numbers: (progress.append(description) or number for number in numbers)
-
-    options = DesignOptions(change={K1: ()}, starts=1, no_curve=True, **SHORT)
-    result = design(arm, options, path=path, progress=shown)
-    assert result.text == ""
-    (written,) = result.save(tmp_path)
-    assert written.name == f"{arm.name}.teach.design.json"
+def test_progress_is_told_of_starts_and_sensitivities(result, progress):
+    assert result.study.sensitivities.paths
     assert set(progress) == {"starts", "sensitivities"}
+
+
+def test_an_arm_of_python_has_no_file_to_write(path, result, alone, tmp_path):
+    arm = parse_arm((DATA / "lcd_arm" / "arm.toml").read_text())
+    own = design(arm, alone.options, path=path)
+    assert _checked_text(own.study.basis, result.study.evaluator.variables) == ""
+    other = replace(result, study=replace(result.study, basis=own.study.basis), text="")
+    (written,) = other.save(tmp_path)
+    assert written.name == f"{arm.name}.teach.design.json"
 
 
 @pytest.mark.parametrize(

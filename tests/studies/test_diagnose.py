@@ -14,6 +14,7 @@ from results import assert_comes_back, assert_plain, contents
 
 import ident
 from ident.assess.diagnose import ResonanceAssessment, stages_of
+from ident.identify.compare import validate_fit
 from ident.present.basis import assumed
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard_stages
 from ident.vibrate.evaluator import BinomialEstimate
@@ -142,13 +143,13 @@ def test_a_limit_that_is_kept_needs_no_remedy(result):
 
 
 def test_it_says_how_far_to_trust_postures_that_were_not_measured(result):
-    own = ident.validate(ARM, MEASURED).scopes
-    ours = {scope.kind: scope for scope in result.diagnosis.validation.scopes}
-    assert {kind: scope.half for kind, scope in ours.items()} == pytest.approx(
-        {kind: scope.half for kind, scope in own.items()}, rel=0.05
+    own, ours = (
+        {scope.kind: scope.half for scope in each.scopes}
+        for each in (validate_fit(result.diagnosis.identification.sampled.fitted), result.diagnosis.validation)
     )
+    assert ours == pytest.approx(own, rel=1e-6)
     report = result.sections()
-    assert f"within {100 * ours['frequency'].half:.2g} % in frequency" in report.remark
+    assert f"within {100 * ours['frequency']:.2g} % in frequency" in report.remark
     beyond = "The motion turns joint1 62 deg, joint2 124 deg, joint3 62 deg beyond all measured postures."
     assert beyond in report.details[1].parts
     worst = "the motion turns joint2 124 deg (and 2 other joints less) beyond all measured postures"

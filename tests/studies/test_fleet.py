@@ -23,6 +23,7 @@ from ident import InputError
 from ident.description.file import read_arm
 from ident.identify.fit import fit_campaign
 from ident.identify.fleet import SourceFile, robot_of
+from ident.identify.fleet import fleet as infer
 from ident.identify.unknowns import Unknowns
 from ident.inference.priors import Prior
 from ident.measure import read_campaign
@@ -31,7 +32,8 @@ from ident.studies.fleet_tasks import _handed_out
 
 pytestmark = pytest.mark.slow
 generate = runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"]
-QUICK = FleetOptions(starts=4, normal=True)
+DRAWN = FleetOptions(starts=2)
+QUICK = replace(DRAWN, normal=True)
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +52,10 @@ def test_files_beside_a_campaign_are_no_robots(tmp_path):
             (tmp_path / f"{name}{end}").write_text("")
     own = tmp_path / "c"
     own.mkdir()
-    for end in (".csv", ".covariance.csv"):
-        (own / f"measured{end}").write_text("")
-    found = {name: campaign.name for name, campaign, _ in robots_in(tmp_path, None)}
-    assert found == {"a": "a.csv", "b": "b.csv", "c": "measured.csv"}
+    for name in ("measured.csv", "measured.covariance.csv", "arm.toml"):
+        (own / name).write_text("")
+    found = {name: (campaign.name, arm.parent) for name, campaign, arm in robots_in(tmp_path, None)}
+    assert found == {"a": ("a.csv", tmp_path), "b": ("b.csv", tmp_path), "c": ("measured.csv", own)}
 
 
 class Once:
@@ -83,13 +85,20 @@ def test_a_process_that_dies_idle_is_no_fault_of_the_next_task():
 
 
 @pytest.fixture(scope="module")
-def result(robots):
-    return fleet(robots[0], options=FleetOptions(starts=4))
+def drawn(robots, tmp_path_factory):
+    """A folder in which each robot's fit and draws are kept, and the fleet that was made of them."""
+    folder = tmp_path_factory.mktemp("drawn") / "kept"
+    return folder, fleet(robots[0], options=DRAWN, folder=folder)
+
+
+@pytest.fixture(scope="module")
+def result(drawn):
+    return drawn[1]
 
 
 @pytest.fixture(scope="module")
 def fitted(robots, tmp_path_factory):
-    """A folder in which each robot's fit is kept, and the fleet that was made of them."""
+    """A folder in which each robot's fit is kept, and the fleet that was made of them without draws."""
     folder = tmp_path_factory.mktemp("fitted") / "kept"
     return folder, fleet(robots[0], options=QUICK, folder=folder)
 
@@ -129,23 +138,13 @@ def test_what_it_says(result, robots):
     assert off["against_fleet_log"] < np.log(0.75)
 
 
-def test_its_draws_can_be_trusted_and_agree_with_normal_data_where_these_are_good(result, robots, tmp_path):
-    """Drawn by two processes, and read again."""
-    folder = tmp_path / "kept"
-    again = fleet(robots[0], options=FleetOptions(starts=4, workers=2), folder=folder)
-    ours, population = result.fleet.population, again.fleet.population
+def test_its_draws_can_be_trusted_and_agree_with_normal_data_where_these_are_good(result, fitted):
+    ours, rough = result.fleet.population, fitted[1].fleet.population
     assert len(ours.trusted) == 8
     assert ours.log_likelihood_variance < 0.01
     effective = min(each.effective for each in ours.trusted)
     assert f"Effective draws of each robot: {effective:.0f} or more" in result.report(details=True)
-    np.testing.assert_array_equal(population.mean, ours.mean)
-    before = {path: path.stat().st_mtime_ns for path in folder.glob("*.draws")}
-    assert len(before) == 8
-    fleet(robots[0], options=FleetOptions(starts=4), folder=folder)
-    assert {path: path.stat().st_mtime_ns for path in folder.glob("*.draws")} == before
-    normal = fleet(robots[0], options=QUICK, folder=folder)
-    assert "Effective draws" not in normal.report(details=True)
-    rough = normal.fleet.population
+    assert "Effective draws" not in fitted[1].report(details=True)
     assert rough.normal == tuple(range(8))
     assert (np.abs(rough.robot_mean - ours.robot_mean) < 0.5 * ours.robot_sd).all()
     np.testing.assert_allclose(rough.robot_sd, ours.robot_sd, rtol=0.25)
@@ -176,8 +175,8 @@ def test_its_page_leads_to_one_of_each_robot(result, robots, tmp_path):
 
 
 def test_names_that_are_no_addresses_are_written_so(result, tmp_path):
-    odd = replace(result.fleet.robots[0], name="a #1?/<b>")
-    other = replace(result, fleet=replace(result.fleet, robots=(odd, *result.fleet.robots[1:])))
+    odd = replace(result.fleet.robots[-1], name="a #1?/<b>")
+    other = replace(result, fleet=infer([odd]))
     other.save_figures(tmp_path)
     assert "<b>" not in other.html()
     assert 'pages/a%20%231%3F_%3Cb%3E.html"' in other.html()
@@ -188,55 +187,48 @@ def test_its_file_brings_it_back(result, tmp_path):
     assert_comes_back(result, tmp_path)
 
 
-def test_the_next_robot_can_be_fitted_with_its_priors(result, robots):
-    arm = read_arm(robots[0] / "arm.toml").arm
-    priors = {name: Prior.parse(text) for name, text in result.priors.items()}
-    assert set(priors) == set(result.fleet.names)
-    few = Unknowns(priors=priors)
-    fit = fit_campaign(arm, read_campaign(robots[0] / "robot001.csv"), few, starts=1)
-    median = np.exp(result.fleet.population.mean.mean(0))
-    np.testing.assert_allclose([priors[name].low for name in result.fleet.names], median, rtol=1e-5)
-    assert all(fit.parameters[name] > 0 for name in priors)
+def test_its_priors_for_the_next_robot_are_about_the_fleet_s_median(result):
+    assert set(result.priors) == set(result.fleet.names)
+    low = [Prior.parse(result.priors[name]).low for name in result.fleet.names]
+    np.testing.assert_allclose(low, np.exp(result.fleet.population.mean.mean(0)), rtol=1e-5)
 
 
 def test_what_data_say_is_free_of_the_prior(robots):
-    """The likelihood times the interim prior is the fit's own posterior, whatever the width of the prior."""
+    """The likelihood times the interim prior is the fit's own posterior; with more unknowns: test_fleet_batch.py."""
     arm, campaign = read_arm(robots[0] / "arm.toml").arm, read_campaign(robots[0] / "robot001.csv")
-    for unknowns in (Unknowns(prior_sd=0.3), Unknowns(prior_sd=2.0, free={"link2.mass": 0.1})):
-        fit = fit_campaign(arm, campaign, unknowns, starts=1)
-        robot = robot_of(fit, "one", SourceFile(), SourceFile())
-        precision = robot.likelihood.precision + np.diag(robot.prior_sd**-2.0)
-        at = robot.likelihood.shift + robot.prior_mean / robot.prior_sd**2
-        np.testing.assert_allclose(np.linalg.solve(precision, at), robot.theta, atol=1e-4 * robot.sd.min())
-        np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(precision))), robot.sd, rtol=1e-6)
+    fit = fit_campaign(arm, campaign, Unknowns(prior_sd=0.3), starts=1)
+    robot = robot_of(fit, "one", SourceFile(), SourceFile())
+    precision = robot.likelihood.precision + np.diag(robot.prior_sd**-2.0)
+    at = robot.likelihood.shift + robot.prior_mean / robot.prior_sd**2
+    np.testing.assert_allclose(np.linalg.solve(precision, at), robot.theta, atol=1e-4 * robot.sd.min())
+    np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(precision))), robot.sd, rtol=1e-6)
 
 
-def test_another_design_is_none_of_the_fleet(robots, tmp_path):
-    for path in robots[0].glob("robot00[1-4].csv"):
-        (tmp_path / path.name).write_bytes(path.read_bytes())
-    (tmp_path / "arm.toml").write_bytes((robots[0] / "arm.toml").read_bytes())
-    own = tmp_path / "other"
-    own.mkdir()
-    (own / "campaign.csv").write_bytes((robots[0] / "robot001.csv").read_bytes())
-    text = (robots[0] / "arm.toml").read_text()
-    (own / "arm.toml").write_text(text.replace('"joint3"', '"wrist"').replace("joint3.", "wrist."))
-    result = fleet(tmp_path, options=QUICK, folder=tmp_path / "kept")
-    assert list(result.failed) == ["other"]
-    assert "wrist.k_tors" in result.failed["other"]
+def test_another_design_is_none_of_the_fleet(fitted):
+    names = tuple(name.replace("joint3", "wrist") for name in fitted[1].fleet.names)
+    robots = [replace(robot, names=names) if robot.name == "robot005" else robot for robot in fitted[1].fleet.robots]
+    found = infer(robots)
+    assert {robot.name for robot in found.failed} == {"broken", "robot005"}
+    (other,) = (robot for robot in found.failed if robot.name == "robot005")
+    assert "wrist.k_tors" in other.error
+    assert len(found.members) == 7
 
 
-def test_what_is_done_is_not_done_again(robots, fitted, kept):
+def test_what_is_done_is_not_done_again(robots, drawn, fitted, tmp_path):
+    """What is damaged is made again, by another process, and comes out the same."""
+    kept = Path(shutil.copytree(drawn[0], tmp_path / "kept"))
     before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in kept.iterdir()}
-    assert len(before) == 9
-    damaged = min(before)
+    assert len(before) == 9 + 8
+    damaged = min(path for path in before if path.suffix == ".draws")
     damaged.write_bytes(before[damaged][1][:-20])
-    again = fleet(robots[0], options=FleetOptions(starts=4, normal=True, workers=2), folder=kept)
+    again = fleet(robots[0], options=replace(DRAWN, workers=2), folder=kept)
     after = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in kept.iterdir()}
     assert {path for path in before if before[path][0] != after[path][0]} == {damaged}
     assert {path: text for path, (_, text) in before.items()} == {path: text for path, (_, text) in after.items()}
-    assert again.report(details=True) == fitted[1].report(details=True)
-    fleet(robots[0], options=FleetOptions(starts=1, normal=True), folder=kept)
-    assert len(list(kept.iterdir())) == 18, "other options, other files"
+    assert again.report(details=True) == drawn[1].report(details=True)
+    others = {path.name for path in fitted[0].iterdir()}
+    assert len(others) == 9
+    assert others.isdisjoint(path.name for path in before), "other options, other files"
 
 
 def test_an_error_that_nobody_expected_costs_one_robot(robots, kept, monkeypatch):
@@ -263,20 +255,20 @@ def test_an_error_that_nobody_expected_costs_one_robot(robots, kept, monkeypatch
     assert set(fleet(robots[0], options=QUICK, folder=kept).failed) == {"broken"}
 
 
-def test_stopped_or_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_path):
+def test_stopped_or_killed_at_any_moment_it_comes_to_the_same_files(run, robots, tmp_path):
     """With processes of its own none of these stays: each has its output open, and that comes to its end."""
     few = tmp_path / "few"
     few.mkdir()
     for name in ("arm.toml", "broken.csv", *(f"robot00{i}.csv" for i in range(1, 6))):
         shutil.copy(robots[0] / name, few)
-    line = [sys.executable, "-m", "ident", "fleet", str(few), "--starts=4", "--normal", "--no-figure"]
+    words = ["fleet", str(few), "--starts=2", "--normal", "--no-figure", "--out"]
 
-    def run(out, workers, end=None):
-        words = [*line, "--out", str(out), f"--workers={workers}"]
-        process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
+    def disturbed(out, end):
+        line = [sys.executable, "-m", "ident", *words, str(out), "--workers=2"]
+        process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
         kept = out / f"{few.name}.fleet.robots"
         before = len(list(kept.glob("*.robot")))
-        while end is not None and process.poll() is None:
+        while process.poll() is None:
             if len(list(kept.glob("*.robot"))) > before:
                 end(process)
                 break
@@ -285,14 +277,13 @@ def test_stopped_or_killed_at_any_moment_it_comes_to_the_same_files(robots, tmp_
         return process.returncode, printed.decode()
 
     killed = tmp_path / "killed"
-    assert run(killed, 2, subprocess.Popen.kill)[0] == -signal.SIGKILL
-    code, printed = run(killed, 2, lambda process: os.killpg(process.pid, signal.SIGINT))
+    assert disturbed(killed, subprocess.Popen.kill)[0] == -signal.SIGKILL
+    code, printed = disturbed(killed, lambda process: os.killpg(process.pid, signal.SIGINT))
     assert code == 130, printed
     assert "the same command goes on from there" in printed
     assert "Traceback" not in printed
-    code, printed = run(killed, 2)
-    assert code == 3, printed
-    assert run(tmp_path / "alone", 1)[0] == 3
+    for out in (killed, tmp_path / "alone"):
+        assert run(*words, out)[0] == 3
     assert files(killed) == files(tmp_path / "alone")
 
 
@@ -304,14 +295,14 @@ def files(folder):
 
 def test_the_command(run, robots, kept, tmp_path):
     shutil.copytree(kept, tmp_path / "out" / f"{robots[0].name}.fleet.robots")
-    code, out, _ = run("fleet", robots[0], "--starts=4", "--normal", "--out", tmp_path / "out")
+    code, out, _ = run("fleet", robots[0], "--starts=2", "--normal", "--out", tmp_path / "out")
     assert code == 3, "a robot failed"
     assert_one_screen(out, extra=1)
     name = robots[0].name
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert written == {f"{name}.fleet{end}" for end in (".json", ".prior", ".png", ".html", ".pages", ".robots")}
     flags = (tmp_path / "out" / f"{name}.fleet.prior").read_text().split()
-    code, out, err = run("fit", robots[0] / "robot002.csv", "--starts=4", "--no-figure", *flags)
+    code, out, err = run("fit", robots[0] / "robot002.csv", "--starts=2", "--no-figure", *flags)
     assert code == 0, err
 
 
@@ -336,9 +327,9 @@ def test_a_worker_that_is_killed_costs_no_more_than_its_robot(robots, kept, tmp_
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *sys.path]))
     (tmp_path / "kills").mkdir()
     (tmp_path / "sitecustomize.py").write_text(KILLER.format(name="robot002.csv", kills=tmp_path / "kills"))
-    for name in ("robot001", "robot002", "robot003"):
+    for name in ("robot002", "robot003"):
         forget(robots, kept, name)
-    result = fleet(robots[0], options=FleetOptions(starts=4, normal=True, workers=2), folder=kept)
+    result = fleet(robots[0], options=replace(QUICK, workers=2), folder=kept)
     assert set(result.failed) == {"broken", "robot002"}
     assert "killed 3 times" in result.failed["robot002"]
     assert len(list((tmp_path / "kills").iterdir())) == 3
@@ -358,10 +349,10 @@ sys.addaudithook(watch)
 def test_a_folder_that_can_not_be_written_is_said_alike_by_processes(robots, tmp_path):
     """What is wrong comes whole from another process."""
     (tmp_path / "file").touch()
+    broken = [("broken", robots[0] / "broken.csv", robots[0] / "arm.toml")]
     for workers in (1, 2):
-        options = FleetOptions(starts=4, normal=True, workers=workers)
         with pytest.raises(InputError) as caught:
-            fleet(robots[0], options=options, folder=tmp_path / "file" / "kept")
+            fleet(broken, options=replace(QUICK, workers=workers), folder=tmp_path / "file" / "kept")
         (problem,) = caught.value.problems
         assert problem.where.startswith(str(tmp_path / "file" / "kept"))
         assert str(caught.value) == str(problem)

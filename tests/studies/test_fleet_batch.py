@@ -9,7 +9,8 @@ from arms import DATA
 
 from ident.description.file import read_arm
 from ident.identify import fleet_batch
-from ident.identify.fleet import SourceFile
+from ident.identify.fit import fit_campaign
+from ident.identify.fleet import SourceFile, robot_of
 from ident.identify.fleet_batch import Given, robots_together
 from ident.identify.unknowns import Unknowns
 from ident.inference.information import farthest
@@ -18,7 +19,7 @@ from ident.studies.fleet import FleetOptions, fleet
 
 pytestmark = pytest.mark.slow
 generate = runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"]
-ALONE = FleetOptions(starts=4, normal=True)
+ALONE = FleetOptions(starts=2, normal=True)
 TOGETHER = replace(ALONE, batch=16)
 
 
@@ -84,8 +85,6 @@ def test_only_what_nothing_speaks_against_is_fitted_together(given):
 
 def test_a_wrong_row_that_the_fit_follows_is_noticed_together_as_alone(given):
     """The row of the largest leverage, off by 8 sigma in the direction in which it is off: by sigma it would pass."""
-    from ident.identify.fit import fit_campaign
-
     rows, tests = given[0].campaign.measurements, fit_campaign(given[0].arm, given[0].campaign, starts=1).row_tests
     i = int(tests.left.argmin())
     moved = replace(rows[i], value=rows[i].value - 8 * np.sign(tests.z[i]) * rows[i].sigma)
@@ -98,28 +97,10 @@ def test_a_wrong_row_that_the_fit_follows_is_noticed_together_as_alone(given):
     )
 
 
-def test_other_unknowns_are_integrated_out(given):
-    """A free mass beside the stiffnesses; against the fit of one robot by itself."""
-    from ident.identify.fit import fit_campaign
-    from ident.identify.fleet import robot_of
-
-    unknowns = Unknowns(free={"link2.mass": 0.1})
-    found = robots_together(given[2:6], unknowns, 16)
-    name, each = next((each.name, each) for each in given if each.name in found)
-    fit = fit_campaign(each.arm, each.campaign, unknowns, starts=1)
-    one = robot_of(fit, name, each.campaign_file, each.arm_file)
-    assert "link2.mass" not in one.names
-    np.testing.assert_allclose(found[name].likelihood.precision, one.likelihood.precision, rtol=1e-4, atol=1e-3)
-    np.testing.assert_allclose(found[name].sd, one.sd, rtol=1e-5)
-
-
-def test_labelled_modes_too(given):
-    """Labels are put to modes between the steps; each robot has its own choice."""
-    from ident.identify.fit import fit_campaign
-    from ident.identify.fleet import robot_of
-
+def test_other_unknowns_are_integrated_out_and_modes_have_labels():
+    """A free mass beside the stiffnesses, labels put to modes between the steps; against the fit of one by itself."""
     labelled = read_campaign(DATA / "lcd_arm" / "campaign.csv")
-    arm = read_arm(DATA / "lcd_arm" / "arm.toml").arm
+    arm, unknowns = read_arm(DATA / "lcd_arm" / "arm.toml").arm, Unknowns(prior_sd=2.0, free={"link2.mass": 0.1})
     rng = np.random.default_rng(5)
 
     def one(i):
@@ -127,12 +108,19 @@ def test_labelled_modes_too(given):
         return Given(f"r{i}", Campaign(measurements=rows), arm, SourceFile(), SourceFile())
 
     robots = [one(i) for i in range(4)]
-    found = robots_together(robots, Unknowns(), 16)
+    found = robots_together(robots, unknowns, 16)
     assert len(found) >= 2
     each = next(each for each in robots if each.name in found)
-    fit = fit_campaign(arm, each.campaign, Unknowns(), starts=4)
-    own = robot_of(fit, each.name, each.campaign_file, each.arm_file)
+    own = robot_of(fit_campaign(arm, each.campaign, unknowns, starts=2), each.name, SourceFile(), SourceFile())
+    assert "link2.mass" not in own.names
     np.testing.assert_allclose(found[each.name].theta, own.theta, atol=1e-5)
+    np.testing.assert_allclose(found[each.name].likelihood.precision, own.likelihood.precision, rtol=1e-4, atol=1e-3)
+    np.testing.assert_allclose(found[each.name].sd, own.sd, rtol=1e-5)
+    # the likelihood times the interim prior is the fit's own posterior
+    precision = own.likelihood.precision + np.diag(own.prior_sd**-2.0)
+    at = own.likelihood.shift + own.prior_mean / own.prior_sd**2
+    np.testing.assert_allclose(np.linalg.solve(precision, at), own.theta, atol=1e-4 * own.sd.min())
+    np.testing.assert_allclose(np.sqrt(np.diag(np.linalg.inv(precision))), own.sd, rtol=1e-6)
 
 
 def test_a_batch_that_can_not_be_done_is_done_one_by_one(robots, alone, tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ import os
 import random
 import runpy
 import sys
+import time
 
 import pytest
 from arms import DATA
@@ -30,14 +31,6 @@ def robots(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="module")
-def undisturbed(robots, tmp_path_factory):
-    """What two processes of this machine make of them."""
-    out = tmp_path_factory.mktemp("undisturbed") / "out"
-    assert Run(robots, out, "--workers=2").end() == FAILED
-    return files(out)
-
-
 def files(folder):
     """The contents of all files by name, but for the time that a result was made."""
     paths = [path for path in folder.rglob("*") if path.is_file() and ".part" not in path.name]
@@ -45,36 +38,54 @@ def files(folder):
     return {path.relative_to(folder): TIME.sub("", path.read_text()) for path in paths}
 
 
-def test_whatever_is_killed_the_files_are_those_of_the_pool(robots, undisturbed, tmp_path):
+def test_whatever_is_killed_the_files_are_those_of_one_process(run, robots, tmp_path):
     """A client, a worker and the scheduler; 20 times each on 50 robots: tests/benchmarks/fleet_killed.py."""
+    out = tmp_path / "out"
     with Cluster(tmp_path / "cluster") as cluster:
-        fleet = Disturbed(cluster, robots, tmp_path / "out", random.Random(7))
-        assert fleet.kill_clients(1).killed == 1
-        scheduler = fleet.kill_schedulers(1)
-        assert scheduler.exits == [1]
-        assert scheduler.said_after < 30
-        said = (tmp_path / "out.log").read_text()
-        assert "the same command goes on" in said
-        assert "Traceback" not in said
-        worker = fleet.kill_workers(1)
-    assert worker.killed == 1
-    assert worker.exits == [FAILED]
-    assert files(tmp_path / "out") == undisturbed
+        assert Disturbed(cluster, robots, out, random.Random(7)).kill_clients(1).killed == 1
+        last = Run(robots, out, "--dask", cluster.address)
+        last.wait_for(lambda: any(list(run.glob("*.robot")) for run in last.attempts - last.before))
+        cluster.kill_worker()
+        before = last.done
+        last.wait_for(lambda: last.done > before + 1)
+        assert last.process.poll() is None, "a moment too late to mean anything"
+        cluster.kill_scheduler()
+        start = time.monotonic()
+        assert last.end() == 1
+        assert time.monotonic() - start < 30
+    said = (tmp_path / "out.log").read_text()
+    assert "the same command goes on" in said
+    assert "Traceback" not in said
+    done = last.done
+    assert done >= 2
+    for each in (out, tmp_path / "alone" / "out"):
+        assert run("fleet", robots, "--starts=4", "--no-figure", "--out", each)[0] == FAILED
+    assert files(out) == files(tmp_path / "alone" / "out")
+    assert last.done == 13 > done
 
 
-def test_an_input_that_kills_its_workers_is_given_up(robots, tmp_path):
+def test_an_input_that_kills_its_workers_is_given_up_and_workers_of_another_kind_are_refused(robots, tmp_path):
     """The robot's file kills whoever opens it on a worker; the others are done."""
+    few = [(name, robots / f"{name}.csv", robots / "arm.toml") for name in ("broken", *(f"robot00{i}" for i in "1234"))]
     (tmp_path / "sitecustomize.py").write_text(KILLER)
     hooked = {"PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
     with Cluster(tmp_path / "cluster", hooked) as cluster:
+        options = FleetOptions(starts=4, normal=True, dask=cluster.address)
+        flags = cluster.environment.get("XLA_FLAGS", "")
+        cluster.environment["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false"
+        cluster.start_worker()
+        with pytest.raises(InputError, match="another XLA_FLAGS or EQX_ON_ERROR than here"):
+            fleet(few, options=options, folder=tmp_path / "kept")
+        assert not (tmp_path / "kept").exists()
+        cluster.kill_workers()
+        cluster.environment["XLA_FLAGS"] = flags
         for _ in range(4):
             cluster.start_worker()
-        options = FleetOptions(starts=4, normal=True, dask=cluster.address)
-        result = fleet(robots, options=options, folder=tmp_path / "kept")
+        result = fleet(few, options=options, folder=tmp_path / "kept")
         dead = [worker for worker in cluster.workers if worker.poll() is not None]
     assert set(result.failed) == {"broken", "robot002"}
     assert "killed 3 times" in result.failed["robot002"]
-    assert len(result.fleet.members) == 5
+    assert len(result.fleet.members) == 3
     assert len(dead) == 3
     assert not list((tmp_path / "kept").glob(".attempts-*"))
 
@@ -90,22 +101,14 @@ sys.addaudithook(watch)
 """
 
 
-def test_a_scheduler_that_is_none_is_refused(robots, tmp_path):
+def test_a_scheduler_that_is_none_is_refused(robots, tmp_path, monkeypatch):
+    monkeypatch.setattr(fleet_tasks, "CONNECT", 1.0)
     options = FleetOptions(dask="tcp://127.0.0.1:9")
     with pytest.raises(InputError, match=r"no scheduler at tcp://127.0.0.1:9 .*dask scheduler"):
         fleet(robots, options=options, folder=tmp_path / "kept")
     assert not (tmp_path / "kept").exists()
     with pytest.raises(InputError, match="one of both"):
         FleetOptions(dask="tcp://127.0.0.1:9", workers=2)
-
-
-def test_workers_of_another_kind_are_refused(robots, tmp_path):
-    with Cluster(tmp_path / "cluster", {"XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false"}) as cluster:
-        cluster.start_worker()
-        options = FleetOptions(starts=4, normal=True, dask=cluster.address)
-        with pytest.raises(InputError, match="another XLA_FLAGS or EQX_ON_ERROR than here"):
-            fleet(robots, options=options, folder=tmp_path / "kept")
-    assert not (tmp_path / "kept").exists()
 
 
 def test_workers_without_the_folder_or_of_another_program_are_refused(tmp_path):

@@ -26,6 +26,7 @@ from ident.inference.search import evaluate
 from ident.measure import Load
 from ident.measure.channels import read_channels
 from ident.measure.recordings import read_recording
+from ident.studies.result import Result
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # the first test makes what the manual shows, figures too
 
@@ -44,23 +45,33 @@ def seen(arm):
 
 @pytest.fixture(scope="module")
 def manual(run_here, shelf, tmp_path_factory):
-    """The folder that the manual's commands have written to, and what they have printed."""
-    folder, printed = tmp_path_factory.mktemp("manual"), []
+    """The folder that the manual's commands have written to, what they have printed, and their results by name."""
+    folder, printed, results, save = tmp_path_factory.mktemp("manual"), [], {}, Result.save
     (folder / "data").symlink_to(FOLDER.parents[1])
+
+    def kept(self, path):
+        results[self.name] = self
+        return save(self, path)
+
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
+        patch.setattr(Result, "save", kept)
         for words in HAMMER_TEST:
             code, out, err = shelf.put(words, run_here)
             assert (code, err) == (0, "")
             printed.append(out)
-    return folder / "out", printed
+    return folder / "out", printed, results
 
 
 @pytest.fixture(scope="module")
 def result(manual):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(manual[0].parent)
-        return ident.modal_test("data/lcd_arm/hammer")
+    return manual[2]["hammer.modal"]
+
+
+@pytest.fixture(scope="module")
+def systems(arm, result):
+    """What made the records, by the posture."""
+    return {test.posture: generator().system(arm, np.array(test.posture)) for test in result.tests}
 
 
 @pytest.fixture(scope="module")
@@ -152,25 +163,24 @@ def test_each_fault_of_the_test_is_rejected_and_nothing_else(result):
     assert all("mains at 60 Hz" in " ".join(test.remarks) for test in result.tests)
 
 
-def test_frequency_responses_are_those_of_the_model_on_the_line_of_the_window(arm, result):
-    made = generator()
+def test_frequency_responses_are_those_of_the_model_on_the_line_of_the_window(systems, result):
     for test in result.tests:
         order = [1 if place.direction[2] == 0 else 0 for place in test.frf.references]
         s = test.frf.decay + 2j * np.pi * test.frf.frequency
-        expected = made.system(arm, np.array(test.posture)).accelerance(s)[:, order]
+        expected = systems[test.posture].accelerance(s)[:, order]
         sd = test.frf.hits.std(0, ddof=1) / np.sqrt(5)
         off = np.sqrt(np.mean(abs(test.frf.mean - expected) ** 2 / sd**2))
         assert 1.0 < off < 1.3, "Student's t of five complex values has a variance of 4 / 3"
 
 
-def test_modes_are_those_of_the_model_within_their_joint_covariance(arm, result):
+def test_modes_are_those_of_the_model_within_their_joint_covariance(systems, result):
     """Chi-squared of all rows of the campaign, which have a name, against the poles of the model."""
     repeatable = modal_campaign("hammer.modal", result.tests, result.identified)
     rows = repeatable.measurements
     off = []
     for row in rows:
         hertz = next(r.value for r in rows if (r.posture, r.mode, r.kind) == (row.posture, row.mode, "frequency"))
-        poles = generator().system(arm, np.array(row.posture)).poles
+        poles = systems[row.posture].poles
         pole = min(poles[poles.imag > 0], key=lambda p, hertz=hertz: abs(abs(p) / (2 * np.pi) - hertz))
         off.append(row.value - (abs(pole) / (2 * np.pi) if row.kind == "frequency" else -pole.real / abs(pole)))
     joint = sum(

@@ -13,6 +13,7 @@ from reports import assert_one_screen
 from results import assert_comes_back, assert_plain
 
 import ident
+from ident.assess.repetition import differences
 from ident.errors import InputError
 from ident.files import claimed
 from ident.identify.compare import sample_campaign
@@ -41,8 +42,38 @@ def arm_file():
 
 
 @pytest.fixture(scope="module")
-def result(arm_file, table_1):
-    return sample(arm_file, table_1, SampleOptions(**SHORT))
+def folder(tmp_path_factory):
+    """Where the checkpoints of the result lie."""
+    return tmp_path_factory.mktemp("checkpoints")
+
+
+@pytest.fixture(scope="module")
+def result(arm_file, table_1, folder):
+    """Interrupted behind its fourth block, and gone on with."""
+    with pytest.raises(KeyboardInterrupt):
+        sample(arm_file, table_1, SampleOptions(**SHORT), folder=folder, progress=until(4))
+    assert len(list(folder.glob("draws*"))) == 4
+    return sample(arm_file, table_1, SampleOptions(**SHORT), folder=folder)
+
+
+def until(last):
+    """Progress that interrupts a chain at a block."""
+
+    def progress(description, total=None):
+        def stop(numbers):
+            for number in numbers:
+                if description == "blocks of steps" and number == last:
+                    raise KeyboardInterrupt
+                yield number
+
+        return stop
+
+    return progress
+
+
+@pytest.fixture(scope="module")
+def fitted(arm_file, table_1):
+    return fit(arm_file, table_1, FitOptions(**FIT, no_explain=True))
 
 
 @pytest.fixture(scope="module")
@@ -50,11 +81,10 @@ def file(result, tmp_path_factory):
     return result.save(tmp_path_factory.mktemp("sample"))[0]
 
 
-def test_it_is_the_posterior_of_the_fit(result, table_1):
-    fitted = fit(lcd_arm(), table_1, FitOptions(**FIT))
-    direct = sample_campaign(fitted.fit, settings=Settings(walkers=14, max_steps=100)).sample
+def test_it_is_the_posterior_of_the_fit_whether_or_not_it_was_interrupted(result, fitted):
+    direct = sample_campaign(fitted.fit, settings=Settings(walkers=14, max_steps=SHORT["steps"])).sample
     sampled = result.sample.sample
-    np.testing.assert_array_equal(sampled.theta[:100], direct.theta)
+    np.testing.assert_array_equal(sampled.theta, direct.theta)
     assert result.name == "table1.sample"
     assert not result.enough, "so short a chain is none to trust"
     for name, own in zip(direct.posterior.parameters.names, np.exp(sampled.draws()).T, strict=True):
@@ -106,32 +136,26 @@ def test_its_table_has_a_row_for_each_unknown(result):
         assert row["low_95"] < row["low_50"] < row["median"] < row["high_50"] < row["high_95"]
 
 
-def test_a_longer_run_goes_on_in_its_folder(result, arm_file, table_1, tmp_path):
-    folder = tmp_path / "part"
-
-    def progress(description, total=None):
-        def stop(numbers):
-            for number in numbers:
-                if description == "blocks of steps" and number == 4:
-                    raise KeyboardInterrupt
-                yield number
-
-        return stop
-
-    with pytest.raises(KeyboardInterrupt):
-        sample(arm_file, table_1, SampleOptions(**SHORT), folder=folder, progress=progress)
-    assert len(list(folder.glob("draws*"))) == 4
-    whole = sample(arm_file, table_1, SampleOptions(**SHORT), folder=folder)
-    np.testing.assert_array_equal(whole.sample.sample.theta, result.sample.sample.theta)
-    assert len(list(folder.glob("draws*"))) == 10, "they stay where they are"
+def test_checkpoints_stay_and_another_run_needs_a_word_to_take_their_place(result, folder, arm_file, table_1):
+    assert len(list(folder.glob("draws*"))) == 10
+    other = SampleOptions(**SHORT, seed=1)
     with pytest.raises(ident.InputError, match="another seed"):
-        sample(arm_file, table_1, SampleOptions(**SHORT, seed=1), folder=folder)
+        sample(arm_file, table_1, other, folder=folder)
     before = {file.read_bytes() for file in folder.glob("draws*")}
     with pytest.raises(KeyboardInterrupt):
-        sample(arm_file, table_1, SampleOptions(**SHORT, seed=1), folder=folder, restart=True, progress=progress)
+        sample(arm_file, table_1, other, folder=folder, restart=True, progress=until(1))
     anew = {file.read_bytes() for file in folder.glob("draws*")}
-    assert len(anew) == 4, "begun anew"
+    assert len(anew) == 1, "begun anew"
     assert not anew & before
+
+
+def test_posteriors_by_other_seeds_are_the_same_within_their_standard_errors(result, arm_file, table_1):
+    """And differ by no less: errors that are said much too large would hide what differs."""
+    other = sample(arm_file, table_1, SampleOptions(**SHORT, seed=1))
+    assert not list(differences(result.table(), other.table(), result.standard_errors()))
+    medians = np.array([[row["median"] for row in run.table()] for run in (result, other)])
+    said = np.array([[row["median"] for row in run.standard_errors()] for run in (result, other)])
+    assert 0.3 < np.sqrt(np.mean(np.diff(medians, axis=0)[0] ** 2 / (said**2).sum(0))) < 2.5
 
 
 def test_draws_of_a_result_and_of_its_file_are_the_same(result, file):
@@ -148,25 +172,22 @@ def test_draws_of_a_result_and_of_its_file_are_the_same(result, file):
     assert drawn_values(None, lcd_arm(), 3) is None
 
 
-def test_contradictory_data_withhold_every_interval_as_in_a_fit(arm_file, table_1, tmp_path):
-    """Table 1 contradicts itself; a factor on its deflection, which is inferred, would reconcile it."""
-    options = {"starts": 1, "fix": FIT["fix"]}
-    doubted = sample(arm_file, table_1, SampleOptions(**options, steps=500, walkers=14))
-    fitted = fit(arm_file, table_1, FitOptions(**options, no_explain=True))
-    assert doubted.doubts == fitted.doubts != ()
-    assert doubted.doubtful
+def test_contradictory_data_withhold_every_interval_as_in_a_fit(result, fitted, arm_file, file):
+    """Table 1 contradicts itself; a wider factor on its deflection would reconcile it."""
+    assert result.doubts == fitted.doubts != ()
+    assert result.doubtful
     assert not any(fitted.supported.values())
-    report = doubted.sections()
+    report = result.sections()
     assert report.verdict == replace(fit_sections(fitted.fit).verdict, reason=report.verdict.reason)
     assert report.verdict.word == "NOT USABLE"
     assert report.verdict.reason.endswith("No interval is reported. The chains are too short as well.")
-    assert intervals(report) == ["not reported"] * len(doubted.sample.sample.posterior.parameters.names)
+    assert intervals(report) == ["not reported"] * len(result.sample.sample.posterior.parameters.names)
     assert not combinations(report)
     assert "--discrepancy deflection:0.2` (20 %)" in report.findings[1].remedy
-    assert_one_screen(doubted.report(), files=5)
-    assert "No interval is reported" in doubted.figures()["posterior"].get_suptitle()
-    assert doubted.document()["summary"]["doubts"] == list(fitted.doubts)
-    for source in (doubted, doubted.save(tmp_path)[0]):
+    assert_one_screen(result.report(), files=5)
+    assert "No interval is reported" in result.figures()["posterior"].get_suptitle()
+    assert result.document()["summary"]["doubts"] == list(fitted.doubts)
+    for source in (result, file):
         assert drawn_values(source, arm_file, 5).remark.startswith(f"the fit is in doubt: {fitted.doubts[0]}")
 
 
@@ -229,8 +250,7 @@ def test_a_posterior_of_another_robot_is_refused_unless_forced(result, file):
         assert "another robot" in forced.remark
 
 
-def test_values_of_a_fit_and_of_its_file_are_the_same(arm_file, table_1, tmp_path):
-    fitted = fit(arm_file, table_1, FitOptions(**FIT))
+def test_values_of_a_fit_and_of_its_file_are_the_same(fitted, tmp_path):
     path = fitted.save(tmp_path)[0]
     of_file, of_result = fitted_values(path, lcd_arm()), fitted_values(fitted, lcd_arm())
     assert of_file.medians == of_result.medians
@@ -278,9 +298,9 @@ def test_options_are_checked_when_they_are_made(options, words):
 
 def test_the_library_names_options_in_backticks(table_1):
     with pytest.raises(ident.InputError, match=r"got 6 walkers, .* correct `walkers`"):
-        sample(lcd_arm(), table_1, SampleOptions(starts=1, walkers=6))
+        sample(lcd_arm(), table_1, SampleOptions(**FIT, walkers=6))
     with pytest.raises(ident.InputError, match=r"nor a prior that bound .* \(`prior`\), or fix it \(`fix`\)"):
-        sample(lcd_arm(), table_1, SampleOptions(starts=1, no_prior=True))
+        sample(lcd_arm(), table_1, SampleOptions(**FIT, no_prior=True))
 
 
 def test_a_folder_in_which_another_run_is_at_work_is_refused_at_once(tmp_path, arm_file, table_1):

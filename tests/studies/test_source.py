@@ -29,6 +29,7 @@ from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.source_causes import WIDTH, Band
 from ident.vibrate.source_problem import Prior
+from ident.vibrate.sweep import Sensitivities
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +49,15 @@ def folder(tmp_path_factory, true_arm):
 @pytest.fixture(scope="module")
 def result(folder):
     return ident.source(table(folder, (12.0,)))
+
+
+@pytest.fixture(scope="module")
+def asked(folder, true_arm):
+    """Of two runs, with the cause of a peak, and a third that is predicted."""
+    measure(folder, true_arm, 10.0, seed=7)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(source, "FURTHER", (10.0,))
+        return ident.source(table(folder, (12.0, 15.0, 10.0), "three.csv"), hold_out=["run10.csv"], peak=9.0)
 
 
 @pytest.fixture
@@ -103,7 +113,7 @@ def test_an_uncertain_calibration_widens_amplitudes_not_phases(folder, result):
     assert 0.95 * 0.05 / np.sqrt(2) < more < 1.05 * 0.05
     assert after["phase_sd"] < 1.2 * before["phase_sd"]
     assert abs(after["amplitude"] / before["amplitude"] - 1) < 2 * more
-    found, runs = loose.study.found, read_runs(table(folder, (12.0,), "loose.csv"))
+    found, runs = loose.study.found, read_runs(folder / "loose.csv")
     wrong = found.place.calibration + np.array([0.1, 0.0])
     sizes = [
         [np.abs(each.computed).max() for each in _predicted(one, runs, "run12.csv", ["run12.csv"])]
@@ -142,12 +152,15 @@ def test_its_file_names_all_that_repeats_it(folder, result, tmp_path):
 @pytest.mark.usefixtures("one_further")
 @pytest.mark.timeout(900)
 def test_a_diagnosis_takes_what_excites_the_arm_from_runs(folder, result, monkeypatch):
-    """Without trust and resonance, and with a limit that is kept: all that follows from the runs, and masses."""
+    """Without trust, resonance and slopes, with a limit that is kept: all that follows from the runs, and masses."""
+    torsion, ones = tuple(f"joint{n}.k_tors" for n in (1, 2, 3)), np.ones(3)
+    slopes = Sensitivities(torsion, ones, ones, np.eye(3), np.zeros((3, 3), bool))
+    monkeypatch.setattr("ident.vibrate.sweep.sensitivities", lambda *_: slopes)
     monkeypatch.setattr("ident.assess.diagnose.assess_trust", lambda *_: ())
     monkeypatch.setattr("ident.assess.diagnose.assess_resonance", lambda *_: ResonanceAssessment())
     arm, campaign = folder / "arm.toml", DATA / "lcd_arm" / "campaign.csv"
-    options = replace(SMALL_OPTIONS, limit=1000.0)
-    diagnosed = ident.diagnose(arm, campaign, options, runs=table(folder, (12.0,)))
+    options = replace(SMALL_OPTIONS, limit=1000.0, starts=1)
+    diagnosed = ident.diagnose(arm, campaign, options, runs=table(folder, (12.0,), "one.csv"))
     diagnosis = diagnosed.diagnosis
     assert diagnosis.stages == stages_of(runs=True)[:-2]
     rotors = diagnosis.excited.rotors
@@ -174,7 +187,7 @@ def test_a_diagnosis_takes_what_excites_the_arm_from_runs(folder, result, monkey
     report = useless.sections()
     assert report.verdict.word == "NOT DECIDED"
     assert "did not settle" in report.verdict.reason
-    assert report.next == f"ident source {folder / 'runs.csv'} --arm {arm}"
+    assert report.next == f"ident source {folder / 'one.csv'} --arm {arm}"
 
 
 def test_a_diagnosis_is_of_the_contents_of_its_runs(folder, tmp_path):
@@ -183,7 +196,8 @@ def test_a_diagnosis_is_of_the_contents_of_its_runs(folder, tmp_path):
     campaign, arm = ident.read_campaign(DATA / "lcd_arm" / "campaign.csv"), ident.read_arm(FILE)
 
     def identity(place):
-        return Job(arm, campaign, SMALL_OPTIONS, None, read_runs(table(place, (12.0,))), None, silent).identity["runs"]
+        runs = read_runs(table(place, (12.0,), "one.csv"))
+        return Job(arm, campaign, SMALL_OPTIONS, None, runs, None, silent).identity["runs"]
 
     assert identity(folder) == identity(tmp_path / "copy")
     record = (tmp_path / "copy" / "run12.csv").read_text()
@@ -196,13 +210,10 @@ def test_a_diagnosis_is_of_the_contents_of_its_runs(folder, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_further")
-def test_two_runs_tell_more_and_predict_a_third(folder, true_arm):
-    measure(folder, true_arm, 10.0, seed=7)
-    result = ident.source(table(folder, (12.0, 15.0, 10.0), "three.csv"), hold_out=["run10.csv"])
-    assert not result.doubtful
-    assert [each.channel.name for each in result.study.held] == ["run10.csv y", "run10.csv z"]
-    for each in result.study.held:
+def test_two_runs_predict_a_third(asked):
+    assert not asked.doubtful
+    assert [each.channel.name for each in asked.study.held] == ["run10.csv y", "run10.csv z"]
+    for each in asked.study.held:
         assert each.explained > 0.85
         assert each.ratio == pytest.approx(1.0, abs=0.08)
 
@@ -295,7 +306,7 @@ def test_a_run_beyond_the_stated_offset_is_named(folder):
     arm = read_arm(FILE).arm
     with pytest.raises(InputError, match=r"run12.3.csv: got a clock -\d+ ms off the motion's, expected at most 50 ms"):
         _refuse_late(arm, read_runs(folder / "late.csv"), ["run12.3.csv"], Prior.of(arm, {}), 0.05)
-    _refuse_late(arm, read_runs(table(folder, (12.0,))), ["run12.csv"], Prior.of(arm, {}), 0.05)
+    _refuse_late(arm, read_runs(table(folder, (12.0,), "one.csv")), ["run12.csv"], Prior.of(arm, {}), 0.05)
 
 
 @pytest.mark.parametrize(
@@ -386,15 +397,13 @@ def test_planned_runs_need_a_unit_and_no_campaign(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("one_further")
-def test_a_peak_has_a_cause_on_the_first_screen(folder, true_arm, tmp_path):
+def test_a_peak_has_a_cause_on_the_first_screen(asked, true_arm, tmp_path):
     """It is what makes more of the band in simulations of the true arm with imbalances, or with errors, alone."""
-    asked = ident.source(table(folder, (12.0,), "peak.csv"), peak=9.0)
-    energy, motion = {}, stroke(true_arm.stroke, percent=12.0, dwell=1.0)
+    energy, motions = {}, [stroke(true_arm.stroke, percent=speed, dwell=1.0) for speed in (12.0, 15.0)]
     for kind, other in (("imbalance", "error"), ("error", "eccentricity")):
         alone = true_arm.replace({f"drive{k}.{other}": 1e-15 for k in (1, 2, 3)})  # none, by the program of the runs
-        seen = np.asarray(simulate(alone, motion, loads=no_loads(alone), rate=200.0).vibration)[1:].T
-        energy[kind] = np.square(Band(9.0, WIDTH * 9.0, 200.0)(seen)).sum()
+        each = [simulate(alone, motion, loads=no_loads(alone), rate=200.0).vibration for motion in motions]
+        energy[kind] = sum(np.square(Band(9.0, WIDTH * 9.0, 200.0)(np.asarray(seen)[1:].T)).sum() for seen in each)
     assert asked.causes[0]["kind"] == max(energy, key=energy.get)
     assert asked.causes[0]["told"]
     assert "1. peak at 9 Hz: " in asked.report()

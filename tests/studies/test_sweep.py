@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from arms import DATA, lcd_arm
+from arms import DATA, first_guess_arm
 from commands import posterior
 from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
@@ -38,7 +38,7 @@ def chart(tmp_path_factory):
     path = tmp_path_factory.mktemp("draws") / "draws.nc"
     posterior(path)
     options = SweepOptions(vary={K: ("0.5x", "2x", 2), "speed": (150, 200, 2)}, grid=True, draws=3, **SHORT)
-    return sweep(FILE, options, posterior=path)
+    return sweep(FIRST, options, posterior=path)
 
 
 def test_amplitudes_are_those_of_the_library(both):
@@ -92,7 +92,7 @@ def test_the_ranges_of_the_command_line_and_of_python_are_the_same(both):
 
 
 def test_a_map_has_a_name_and_bands(chart):
-    assert chart.name == f"arm.extend-200.{K}-by-speed.sweep"
+    assert chart.name == f"first_guess.extend-200.{K}-by-speed.sweep"
     (found,) = chart.sweeps.values()
     assert found.draws.shape == (3, 2, 2, 3)
     last = chart.table()[-1]
@@ -106,7 +106,7 @@ def test_by_default_the_torsional_stiffness_of_every_joint_is_varied_and_an_arm_
     def shown(description, total=None):
         return lambda numbers: (progress.append(description) or number for number in numbers)
 
-    result = sweep(lcd_arm(), SweepOptions(**SHORT | {"rate": 50.0, "dwell": 0.0}), progress=shown)
+    result = sweep(first_guess_arm(), SweepOptions(**SHORT | {"rate": 50.0, "dwell": 0.0}), progress=shown)
     assert list(result.sweeps) == [f"joint{n}.k_tors" for n in (1, 2, 3)]
     assert all(one.amplitude.shape == (3, 21) for one in result.sweeps.values())
     assert result.name.endswith(".extend-200.joint1.k_tors+joint2.k_tors+joint3.k_tors.sweep")

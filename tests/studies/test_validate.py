@@ -58,12 +58,18 @@ def test_the_figure_shows_each_measurement_and_its_quantile(result):
     assert list(diagonal.get_xdata()) == [0, 1]
 
 
-def test_contradicting_data_are_not_to_be_trusted():
-    table_1 = validate(ARM, DATA / "lcd_arm" / "table1.csv", ValidateOptions(starts=1, leave="row"))
-    assert table_1.doubtful
-    verdict = table_1.sections().verdict
+def test_contradicting_data_are_not_to_be_trusted(result):
+    """One frequency 5 % too high, ten of its standard deviations, by the program of the others."""
+    campaign = result.validation.fit.campaign
+    first, *others = campaign.measurements
+    wrong = replace(campaign, measurements=(replace(first, value=1.05 * first.value), *others))
+    contradicted = validate(ARM, wrong, ValidateOptions(starts=1))
+    assert contradicted.doubtful
+    verdict = contradicted.sections().verdict
     assert verdict.word == "NOT VALID"
-    assert verdict.reason.startswith("Too far from the prediction: row 1, row 3 (p = ")
+    parts = contradicted.validation.missed
+    assert contradicted.validation.parts[0] in parts
+    assert verdict.reason.startswith(f"Too far from the prediction: {', '.join(part.name for part in parts)} (p ")
 
 
 def test_a_kind_with_a_value_near_zero_has_its_errors_in_its_unit(result):

@@ -14,6 +14,7 @@ import numpy as np
 from arms import DATA, lcd_arm, posture_of, random_arm
 from chains import storey_frequencies
 from jaxtyping import Array, Float
+from one_program import predicted
 
 from ident.arm.arm import Arm, on_soft_base
 from ident.identify.conditions import Conditions, bind
@@ -161,21 +162,20 @@ def _alarms(found: Fit) -> dict[str, bool]:
 
 def _campaign(kind: Case, fault: str, rng: np.random.Generator) -> tuple[np.ndarray, InverseProblem]:
     parameters = kind.problem.parameters
-    models = [kind.problem, kind.wrong.get(fault, kind.problem)]
-    for _ in range(100):  # a truth at which the models have an answer
+    model = kind.wrong.get(fault, kind.problem)
+    for _ in range(100):  # a truth at which the model has an answer
         truth = np.asarray(parameters.from_uniform(jnp.asarray(rng.uniform(size=len(parameters.items)))))
-        _, values = (np.asarray(evaluate(model, jnp.asarray(truth)).predicted).copy() for model in models)
+        if model is kind.problem:
+            values = np.asarray(evaluate(model, jnp.asarray(truth)).predicted).copy()
+        else:  # a model that is not fitted needs no program of a search
+            values = predicted(model, truth)
         if np.isfinite(values).all():
             break
     sigma = np.array([kind.relative[k] for k in kind.problem.kinds]) * np.abs(values)
     sigma += np.array([kind.least.get(k, 0.0) for k in kind.problem.kinds])
     if fault == "payload":
         off = np.array(kind.problem.kinds) == "deflection"
-        values = (
-            np.where(off, WEIGHT * values, values)
-            if kind.loaded is None
-            else np.asarray(evaluate(kind.loaded, jnp.asarray(truth)).predicted)
-        )
+        values = np.where(off, WEIGHT * values, values) if kind.loaded is None else predicted(kind.loaded, truth)
     data = values + sigma * rng.standard_normal(len(values))
     for places in kind.ascending:
         data[places] = np.sort(data[places])

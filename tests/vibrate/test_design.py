@@ -11,17 +11,16 @@ from scipy.stats import binomtest
 
 from ident.arm.chain import no_loads
 from ident.errors import InputError, ModelError
-from ident.vibrate.design import design, exceedances, verify
+from ident.vibrate.design import design, verify
 from ident.vibrate.design_search import Requirements, Search
-from ident.vibrate.evaluator import BinomialEstimate, Evaluator, Variable, check
+from ident.vibrate.evaluator import WIDTH, BinomialEstimate, Evaluator, Variable, check
 from ident.vibrate.motion import stroke
 from ident.vibrate.sweep import FLAT, axis, changeable, sensitivities, sweep
 
-pytestmark = pytest.mark.slow
+slow = pytest.mark.slow
 
 K1, K2, K3 = (f"joint{j}.k_tors" for j in (1, 2, 3))
 STEP = 2e-3
-BENDING = tuple(f"joint{j}.k_bend" for j in (1, 2, 3))
 
 
 def about(path, low=0.5, high=2.0, weight=1.0):
@@ -72,14 +71,15 @@ def central(function, x, step):
     return (4 * one(step / 2) - one(step)) / 3
 
 
-def test_slopes_are_those_of_differences_for_ties_shifts_draws_and_many_variables():
+@slow
+def test_slopes_and_sensitivities_are_those_of_differences():
+    """For ties, shifts, draws and more variables than are pushed forward together, away from the present."""
     present = {path: float(lcd_arm().get(path)) for path in (K2, K3)}
     tied = Variable((K2, K3), 0.5 * present[K2], 2 * present[K2])
-    others = [about(path) for path in (K1, *BENDING, "link2.mass")]
-    variables = [tied, about("fingers.com.x", -0.1, 0.1), *others]
-    assert len(variables) > 6, "more than are pushed forward together"
+    variables = [about(K1), about("link2.mass"), about("fingers.com.x", -0.1, 0.1), tied]
+    assert len(variables) > WIDTH
     trial = smooth(variables)
-    x = np.array([0.1, 0.02, -0.2, 0.1, 0.0, 0.1, 0.05])
+    x = np.array([0.0, -0.2, 0.02, 0.1])
     pairs = trial.slopes(x), trial.slopes_of_draws(x)
     parts, slopes = (np.concatenate(each, -1) for each in zip(*pairs, strict=True))
     assert parts.shape == (3, 1, 3)
@@ -89,21 +89,39 @@ def test_slopes_are_those_of_differences_for_ties_shifts_draws_and_many_variable
         scale = np.abs(slopes[:, d, 0]).max()
         np.testing.assert_allclose(slopes[:, d, 0], differences[:, d], atol=1e-5 * scale)
 
-
-def test_the_best_beats_every_point_of_a_grid_and_of_a_dense_one_about_its_best(found):
-    def swept(bounds):
-        axes = [axis(lcd_arm(), v.paths, np.geomspace(*ends, 11), 100.0) for v, ends in zip(TWO, bounds, strict=True)]
-        return [each.values for each in axes], sweep(short(()), axes).amplitude.max(0)
-
-    values, grid = swept([(v.low, v.high) for v in TWO])
-    least = np.unravel_index(grid.argmin(), grid.shape)
-    beside = [(x[max(i - 1, 0)], x[min(i + 1, 10)]) for x, i in zip(values, least, strict=True)]
-    _, dense = swept(beside)
-    assert grid.shape == dense.shape == (11, 11)
-    assert found.optima[0].largest <= min(grid.min(), dense.min()) * (1 + 1e-6)
-    assert found.optima[0].largest > 0.97 * dense.min(), "the grid is dense enough to come near"
+    arm = trial.changed_arm(x)
+    got = sensitivities(replace(trial, arm=arm, variables=()), (K1, "link2.mass", "fingers.com.x"))
+    logs = differences[:3] / parts[:, 0] * np.array([1, 1, float(arm.get("fingers.com.x"))])[:, None, None]
+    assert got.draws.shape == (3, 3, 2)
+    np.testing.assert_allclose(got.elasticity, logs[..., 0], rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(got.draws, logs[..., 1:], rtol=1e-4, atol=1e-4)
+    strongest = np.abs(logs[:, np.argmax(got.amplitude), 0]).argmax()
+    assert got.order[0] == strongest
 
 
+def test_what_is_changeable():
+    assert {K1, "joint3.tau_bend", "drive1.eccentricity"} <= set(changeable(lcd_arm()))
+    assert not any(path.startswith("glass") for path in changeable(lcd_arm()))
+
+
+@slow
+def test_the_best_beats_every_point_of_a_grid_and_those_about_it(found):
+    best = found.optima[0]
+
+    def swept(ends, count):
+        axes = [axis(lcd_arm(), v.paths, np.geomspace(*each, count), 100.0) for v, each in zip(TWO, ends, strict=True)]
+        return sweep(short(()), axes).amplitude.max(0)
+
+    grid = swept([(v.low, v.high) for v in TWO], 7)
+    beside = [(max(v.low, 0.8 * best.values[v.name]), min(v.high, 1.2 * best.values[v.name])) for v in TWO]
+    dense = swept(beside, 5)
+    assert grid.shape == (7, 7)
+    assert dense.shape == (5, 5)
+    assert best.largest <= min(grid.min(), dense.min()) * (1 + 1e-6)
+    assert best.largest < dense.max() * 0.999, "the amplitude changes about it"
+
+
+@slow
 def test_starts_curve_and_present_are_no_quieter_than_the_best(found, present):
     assert found.present.largest == pytest.approx(present)
     assert found.present.change_norm == 0
@@ -116,6 +134,7 @@ def test_starts_curve_and_present_are_no_quieter_than_the_best(found, present):
         assert all(v.low * (1 - 1e-9) <= place.values[v.name] <= v.high * (1 + 1e-9) for v in TWO)
 
 
+@slow
 def test_the_cheapest_keeps_the_limit_and_changes_less(found, present):
     cheapest = found.minimum_change
     assert cheapest is found.best, "it is what is proposed"
@@ -124,23 +143,16 @@ def test_the_cheapest_keeps_the_limit_and_changes_less(found, present):
     assert 0 < cheapest.change_norm < found.optima[0].change_norm
 
 
+@slow
 def test_a_requirement_is_met_and_costs_amplitude(found):
-    amount = 0.2
-    less = design(short(TWO), required=Requirements(change_norm=amount), starts=1, curve=False)
-    assert less.best.change_norm == pytest.approx(amount, rel=1e-6)
+    less = design(short(TWO), required=Requirements(change_norm=0.2), starts=1, curve=False)
+    assert less.best.change_norm == pytest.approx(0.2, rel=1e-6)
     assert less.best.largest > found.optima[0].largest
-    # the first frequency is that of vertical bending or of torsion: ask for more torsion than the best has
-    torsion = max(found.optima[0].frequency, found.present.frequency) * 1.005
-    stiff = Search(short(TWO), Requirements())
-    most = stiff.objective.end_state(stiff.objective.high)[0][0]
-    if most > torsion:
-        kept = design(short(TWO), required=Requirements(frequency=torsion), starts=1, curve=False)
-        assert kept.best.frequency >= torsion * (1 - 1e-6)
-        assert kept.best.largest >= found.optima[0].largest * (1 - 1e-6)
 
 
+@slow
 def test_slopes_of_frequency_and_deflection_and_of_the_log_odds():
-    trial = replace(smooth((about(K1), about("joint1.k_bend"))), draws=drawn(6, 1))
+    trial = replace(smooth((about(K1), about("joint1.k_bend"))), draws=drawn(2, 1))
     search = Search(trial, Requirements())
     u = np.array([0.2, -0.1])
     limit = search.objective.largest(u)
@@ -150,26 +162,11 @@ def test_slopes_of_frequency_and_deflection_and_of_the_log_odds():
         np.testing.assert_allclose(slopes, differences, rtol=1e-5, atol=1e-5 * np.abs(slopes).max())
 
 
-def test_sensitivities_are_those_of_differences():
-    paths = (K1, "link2.mass", "fingers.com.x", "drive2.ratio")
-    trial = smooth(())
-    got = sensitivities(trial, paths)
-    assert got.draws.shape == (4, 3, 2)
-    moved = replace(trial, variables=tuple(Variable((path,), -np.inf, np.inf) for path in paths))
-    scale = np.array([float(lcd_arm().get(path)) if ".com." in path else 1.0 for path in paths])
-    logs = central(lambda x: np.log(moved.amplitudes((x * scale)[None])[:, 0]), np.zeros(4), 4e-4)
-    np.testing.assert_allclose(got.elasticity, logs[..., 0], rtol=1e-4, atol=1e-4)
-    np.testing.assert_allclose(got.draws, logs[..., 1:], rtol=1e-4, atol=1e-4)
-    strongest = np.abs(logs[:, np.argmax(got.amplitude), 0]).argmax()
-    assert got.order[0] == strongest
-    assert {K1, "joint3.tau_bend", "drive1.eccentricity"} <= set(changeable(lcd_arm()))
-    assert not any(path.startswith("glass") for path in changeable(lcd_arm()))
-
-
+@slow
 def test_signs_are_unsure_where_a_tenth_more_or_less_does_the_opposite():
     """Against arms that are made one by one; and with draws, by their share."""
     paths = (K1, K2, "link2.mass", "fingers.com.x", "drive2.ratio", "drive2.eccentricity")
-    trial = replace(short(()), step=STEP / 2)
+    trial = short(())
     got = sensitivities(trial, paths)
 
     def peaks(path, factor):
@@ -184,7 +181,7 @@ def test_signs_are_unsure_where_a_tenth_more_or_less_does_the_opposite():
     assert got.unsure.any()
     assert not got.unsure[-1].any()  # what turns off its axis makes all of the vibration
     assert not got.unsure.all()
-    drawn_signs = sensitivities(replace(trial, draws=drawn(3, 5)), paths[:2])
+    drawn_signs = sensitivities(replace(trial, draws=drawn(2, 5)), paths[:2])
     low, high = drawn_signs.band
     assert drawn_signs.unsure.tolist() == (low * high < 0).tolist()
 
@@ -192,20 +189,18 @@ def test_signs_are_unsure_where_a_tenth_more_or_less_does_the_opposite():
 @pytest.fixture(scope="module")
 def uncertain(found, present):
     limit = np.sqrt(found.optima[0].largest * present)
-    return design(short(TWO, draws=drawn(4, 2)), limit=float(limit), starts=1, curve=False)
+    return design(short(TWO, draws=drawn(2, 2)), limit=float(limit), starts=1, curve=False)
 
 
-def test_fresh_draws_agree_with_others_and_with_the_exact_method(uncertain):
-    count = 60
+@slow
+def test_a_design_is_verified_by_fresh_draws_and_the_exact_method(uncertain):
     trial, place, limit = uncertain.evaluator, uncertain.best, uncertain.limit
-    checked = verify(trial, place, limit, drawn(count, 3))
+    fresh = drawn(12, 3)
+    checked = verify(trial, place, limit, fresh)
     changes = np.stack([0 * place.changes, place.changes])
-    again = exceedances(replace(trial, draws=drawn(count, 4)), changes, limit)
-    for one, other in zip((checked.before, checked.after), again, strict=True):
-        assert one.exceedance.draws == other.draws == count
-        share = (one.exceedance.share + other.share) / 2
-        sd = np.sqrt(2 * share * (1 - share) / count)
-        assert abs(one.exceedance.share - other.share) <= 4 * sd + 1e-12
+    expected = replace(trial, draws=fresh).amplitudes(changes)[:, :, 1:].max(0) > limit
+    for one, above in zip((checked.before, checked.after), expected, strict=True):
+        assert (one.exceedance.count, one.exceedance.draws) == (above.sum(), 12)
         assert np.abs(one.difference).max() < 0.02
         assert one.vibration.shape == (3, len(one.time))
         np.testing.assert_allclose(one.amplitude, np.abs(one.vibration).max(1))
@@ -255,11 +250,13 @@ def test_questions_that_cannot_be_asked_are_refused(variables, options, words):
         design(short(variables), **options)
 
 
+@slow
 def test_what_cannot_be_reached_says_what_can():
     with pytest.raises(ModelError, match=r"the first frequency reaches \d"):
         design(short(TWO), required=Requirements(frequency=50.0), starts=1, curve=False)
 
 
+@slow
 @pytest.mark.parametrize("short_of", [1e-3, 1e-5])
 def test_what_can_hardly_be_reached_is_not_refused(short_of):
     """The corner of the bounds alone, where both are stiffest, is that stiff."""
@@ -270,6 +267,7 @@ def test_what_can_hardly_be_reached_is_not_refused(short_of):
     assert not replace(search, required=Requirements(frequency=highest * (1 + short_of))).can_be_met(seed=0)
 
 
+@slow
 def test_an_arm_that_collapses_within_the_bounds_is_named():
     with pytest.raises(ModelError, match=r"collapses at joint1.k_bend = "):
-        design(short([about("joint1.k_bend", 1e-4, 2.0)]), starts=2, curve=False)
+        short([about("joint1.k_bend", 1e-4, 2.0)]).amplitudes(np.array([[0.0], [np.log(1e-4)]]))

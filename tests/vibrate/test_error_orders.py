@@ -8,13 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import DATA
-from driven_arms import driven_arm, random_state
-from moving_engines import MujocoMoving
+from driven_arms import random_state
 from numpy.polynomial import Polynomial
 from runs import along, off
 
 from ident.arm.arm import Arm
-from ident.arm.multibody import Command, Multibody, Turning, multibody, pins, residual
+from ident.arm.multibody import Command, Multibody, Turning, multibody, pins
 from ident.arm.parts import Body, Drive, ErrorOrder, Joint, Point
 from ident.description.file import parse_arm, parse_document, update_arm, update_file
 from ident.errors import InputError
@@ -127,16 +126,6 @@ def test_order_2_of_the_sum_is_the_error() -> None:
     summed = replace(of.drives, orders=(4, 2, 2), error=(nothing, A / 4, 3 * A / 4), error_phase=(nothing, chi, chi))
     for mine, other in zip(turning(replace(of, drives=summed), state), turning(alone, state), strict=True):
         np.testing.assert_allclose(mine, other, rtol=1e-12)
-
-
-def test_three_orders_against_another_engine() -> None:
-    rng = np.random.default_rng(4)
-    arm = driven_arm(rng, 2, orders=(1, 4))
-    state = random_state(rng, 2, 6)
-    at = state.command, state.y, state.yd, state.ydd
-    mine = jax.jit(lambda arm, command, *y: residual(multibody(arm), Command(*command), *y))(arm, *at)
-    expected = MujocoMoving(arm).residual(*at)
-    assert np.abs(np.asarray(mine) - expected).max() < 1e-11 * np.abs(expected).max()
 
 
 @pytest.mark.slow

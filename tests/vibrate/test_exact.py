@@ -1,4 +1,4 @@
-"""The exact equations in time: energy, decay, order, another engine's motion, stiff arms, failure."""
+"""The exact equations in time, and the fast method beside them: energy, decay, order, engines, stiff arms, failure."""
 
 from functools import partial
 from itertools import pairwise
@@ -20,14 +20,15 @@ from ident.vibrate import exact
 from ident.vibrate.fast import Solution, step_for
 from ident.vibrate.linear import quasi_static_deflection
 from ident.vibrate.motion import Motion, stroke
+from ident.vibrate.response import peak
 from ident.vibrate.simulate import fast_method, simulate
 
 pytestmark = pytest.mark.slow
 
 POSTURE = (20.0, -50.0, 40.0)
 SAMPLES = 250
-FASTEST = slice(7500, 7900)
-"""0.8 s from 15 s on, when pulleys turn fastest at 10 %: five of their turns, four periods of the first mode."""
+FASTEST = slice(7500, 7700)
+"""0.4 s from 15 s on, when pulleys turn fastest at 10 %: two and a half of their turns, two periods of mode 1."""
 QUICKEST = slice(720, 820)
 """0.2 s when they do at 100 %."""
 
@@ -59,6 +60,25 @@ def test_against_another_engine(percent: float, span: slice, engine: type) -> No
     assert percent > 10 or (off[1] < 1e-3).all()
 
 
+@pytest.mark.parametrize(
+    ("percent", "elastic", "error", "worst"),
+    # measured, the worst direction: 9.7e-4, 9.5e-4, 1.0e-3, 1.3e-3
+    [
+        (10, False, 0.0, 1e-3),
+        (100, False, 0.0, 1.2e-3),
+        (100, True, 0.0, 1.2e-3),
+        (100, False, 30.0, 3e-3),
+    ],
+)
+def test_agrees_with_exact(percent: float, elastic: bool, error: float, worst: float) -> None:
+    """Within 0.1 % of the largest peak; in each direction, of its own peak, within `worst`."""
+    fast, exact = (paper(percent, method, elastic, error) for method in ("fast", "exact"))
+    off = apart(fast.displacement - fast.quasi_static, exact.vibration)
+    highest = np.asarray(peak(exact.vibration))
+    assert (off * highest < 1e-3 * highest.max()).all()
+    assert (off < worst).all()
+
+
 def test_energy_is_kept() -> None:
     """Held, undamped, nothing turning: kinetic and potential energy, by Pinocchio, of a vibration of some mm."""
     arm = undamped(still(lcd_arm()))
@@ -75,7 +95,7 @@ def test_energy_is_kept() -> None:
     assert np.abs(energy / energy[0] - 1).max() < 2e-7
 
 
-@pytest.mark.parametrize("mode", [0, 1, 4])
+@pytest.mark.parametrize("mode", [0, 4])
 def test_free_vibration_decays_as_its_mode_does(mode: int) -> None:
     """Logarithmic decrement over five periods of one damped mode, started in its complex shape.
 
@@ -123,11 +143,11 @@ def test_order() -> None:
     motion, rng = swing(0.5), np.random.default_rng(3)
     rest, _ = started(motion)
     start = rest, 0.03 * rng.normal(size=len(rest))
-    steps = 1.6e-3 / 2.0 ** np.arange(4)
+    steps = 1.6e-3 / 2.0 ** np.arange(3)
     ways = [exact.solved(lcd_arm(), fast_method(lcd_arm(), motion, None, False, 2500.0, h), start).y for h in steps]
-    changes = np.array([np.abs(one - other).max() for one, other in pairwise(ways)])
-    # measured: 6.00, 5.95
-    np.testing.assert_allclose(np.log2(changes[:-1] / changes[1:]), 6, atol=0.2)
+    first, second = (np.abs(one - other).max() for one, other in pairwise(ways))
+    # measured: 6.00
+    assert np.log2(first / second) == pytest.approx(6, abs=0.2)
 
 
 def test_error_keeps_the_tolerance() -> None:
@@ -135,7 +155,7 @@ def test_error_keeps_the_tolerance() -> None:
     motion = swing(0.5)
     true = run(lcd_arm(), motion, *started(motion), rtol=1e-9, atol=0).y
     size = np.abs(true - true[:, :1]).max()
-    for rtol in (1e-2, 1e-4, 1e-6):
+    for rtol in (1e-2, 1e-6):
         assert np.abs(run(lcd_arm(), motion, *started(motion), rtol=rtol, atol=0).y - true).max() < 0.1 * rtol * size
 
 
@@ -157,19 +177,6 @@ def test_stiff_arm() -> None:
     assert np.abs(found.y - np.asarray(fast.y)[:, every]).max() < 1e-3 * np.abs(vibration).max()
 
 
-def test_sections_are_one_solution(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of intervals that are solved some at a time, with samples or without."""
-    for rate in (500.0, 1.0):
-        method = fast_method(lcd_arm(), swing(), None, False, rate, 1e-3)
-        whole = exact.solved(lcd_arm(), method)
-        with monkeypatch.context() as patch:
-            patch.setattr(exact, "FEWEST", 4)
-            parted = exact.solved(lcd_arm(), method)
-        assert whole.y.shape == parted.y.shape == (9, round(5 * rate) + 1)
-        for one, other in zip(whole[:5], parted[:5], strict=True):
-            np.testing.assert_allclose(other, one, rtol=0, atol=1e-13)
-
-
 def test_an_arm_that_vibrates_by_degrees() -> None:
     """Its mass matrix changes with it: the derivatives at rest alone would lead nowhere, however fine the steps.
 
@@ -182,7 +189,7 @@ def test_an_arm_that_vibrates_by_degrees() -> None:
 
 
 def test_steps_longer_than_the_intervals_are_halved_too() -> None:
-    right, found = (simulate(lcd_arm(), swing(), method="exact", step=step) for step in (None, 5.0))
+    right, found = (simulate(lcd_arm(), swing(0.5), method="exact", step=step) for step in (None, 5.0))
     assert np.abs(right.y - found.y).max() < 1e-8
 
 

@@ -1,16 +1,13 @@
-"""The linearised path: order of its method, agreement with the exact one, and the panels that it works on."""
+"""The linearised path: order of its method, and the panels that it works on."""
 
 import dataclasses
-from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from arms import lcd_arm
-from runs import apart, hold_still, named, paper, swing, with_error
+from runs import hold_still, named, swing, with_error
 
-from ident.arm.arm import Arm
 from ident.arm.multibody import multibody
 from ident.vibrate.fast import TWICE, FastMethod, each_of, excited, numbers_of, step_for
 from ident.vibrate.linear import (
@@ -29,52 +26,28 @@ from ident.vibrate.linear import (
 )
 from ident.vibrate.motion import Motion, stroke
 from ident.vibrate.replay import replay
-from ident.vibrate.response import peak
-from ident.vibrate.simulate import RATE, fast_method, simulate
-
-pytestmark = pytest.mark.slow
+from ident.vibrate.simulate import RATE, fast_method
 
 
+@pytest.mark.slow
 def test_order() -> None:
     """Sixth: coordinates at the starts of ten panels of more and more steps, turning masses and all."""
     arm, motion, starts = lcd_arm(), swing(), np.linspace(0, 5, 11)[:-1]
     gathered = multibody(arm, rank=1)
-    counts, found = np.array([30, 45, 68, 400]), []
+    counts, found = np.array([30, 60, 400]), []
     for count in counts:
         grid = TimeIntervals(starts, np.full(10, 0.5 / count), int(count))
         at = step_weights(int(count))
         linear = linearised(arm, gathered, motion, grid, at)
         found.append(np.asarray(excited(gathered, motion, grid, at, linear).x)[:, 0, :3])
     errors = [np.abs(x - found[-1]).max() for x in found[:-1]]
-    slopes = -np.diff(np.log(errors)) / np.diff(np.log(counts[:-1]))
-    print(errors, slopes)
-    assert slopes == pytest.approx(np.full(2, 6.0), abs=0.3)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(6.0, abs=0.3)
 
 
-@pytest.mark.parametrize(
-    ("percent", "elastic", "error", "worst"),
-    # measured, the worst direction: 9.7e-4, 9.5e-4, 1.0e-3, 1.3e-3
-    [
-        (10, False, 0.0, 1e-3),
-        (100, False, 0.0, 1.2e-3),
-        (100, True, 0.0, 1.2e-3),
-        (100, False, 30.0, 3e-3),
-    ],
-)
-def test_agrees_with_exact(percent: float, elastic: bool, error: float, worst: float) -> None:
-    """Within 0.1 % of the largest peak; in each direction, of its own peak, within `worst`."""
-    fast, exact = (paper(percent, method, elastic, error) for method in ("fast", "exact"))
-    off = apart(fast.displacement - fast.quasi_static, exact.vibration)
-    highest = np.asarray(peak(exact.vibration))
-    print(percent, elastic, error, off, off * highest / highest.max())
-    assert (off * highest < 1e-3 * highest.max()).all()
-    assert (off < worst).all()
-
-
-@pytest.mark.parametrize(("percent", "error"), [(100, 60.0), (10, 30.0)])
-def test_kinematic_error_needs_no_shorter_steps_and_intervals(percent: float, error: float) -> None:
+@pytest.mark.slow
+def test_kinematic_error_needs_no_shorter_steps_and_intervals() -> None:
     """Half the step and half the turn change the vibration by less than 0.1 % of its largest peak."""
-    arm, motion = with_error(error), named(stroke(lcd_arm().stroke, percent=percent, dwell=1.0))
+    arm, motion = with_error(60.0), named(stroke(lcd_arm().stroke, percent=100, dwell=1.0))
     step = step_for(arm, motion)
     solve = fast_method(arm, motion, None, False, RATE, step)
     halved = time_intervals(motion, float(solve.time[-1]), step / 2, turn=TURN_WITH_ERROR / 2)
@@ -88,7 +61,6 @@ def test_kinematic_error_needs_no_shorter_steps_and_intervals(percent: float, er
 
     usual, converged = vibration(solve), vibration(finer)
     off = np.abs(usual - converged).max(1) / np.abs(converged).max()
-    print(percent, error, step, off)
     assert (off < 1e-3).all()
 
 
@@ -162,15 +134,3 @@ def test_interpolation() -> None:
         for turn in (TURN, 2 * TURN)
     ]
     assert error[0] < 1e-6 < error[1]
-
-
-def test_one_program_for_all_gives_what_three_give() -> None:
-    """Under `jit` or `grad` an arm is solved by one program, else linearised, excited and sampled."""
-    arm, motion = with_error(30.0), swing()
-
-    def moved(arm: Arm) -> tuple[Any, Any]:
-        response = simulate(arm, motion, rate=500.0, step=0.005)
-        return response.displacement, response.quasi_static
-
-    for one, other in zip(jax.jit(moved)(arm), moved(arm), strict=True):
-        assert np.abs(np.asarray(one) - np.asarray(other)).max() < 1e-11 * np.abs(other).max()  # fused otherwise

@@ -22,8 +22,6 @@ WIDE |= {"stroke.folded": math.radians(142), "stroke.speed": math.radians(90)}
 SMALL = WIDE | {"drive1.eccentricity": 4e-3, "drive2.eccentricity": 4e-3, "drive3.eccentricity": 1e-3}
 ROWS = {
     "as guessed": ({}, None, 0.706, 0.97, (15.58, 6.16), (8.08, 3.68)),
-    "cycloid": ({}, "cycloid", 0.608, 1.33, (4.49, 2.46), (0.87, 0.38)),
-    "drive 3 a quarter": ({"drive3.eccentricity": 2e-3}, None, 0.515, 0.97, (15.65, 6.17), (8.107, 3.636)),
     "drive 2 alone": (
         {"drive1.eccentricity": 0, "drive3.eccentricity": 0},
         None,
@@ -32,8 +30,6 @@ ROWS = {
         (15.67, 6.17),
         (8.117, 3.606),
     ),
-    "ratio 160, 142 deg": (WIDE, "cycloid", 0.699, 3.16, (1.80, 1.05), (0.36, 0.06)),
-    "and 4, 4, 1 mm": (SMALL, "cycloid", 0.339, 3.16, (1.39, 1.01), (0.14, 0.04)),
     "and 80 deg/s": (SMALL | {"stroke.speed": math.radians(80)}, "cycloid", 0.376, 3.55, (1.11, 0.83), (0.08, 0.06)),
 }
 """What is assumed; Y at 10 % [mm], and at 100 %: the stroke's time [s], largest Y and Z, and after arrival [mm]."""
@@ -69,12 +65,13 @@ def test_what_was_tried_with_the_first_guess(row: str) -> None:
     assert np.abs(moved[1]).max() == pytest.approx(slow, abs=6e-4)
 
 
-@pytest.mark.parametrize(("drives", "largest"), [((2,), 0.744), ((1, 3), 0.828)])
-def test_the_sense_of_the_ratios(drives: tuple[int, ...], largest: float) -> None:
-    arm = assumed({f"drive{j}.ratio": -120.0 for j in drives})
-    for method in ("fast", "exact"):
-        _, moved = vibration(arm, motion_of(arm, 10), method)
-        assert np.abs(moved[1]).max() == pytest.approx(largest, abs=6e-4)
+def test_the_sense_of_the_ratios() -> None:
+    """Of drive 2, by both methods, and of the two others."""
+    for drives, largest, methods in (((2,), 0.744, ("fast", "exact")), ((1, 3), 0.828, ("fast",))):
+        arm = assumed({f"drive{j}.ratio": -120.0 for j in drives})
+        for method in methods:
+            _, moved = vibration(arm, motion_of(arm, 10), method)
+            assert np.abs(moved[1]).max() == pytest.approx(largest, abs=6e-4)
 
 
 @pytest.mark.parametrize(("factor", "low", "high", "kept"), [(1.0, 0.682, 0.791, 0.0), (1.15, 0.461, 0.531, 0.238)])

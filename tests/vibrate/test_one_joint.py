@@ -1,16 +1,22 @@
-"""An arm of one joint in motion: the fast method, the exact one and the sum over phases say the same.
+"""An arm of one joint in motion: the fast method, the exact one and the sum over phases say the same; gradients, sets.
 
 Small enough for the quick tests; the paper's arm, other engines and the rates of errors are in the slow ones.
 """
 
 from functools import cache
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+import pytest
 from numpy.polynomial import Polynomial
 from runs import along, off
 
 from ident.arm.arm import Arm
+from ident.arm.chain import at_posture
+from ident.arm.mechanics import deflection, equilibrium
 from ident.arm.parts import Body, Drive, Joint, Point
+from ident.vibrate.response import peak, rms
 from ident.vibrate.simulate import simulate, superposition
 
 LINK = Body("link", 20.0, (0.5, 0.1, -0.1), np.diag([0.2, 1.0, 1.1]))
@@ -21,6 +27,10 @@ ARM = Arm("one joint", (JOINT,), (Point("tip", "one", (1.0, 0.0, 0.0)),), drives
 PHASES = "drive.phase", "drive.error_phase"
 SWING = along(Polynomial([0, 0, 1.2, -0.8]), 1.0, (1,), (0.3,))
 """Half a turn a second at most: the imbalance passes the first frequencies."""
+
+PATHS = ("one.k_tors", "one.k_bend", "one.tau_tors", "link.mass", "link.com.x", "drive.eccentricity")
+CHANGE = 1e-5
+"""Of the central differences, as a part of each value."""
 
 
 @cache
@@ -40,3 +50,65 @@ def test_the_sum_over_phases_is_the_simulation_with_them():
     assert (peaks <= whole.worst[:, None]).all()
     assert (peaks.max(1) > 0.99 * whole.worst).all()
     np.testing.assert_allclose(whole.division.sum(0), whole.worst, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_the_quasi_static_deflection_is_that_of_the_chain():
+    response, some = shaken("fast"), slice(0, None, 50)
+
+    @jax.jit
+    def deflected(posture: jax.Array) -> jax.Array:
+        chain = at_posture(ARM, posture)
+        return deflection(chain, equilibrium(chain))[:, -1]
+
+    right = np.asarray(deflected(response.posture[:, some]))
+    assert np.abs(np.asarray(response.quasi_static[:, some]) - right).max() < 1e-6 * np.abs(right).max()
+
+
+def measures(arm: Arm) -> jax.Array:
+    vibration = simulate(arm, SWING, step=2e-3).vibration
+    return jnp.concatenate([peak(vibration), rms(vibration)])
+
+
+def values() -> np.ndarray:
+    return np.array([float(ARM.get(path)) for path in PATHS])
+
+
+@cache
+def around() -> np.ndarray:
+    """Measures (6, 6, 4): at each path's value less and more one and two changes; by sets of shape (2, 3)."""
+    found = np.zeros((6, len(PATHS), 4))
+    for k, shift in enumerate((-2, -1, 1, 2)):
+        table = np.tile(values(), (len(PATHS), 1))
+        table[np.diag_indices(len(PATHS))] *= 1 + shift * CHANGE
+        sets = table.reshape(2, 3, -1)
+        arm = ARM.replace({path: sets[..., n] for n, path in enumerate(PATHS)})
+        found[:, :, k] = np.asarray(measures(arm)).reshape(6, -1)
+    return found
+
+
+@pytest.mark.slow
+def test_gradients():
+    """Of peak and RMS in each direction by jit and jacfwd of the whole run, against differences of fourth order.
+
+    The one program of the whole run gives what the several of a plain one do.
+    """
+
+    def twice(numbers: jax.Array) -> tuple[jax.Array, jax.Array]:
+        found = measures(ARM.replace(dict(zip(PATHS, numbers, strict=True))))
+        return found, found
+
+    slopes, one = jax.jit(jax.jacfwd(twice, has_aux=True))(jnp.asarray(values()))
+    np.testing.assert_allclose(one, measures(ARM), rtol=1e-10)  # fused otherwise
+    mine = np.asarray(slopes) * values()
+    low2, low, high, high2 = np.moveaxis(around(), 2, 0)
+    measured = (8 * (high - low) - (high2 - low2)) / (12 * CHANGE)
+    size = np.abs(measured).max(1, keepdims=True)
+    assert (size > 0).all()
+    assert (np.abs(mine - measured) < 1e-5 * size).all()
+
+
+def test_sets_are_single_arms():
+    for k, path in ((0, PATHS[0]), (5, PATHS[5])):
+        alone = measures(ARM.replace({path: values()[k] * (1 + CHANGE)}))
+        np.testing.assert_allclose(around()[:, k, 2], alone, rtol=1e-12, atol=1e-15)  # rounding of lengths of 1 m

@@ -1,20 +1,23 @@
+"""Natural frequencies along a motion, where a pulley's turning meets them, and the vibration that this causes."""
+
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from arms import first_guess_arm, lcd_arm, two_equal_arm
-from runs import hold_still
+import scipy.linalg
+from arms import first_guess_arm, lcd_arm
+from runs import about, held, hold_still
 from scipy.signal import lsim
 
 from ident.arm.arm import Arm
-from ident.arm.chain import at_posture
-from ident.arm.modes import Label, damped_eigenvalues, linearize, natural_frequencies
+from ident.arm.modes import Label
+from ident.arm.multibody import exciting_orders
 from ident.arm.parts import Body, Drive, ErrorOrder, Joint, Point
 from ident.errors import InputError, ModelError
 from ident.vibrate.branches import Branches, branches, track
 from ident.vibrate.motion import Motion, stroke
 from ident.vibrate.resonance import (
+    RATE,
     Excitation,
     Source,
     excitation,
@@ -25,7 +28,7 @@ from ident.vibrate.resonance import (
 )
 from ident.vibrate.simulate import superposition
 
-pytestmark = pytest.mark.slow
+slow = pytest.mark.slow
 
 RATIO = 100.0
 
@@ -63,6 +66,7 @@ def extension():
     return motion, branches(first_guess_arm(), motion, times=np.linspace(0, float(motion.breaks[-1]), 301))
 
 
+@slow
 def test_branches_go_straight_through_a_crossing_where_sorted_frequencies_have_a_kink(extension):
     _, found = extension
     torsion, bending = found.median[:2]
@@ -77,20 +81,21 @@ def test_branches_go_straight_through_a_crossing_where_sorted_frequencies_have_a
     assert all(change.branch == 2 for change in found.changes)
 
 
-def test_branches_are_the_natural_frequencies_of_the_held_arm(extension):
+@slow
+def test_branches_have_the_frequencies_and_damping_ratios_of_the_held_arm_by_scipy(extension):
     _, found = extension
-    some = np.arange(0, 301, 25)
-    held = natural_frequencies(at_posture(first_guess_arm(), jnp.asarray(found.posture[:, some])), 3)
-    assert np.sort(found.frequency[:, some], axis=0) == pytest.approx(np.asarray(held), rel=2e-4)
+    for k in (0, 100, 200, 300):
+        lin = about(first_guess_arm(), held(tuple(np.degrees(found.posture[:, k]))))
+        M, C, H = (np.asarray(part) for part in (lin.M, lin.C, lin.H))
+        natural = np.sqrt(scipy.linalg.eigvalsh(H, M))[:3] / (2 * np.pi)
+        assert np.sort(found.frequency[:, k]) == pytest.approx(natural, rel=2e-4)
+    whole = np.block([[np.zeros_like(M), np.eye(len(M))], [-np.linalg.solve(M, H), -np.linalg.solve(M, C)]])
+    s = np.linalg.eigvals(whole)
+    s = sorted(s[s.imag > 0], key=abs)[:3]
+    assert found.damping_ratio[:, -1] == pytest.approx(-np.real(s) / np.abs(s), rel=0.01)
 
 
-def test_damping_ratios_are_those_of_the_damped_modes(extension):
-    _, found = extension
-    system = linearize(at_posture(first_guess_arm(), jnp.asarray(found.posture[:, -1])))
-    s = np.asarray(damped_eigenvalues(system))[:3]
-    assert found.damping_ratio[:, -1] == pytest.approx(-s.real / np.abs(s), rel=0.01)
-
-
+@slow
 def test_a_label_that_changes_is_told_with_the_time_of_it(extension):
     _, found = extension
     first, *_, last = found.changes
@@ -100,6 +105,7 @@ def test_a_label_that_changes_is_told_with_the_time_of_it(extension):
     assert found.label(2, last.time + 0.01) == found.labels[2]
 
 
+@slow
 def test_the_way_back_has_the_same_frequencies_on_the_same_clock():
     arm = lcd_arm()
     there, back = (branches(arm, stroke(arm.stroke, percent=10, retract=way)) for way in (False, True))
@@ -107,17 +113,23 @@ def test_the_way_back_has_the_same_frequencies_on_the_same_clock():
     assert there.frequency == pytest.approx(back.frequency[order, ::-1], rel=1e-4)
 
 
+@slow
 def test_an_arm_that_is_held_still_has_constant_frequencies():
+    """Here those of any other posture, the lowest in closed form: torsion about the vertical axis."""
     found = branches(one_joint_arm(), hold_still([0.3], 1.0), count=2, times=[0.0, 0.4, 1.0])
-    held = natural_frequencies(at_posture(one_joint_arm(), jnp.array([0.3])), 2)
-    assert found.frequency == pytest.approx(np.repeat(np.asarray(held)[:, None], 3, axis=1), rel=1e-9)
+    moving = branches(one_joint_arm(), speeding_up(), count=2, times=[0.0, 2.0])
+    assert found.frequency == pytest.approx(np.repeat(moving.frequency[:, 1:], 3, axis=1), rel=1e-9)
+    assert found.frequency[0] == pytest.approx(np.sqrt(3e4 / (0.5 + 10 * 0.4**2)) / (2 * np.pi), rel=1e-4)
 
 
 def test_repeated_frequencies_are_no_veering():
-    motion = Motion("turn", [0.0, 1.0], [[[1.0, 1.0]], [[0.0, 0.0]]])
-    found = branches(two_equal_arm(), motion, count=2, times=[0.0, 0.5, 1.0])
-    assert not found.veerings
-    assert np.ptp(found.frequency) == pytest.approx(0.0, abs=1e-6)
+    """Their shapes are any basis of the plane, at each posture another."""
+    turn, s = np.random.default_rng(0).uniform(0, 2 * np.pi, 5), np.linspace(0, 1, 5)
+    shapes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    mass = np.repeat(np.eye(2)[..., None], 5, axis=2)
+    same, near = np.full((2, 5), 5.0), np.tile([[5.0], [5.001]], 5)
+    assert track(s, same, shapes, mass, count=2, reach=0.0).mac.min() == pytest.approx(1.0)
+    assert track(s, near, shapes, mass, count=2, reach=0.0).mac.min() < 0.9
 
 
 def two_modes(s, gap):
@@ -142,6 +154,7 @@ def test_what_cannot_be_followed_has_a_low_mac():
     assert found.mac.min() < 0.9
 
 
+@slow
 def test_sets_are_followed_by_their_own_shapes():
     arm, motion = lcd_arm(), stroke(lcd_arm().stroke, percent=10)
     times = np.linspace(0, float(motion.breaks[-1]), 60)
@@ -177,6 +190,7 @@ def test_the_kinematic_error_excites_twice_a_turn_and_only_where_there_is_one():
     assert [s.order for s in excitation(one_joint_arm(), motion, times=time, orders=(1, 3)).sources] == [1, 3]
 
 
+@slow
 def test_a_linear_ramp_crosses_when_the_closed_form_says():
     arm, time = one_joint_arm(), np.linspace(0, 3.9, 50)
     found = branches(arm, speeding_up(), count=1, times=time)
@@ -314,12 +328,14 @@ def test_margin_and_times_are_checked():
         resonance_crossings(found, replace(line, time=line.time + 1))
 
 
+@slow
 def test_an_arm_that_collapses_is_named_with_the_posture():
     soft = one_joint_arm().replace({"pin.k_bend": 1e-3})
     with pytest.raises(ModelError, match=r"one has no stable equilibrium at \(0\) deg"):
         branches(soft, speeding_up())
 
 
+@slow
 def test_crossings_are_ranked_by_the_vibration_that_they_cause():
     """The simulation of one drive's imbalance alone, at the phases of its largest, moves the end point as far."""
     arm = lcd_arm()
@@ -331,8 +347,10 @@ def test_crossings_are_ranked_by_the_vibration_that_they_cause():
     weighed = [crossing.amplitude * crossing.probability for crossing in found]
     assert weighed == sorted(weighed, reverse=True)
     first = next(crossing for crossing in found if crossing.source.drive == "drive2")
-    whole = superposition(arm.replace(others), motion, ("drive2.phase",), rate=250.0)
+    phases = [each.phase for each in exciting_orders(arm)]  # one program for both
+    whole = superposition(arm.replace(others), motion, phases, rate=RATE)
     inside = (whole.time >= first.start) & (whole.time <= first.swells_until)
-    each = np.hypot(whole.cosine[0], whole.sine[0])[:, inside]
+    k = phases.index("drive2.phase")
+    each = np.hypot(whole.cosine[k], whole.sine[k])[:, inside]
     assert 0.5 * each.max() < first.amplitude <= np.linalg.norm(each, axis=0).max() * (1 + 1e-3)
     assert with_amplitudes((), arm, motion) == ()

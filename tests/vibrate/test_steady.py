@@ -11,12 +11,12 @@ from arms import lcd_arm
 from moving_engines import left_jacobian, skew
 from numpy.polynomial import Polynomial
 from runs import about, along, scaled, short
+from scipy.linalg import eigvalsh
 from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.mechanics import flat, point_positions, unflatten
-from ident.arm.modes import damped_eigenvalues, in_shaft_axes
 from ident.arm.parts import Point
 from ident.vibrate import exact
 from ident.vibrate.fast import step_for
@@ -65,27 +65,43 @@ class Closed(NamedTuple):
     tip: np.ndarray
 
 
+class Held(NamedTuple):
+    """About the equilibrium: mass, damping and stiffness, rotation vectors (3, joints), axes of the shafts (3, 3,
+    joints), and how the points move with the coordinates (3, points, 9)."""
+
+    M: np.ndarray
+    C: np.ndarray
+    H: np.ndarray
+    phi: np.ndarray
+    axes: np.ndarray
+    slopes: np.ndarray
+
+
 @cache
-def natural() -> np.ndarray:
-    """Undamped angular frequencies."""
-    return np.abs(np.asarray(damped_eigenvalues(about(shaken(), spinning(0.0)))))
+def at_equilibrium() -> Held:
+    arm = pointed(shaken())
+    lin = about(arm, spinning(0.0))
+
+    @jax.jit
+    def points(phi: jax.Array) -> tuple[jax.Array, jax.Array]:
+        chain = at_posture(arm, jnp.deg2rad(jnp.asarray(POSTURE)))
+        return chain.frame, jax.jacfwd(lambda p: point_positions(chain, unflatten(p)))(flat(phi))
+
+    return Held(*(np.array(x) for x in (lin.M, lin.C, lin.H, lin.phi, *points(lin.phi))))
 
 
 @cache
 def frequency(place: int) -> float:
     """Below, at and between the two lowest, at the second, and above [rad/s]."""
-    first, second = natural()[:2]
+    first, second = np.sqrt(eigvalsh(at_equilibrium().H, at_equilibrium().M)[:2])
     return float([0.6 * first, first, (first + second) / 2, second, 1.5 * second][place])
 
 
 @cache
 def closed(place: int) -> Closed:
     """(H - w^2 M + i w (C + G))^-1 F: m e w^2 outwards and m g down at the mass that turns, G the rotor's gyroscope."""
-    arm, w = pointed(shaken()), frequency(place)
-    lin, chain = about(arm, spinning(0.0)), at_posture(arm, jnp.deg2rad(jnp.asarray(POSTURE)))
-    slopes = np.asarray(jax.jacfwd(lambda p: point_positions(chain, unflatten(p)))(flat(lin.phi)))
-    axes, gravity = np.asarray(chain.frame), np.asarray(arm.gravity)
-    phi = np.array(lin.phi)
+    w, gravity = frequency(place), np.asarray(shaken().gravity)
+    M, C, H, phi, axes, slopes = at_equilibrium()
     first, second = (Rotation.from_rotvec(phi[:, k]).as_matrix() for k in range(2))
     x_axis, y_axis, z_axis = (first @ second @ axes[:, :, 1]).T
     outwards = w * w * slopes[:, 0].T @ (x_axis - 1j * y_axis)
@@ -93,10 +109,13 @@ def closed(place: int) -> Closed:
     F = MASS * REACH * (outwards + weight) * np.exp(1j * PHASE)
     S = np.hstack([left_jacobian(phi[:, 0]), first @ left_jacobian(phi[:, 1]), np.zeros((3, 3))])
     G = -ROTOR * w * S.T @ skew(z_axis) @ S
-    H, M, C = (np.asarray(x) for x in (lin.H, lin.M, lin.C))
     x = np.linalg.solve(H - w * w * M + 1j * w * (C + G), F)
-    local = np.einsum("abn,an->bn", axes, x.reshape(3, 3).T).T.ravel()
-    return Closed(local, slopes[:, -1] @ x)
+    return Closed(in_shafts(x.reshape(3, 3).T), slopes[:, -1] @ x)
+
+
+def in_shafts(phi: np.ndarray) -> np.ndarray:
+    """Rotation vectors (3, joints) as flat coordinates along the shafts' axes."""
+    return np.einsum("abn,an->bn", at_equilibrium().axes, phi).T.ravel()
 
 
 def fitted(time: np.ndarray, traces: np.ndarray, motion: Motion) -> np.ndarray:
@@ -122,13 +141,12 @@ def test_fast(place: int) -> None:
     assert off(fitted(time, np.asarray(response.displacement), motion), closed(place).tip) < 1e-3
 
 
-@pytest.mark.parametrize("place", [0, 1, 4])
-def test_exact(place: int) -> None:
-    """From the closed form's own state, from which it would depart, were it not the solution."""
-    motion, w, right = spinning(frequency(place)), frequency(place), closed(place).y
-    rest = flat(in_shaft_axes(at_posture(shaken(), motion(jnp.zeros(()))[0]), about(shaken(), motion).phi))
+def test_exact() -> None:
+    """At a resonance, from the closed form's own state, from which it would depart, were it not the solution."""
+    motion, w, right = spinning(frequency(1)), frequency(1), closed(1).y
+    rest = in_shafts(at_equilibrium().phi)
     now = right * np.exp(1j * RATIO * float(motion(0.0)[0][1]))
-    start = rest + now.real, jnp.asarray((1j * w * now).real)
+    start = rest + now.real, (1j * w * now).real
     method = partial(fast_method, shaken(), motion, None, False, 250.0)
     found = exact.integrate(shaken(), motion, method, step_for(shaken(), motion), start).y[:, :751]
     assert off(fitted(np.arange(751) / 250, found, motion), right) < 1e-3

@@ -1,4 +1,4 @@
-"""Sweeps are simulations at the points of a grid; slopes are those of finite differences."""
+"""Sweeps are simulations at the points of a grid."""
 
 from dataclasses import replace
 
@@ -7,7 +7,6 @@ import pytest
 from arms import lcd_arm
 from runs import swing
 
-from ident.arm.chain import no_loads
 from ident.errors import InputError
 from ident.vibrate.evaluator import Evaluator, Variable
 from ident.vibrate.response import peak
@@ -77,13 +76,6 @@ def test_factors_and_differences_of_draws():
     np.testing.assert_allclose(sets["bracket.com.x"], [0.195, 0.15, 0.35, 0.145, 0.1, 0.3])
 
 
-def test_sweeps_are_sweeps_one_by_one(both):
-    alone = sweep(TRIAL, [SECOND])
-    close(alone.amplitude, both[1].amplitude)
-    close(alone.draws, both[1].draws)
-    close(alone.present, both[1].present)
-
-
 def test_another_speed_is_the_motion_on_another_clock(over):
     for k, percent in enumerate(SPEED.values):
         close(over.amplitude[:, k, 1], one({}, percent / 10, 0.8))
@@ -103,20 +95,6 @@ def test_the_order_of_axes_is_that_of_the_grid(over):
 def test_a_sweep_of_the_speed_alone(over):
     (found,) = sweeps(replace(TRIAL, draws={}), [SPEED])
     close(found.amplitude, over.amplitude[:, :, 1])
-
-
-@pytest.mark.parametrize("measure", ["peak", "residual"])
-def test_slopes_are_those_of_finite_differences(measure):
-    variables = Variable(("joint1.k_tors",), STIFF / 2, 2 * STIFF), Variable(("fingers.com.x",), 1.2, 1.9)
-    trial = replace(TRIAL, variables=variables, draws={}, measure=measure, loads=no_loads(ARM))
-    at, h = np.array([0.1, 0.05]), 1e-4
-    parts, slopes = trial.slopes(at)
-    assert slopes.shape == (2, *parts.shape)
-    for k, way in enumerate(np.eye(2)):
-        ahead, behind = (trial.slopes(at + sign * h * way)[0] for sign in (1, -1))
-        difference = (ahead - behind) / (2 * h)
-        np.testing.assert_allclose(slopes[k], difference, rtol=0, atol=1e-5 * np.abs(difference).max())
-    close(parts.max(1)[:, 0], trial.amplitudes(at[None])[:, 0, 0])
 
 
 @pytest.mark.parametrize(

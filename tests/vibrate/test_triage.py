@@ -144,8 +144,7 @@ def test_a_faster_record_says_the_same():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(6))
-def test_traces_of_the_papers_arm(number):
-    """One of each kind; the benchmark has two hundred."""
-    one = case(number, seed=1)
+def test_a_trace_of_the_papers_arm():
+    """A drive and modes that the command rings; the benchmark has two hundred, of each kind."""
+    one = case(5, seed=1)
     assert verdict(triage(one.arm, [one.trace]), one.truth) in ("right", "cannot tell")

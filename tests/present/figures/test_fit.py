@@ -7,6 +7,7 @@ import pytest
 from arms import lcd_arm
 from figures import HOSTILE, assert_tidy, fitted, made_up
 from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from ident.arm.arm import Arm
@@ -101,13 +102,14 @@ def test_what_the_data_leave_open_is_hollow():
     assert filled == [True, True, True, False, False, False]
 
 
-@pytest.mark.parametrize("prior_sd", [1.0, np.inf])
-@pytest.mark.parametrize(("parameters", "measurements"), [(1, 1), (12, 3), (12, 20), (6, 59), (9, 300)])
-def test_any_size_is_tidy(parameters, measurements, prior_sd, tmp_path):
+@pytest.mark.parametrize(
+    ("parameters", "measurements", "prior_sd"),
+    [(1, 1, np.inf), (12, 3, 1.0), (12, 20, np.inf), (6, 59, 1.0), (9, 300, np.inf)],
+)
+def test_any_size_is_tidy(parameters, measurements, prior_sd):
     figure = fit_figure(made_up(parameters, measurements, prior_sd=prior_sd))
     assert len(markers(panel(figure, "Residuals"))) == measurements
     assert_tidy(figure)
-    save(figure, tmp_path / "f.png")
 
 
 def test_lengths_are_drawn_as_shifts():
@@ -127,7 +129,7 @@ def test_hostile_names_are_drawn_as_they_are(tmp_path):
 
 
 def test_a_figure_is_saved_whole_or_not_at_all(tmp_path, monkeypatch):
-    figure = fit_figure(fitted("table1"))
+    figure = Figure()
     old = tmp_path / "f.png"
     old.write_bytes(b"old")
 
@@ -145,7 +147,7 @@ def test_a_figure_is_saved_whole_or_not_at_all(tmp_path, monkeypatch):
 def test_what_cannot_be_written_is_one_line(bad, tmp_path):
     (tmp_path / "file").write_text("")
     (tmp_path / "folder").mkdir()
-    figure = fit_figure(fitted("table1"))
+    figure = Figure()
     with pytest.raises(InputError) as error:
         save(figure, tmp_path / bad)
     assert len(str(error.value).splitlines()) == 1

@@ -1,13 +1,19 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arms import lcd_arm
 from figures import HOSTILE, assert_tidy
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from ident.arm.arm import Arm
-from ident.assess.predict import Prediction, predict_draws
+from ident.assess.predict import Prediction
 from ident.identify.modal_analysis import modal_analysis
-from ident.present.figures.modes import frequency_figure, mode_figure
+from ident.present.figures.modes import frequency_figure, mode_figure, motion_animation, path_figure
 from ident.present.files.document import save
+from ident.vibrate.motion import stroke
+from ident.vibrate.response import outline
+from ident.vibrate.simulate import simulate
 
 pytestmark = pytest.mark.slow
 
@@ -51,8 +57,8 @@ def test_branches_cross_along_the_motion():
 
 def test_wide_bands_stand_beside_each_other_in_the_colour_of_their_mode():
     rng = np.random.default_rng(0)
-    draws = {f"joint{j}.k_{k}": 3e5 * np.exp(rng.normal(size=9)) for j in (1, 2, 3) for k in ("bend", "tors")}
-    along = [predict_draws(each.analysis, draws) for each in along_motion(lcd_arm(), 0.0, 0.5)]
+    plain = [each.analysis for each in along_motion(lcd_arm(), 0.0, 0.5)]
+    along = [Prediction(each, each.modes.frequency[:, None] * np.exp(0.3 * rng.normal(size=(2, 9)))) for each in plain]
     (axes,) = frequency_figure(along, 0).axes
     (bands,) = axes.collections
     places = [segment[0, 0] for segment in bands.get_segments()]
@@ -63,7 +69,34 @@ def test_wide_bands_stand_beside_each_other_in_the_colour_of_their_mode():
 
 def test_hostile_names_are_drawn_as_they_are(tmp_path):
     arm = Arm(HOSTILE, lcd_arm().joints, lcd_arm().points)
-    figure = frequency_figure(along_motion(arm, 0.0, 0.5), 0)
+    along = [Prediction(replace(each.analysis, arm=arm)) for each in along_motion(lcd_arm(), 0.0, 0.5)]
+    figure = frequency_figure(along, 0)
     assert_tidy(figure)
     save(figure, tmp_path / "frequencies.png")
-    save(mode_figure(modal_analysis(arm, (0.0, 0.0, 0.0), modes=1)), tmp_path / "modes.png")
+    analysis = modal_analysis(lcd_arm(), (0.0, 0.0, 0.0), modes=1)
+    save(mode_figure(replace(analysis, arm=arm)), tmp_path / "modes.png")
+
+
+MOMENTS = np.linspace(0.2, 0.9, 3)
+
+
+@pytest.fixture(scope="module")
+def moved():
+    arm = lcd_arm().replace({"drive2.error": 1e-4})
+    response = simulate(arm, stroke(arm.stroke, percent=200, dwell=0.5), rate=100.0)
+    return response, outline(arm, response, MOMENTS, factor=20.0)
+
+
+def test_figures_say_the_factor_and_an_animation_has_a_picture_for_each_moment(moved):
+    response, shown = moved
+    animation = motion_animation(response, shown, fps=10)
+    text = animation.to_jshtml(fps=10)
+    assert text.count("data:image/png") == len(MOMENTS)
+    title = animation._fig.axes[0].get_legend().get_title().get_text()
+    assert title == "extension, cycloid, 200 %, 3.5 times faster than the arm", "0.35 s ten times a second"
+    for figure in (path_figure(response, shown), animation._fig):
+        FigureCanvasAgg(figure).draw()
+        side, above = figure.axes
+        assert "20 times as large" in "".join(text.get_text() for text in side.get_legend().get_texts())
+        assert [axes.texts[0].get_text() for axes in figure.axes] == ["from the side", "from above"]
+        assert side.get_aspect() == above.get_aspect() == 1.0

@@ -26,14 +26,14 @@ def reading(value, mode=None):
 
 
 @pytest.fixture(scope="module")
-def unfolded_page(tmp_path_factory):
+def unfolded_page(browser, tmp_path_factory):
     rows = (reading(16.3), reading(4.11, "lateral torsion 1"), reading(13.7, "vertical bending 2"), reading(4.81))
     result = explore(lcd_arm(), ExploreOptions(posture=(0, 0, 0)), measured=Campaign(measurements=rows))
     return result.save(tmp_path_factory.mktemp("unfolded"))[0]
 
 
 @pytest.fixture(scope="module")
-def six_page(tmp_path_factory):
+def six_page(browser, tmp_path_factory):
     return explore(random_arm(np.random.default_rng(0), 6)).save(tmp_path_factory.mktemp("six"))[0]
 
 
