@@ -214,10 +214,11 @@ def compared(
     meshed, untested = _with_mesh(problem, teeth or {}, peak)
     more = len(meshed.sources) - len(problem.sources)
     place = place._replace(parts=np.pad(place.parts, ((0, 0), (0, more), (0, 0))))
-    known = sum(part.size for part in place[:-1])
-    loose = np.linalg.cholesky(WIDER**2 * covariance[:known, :known])
+    known = [np.full(part.size, name != "calibration") for name, part in zip(place._fields[:-1], place, strict=False)]
+    moving = np.flatnonzero(np.concatenate(known))  # a calibration's column is the trace: with it any set explains all
+    loose = np.linalg.cholesky(WIDER**2 * covariance[np.ix_(moving, moving)])
     responses = meshed.responses(place)
-    rows = _rows(meshed, place, responses, peak)
+    rows = _rows(meshed, place, responses, peak, moving)
     kinds = ["imbalance" if each.kind == IMBALANCE else "error" for each in problem.sources] + ["mesh"] * more
     contest = _Contest.of(rows, np.linalg.inv(loose), meshed, place, responses, kinds)
     return contest.judged(peak, untested, further or {})
@@ -280,8 +281,10 @@ class _Rows(NamedTuple):
     bands: tuple[Band, ...]
 
 
-def _rows(problem: SourceProblem, place: Place, responses: Sequence[Response], peak: float) -> _Rows:
-    """Return all traces in the band about a peak."""
+def _rows(
+    problem: SourceProblem, place: Place, responses: Sequence[Response], peak: float, moving: np.ndarray
+) -> _Rows:
+    """Return all traces in the band about a peak, with the columns of these unknowns as what is known."""
     bands = tuple(Band(peak, WIDTH * peak, channel.rate) for channel in problem.channels)
     whole = whitened(problem, responses, problem.slopes(place), place, bands)
     first = sum(part.size for part in place[:-1])
@@ -289,7 +292,7 @@ def _rows(problem: SourceProblem, place: Place, responses: Sequence[Response], p
         residual + columns[:, first:] @ place.parts.ravel()
         for residual, columns in zip(whole.residual, whole.columns, strict=True)
     ]
-    known, sources = zip(*((columns[:, :first], columns[:, first:]) for columns in whole.columns), strict=True)
+    known, sources = zip(*((columns[:, moving], columns[:, first:]) for columns in whole.columns), strict=True)
     return _Rows(tuple(values), known, sources, bands)
 
 

@@ -103,8 +103,12 @@ def test_clock_and_stiffness_are_found_with_it(result, true_arm):
 @pytest.mark.slow
 @pytest.mark.usefixtures("one_further")
 def test_an_uncertain_calibration_widens_amplitudes_not_phases(folder, result):
-    """Two sensors, each known to 5 %, see drive 2's imbalance: between 5 % / sqrt(2) and 5 % more, in quadrature."""
-    loose = ident.source(table(folder, (12.0,), "loose.csv"), calibration=5.0)
+    """Two sensors, each known to 5 %, see drive 2's imbalance: between 5 % / sqrt(2) and 5 % more, in quadrature.
+
+    What makes a peak is told nevertheless: a trace that its calibration scaled at will would explain itself.
+    """
+    loose = ident.source(table(folder, (12.0,), "loose.csv"), calibration=5.0, peak=9.0)
+    assert (loose.causes[0]["kind"], loose.causes[0]["told"]) == ("imbalance", True)
     before, after = (
         next(row for row in every.table() if (row["drive"], row["kind"]) == ("drive2", "imbalance"))
         for every in (result, loose)
