@@ -30,6 +30,12 @@ sparingly()
 install_import_hook([f"ident.{room}" for room in ROOMS], "typecheck.checked")
 
 import jax  # noqa: E402
+
+from ident.programs import Programs  # noqa: E402
+
+PROGRAMS, make = [], Programs.__init__  # of each function: they hold what was compiled, too
+Programs.__init__ = lambda self, *given: (PROGRAMS.append(self), make(self, *given))[1]
+
 from reports import too_wide, without_number  # noqa: E402
 
 from ident import cli  # noqa: E402
@@ -54,6 +60,8 @@ if hasattr(C_LIBRARY, "mallopt"):  # of the GNU C library
 def _keep_few_programs(most_pages):
     """Forget compiled programs when a worker fills memory; what they took goes back to the system."""
     if MEMORY.exists() and int(MEMORY.read_text().split()[1]) > most_pages:
+        for programs in PROGRAMS:
+            programs.loaded.clear()
         jax.clear_caches()
         gc.collect()
         if trim := getattr(C_LIBRARY, "malloc_trim", None):

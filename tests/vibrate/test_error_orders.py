@@ -18,7 +18,7 @@ from ident.arm.parts import Body, Drive, ErrorOrder, Joint, Point
 from ident.description.file import parse_arm, parse_document, update_arm, update_file
 from ident.errors import InputError
 from ident.vibrate.branches import branches
-from ident.vibrate.resonance import RATE, excitation, resonance_crossings, with_amplitudes
+from ident.vibrate.resonance import RATE, excitation, resonance_crossings
 from ident.vibrate.simulate import simulate, superposition
 
 SHIPPED = (DATA / "lcd_arm" / "arm.toml").read_text(encoding="utf-8")
@@ -142,14 +142,12 @@ def test_the_fast_method_as_a_sum_over_phases_against_the_exact_method() -> None
     np.testing.assert_allclose(whole.division.sum(0), whole.worst, rtol=1e-12)
 
 
-def test_resonance_lists_them_and_the_vibration_that_they_cause() -> None:
+def test_resonance_lists_them() -> None:
     turning = excitation(wavy(), MOTION)
     assert [(s.drive, s.order) for s in turning.sources] == [
         *(("drive1", order) for order in (1, 2, 4)),
         *(("drive2", order) for order in (1, 2, 4)),
     ]
     near = resonance_crossings(branches(wavy(), MOTION), turning)
-    found = with_amplitudes(near, wavy(), MOTION)
-    assert {each.source.order for each in found} >= {2, 4}
-    assert all(each.amplitude > 0 for each in found)
-    assert str(next(each.source for each in found if each.source.order == 4)).endswith(" x 4")
+    assert {each.source.order for each in near} >= {2, 4}
+    assert str(next(each.source for each in near if each.source.order == 4)).endswith(" x 4")
