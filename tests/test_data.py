@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
+from scipy.stats import binom
 
+import ident
 from ident.arm.plausibility import belt_mismatches
 from ident.description.file import parse_arm, read_arm, update_file
 from ident.measure import read_campaign
@@ -136,3 +138,14 @@ def test_mujoco_moves_the_arm_whose_numbers_the_runs_of_notebook_05_name():
         clocks = np.linspace(-make.OFFSET, make.OFFSET, 81)
         left = min(float(np.std(trace - curve(time + clock))) for clock in clocks)
         assert 0.9 < left / (make.NOISE * peak) < 1.15
+
+
+def test_a_fit_of_the_six_axis_campaign_finds_what_it_was_made_with():
+    truth = program("synthesize", SIX).TRUTH
+    result = ident.fit(SIX / "arm.xml", SIX / "campaign.csv")
+    assert not result.doubts
+    assert all(result.supported.values())
+    held = [low <= truth[path] <= high for path, (low, high) in result.intervals.items()]
+    assert sum(held) >= binom.ppf(0.001, 12, 0.95)
+    off = [abs(np.log(result.parameters[path] / value)) / result.sd[path] for path, value in truth.items()]
+    assert max(off) < 3

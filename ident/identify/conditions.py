@@ -54,11 +54,12 @@ NotAllUndamped = Int[AnyArray, "F"] | None
 def frequencies_of_pole(s: Complex[Array, "*shape"]) -> tuple[Float[Array, "*shape"], ...]:
     """Return |s|, Im s and the peaks of receptance and accelerance of a mode alone with the pole s, all [Hz].
 
-    A peak is 0 where there is none, beyond a damping ratio of `MOST_DAMPED`; so is Im s of an overdamped mode.
+    A peak is 0 where there is none, beyond a damping ratio of `MOST_DAMPED`; so is Im s of an overdamped mode. All are
+    NaN without a pole.
     """
     hertz = jnp.abs(s) / (2 * jnp.pi)
     squared = 1 - 2 * (s.real / jnp.abs(s)) ** 2
-    peaked = ~(squared < 1 - 2 * MOST_DAMPED**2)  # of no pole there is none to tell: NaN, not 0
+    peaked = ~(squared < 1 - 2 * MOST_DAMPED**2)  # of no pole NaN, not 0
     ratio = jnp.sqrt(jnp.where(peaked, squared, 1.0))
     peaks = (jnp.where(peaked, hertz * ratio, 0.0), jnp.where(peaked, hertz / ratio, 0.0))
     return hertz, s.imag / (2 * jnp.pi), *peaks

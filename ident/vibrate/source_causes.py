@@ -214,8 +214,9 @@ def compared(
     meshed, untested = _with_mesh(problem, teeth or {}, peak)
     more = len(meshed.sources) - len(problem.sources)
     place = place._replace(parts=np.pad(place.parts, ((0, 0), (0, more), (0, 0))))
-    known = [np.full(part.size, name != "calibration") for name, part in zip(place._fields[:-1], place, strict=False)]
-    moving = np.flatnonzero(np.concatenate(known))  # a calibration's column is the trace: with it any set explains all
+    # not by calibrations, which count as found: their columns are the traces themselves, and any set would explain all
+    named = zip(place._fields[:-1], place[:-1], strict=True)
+    moving = np.flatnonzero(np.concatenate([np.full(part.size, name != "calibration") for name, part in named]))
     loose = np.linalg.cholesky(WIDER**2 * covariance[np.ix_(moving, moving)])
     responses = meshed.responses(place)
     rows = _rows(meshed, place, responses, peak, moving)

@@ -31,7 +31,7 @@ def small(tmp_path):
 
 
 @pytest.mark.timeout(900)
-def test_from_a_campaign_to_advice_with_a_kill_on_the_way(small, tmp_path, browser_page):
+def test_from_a_campaign_to_advice_with_a_kill_on_the_way(small, tmp_path, request):
     """Killed (kill -9), it goes on behind the last stage that was finished; the page opens in a browser."""
     killed = small()
     next(line for line in killed.stderr if line.startswith("5/7 "))
@@ -56,6 +56,7 @@ def test_from_a_campaign_to_advice_with_a_kill_on_the_way(small, tmp_path, brows
     kinds = {kind for remedy in document["table"] for kind in remedy["kind"].split(AND)}
     assert kinds == {*EFFORTS} - {"balance", "schedule"}  # no runs; and the lowest speed that is tried is half
     assert "of 20 fresh draws" in err
+    browser_page = request.getfixturevalue("browser_page")  # where there is no browser, all before has been tested
     for width in (360, 1280):
         with browser_page(tmp_path / "out" / "campaign.diagnose.html", width, 800) as opened:
             assert opened.alone

@@ -8,9 +8,6 @@ from commands import files
 
 pytestmark = pytest.mark.slow
 
-SHORT = ("--speed=200", "--dwell=0.5")
-NAME = "arm.extend-200"
-
 
 def sine(path, header, amplitude, frequency):
     time = np.arange(1000) / 100

@@ -28,7 +28,6 @@ from ident.measure import Campaign, Measurement, read_campaign
 pytestmark = pytest.mark.slow
 
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
-ALPHA = np.deg2rad([0.0, 30.0, 60.0, 80.0])
 
 
 def exact(campaign, parameters=None):

@@ -143,6 +143,7 @@ def test_a_limit_that_is_kept_needs_no_remedy(result):
 
 
 def test_it_says_how_far_to_trust_postures_that_were_not_measured(result):
+    """As `ident validate` would of its fit; how right that is, is tested in `tests/identify/test_validate.py`."""
     own, ours = (
         {scope.kind: scope.half for scope in each.scopes}
         for each in (validate_fit(result.diagnosis.identification.sampled.fitted), result.diagnosis.validation)

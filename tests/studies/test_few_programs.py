@@ -45,7 +45,7 @@ def simulated(speed: float) -> ident.SimulateResult:
 
 def swept(speed: float) -> ident.SweepResult:
     vary = {"joint2.k_tors": ("0.5x", "2x", 4 if speed > 30 else 7)}
-    return ident.sweep(ARM, ident.SweepOptions(speed=speed, phases="file", vary=vary, **SHORT))
+    return ident.sweep(ARM, ident.SweepOptions(speed=speed, vary=vary, **SHORT))
 
 
 def differentiated(speed: float) -> ident.DesignResult:

@@ -121,7 +121,7 @@ def test_another_engine_confirms_what_is_proposed(result):
     assert peak < 1e-3 * result.options.limit
 
 
-def test_along_a_given_path_joints_keep_their_limits(limited, quick, tmp_path, monkeypatch):
+def test_along_a_given_path_joints_keep_their_limits(limited, quick, run, tmp_path, monkeypatch):
     """The stroke's own path, logged, with its limits on the joints.
 
     That the search finds there what it finds along the stroke is tested in `tests/assess/test_remedies.py`.
@@ -138,14 +138,16 @@ def test_along_a_given_path_joints_keep_their_limits(limited, quick, tmp_path, m
 
     monkeypatch.setattr("ident.assess.motion.motions", found)
     result = ident.motion(limited, path=log, limit=0.75, **FULL)
-    (search,), own, any_speed = searched, quick.motions.scheduling, np.full(FULL["segments"] - 1, np.inf)
+    given = ("--path", log, "--limit", "0.75", "--time", FULL["time"], "--segments", FULL["segments"])
+    code, out, _ = run("motion", limited, *given, "--no-figure")
+    assert (code, out.partition("Next:")[0]) == (0, result.report().partition("Next:")[0]), "a command does the same"
+    (search, _), own, any_speed = searched, quick.motions.scheduling, np.full(FULL["segments"] - 1, np.inf)
     fastest = search.schedule(any_speed)
     assert fastest.duration == pytest.approx(own.schedule(any_speed).duration, rel=0.02)
     for schedule in (fastest, search.in_time(fastest, FULL["time"])):
         q, qd, _ = (np.asarray(part) for part in schedule.motion(np.arange(0.0, schedule.duration, 1e-3)))
         np.testing.assert_allclose(q, np.array([1, -2, 1])[:, None] * q[0], atol=1e-6)
         assert (np.abs(qd).max(1) <= search.path.limits[0] * (1 + 1e-6)).all()
-    assert result.motions.recommended is quick.motions.candidates[-1]
     assert str(log) not in result.report().split("Next:")[1]
     assert_one_screen(result.report(), files=3)
     assert not too_wide(result.report(details=True))

@@ -12,7 +12,7 @@ from scipy.stats import binomtest
 from ident.arm.chain import no_loads
 from ident.errors import InputError, ModelError
 from ident.vibrate.design import design, verify
-from ident.vibrate.design_search import Requirements, Search
+from ident.vibrate.design_search import Requirements, Search, are_met, constraints
 from ident.vibrate.evaluator import WIDTH, BinomialEstimate, Evaluator, Variable, check
 from ident.vibrate.motion import stroke
 from ident.vibrate.sweep import FLAT, axis, changeable, sensitivities, sweep
@@ -156,6 +156,10 @@ def test_slopes_of_frequency_and_deflection_and_of_the_log_odds():
     search = Search(trial, Requirements())
     u = np.array([0.2, -0.1])
     limit = search.objective.largest(u)
+    frequency, deflection = search.objective.end_state(u)[0]
+    for share, met in ((0.999, True), (1.001, False)):
+        for required in (Requirements(frequency=share * frequency), Requirements(deflection=deflection / share)):
+            assert are_met(constraints(search.objective, required), u) == met
     for function in (search.objective.end_state, lambda u: search.objective.log_odds(u, limit)):
         slopes = np.atleast_2d(function(u)[1])
         differences = central(lambda u: np.atleast_1d(function(u)[0]), u, 1e-3).T  # noqa: B023

@@ -16,8 +16,9 @@ from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.mechanics import deflection, equilibrium
 from ident.arm.parts import Body, Drive, Joint, Point
+from ident.vibrate import exact
 from ident.vibrate.response import peak, rms
-from ident.vibrate.simulate import simulate, superposition
+from ident.vibrate.simulate import fast_method, simulate, superposition
 
 LINK = Body("link", 20.0, (0.5, 0.1, -0.1), np.diag([0.2, 1.0, 1.1]))
 SHAFT = Body("shaft", 4.0, (0.0, 0.0, 0.05), np.diag([0.03, 0.03, 0.05]))
@@ -50,6 +51,18 @@ def test_the_sum_over_phases_is_the_simulation_with_them():
     assert (peaks <= whole.worst[:, None]).all()
     assert (peaks.max(1) > 0.99 * whole.worst).all()
     np.testing.assert_allclose(whole.division.sum(0), whole.worst, rtol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [500.0, 0.7])
+def test_sections_are_one_solution(rate, monkeypatch):
+    """Of intervals that the exact method solves some at a time, with samples or without."""
+    solve = fast_method(ARM, SWING, None, False, rate, 2e-3)
+    whole = exact.solved(ARM, solve)
+    monkeypatch.setattr(exact, "FEWEST", 2)
+    parted = exact.solved(ARM, solve)
+    for one, other in zip(whole[:5], parted[:5], strict=True):
+        np.testing.assert_allclose(other, one, rtol=0, atol=1e-13)
 
 
 @pytest.mark.slow
