@@ -1,4 +1,7 @@
-"""What sensors see of a moving arm as a sum over sources, against the simulation of the arm with these sources."""
+"""What sensors see of a moving arm as a sum over sources, against the simulation of the arm with these sources.
+
+The quick tests find the sources of simulated traces: `tests/studies/test_source.py`.
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -41,6 +44,7 @@ def response(arm, run):
     return unit_response(arm, run, possible_orders(arm))
 
 
+@pytest.mark.slow
 def test_their_sum_is_what_a_simulation_gives(arm, run, response):
     sources = possible_orders(arm)
     whole = simulate(arm.replace(excited_by(sources, PARTS)), run.motion, rate=250.0)
@@ -51,6 +55,7 @@ def test_their_sum_is_what_a_simulation_gives(arm, run, response):
         assert np.abs(seen - expected).max() < 1e-3 * np.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_an_accelerometer_on_a_link_turns_with_it_and_feels_the_motion_itself(arm, run):
     """The rigid arm's acceleration at a link's point: centripetal and tangential, in the link's own axes."""
     q, qd, qdd = (np.asarray(part) for part in run.motion(TIME))
@@ -71,6 +76,7 @@ def test_an_accelerometer_on_a_link_turns_with_it_and_feels_the_motion_itself(ar
     assert np.abs(rigid - expected).max() < 0.05 * np.abs(expected).max()  # the arm's elasticity adds the rest
 
 
+@pytest.mark.slow
 def test_an_accelerometer_feels_gravity_in_axes_that_turn_and_tilt(arm, run):
     """Of an oblique arm, by finite rotations of its links: what is left is a tenth of what the arm's tilt adds."""
     arm = eqx.tree_at(lambda a: a.gravity, arm, jnp.array([6.0, -3.0, -7.0]))
@@ -93,6 +99,7 @@ def test_an_accelerometer_feels_gravity_in_axes_that_turn_and_tilt(arm, run):
     assert np.abs(response.rate(2, TIME)[1:-1, 0] - rate).max() < 0.02 * np.abs(rate).max()
 
 
+@pytest.mark.slow
 def test_changed_numbers_are_those_of_the_changed_arm(arm, run):
     """But for what is of second order in the eccentricity, the inertia of the eccentric mass."""
     sources, name = possible_orders(arm), "joint1.k_tors"
