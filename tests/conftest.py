@@ -35,7 +35,15 @@ import jax  # noqa: E402
 from ident.programs import Programs  # noqa: E402
 
 PROGRAMS, make = WeakSet(), Programs.__init__  # of each function: they hold what was compiled, too
-Programs.__init__ = lambda self, *given: (PROGRAMS.add(self), make(self, *given))[1]
+
+
+def noted(self, *given):
+    """Make the programs of a function, and note them."""
+    make(self, *given)
+    PROGRAMS.add(self)
+
+
+Programs.__init__ = noted
 
 from reports import too_wide, without_number  # noqa: E402
 
@@ -52,7 +60,8 @@ gc.set_threshold(200_000, 50, 1000)
 MAPS, MEMORY = Path("/proc/self/maps"), Path("/proc/self/statm")
 MOST_MAPS = 15_000
 MOST_PAGES, MOST_PAGES_WITHIN = 900_000_000 // 4096, 1_350_000_000 // 4096
-"""Of memory after a module, and after a test within one: its neighbours would share what has been compiled."""
+"""Of memory after a module, and after a test within one, whose neighbours would share what was compiled; assumed. Most
+workers stay below 1.5 GB so; a diagnosis comes to 2."""
 C_LIBRARY = ctypes.CDLL(None) if MAPS.exists() else None
 if hasattr(C_LIBRARY, "mallopt"):  # of the GNU C library
     C_LIBRARY.mallopt(ctypes.c_int(-8), ctypes.c_int(2))  # M_ARENA_MAX: else each thread that compiles keeps its own
@@ -81,7 +90,7 @@ def few_programs():
 
 @pytest.fixture(autouse=True)
 def few_programs_within():
-    """Let no module that compiles very many come to 1.5 GB."""
+    """The same within a module that compiles very many."""
     yield
     _keep_few_programs(MOST_PAGES_WITHIN)
 

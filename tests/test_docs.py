@@ -16,6 +16,7 @@ from examples import DOCS, ROOT, examples, pages
 from hammer_files import FOLDER as HAMMER
 from hammer_files import HAMMER_TEST
 from numbers_in_text import same_text
+from results import RESULTS
 
 sys.path.append(str(DOCS / "extension"))
 
@@ -28,7 +29,7 @@ from ident.studies import STUDIES
 pytestmark = pytest.mark.slow
 
 PAGES = [page for page in pages() if examples(page)]
-PICTURES, RESULTS = DOCS / "pictures", ROOT / "tests" / "data" / "results" / "10"
+PICTURES = DOCS / "pictures"
 LARGEST = 120_000
 STRICTLY = ("-W", "--keep-going", "-n", "-q")
 FROM_ELSEWHERE = re.compile(r"<(?:link|script|img|iframe|source)\b[^>]*(?:src|href)=\"(?:https?:)?//[^\"]*")

@@ -114,13 +114,13 @@ def fast_method(
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
     """Return uniform times from the first break of a motion to the last [s]."""
     start, end = float(motion.breaks[0]), float(motion.breaks[-1])
-    _refuse_samples(motion, (end - start) * rate, rate)
-    return start + np.arange(int(np.floor((end - start) * rate + 1e-9)) + 1) / rate
+    _refuse_samples(motion, steps := np.floor((end - start) * rate + 1e-9), rate)  # of a whole number but for rounding
+    return start + np.arange(int(steps) + 1) / rate
 
 
 def _refuse_samples(motion: Motion, samples: float, rate: float) -> None:
     """Refuse a motion with one sample, or with more than can be computed, by what makes it so long."""
-    if samples + 1e-9 < 1:
+    if samples < 1:
         raise refusal("rate", f"{rate:g} samples a second, one in all", "two samples or more", "choose a higher rate")
     if samples <= MOST_SAMPLES:
         return

@@ -214,7 +214,7 @@ def compared(
     meshed, untested = _with_mesh(problem, teeth or {}, peak)
     more = len(meshed.sources) - len(problem.sources)
     place = place._replace(parts=np.pad(place.parts, ((0, 0), (0, more), (0, 0))))
-    # not by calibrations, which count as found: their columns are the traces themselves, and any set would explain all
+    # calibrations stay as they were found: their columns are the traces themselves, with which any set explains all
     named = zip(place._fields[:-1], place[:-1], strict=True)
     moving = np.flatnonzero(np.concatenate([np.full(part.size, name != "calibration") for name, part in named]))
     loose = np.linalg.cholesky(WIDER**2 * covariance[np.ix_(moving, moving)])

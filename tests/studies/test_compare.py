@@ -2,13 +2,12 @@
 
 import shutil
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 from arms import DATA
 from reports import assert_one_screen
-from results import assert_comes_back, assert_plain
+from results import RESULTS, assert_comes_back, assert_plain
 
 import ident
 from ident import InputError
@@ -19,7 +18,6 @@ from ident.studies.fit import FitOptions, fit
 pytestmark = pytest.mark.slow
 
 ARM = DATA / "lcd_arm" / "arm.toml"
-PREDICTED = Path(__file__).parents[1] / "data" / "results" / "10" / "arm.predict.json"
 FEW = FitOptions(starts=1, no_explain=True)
 
 
@@ -178,4 +176,4 @@ def test_other_results_are_refused(before, result):
     with pytest.raises(InputError, match=r"second: got a result of 'compare', expected one of fit, sample or diagnose"):
         compare(before, result)
     with pytest.raises(InputError, match=r"arm.predict.json: got a result of 'predict'"):
-        compare(before, PREDICTED)
+        compare(before, RESULTS / "arm.predict.json")

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from one_program import shown
+from results import RESULTS
 from three_joints import JOINTS, URDF, WITHOUT_MESHES
 
 import ident
@@ -25,7 +26,6 @@ MORE = replace(
 
 
 POSTURES = ((0.1, 0.2, 0.3), (1.0, -0.8, 0.5), (-0.7, 1.2, -0.9), (0.4, -1.9, 0.8))
-PREDICTED = Path(__file__).parents[1] / "data" / "results" / "10" / "arm.predict.json"
 
 
 def robot_in(folder, suffix, text, joints):
@@ -205,7 +205,7 @@ def test_the_file_that_was_read_is_not_written(mjcf):
 
 def test_another_result_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"expected a result of ident\.fit or ident\.sample"):
-        ident.export(PREDICTED, tmp_path / "fitted.xml")
+        ident.export(RESULTS / "arm.predict.json", tmp_path / "fitted.xml")
 
 
 def test_an_arm_that_has_changed_since_is_refused_or_named(mjcf, tmp_path):

@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 from arms import DATA, lcd_arm
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from results import RESULTS
 
 import ident
 from ident.identify.fit import CampaignFit, fit_campaign
@@ -17,13 +17,12 @@ from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import Choice, InverseProblem
 from ident.measure import Campaign, Load, Measurement, read_campaign
 from ident.measure.load import DIFFERENCES, KINDS
-from ident.present.files.document import NEWEST
 
 HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
 """A name that no picture may take for a formula, a break or a reason to grow."""
 
 
-CAMPAIGN_FIT = Path(__file__).parents[1] / "data" / "results" / str(NEWEST) / "campaign.fit.json"
+CAMPAIGN_FIT = RESULTS / "campaign.fit.json"
 """A fit of the shipped campaign: what is only told of one, need not search for it."""
 
 

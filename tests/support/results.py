@@ -2,15 +2,18 @@
 
 import json
 import re
+from pathlib import Path
 
 import h5netcdf
 import numpy as np
 from reports import without_number
 
 import ident
-from ident.present.files.document import plain
+from ident.present.files.document import NEWEST, plain
 from ident.studies.result import kept_in
 
+RESULTS = Path(__file__).parents[1] / "data" / "results" / str(NEWEST)
+"""Files of results as they are written today."""
 TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00")
 """When a file was made."""
 
