@@ -104,9 +104,8 @@ __all__ = sorted([*_ERRORS, *_MODULES])
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         near = difflib.get_close_matches(name, __all__, n=1)
-        raise AttributeError(
-            f"module 'ident' has no attribute '{name}'" + (f"; did you mean {near[0]}?" if near else "")
-        )
+        meant = f"; did you mean {near[0]}?" if near else ""
+        raise AttributeError(f"module 'ident' has no attribute '{name}'{meant}")
     import jax
 
     jax.config.update("jax_enable_x64", True)

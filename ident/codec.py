@@ -303,7 +303,7 @@ class Store:
             return
         file = folder / IDENTITY
         if os.path.exists(file):
-            _compare(folder, _read_identity(file), identity)
+            _compare(folder, identity)
         else:
             text = json.dumps(dict(identity), indent=1, sort_keys=True)
             replace_file(file, lambda out: out.write(text.encode("utf-8")), make_folders=True)
@@ -356,16 +356,13 @@ class Store:
                 Store.empty(folder)
 
 
-def _read_identity(file: Path) -> dict[str, str]:
+def _compare(folder: Path, wanted: Mapping[str, str]) -> None:
+    """Refuse a folder of a run with another identity, or with one that can't be read."""
     try:
-        return dict(json.loads(file.read_text("utf-8")))
+        identity = dict(json.loads((folder / IDENTITY).read_text("utf-8")))
     except (OSError, ValueError, TypeError, RecursionError):
-        return {}
-
-
-def _compare(folder: Path, claimed: Mapping[str, str], wanted: Mapping[str, str]) -> None:
-    other = [name for name in wanted if claimed.get(name) != wanted[name]]
-    if other:
+        identity = {}
+    if other := [name for name in wanted if identity.get(name) != wanted[name]]:
         got = f"the checkpoints of a run with another {', another '.join(other)}"
         remedy = (
             "take the inputs and options of that run, or start again (`restart`), or choose another folder (`folder`)"

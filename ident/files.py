@@ -33,10 +33,6 @@ class _Set:
         self.spare.append(folder / f".ident-{uuid4().hex}.part")
         return self.spare[-1]
 
-    def make_folder(self, folder: Path) -> None:
-        self.folders += [each for each in (folder, *folder.parents) if not os.path.exists(each)]
-        folder.mkdir(parents=True, exist_ok=True)
-
     def put(self) -> None:
         for source, target in self.moves:
             try:
@@ -77,7 +73,7 @@ _SET: ContextVar[_Set | None] = ContextVar("_SET", default=None)
 
 
 @contextmanager
-def together() -> Iterator[None]:
+def together() -> Iterator[_Set]:
     """Let all files that are written within appear at the end together, or none of them.
 
     After an exception every file is as it was before, and folders that were made are removed. A set within a set
@@ -86,13 +82,14 @@ def together() -> Iterator[None]:
     Raises:
         InputError: a file can't be moved to its place.
     """
-    if _SET.get() is not None:
-        yield
+    outer = _SET.get()
+    if outer is not None:
+        yield outer
         return
     files, whole = _Set(), False
     token = _SET.set(files)
     try:
-        yield
+        yield files
         files.put()
         whole = True
     except BaseException:
@@ -101,15 +98,6 @@ def together() -> Iterator[None]:
     finally:
         _SET.reset(token)
         files.clean(folders=not whole)
-
-
-@contextmanager
-def _in_a_set() -> Iterator[_Set]:
-    """Return the set that is being written, or one of its own."""
-    with together():
-        files = _SET.get()
-        assert files is not None
-        yield files
 
 
 def replace_file(path: Path, write: Callable[[BinaryIO], object], *, make_folders: bool = False) -> None:
@@ -123,10 +111,11 @@ def replace_file(path: Path, write: Callable[[BinaryIO], object], *, make_folder
     Raises:
         InputError: the folder or the file can't be written; what was there before is untouched.
     """
-    with _in_a_set() as files:
+    with together() as files:
         try:
             if make_folders:
-                files.make_folder(path.parent)
+                files.folders += _missing(path.parent)
+                path.parent.mkdir(parents=True, exist_ok=True)
             part = files.part(path.parent)
             with part.open("xb") as file:
                 write(file)
@@ -145,9 +134,14 @@ def remove_file(path: Path) -> None:
     Raises:
         InputError: it can't be removed.
     """
-    with _in_a_set() as files:
+    with together() as files:
         if os.path.lexists(path):
             files.moves.append((path, files.part(path.parent)))
+
+
+def _missing(folder: Path) -> list[Path]:
+    """Return the folders that have to be made for this one, the innermost first."""
+    return [each for each in (folder, *folder.parents) if not os.path.exists(each)]
 
 
 def _not_written(path: Path, error: OSError | ValueError) -> InputError:
@@ -172,7 +166,7 @@ def claimed(folder: Path | None) -> Iterator[None]:
     if folder is None:
         yield
         return
-    new = [each for each in (folder, *folder.parents) if not os.path.exists(each)]
+    new = _missing(folder)
     try:
         lock = _lock(folder)
     except BlockingIOError:

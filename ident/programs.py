@@ -150,6 +150,8 @@ class Programs:
             more: the named ones.
             flat: the leaves of both, and their structure, where these are known; what is returned takes such leaves.
         """
+        if not cache_folder():
+            return None
         leaves, tree = flat or jax.tree.flatten((args, more))
         arrays = tuple(aval(leaf) for leaf in leaves if eqx.is_array(leaf))
         settings = tuple(jax.config.values.values())
@@ -224,12 +226,18 @@ class Programs:
         return call
 
 
+def cache_folder() -> Path | None:
+    """Return where programs are kept, if they are."""
+    folder = jax.config.values["jax_compilation_cache_dir"]
+    if not folder or os.environ.get("IDENT_PROGRAMS", "").strip().lower() in OFF:
+        return None
+    return Path(folder) / "ident-programs"
+
+
 def own_folder() -> Path | None:
     """Return the folder for programs under these circumstances; None where there is none, or others can write it."""
-    cache_folder = jax.config.values["jax_compilation_cache_dir"]
-    if not cache_folder or os.environ.get("IDENT_PROGRAMS", "").strip().lower() in OFF:
+    if not (above := cache_folder()):
         return None
-    above = Path(cache_folder) / "ident-programs"
     folder = above / environment()
     try:
         above.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -385,7 +393,12 @@ def jit(f: F, options: Any = SMALL_KERNELS) -> F:
 
 def is_traced(leaves: list[Any]) -> bool:
     """Return whether any of these is traced, or a program is being: then what is newly made is a tracer, too."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) or isinstance(jnp.zeros(()), jax.core.Tracer)
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) or isinstance(_made_now(), jax.core.Tracer)
+
+
+@jax.jit
+def _made_now() -> jax.Array:
+    return jnp.zeros(())
 
 
 def library(*values: Any) -> Any:

@@ -196,9 +196,9 @@ def si_factor(unit: str, quantity: str) -> float:
     Raises:
         InputError: the unit is unknown, or is none of this quantity.
     """
-    unit = unit.strip()
-    factor = _SPECIAL[quantity].get(unit) if quantity in _SPECIAL else None
-    if factor is None and _SPECIAL.get(quantity) is not _FRACTIONS:
+    unit, special = unit.strip(), _SPECIAL.get(quantity, {})
+    factor = special.get(unit)
+    if factor is None and special is not _FRACTIONS:
         factor = _factor(unit, quantity)
     if factor is None:
         factor = _labelled(unit, quantity)
@@ -232,10 +232,13 @@ def _factor(text: str, quantity: str) -> float | None:
     if found is None:
         return None
     factor, base = found
-    if quantity == "frequency":
-        return _cycles(text, factor, base)
-    expected = in_si(QUANTITIES[quantity].si)
-    return factor if expected and base == expected[1] else None
+    if quantity != "frequency":
+        expected = in_si(QUANTITIES[quantity].si)
+        return factor if expected and base == expected[1] else None
+    if base == "radian / second":
+        return factor / RADIANS_PER_CYCLE
+    named = str(parse_unit(text))
+    return factor if named.endswith("hertz") and named.isalpha() else None
 
 
 def _labelled(text: str, quantity: str) -> float | None:
@@ -244,13 +247,6 @@ def _labelled(text: str, quantity: str) -> float | None:
         return 1.0 if text.lower() in _NEWTONS else None
     label = _LABELS[quantity].fullmatch(text) if quantity in _LABELS else None
     return _LENGTHS[label["length"]] if label else None
-
-
-def _cycles(text: str, factor: float, base: str) -> float | None:
-    if base == "radian / second":
-        return factor / RADIANS_PER_CYCLE
-    named = str(parse_unit(text))
-    return factor if named.endswith("hertz") and named.isalpha() else None
 
 
 def _wrong_unit(text: str, quantity: str) -> Problem:

@@ -253,10 +253,6 @@ GRAVITY = (0.0, 0.0, -9.80665)
 """Standard gravity [m/s^2] in the base frame (CGPM 1901)."""
 
 
-def _floats(value: Any) -> Array:
-    return jnp.asarray(value, float)
-
-
 class Arm(eqx.Module):
     """A serial chain of joints with their bodies, points and payloads.
 
@@ -278,7 +274,7 @@ class Arm(eqx.Module):
     joints: tuple[Joint, ...] = eqx.field(converter=tuple)
     points: tuple[Point, ...] = eqx.field(converter=tuple, default=())
     payloads: tuple[Payload, ...] = eqx.field(converter=tuple, default=())
-    gravity: Float[Array, "3"] = eqx.field(converter=_floats, default=GRAVITY)
+    gravity: Float[Array, "3"] = eqx.field(converter=lambda g: jnp.asarray(g, float), default=GRAVITY)
     drives: tuple[Drive, ...] = eqx.field(converter=tuple, default=())
     belts: tuple[Belt, ...] = eqx.field(converter=tuple, default=())
     stroke: Stroke | None = None
@@ -297,7 +293,7 @@ class Arm(eqx.Module):
 
     def __str__(self) -> str:
         """Return a short table: of each joint the axis, the offset, the stiffnesses and the mass that it carries."""
-        if self.batch or any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(self)):
+        if self.batch or library(self) is jnp:
             return repr(self)
         size, unit = stiffness_unit()
         rows = [("joint", "axis", "offset [m]", f"k_bend, k_tors [{unit}]", "mass [kg]")]
@@ -355,9 +351,8 @@ class Arm(eqx.Module):
         Raises:
             InputError: the path names no number of this arm; the nearest names are suggested.
         """
-        name, field, component = self._split(path)
-        value = getattr(next(part for part in self.parts() if part.name == name), field)
-        return _component(value, component)
+        part, field, component = self._found(path)
+        return _component(getattr(part, field), component)
 
     def replace(self, values: Mapping[str, Any]) -> "Arm":
         """Return an arm that has these numbers at these paths; differentiable in the numbers.
@@ -369,8 +364,8 @@ class Arm(eqx.Module):
         """
         by_part: dict[str, list[tuple[str, tuple[int, ...], Any]]] = {}
         for path, value in values.items():
-            name, field, component = self._split(path)
-            by_part.setdefault(name, []).append((field, component, value))
+            part, field, component = self._found(path)
+            by_part.setdefault(part.name, []).append((field, component, value))
 
         def changed(node: Any) -> Any:
             name = getattr(node, "name", None)
@@ -434,13 +429,13 @@ class Arm(eqx.Module):
                 for end, component in field.ends.items():
                     yield f"{part.name}.{field.name}{end}", part, field.name, component
 
-    def _split(self, path: str) -> tuple[str, str, tuple[int, ...]]:
+    def _found(self, path: str) -> tuple[NamedPart, str, tuple[int, ...]]:
         name, _, rest = path.partition(".")
-        part = next((part for part in self.parts() if part.name == name), None)
-        for field in fields_in(part) if part else ():
-            for end, component in field.ends.items():
-                if rest == field.name + end:
-                    return name, field.name, component
+        for part in (part for part in self.parts() if part.name == name):
+            for field in fields_in(part):
+                for end, component in field.ends.items():
+                    if rest == field.name + end:
+                        return part, field.name, component
         remedy = did_you_mean(path, self.paths(), "see `Arm.paths()`")
         raise refusal("", path or "no name", f"a number of the arm {self.name}", remedy)
 

@@ -94,17 +94,8 @@ class Field:
         return self.logarithmic and value != 0 and bool(self.allows(value))
 
 
-def _length(
-    part: str,
-    name: str,
-    sign: Sign = "signed",
-    *,
-    logarithmic: bool = False,
-    rank: int = 0,
-    words: str = "",
-    redesigned: bool = False,
-) -> Field:
-    return Field(part, name, "m", sign, logarithmic, rank, words, "", "mm", 1e-3, redesigned)
+def _length(part: str, name: str, sign: Sign = "signed", logarithmic: bool = False, **more: Any) -> Field:
+    return Field(part, name, "m", sign, logarithmic, read_unit="mm", read_size=1e-3, **more)
 
 
 def _stiffness(name: str, words: str, short: str) -> Field:

@@ -28,6 +28,7 @@ References:
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -233,8 +234,9 @@ def possible_orders(arm: Arm) -> list[ExcitingOrder]:
 
 
 def exciting_orders(arm: Arm) -> list[ExcitingOrder]:
-    """Return those whose amplitude may differ from zero."""
-    return [each for each, amplitude in _with_amplitudes(arm) if may_differ_from_zero(amplitude)]
+    """Return those whose amplitude may differ from zero; under `jit` or `grad` any may."""
+    every = _with_amplitudes(arm)
+    return [each for each, x in every if isinstance(x, jax.core.Tracer) or np.any(np.asarray(x) != 0)]
 
 
 def _with_amplitudes(arm: Arm) -> Iterator[tuple[ExcitingOrder, Array]]:
@@ -251,11 +253,6 @@ def orders_of(arm: Arm) -> dict[str, list[float]]:
     """Return the orders at which each drive excites its arm: 1 in any case, and those of its transmission errors."""
     errors = [each for each in exciting_orders(arm) if each.of_error]
     return {d.name: sorted({1, *(each.order for each in errors if each.drive == d.name)}) for d in arm.drives}
-
-
-def may_differ_from_zero(number: Array) -> bool:
-    """Tell whether a number may be other than zero; under `jit` or `grad` any may."""
-    return isinstance(number, jax.core.Tracer) or bool(np.any(np.asarray(number) != 0))
 
 
 def has_transmission_error(arm: Arm) -> bool:
@@ -354,9 +351,8 @@ def _belts(arm: Arm, rank: int) -> Belts:
     names = [joint.name for joint in arm.joints]
 
     def column(field: str) -> Array:
-        return (
-            stack([getattr(belt, field) for belt in arm.belts], 0, rank) if arm.belts else jnp.zeros((0,) + (1,) * rank)
-        )
+        numbers = [getattr(belt, field) for belt in arm.belts]
+        return stack(numbers, 0, rank) if numbers else jnp.zeros((0,) + (1,) * rank)
 
     return Belts(
         radius=jnp.stack([column("driver_radius"), column("driven_radius")]),
@@ -415,10 +411,7 @@ def belt_forces(
         position: phi (3, N, *batch), xi and error (N, *batch) [rad], as in `stretch`.
         rate: their rates [rad/s].
     """
-
-    def length(phi: Array, xi: Array, error: Array) -> Array:
-        return stretch(model, phi, xi, error)
-
+    length = partial(stretch, model)
     e, pullback = jax.vjp(length, *position)
     e_dot = jax.jvp(length, position, rate)[1]
     pullback_assembled = jax.vjp(length, jnp.zeros_like(position[0]), *position[1:])[1]

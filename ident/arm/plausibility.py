@@ -60,9 +60,8 @@ def belt_mismatches(arm: "Arm") -> tuple[BeltMismatch, ...]:
     """
     if arm.stroke is None:
         return ()
-    shares = {
-        joint.name: float(share) for joint, share in zip(arm.driven, np.asarray(arm.stroke.direction), strict=True)
-    }
+    names = [joint.name for joint in arm.driven]
+    shares = dict(zip(names, np.asarray(arm.stroke.direction).tolist(), strict=True))
     drives = {drive.joint: drive for drive in arm.drives}
     way = abs(float(arm.stroke.folded) - float(arm.stroke.unfolded))
     pairs = ((belt, drives[belt.driver], drives[belt.driven]) for belt in arm.belts)
@@ -457,7 +456,7 @@ def _proportion(arm: Arm) -> Iterator[Oddity]:
     beyond = dict(zip((joint.name for joint in arm.joints), carried(arm), strict=True))
     k = {f"{joint.name}.{field}": float(getattr(joint, field)) for joint in arm.joints for field in STIFFNESS}
     while len(k) > 1:
-        odd = {path: ratio for path, value in k.items() if (ratio := _odd_ratio(path, value, k, beyond)) != 1}
+        odd = {path: ratio for path in k if (ratio := _odd_ratio(path, k, beyond)) != 1}
         if not odd:
             return
         path = max(odd, key=lambda each: abs(np.log(odd[each])))
@@ -467,12 +466,12 @@ def _proportion(arm: Arm) -> Iterator[Oddity]:
         yield Oddity(path, got, f"something near {others:.1g} N m/rad; 1 N m/deg is 57 N m/rad, 1 N mm/deg is 0.057")
 
 
-def _odd_ratio(path: str, value: float, k: Mapping[str, float], beyond: Mapping[str, Carried]) -> float:
+def _odd_ratio(path: str, k: Mapping[str, float], beyond: Mapping[str, Carried]) -> float:
     """Return the ratio of a stiffness to the median of the others where it is odd, also for its load; else 1."""
     others = [each for each in k if each != path]
     inertia = {each: beyond[each.partition(".")[0]].inertia for each in k}
-    plain = value / float(np.median([k[each] for each in others]))
-    loaded = value / inertia[path] / float(np.median([k[each] / inertia[each] for each in others]))
+    plain = k[path] / float(np.median([k[each] for each in others]))
+    loaded = k[path] / inertia[path] / float(np.median([k[each] / inertia[each] for each in others]))
     high, low = min(plain, loaded) > PROPORTION, max(plain, loaded) < 1 / PROPORTION
     return plain if high or low else 1.0
 

@@ -243,12 +243,12 @@ def _of(each: Labelled) -> str | None:
 
 def _rows(test: HeldArm, each: Labelled) -> Iterator[Measurement]:
     modes = each.modes
-    for kind, values, sigma in zip(
-        ("frequency", "damping_ratio"), (modes.frequency, modes.damping), modes.sigma, strict=True
-    ):
-        of = _of(each) if kind == "frequency" else None
-        for i in _named(each) if kind == "frequency" else _damped(each):
-            yield _row(test, each, i, (kind, float(values[i]), float(sigma[i])), of=of)
+    of_frequency, of_damping = modes.sigma
+    for i in _named(each):
+        numbers = "frequency", float(modes.frequency[i]), float(of_frequency[i])
+        yield _row(test, each, i, numbers, of=_of(each))
+    for i in _damped(each):
+        yield _row(test, each, i, ("damping_ratio", float(modes.damping[i]), float(of_damping[i])))
 
 
 def _row(test: HeldArm, each: Labelled, mode: int, numbers: tuple[Any, ...], **more: Any) -> Measurement:

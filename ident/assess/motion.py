@@ -339,10 +339,8 @@ def _verified(
     each, held = scheduling.evaluator, motion.dwell(scheduling.dwell)
     excited = each.arm.replace(whole.worst_phases()) if whole.unknown else each.arm
     response = exact_response(replace(each, arm=excited, motion=held, rate=2 * RATE))
-    keeps = None
-    if fresh:
-        drawn = replace(each, motion=held, draws=fresh, unknown=())
-        _, keeps = keeping(drawn, np.zeros(0), limit)
+    drawn = replace(each, motion=held, draws=fresh, unknown=())
+    keeps = keeping(drawn, np.zeros(0), limit)[1] if fresh else None
     spans = slack(response.time, belt_tension(response))
     belts = tuple(sorted({excited.belts[number].name for number, *_ in spans}))
     return MotionVerification(float(np.max(peak(response.vibration))), keeps, belts)

@@ -69,7 +69,8 @@ def predict_draws(analysis: ModalAnalysis, draws: Mapping[str, Float[np.ndarray,
     mass, reference = np.asarray(own.M), np.asarray(own.modes.shape)[:, : len(analysis.labels)]
     parts = []
     for start in range(0, count, TOGETHER):
-        some = {path: _padded(values[start : start + TOGETHER]) for path, values in draws.items()}
+        missing = max(0, start + TOGETHER - count)
+        some = {path: np.pad(x[start : start + TOGETHER], (0, missing), mode="edge") for path, x in draws.items()}
         solution = modal_solution(analysis.arm.replace(some), analysis.posture, analysis.load, analysis.drives)
         frequency = np.asarray(solution.modes.frequency)
         stands = np.isfinite(frequency).all(0) & (np.arange(TOGETHER) < count - start)
@@ -82,10 +83,6 @@ def predict_draws(analysis: ModalAnalysis, draws: Mapping[str, Float[np.ndarray,
         raise ModelError(f"{analysis.arm.name} has no stable equilibrium there with any draw of the posterior")
     deflection = {name: moved[:, i] for i, name in enumerate(analysis.deflection)}
     return Prediction(analysis, frequency, ratio, deflection, count - frequency.shape[1])
-
-
-def _padded(values: Float[np.ndarray, "n"]) -> Float[np.ndarray, "TOGETHER"]:
-    return np.pad(values, (0, TOGETHER - len(values)), mode="edge")
 
 
 def _band(draws: np.ndarray | None, rows: int) -> Float[np.ndarray, "2 rows"]:

@@ -11,7 +11,7 @@ from scipy.stats import binom, binomtest
 
 from ident.assess.balance import Rotor
 from ident.assess.effort import DiagnosisEffort
-from ident.assess.scenario import Basis, OverPhases, Unknowns, at_share, over_phases
+from ident.assess.scenario import Basis, OverPhases, at_share, over_phases
 from ident.errors import refusal
 from ident.programs import Progress
 from ident.vibrate.design_search import Point, Requirements, Search
@@ -246,9 +246,7 @@ def at_confidence(task: Task) -> Task:
 
     So the arm itself stands for what is unknown of its excitation; where all is known it stays as it is.
     """
-    if not task.basis.unknown.phases:
-        return task
-    excitation = likely_excitation(task.over_phases(task.evaluator()), task.basis.unknown, np.zeros(0))
+    excitation = likely_excitation(task, task.evaluator(), np.zeros(0))
     return replace(task, basis=replace(task.basis, arm=task.basis.arm.replace(excitation)))
 
 
@@ -263,17 +261,18 @@ def assess_vibration(task: Task, progress: Progress = iter) -> VibrationAssessme
     return VibrationAssessment(response, own, draws, keeps, task.limit, phases)
 
 
-def likely_excitation(evaluator: Evaluator, unknown: Unknowns, change: Float[np.ndarray, "V"]) -> dict[str, float]:
+def likely_excitation(task: Task, evaluator: Evaluator, change: Float[np.ndarray, "V"]) -> dict[str, float]:
     """Return the excitation of an arm after a change, as `at_confidence` takes it; none where all is known.
 
     Args:
-        evaluator: of the arm over its phases, see `Task.over_phases`.
-        unknown: what is not known.
+        task: says what is not known.
+        evaluator: of the task's arm.
         change: of the evaluator's variables.
     """
-    if not unknown.phases:
+    if not task.basis.unknown.phases:
         return {}
-    return at_share(evaluator.arm, evaluator.superposition(change), unknown, CONFIDENT)
+    over = task.over_phases(evaluator)
+    return at_share(over.arm, over.superposition(change), task.basis.unknown, CONFIDENT)
 
 
 def exact_response(evaluator: Evaluator) -> Response:
@@ -476,7 +475,7 @@ def _together(task: Task, variables: Sequence[Variable], kind: str, aim: float) 
     """
     whole = Search(task.evaluator(*variables), Requirements(), task.effort.screened, task.effort.iterations)
     evaluator = whole.objective.evaluator
-    excitation = likely_excitation(task.over_phases(evaluator), task.basis.unknown, np.zeros(len(variables)))
+    excitation = likely_excitation(task, evaluator, np.zeros(len(variables)))
     search = replace(whole, evaluator=replace(evaluator, arm=evaluator.arm.replace(excitation)))
     starts, objective = search.starts(2, seed=0), search.objective
     quietest, quiet = min(starts, key=objective.largest), list[Point]()
@@ -638,7 +637,7 @@ def verify_remedy(task: Task, remedy: Remedy, progress: Progress = iter) -> Veri
     """Simulate a remedy exactly, and with draws that it was not chosen by."""
     task, evaluator, changes = carried_out(task, remedy)
     evaluator = replace(evaluator, draws=task.fresh_draws)
-    excitation = likely_excitation(task.over_phases(evaluator), task.basis.unknown, changes)
+    excitation = likely_excitation(task, evaluator, changes)
     response = exact_response(replace(evaluator, arm=evaluator.changed_arm(changes).replace(excitation)))
     _, keeps = keeping(evaluator, changes, task.limit, progress)
     return Verification(np.asarray(peak(response.vibration)), keeps, task.limit)

@@ -17,7 +17,6 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.multibody import ExcitingOrder
-from ident.arm.parts import Stroke
 from ident.assess.source import CLOCK, FURTHER, posed, unmeasured
 from ident.errors import refusal
 from ident.measure.runs import Runs
@@ -31,7 +30,7 @@ from ident.vibrate.source_identification import (
     shared_unknowns,
 )
 from ident.vibrate.source_problem import Place, Prior, SourceProblem
-from ident.vibrate.sources import Run, Sensor, unit_of
+from ident.vibrate.sources import UNITS, Run, Sensor
 
 RATE = 100.0
 """Samples a second: twelve of a vibration of 8 Hz; assumed."""
@@ -168,7 +167,7 @@ def _further(
 def _as_it_is(problem: SourceProblem) -> Place:
     """Return the point with the sources that the arm has."""
     arm = problem.arm
-    sizes = np.array([float(arm.get(each.amplitude)) / unit_of(each) for each in problem.sources])
+    sizes = np.array([float(arm.get(each.amplitude)) / UNITS[each.kind] for each in problem.sources])
     for k, source in enumerate(problem.sources):
         if not source.of_error and float(arm.get(f"{source.drive}.eccentric_mass")) == 0:
             sizes[k] = 0.0
@@ -197,13 +196,8 @@ def _candidates(problem: SourceProblem) -> Iterator[tuple[Run, tuple[float, str]
     derivative = first.sensors[0].derivative
     sensors = tuple(Sensor(p.name, way, False, derivative) for p in problem.arm.points for way in WAYS.values())
     middle = (path.folded + path.unfolded) / 2
-
-    def part(name: str, path: Stroke = path) -> Stroke:
-        if name == PARTS[0]:
-            return path
-        end = (lambda s: s.unfolded) if name == PARTS[1] else (lambda s: s.folded)
-        return eqx.tree_at(end, path, middle)
-
-    for name in PARTS:
+    folded_half = eqx.tree_at(lambda s: s.unfolded, path, middle)
+    unfolded_half = eqx.tree_at(lambda s: s.folded, path, middle)
+    for name, part in zip(PARTS, (path, folded_half, unfolded_half), strict=True):
         for speed in FURTHER:
-            yield replace(first, motion=stroke(part(name), percent=speed, dwell=1.0), sensors=sensors), (speed, name)
+            yield replace(first, motion=stroke(part, percent=speed, dwell=1.0), sensors=sensors), (speed, name)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -273,11 +274,9 @@ def arm_names(arm_file: ArmFile) -> ArmNames:
     arm = arm_file.arm
     posture, modes = home(arm), ()  # type: tuple[float, ...], tuple[tuple[str, float], ...]
     if arm.points:
-        try:
+        with suppress(ModelError):
             analysis = modal_analysis(arm, posture, modes=MODES)
             modes = tuple(zip(map(str, analysis.labels), np.asarray(analysis.modes.frequency).tolist(), strict=True))
-        except ModelError:
-            pass
     return ArmNames(arm_file, tuple(_numbers(arm_file)), posture, modes)
 
 

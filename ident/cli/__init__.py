@@ -11,7 +11,7 @@ import typer
 
 from ident.cli import commands  # noqa: F401  (they hang on the app)
 from ident.cli.command import app
-from ident.cli.output import status_of
+from ident.cli.output import FOLDED, status_of
 from ident.errors import IdentError
 
 
@@ -21,10 +21,6 @@ def main() -> None:
         app()
     except IdentError as error:
         for line in str(error).splitlines():
-            typer.echo(_folded(f"ident: {line}") if sys.stderr.isatty() else f"ident: {line}", err=True)
+            words = f"ident: {line}"  # folded for a terminal; for a script, a problem is one line
+            typer.echo(textwrap.fill(words, 100, **FOLDED) if sys.stderr.isatty() else words, err=True)
         sys.exit(status_of(error))
-
-
-def _folded(line: str) -> str:
-    """Break a line between words for a terminal; for a script, a problem is one line."""
-    return textwrap.fill(line, 100, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)

@@ -60,7 +60,7 @@ NO_DEFAULTS = ("help_all", "help", "json", "quiet", "verbose", "restart", "force
 """Flags that a file can't set: they are said once."""
 
 
-def with_defaults(context: typer.Context, values: Mapping[str, Any], kinds: Mapping[str, Any]) -> dict[str, Any]:
+def with_defaults(context: typer.Context, values: dict[str, Any], kinds: Mapping[str, Any]) -> dict[str, Any]:
     """Return a command's values, those that the command line does not give by the file, if there is one.
 
     Args:
@@ -71,11 +71,10 @@ def with_defaults(context: typer.Context, values: Mapping[str, Any], kinds: Mapp
     Raises:
         InputError: keys that no command has, and values that their flags do not take; all are listed.
     """
-    given = dict(values)
     name, own = str(context.info_name), _flags(context.command)
-    path = _main(context, given)
+    path = _main(context, values)
     if name in WITHOUT or path is None or not os.path.isfile(file := path.parent / FILE):
-        return given
+        return values
     where, document = one_line(str(file)), _read(file)
     problems = [*_unknown(context, document, where)]
     taken: dict[str, Any] = {}
@@ -83,7 +82,8 @@ def with_defaults(context: typer.Context, values: Mapping[str, Any], kinds: Mapp
     of_this = document.get(name)
     for key, value in {**of_all, **(of_this if isinstance(of_this, dict) else {})}.items():
         parameter = own.get(_plain(key))
-        if parameter is None or _said(context, parameter.name):
+        source = parameter and context.get_parameter_source(parameter.name)
+        if parameter is None or (source and source.name == "COMMANDLINE"):
             continue
         try:
             taken[parameter.name] = _cast(kinds[parameter.name], value, file.parent)
@@ -95,7 +95,7 @@ def with_defaults(context: typer.Context, values: Mapping[str, Any], kinds: Mapp
     if taken:
         shown = ", ".join(f"{key.replace('_', '-')} = {_shown(value)}" for key, value in taken.items())
         output().say(textwrap.fill(f"defaults from {where}: {shown}", 100, **FOLDED))
-    return {**given, **taken}
+    return {**values, **taken}
 
 
 def _shown(value: Any) -> str:
@@ -123,11 +123,6 @@ def _flags(command: Any) -> dict[str, Any]:
 
 def _plain(flag: str) -> str:
     return flag.lstrip("-").replace("-", "_")
-
-
-def _said(context: typer.Context, name: str) -> bool:
-    source = context.get_parameter_source(name)
-    return source is not None and source.name == "COMMANDLINE"
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -225,7 +220,12 @@ def flag(help: str, *names: str) -> Any:
     return Annotated[Path | None, typer.Option(*names, help=help)]
 
 
-FORCE = inspect.Parameter("force", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=ForceOption)
+def parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empty) -> inspect.Parameter:
+    """Return a parameter of a command, in typer's words."""
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+FORCE = parameter("force", ForceOption, False)
 """The flag of commands whose options have none."""
 INPUTS: dict[str, Any] = {
     "arm": Annotated[Path, typer.Argument(help="arm description: TOML, URDF or MJCF (data/README.md)")],
@@ -274,14 +274,10 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
     return hang
 
 
-def plain(name: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def plain(function: Callable[..., None]) -> Callable[..., None]:
     """Hang a function on the program that is no study: its parameters are in typer's words."""
-
-    def hang(function: Callable[..., None]) -> Callable[..., None]:
-        register(name, function, list(inspect.signature(function).parameters.values()))
-        return function
-
-    return hang
+    register(function.__name__, function, list(inspect.signature(function).parameters.values()))
+    return function
 
 
 def register(name: str, function: Callable[..., None], parameters: list[inspect.Parameter]) -> None:
@@ -293,20 +289,14 @@ def register(name: str, function: Callable[..., None], parameters: list[inspect.
         with speaking(as_json=values.pop("json"), **how):
             function(**with_defaults(context, values, kinds))
 
-    kind = inspect.Parameter.KEYWORD_ONLY
-    first = inspect.Parameter("context", kind, annotation=typer.Context)
-    common = [
-        inspect.Parameter("details", kind, default=False, annotation=DetailsOption),
-        inspect.Parameter("json", kind, default=False, annotation=JsonOption),
-        inspect.Parameter("quiet", kind, default=False, annotation=QuietOption),
-        inspect.Parameter("verbose", kind, default=False, annotation=VerboseOption),
-    ]
+    common = {"details": DetailsOption, "json": JsonOption, "quiet": QuietOption, "verbose": VerboseOption}
     kinds = {each.name: get_args(each.annotation)[0] for each in parameters}
-    every = [*(each.replace(kind=kind) for each in parameters), *common]
+    every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in parameters]
+    every += [parameter(name, option, False) for name, option in common.items()]
     rare = RARE[name] = {each.name for each in every if name in MAIN and _is_rare(name, each)}
     every = [_hidden(each) if each.name in rare else each for each in every]
-    whole = [inspect.Parameter("help_all", kind, default=False, annotation=_help_all(rare))] if rare else []
-    ordered = [first, *every, *whole]
+    whole = [parameter("help_all", _help_all(rare), False)] if rare else []
+    ordered = [parameter("context", typer.Context), *every, *whole]
     call.__signature__ = inspect.Signature(ordered)  # type: ignore[attr-defined]
     call.__annotations__ = {each.name: each.annotation for each in ordered}
     call.__doc__ = function.__doc__
@@ -375,18 +365,12 @@ def offer(
             finish(result, out, no_figure)
         else:
             tell(result)
-            output().document = result.document
         leave(result, strict=strict)
 
-    def parameter(name: str, annotation: Any, default: Any = None) -> inspect.Parameter:
-        default = inspect.Parameter.empty if name == main else default
-        return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
-
-    of_files = [parameter("out", OutOption, Path("out")), parameter("no_figure", NoFigureOption, False)]
-    inputs = [parameter(name, words[name]) for name in names if name in words]
-    severe = [parameter("strict", StrictOption, False)] if judged else []
-    more = [*(of_files if files else []), *severe]
-    every = [*inputs, parameter("options", kind), *more]
+    every = [parameter(name, words[name], *([] if name == main else [None])) for name in names if name in words]
+    every += [parameter("options", kind, None)]
+    every += [parameter("out", OutOption, Path("out")), parameter("no_figure", NoFigureOption, False)] if files else []
+    every += [parameter("strict", StrictOption, False)] if judged else []
     run.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
     run.__name__, run.__doc__ = study.__name__, text
     command(kind)(run)
@@ -433,9 +417,7 @@ def _parameter(each: Field[Any], spec: Spec, *, hidden: bool) -> inspect.Paramet
     if spec.read:
         kind, default = (list[str] if spec.repeated else str) | None, spec.text or None
     flag = typer.Option(*names, help=spec.help, show_default=bool(spec.text) or not spec.read, hidden=hidden)
-    return inspect.Parameter(
-        each.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, flag]
-    )
+    return parameter(each.name, Annotated[kind, flag], default)
 
 
 def _options(kind: type[Options], values: dict[str, Any]) -> Options:

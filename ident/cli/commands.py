@@ -56,7 +56,7 @@ from ident.studies.predict import predict
 from ident.studies.profile import profile
 from ident.studies.resonance import resonance
 from ident.studies.result import written_to
-from ident.studies.sample import SampleOptions, sample
+from ident.studies.sample import SampleOptions, discard_checkpoints, sample
 from ident.studies.simulate import simulate
 from ident.studies.source import SourceOptions, source
 from ident.studies.spectrum import spectrum
@@ -113,8 +113,6 @@ def sample_command(
     Continues an earlier run of the same inputs that was stopped. Writes CAMPAIGN.sample.nc (ArviZ InferenceData) and
     figures into the folder given by --out. Exit status 3 where the chains are too short.
     """
-    from ident.studies.sample import discard_checkpoints
-
     measured, described = running.read(campaign, arm)
     folder = out / f"{measured.name}.sample.part"
     with running.kept(folder):
@@ -313,12 +311,9 @@ offer(
 )
 
 
-ResultArgument = Annotated[Path, typer.Argument(metavar="file", help="a result: .json, or .nc of sample and diagnose")]
-
-
-@plain("rerun")
+@plain
 def rerun(
-    file: ResultArgument,
+    file: Annotated[Path, typer.Argument(metavar="file", help="a result: .json, or .nc of sample and diagnose")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="folder for the new files; default: none")] = None,
     force: ForceOption = False,
 ) -> None:
@@ -340,7 +335,6 @@ def rerun(
     except InputError as error:
         raise InputError(renamed(Options, problem) for problem in error.problems) from None
     tell(repeated)
-    output().document = repeated.document
     if out is not None:
         write(repeated.now, out)
     running.discard_unless_taken(folder, discard_stages)
@@ -363,18 +357,15 @@ RESULTS = (".json", ".nc")
 STARTS = (b"{", b"\x89HDF")
 """How result files begin."""
 
-ShownArgument = Annotated[
-    Path,
-    typer.Argument(
-        metavar="file",
-        help="an arm (.toml, .urdf or .xml), or a result: .json, or .nc of sample and diagnose",
-    ),
-]
 
-
-@plain("show")
+@plain
 def show(
-    file: ShownArgument,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="file", help="an arm (.toml, .urdf or .xml), or a result: .json, or .nc of sample and diagnose"
+        ),
+    ],
     posture: Annotated[
         str | None, typer.Option("--posture", "-q", help="joint angles of the drawn arm in degrees, as 30,-60,30")
     ] = None,
@@ -396,25 +387,26 @@ def show(
         for flag, given in (("--posture", posture is not None), ("--names", names)):
             if given:
                 raise refusal(flag, "it for a result", "an arm", "leave it out")
-        _show_result(file)
-        return
-    if names:
-        if posture is not None:
-            raise refusal("--posture", "it with --names", "one of them", "drop one")
-        _list_names(file)
-        return
-    running.check_folder(out)
-    running.start()
-    from ident.studies import reading
-    from ident.studies.arm import show as draw
+        from ident.studies.saved import load
 
+        tell(load(file))
+        return
+    if names and posture is not None:
+        raise refusal("--posture", "it with --names", "one of them", "drop one")
+    if not names:
+        running.check_folder(out)
+    running.start()
+    from ident.studies import arm, reading
+
+    if names:
+        tell(arm.names(file))
+        return
     try:
-        picture = draw(file, None if posture is None else reading.postures([posture], "--posture")[0])
+        picture = arm.show(file, None if posture is None else reading.postures([posture], "--posture")[0])
     except InputError as error:
-        flags = {"posture": "--posture"}
-        raise InputError(replace(p, where=flags.get(p.where, p.where)) for p in error.problems) from None
+        posed = [replace(p, where="--posture") if p.where == "posture" else p for p in error.problems]
+        raise InputError(posed) from None
     tell(picture)
-    output().document = picture.document
     for path in () if no_figure else picture.save_figures(out):
         output().wrote(path)
 
@@ -431,24 +423,7 @@ def is_result(file: Path) -> bool:
     return read_bytes(file, expected).startswith(STARTS)
 
 
-def _show_result(file: Path) -> None:
-    from ident.studies.saved import load
-
-    result = load(file)
-    tell(result)
-    output().document = result.document
-
-
-def _list_names(arm: Path) -> None:
-    running.start()
-    from ident.studies.arm import names
-
-    found = names(arm)
-    tell(found)
-    output().document = found.document
-
-
-@plain("new")
+@plain
 def new(
     kind: Annotated[str, typer.Argument(help=f"{' or '.join(KINDS)}; with --robot, the folder")],
     folder: Annotated[Path | None, typer.Argument(help="folder to make")] = None,
@@ -554,9 +529,7 @@ def run_diagnose(
             progress=running.progress,
             on_stage=finished,
         )
-    tell(result)
-    output().document = result.document
-    write(result, out)
+    finish(result, out, no_figure=True)
     running.discard_unless_taken(folder, discard_stages)
     return result
 
@@ -580,7 +553,7 @@ offer(
 # The command `ident export`: what was identified, in the robot's own description.
 
 
-@plain("export")
+@plain
 def export(
     result: Annotated[Path, typer.Argument(help="result of ident fit (.fit.json) or ident sample (.sample.nc)")],
     out: Annotated[
@@ -689,7 +662,7 @@ OPTIONAL = ("mujoco", "yourdfpy", "openpyxl", "pyuff", "npTDMS", "lvm-read", "di
 """Libraries that some inputs and options need."""
 
 
-@plain("doctor")
+@plain
 def doctor() -> None:
     """Print what to send with a question: versions, processor, cache, optional libraries."""
     running.start()

@@ -140,15 +140,17 @@ def speaking(*, as_json: bool, quiet: bool, details: bool = False, verbose: bool
 
 
 def tell(result: "Reported") -> None:
-    """Say where an arm is not what its robot description says, and print a result's report as wide as the terminal."""
-    spoken, width = output(), 100
-    stream = sys.stderr if spoken.json else sys.stdout
-    terminal = stream.isatty()
-    if terminal:
-        width = max(60, min(width, shutil.get_terminal_size().columns))
+    """Say where an arm is not what its robot description says, and print a result's report as wide as the terminal.
+
+    The result is what the command says to programs.
+    """
+    spoken = output()
+    terminal = (sys.stderr if spoken.json else sys.stdout).isatty()
+    width = max(60, min(100, shutil.get_terminal_size().columns)) if terminal else 100
     shown = result.notes if spoken.details else result.notes[:1]
     more = f" (and {len(result.notes) - 1} more: --details)" if len(shown) < len(result.notes) else ""
     for note in shown:
         spoken.say(textwrap.fill(f"NOTE: {note}{more}", width, **FOLDED))
     colour = terminal and not os.environ.get("NO_COLOR")
     spoken.say(result.report(details=spoken.details, width=width, colour=colour), nl=False)
+    spoken.document = result.document

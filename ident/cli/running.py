@@ -35,9 +35,8 @@ LONGEST_PATH = 200
 
 def start() -> None:
     """Set up jax: double precision, and compiled programs kept from one run to the next."""
-    warnings.simplefilter(
-        "ignore", append=True
-    )  # what a library warns of is no news to who uses ident; -W says otherwise
+    # what a library warns of is no news to who uses ident; -W says otherwise
+    warnings.simplefilter("ignore", append=True)
     glibc("mallopt", -8, 2)  # M_ARENA_MAX: threads share two heaps, a sixth less memory than with one each
     gc.set_threshold(1_000_000, 20, 100)  # imports and tracing make many objects that stay: a second less to start
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA logs slow compilation as an error

@@ -364,9 +364,8 @@ class _Tree:
     def point(self, data: Any, tip: str | None) -> Point:
         """Return the end point: the named one, or the only site of the last link, or its body."""
         model, last = self.model, int(self.model.jnt_bodyid[self.links[-1][-1]])
-        sites = [
-            n for n in range(model.nsite) if model.body_weldid[model.site_bodyid[n]] == last and model.site(n).name
-        ]
+        holders = model.body_weldid[model.site_bodyid]
+        sites = [n for n in range(model.nsite) if holders[n] == last and model.site(n).name]
         if tip is not None:
             body, place = _frame(model, data, tip)
         elif len(sites) == 1:
@@ -617,11 +616,6 @@ def wrapped(holder: Any, held: Any, wrapper: Any) -> None:
     wrapper.tail, held.tail = held.tail, None
     holder[place] = wrapper
     wrapper.append(held)
-
-
-def moved(holder: Any, held: Any, way: Vector) -> None:
-    """Move an element by a way [m] in the axes of its holder."""
-    wrapped(holder, held, ElementTree.Element("frame", {"pos": numbers(way)}))
 
 
 def numbers(values: Iterable[Any]) -> str:

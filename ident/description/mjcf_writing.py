@@ -23,7 +23,7 @@ from ident.arm.chain import at_posture
 from ident.arm.mechanics import equilibrium
 from ident.arm.parts import Body, Joint
 from ident.arm.rotations import matmul, rotation, rotation_vector
-from ident.description.mjcf import ENDS, Tree, moved, names_of_bodies, numbers, own_masses, tree_of, wrapped
+from ident.description.mjcf import ENDS, Tree, names_of_bodies, numbers, own_masses, tree_of, wrapped
 from ident.description.rewriting import changed_bodies, changed_numbers
 from ident.description.robot import body_names
 from ident.errors import refusal
@@ -259,7 +259,8 @@ def _put_offsets(tree: Tree, before: Arm, arm: Arm) -> None:
             continue
         body = tree.body_of(name)
         holder, held = tree.only(tree.body_path(name), ("body", "geom", "site", "camera", "light"))
-        moved(holder, held, tree.axes(tree.before(body)).T @ way)
+        way = tree.axes(tree.before(body)).T @ way  # in the axes of the holder
+        wrapped(holder, held, ElementTree.Element("frame", {"pos": numbers(way)}))
 
 
 def _triad(axis: Any) -> Any:

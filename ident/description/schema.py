@@ -313,8 +313,7 @@ class SpringTable(Table):
 
     def spring(self) -> Spring:
         """Return the spring as a value."""
-        numbers = {field: getattr(self, field).number for field in names_of("Spring")}
-        return Spring(self.name, self.joint, self.direction, **numbers)
+        return Spring(self.name, self.joint, self.direction, **_given(self, names_of("Spring")))
 
 
 class CubicSpringTable(Table):

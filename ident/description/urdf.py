@@ -35,7 +35,7 @@ from ident.description.robot import (
     told_at,
     unclear_branch,
 )
-from ident.errors import InputError, Problem, refusal, refuse
+from ident.errors import Problem, noted, refusal, refuse
 from ident.text import NAME_RULE, did_you_mean, one_line, read_bytes
 
 # -------- Chain of a URDF file
@@ -288,10 +288,8 @@ def urdf_robot(data: bytes, path: str, tip: str | None = None) -> Robot:
     names = body_names([link.name for link in robot.links], [each.joint.name for each in segments], "link")
     pins, place, problems = [], np.zeros(3), list[Problem]()
     for segment in segments:
-        try:
+        with noted(problems):
             pins.append(_pin(segment, place, names, where))
-        except InputError as error:
-            problems += error.problems
         place = segment.origin
     refuse(problems)
     last = segments[-1]
@@ -331,10 +329,8 @@ def _pin(segment: Segment, place: Any, names: Mapping[str, str], where: str) -> 
         raise refusal(f"{where}, joint {urdf.name}", f"axis {urdf.axis}", "a direction", "correct the axis")
     link, problems = [], list[Problem]()
     for name, body in segment.bodies.items():
-        try:
+        with noted(problems):
             link.append(_body(name, names[name], *body, segment.origin, where))
-        except InputError as error:
-            problems += error.problems
     refuse(problems)
     axis, limits = axis / np.linalg.norm(axis), _limits(urdf, where)
     return Pin(urdf.name, axis, segment.origin - place, tuple(link), limits, carrier=f"link {urdf.child}")

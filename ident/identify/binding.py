@@ -161,5 +161,4 @@ def load_columns(arm: Arm, cases: Sequence[Load]) -> Loads:
             force[:, points.index(name), state] += vector
         for vector, name in case.moments:
             moment[:, points.index(name), state] += vector
-    parts = jax.device_put((share, mass, force, moment if moment.any() else None))
-    return Loads(*parts)
+    return Loads(*jax.device_put((share, mass, force, moment if moment.any() else None)))

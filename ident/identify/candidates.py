@@ -96,16 +96,14 @@ def candidate_predictions(
     shape = len(postures), loads.mass.shape[-1], len(points)
     count = min(modes, 3 * len(arm.joints))
     g, s, t = (index.ravel() for index in np.indices(shape))
-    size, values, jacobians = g.size, [], []
+    size, seen = g.size, []
     for first in range(0, size, CHUNK):
         some = np.minimum(np.arange(first, first + CHUNK), size - 1)  # the last one repeated at the end
         cases = jax.tree.map(partial(_columns, columns=s[some]), loads)
         theta, posture = _columns(points.T, t[some]), _columns(postures.T, g[some])
-        seen = _observe(arm, parameters, count, theta, posture, cases)
-        values.append(np.asarray(seen[0]))
-        jacobians.append(np.asarray(seen[1]))
-    value = np.concatenate(values, -1)[:, :size].reshape(-1, *shape)
-    jacobian = np.concatenate(jacobians, -1)[..., :size]
+        seen.append(jax.device_get(_observe(arm, parameters, count, theta, posture, cases)))
+    value, jacobian = (np.concatenate(part, -1)[..., :size] for part in zip(*seen, strict=True))
+    value = value.reshape(-1, *shape)
     m = (value.shape[0] - 1) // 3
     frequency, down, torsion, vertical = np.split(value, [m, m + 1, 2 * m + 1])
     rows = [*range(count), m]
@@ -183,9 +181,8 @@ def equivalent_postures(predictions: CandidatePredictions, favoured: np.ndarray)
     order = np.argsort(mark)
     group = np.empty(len(mark), int)
     group[order] = np.cumsum(np.diff(mark[order], prepend=mark[order[:1]]) > SAME * np.abs(mark).max())
-    first = np.array(sorted(range(len(mark)), key=lambda i: favoured[i]))
     leader: dict[int, int] = {}
-    for i in first:
+    for i in np.argsort(favoured, kind="stable"):
         leader.setdefault(int(group[i]), int(i))
     return np.array([leader[int(k)] for k in group])
 
@@ -408,7 +405,6 @@ APART = 6.0
 """Standard deviations of a shape by which two modes are to differ: three for each."""
 TRIED = 20000
 """Sets of places that are all tried."""
-AXES = (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)), ("z", (0.0, 0.0, 1.0)))
 
 
 @dataclass(frozen=True)
@@ -488,9 +484,8 @@ def hammer_plan(
         Carne, Dohrmann, "A modal test design strategy for model correlation", IMAC 13, 1995 (least auto-MAC).
     """
     known = modal_analysis(arm, posture, load, modes)
-    motion = np.asarray(known.modes.motion)
-    names = [f"{point.name} {axis}" for point in arm.points for axis, _ in AXES]
-    moved = np.moveaxis(motion, 0, 1).reshape(len(names), -1)
+    names = [f"{point.name} {axis}" for point in arm.points for axis in "xyz"]
+    moved = np.moveaxis(np.asarray(known.modes.motion), 0, 1).reshape(len(names), -1)
     chosen = _sensors(moved, min(sensors, len(names)))
     mac = auto_mac(moved, chosen)
     frequency = np.asarray(known.modes.frequency)

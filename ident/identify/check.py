@@ -117,7 +117,7 @@ def _cost(arm: Arm, spring: Spring | CubicSpring, exact: Campaign, unknowns: Unk
     straight = {"cubic": 0.0} if isinstance(spring, CubicSpring) else {"ratio2": 1.0, "ratio3": 1.0}
     numbers = {f"{spring.name}.{field}": value for field, value in straight.items()}
     problem = pose(arm.replace(numbers), exact, kept).problem
-    end = solve(problem, np.asarray(problem.parameters.theta(problem.parameters.column("start"))))
+    end = solve(problem, problem.parameters.theta_start)
     residuals = np.asarray(problem.scaled(np.asarray(problem.measured) - end.predicted))
     return float(residuals @ residuals)
 
@@ -199,13 +199,12 @@ def check_campaign(
             remedy = "measure modes or postures that the unknown joints take part in, or free other parameters"
             raise refusal(campaign.path, got, "some information on one at least", remedy)
         compared = posed.with_unknowns(unknowns.with_prior).problem
-        start = np.asarray(compared.parameters.theta(compared.parameters.column("start")))
         return CampaignCheck(
             **vars(checked),
             arm=arm,
             campaign=campaign,
             consistency=consistency(compared),
-            cross_predictions=cross_predictions(compared, [start], seed=seed)[0],
+            cross_predictions=cross_predictions(compared, [compared.parameters.theta_start], seed=seed)[0],
             labels=labels.result(),
             changing=changing_labels(posed.problem, seed=seed),
             springs=check_springs(posed, unknowns),

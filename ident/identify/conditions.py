@@ -116,9 +116,8 @@ def loop_names(campaign: Campaign) -> dict[int, str]:
 
 def loop_parameters(campaign: Campaign) -> tuple[Parameter, ...]:
     """Return the widths of the loops: nuisances without a prior."""
-    return tuple(
-        Parameter((name,), False, 0.0, 0.0, np.inf, STEP, nuisance=True) for name in loop_names(campaign).values()
-    )
+    names = loop_names(campaign).values()
+    return tuple(Parameter((name,), False, 0.0, 0.0, np.inf, STEP, nuisance=True) for name in names)
 
 
 def with_hysteresis(conditions: Conditions, parameters: Mapping[str, Any]) -> Conditions:

@@ -164,11 +164,9 @@ class Stiffnesses:
         """Find them among a fit's parameters."""
         names = parameters.names
         places = [i for i, path in enumerate(names) if (known := field_of(path)) and known.name in STIFFNESS]
-        mean = np.asarray(parameters.theta(np.asarray(parameters.column("centre"))))
         others = [i for i in range(len(names)) if i not in places]
-        return cls(
-            tuple(names[i] for i in places), places, others, mean[places], np.asarray(parameters.normal_sd)[places]
-        )
+        mean, sd = parameters.theta_centre[places], parameters.normal_sd[places]
+        return cls(tuple(names[i] for i in places), places, others, mean, sd)
 
 
 @dataclass(frozen=True)
@@ -198,8 +196,7 @@ def linear(fit: Fit) -> Linear:
 def robot_of(fit: CampaignFit, name: str, campaign: SourceFile, arm: SourceFile) -> Robot:
     """Return what a fit says of its robot's stiffnesses; other unknowns are integrated out under their priors."""
     robot = robot_at(linear(fit), fit.problem.parameters, Stiffnesses.of(fit.problem.parameters))
-    robot = replace(robot, name=name, campaign=campaign, arm=arm)
-    return replace(robot, measurements=len(fit.campaign), doubts=fit.doubts)
+    return replace(robot, name=name, campaign=campaign, arm=arm, measurements=len(fit.campaign), doubts=fit.doubts)
 
 
 def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Robot:
@@ -211,10 +208,9 @@ def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Ro
     places, others = stiffnesses.places, stiffnesses.others
     precision = at.slope.T @ at.slope
     shift = precision @ at.theta - at.slope.T @ at.residuals
-    if others:
-        off, prior_slope = (np.asarray(part) for part in parameters.prior_residuals(at.theta))
-        precision[others, others] += prior_slope[others] ** 2
-        shift[others] += prior_slope[others] ** 2 * at.theta[others] - prior_slope[others] * off[others]
+    off, prior_slope = (np.asarray(part) for part in parameters.prior_residuals(at.theta))
+    precision[others, others] += prior_slope[others] ** 2
+    shift[others] += prior_slope[others] ** 2 * at.theta[others] - prior_slope[others] * off[others]
     return Robot(
         names=stiffnesses.names,
         theta=at.theta[places],
@@ -227,8 +223,6 @@ def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Ro
 
 def _marginal(precision: np.ndarray, shift: np.ndarray, kept: list[int], others: list[int]) -> Likelihood:
     """Integrate other unknowns out of a normal density; what nothing bounds tells nothing."""
-    if not others:
-        return Likelihood(precision, shift)
     A, B, D = precision[np.ix_(kept, kept)], precision[np.ix_(kept, others)], precision[np.ix_(others, others)]
     share = B @ np.linalg.pinv(D, hermitian=True)
     return Likelihood(A - share @ B.T, shift[kept] - share @ shift[others])
@@ -363,7 +357,7 @@ def _parts(at: Linear, parameters: Parameters, stiffnesses: list[int]) -> list[N
     """Return the posteriors by linearised data: of a healthy robot, and with one stiffness after the other off."""
     precision = at.slope.T @ at.slope
     shift = precision @ at.theta - at.slope.T @ at.residuals
-    centre = np.asarray(parameters.theta(np.asarray(parameters.column("centre"))))
+    centre = parameters.theta_centre
     healthy = np.minimum(parameters.normal_sd, WIDEST)
     widths = [healthy, *(np.where(np.arange(len(healthy)) == i, FAULT, healthy) for i in stiffnesses)]
     covariances = [np.linalg.inv(precision + np.diag(width**-2.0)) for width in widths]

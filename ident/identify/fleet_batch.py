@@ -92,7 +92,7 @@ def fit_many(problem: InverseProblem, values: Values, size: int, seed: int = 0) 
     count = len(values.measured)
     padded, pooled, places = _padded(problem, values)
     fill = np.minimum(np.arange(size), count - 1)
-    first = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
+    first = problem.parameters.theta_start
     away = np.random.default_rng(seed).standard_normal((STARTS, len(first))) * SPREAD
     away[0] = 0
     filled = Values(*(part[fill] for part in pooled))
@@ -125,8 +125,7 @@ def _padded(problem: InverseProblem, values: Values) -> tuple[InverseProblem, Va
 
 def _with(problem: InverseProblem, values: Values, r: int) -> InverseProblem:
     """Return the problem with the values of one of many."""
-    measured, sigma = values.measured[r], values.sigma[r]
-    return InverseProblem(problem.model, measured, sigma, problem.parameters, problem.kinds, None, problem.vectors)
+    return replace(problem, measured=values.measured[r], sigma=values.sigma[r], correlation=None)
 
 
 def _ended(problem: InverseProblem, values: Values, start: np.ndarray) -> _Ends:

@@ -20,7 +20,7 @@ from ident.identify.conditions import Conditions
 from ident.identify.padding import padded
 from ident.identify.predict import ArmModel, chains
 from ident.identify.problem import Posed
-from ident.identify.unknowns import LOAD, scaled_loads
+from ident.identify.unknowns import LOAD, is_loaded, scaled_loads
 from ident.inference.information import RANK_TOLERANCE, row_tests
 from ident.inference.parameters import AnyArray, Parameter, Parameters, Prior
 from ident.inference.problem import Choice, InParts, InverseProblem
@@ -153,8 +153,7 @@ def altered_numbers(
     for payload in arm.payloads:
         if f"{payload.body.name}.mass" not in taken:
             yield Number("payload", payload.body.name)
-    measured = (loads.mass, loads.force, loads.moment)
-    if LOAD not in taken and any(np.any(part) for part in measured if part is not None):
+    if LOAD not in taken and is_loaded(loads):
         yield Number("loads", LOAD)
     scaled = [kind for kind in kinds if kind not in ("damping_ratio", "shape")]
     yield from (Number("clock" if kind == "frequency" else "scale", kind) for kind in scaled)
@@ -196,9 +195,8 @@ def _rebuilt(arm: Arm, amounts: Mapping[str, Mapping[str, Any]]) -> Arm:
 
     def body(old: Body, shift: Any) -> Body:
         factor = jnp.exp(masses.get(old.name, 0.0))
-        return eqx.tree_at(
-            lambda b: (b.mass, b.com, b.inertia), old, (old.mass * factor, old.com + shift, old.inertia * factor)
-        )
+        new = old.mass * factor, old.com + shift, old.inertia * factor
+        return eqx.tree_at(lambda b: (b.mass, b.com, b.inertia), old, new)
 
     joints: list[Joint] = []
     for place, joint in enumerate(arm.joints):
@@ -379,8 +377,7 @@ class Hypotheses:
         self, perturbations: Sequence[Perturbation], ridges: Sequence[float]
     ) -> Generator[Any, End, Perturbed | None]:
         found, none = list[Perturbed](), np.zeros(len(perturbations))
-        centre = np.asarray(self._known.theta(self._known.column("centre")))
-        starts = [self.start.theta[: self.unknowns], centre]
+        starts = [self.start.theta[: self.unknowns], self._known.theta_centre]
         for start in starts[: 1 if np.array_equal(*starts) else 2]:
             for ridge in ridges if perturbations else ridges[:1]:
                 end = yield from self._descent(perturbations, np.append(start, none), ridge)
@@ -482,10 +479,6 @@ class Hypotheses:
         return self.problem.in_parts()
 
     @cached_property
-    def _scaled(self) -> Callable[[np.ndarray], Any]:
-        return self.problem.scaled  # looked up once: a method of a module is a new object at each look
-
-    @cached_property
     def _known(self) -> Parameters:
         """The unknowns, without what may be otherwise."""
         return Parameters(self.problem.parameters.items[: self.unknowns])
@@ -497,8 +490,9 @@ class Hypotheses:
     def _weigh(self, here: End, widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return residuals of data, of priors and of the perturbations, by these widths; and their slope."""
         prior, slope = (np.asarray(part) for part in self._prior.residuals(here.theta[: self.unknowns]))
-        data = np.asarray(self._scaled(here.predicted - np.asarray(self.problem.measured)))
-        rows = np.vstack([np.asarray(self._scaled(here.jacobian)), np.diag(np.concatenate([slope, 1 / widths]))])
+        data = np.asarray(self.problem.scaled(here.predicted - np.asarray(self.problem.measured)))
+        by_data = np.asarray(self.problem.scaled(here.jacobian))
+        rows = np.vstack([by_data, np.diag(np.concatenate([slope, 1 / widths]))])
         return np.concatenate([data, prior, here.theta[self.unknowns :] / widths]), rows
 
     def _widths(self, way: np.ndarray) -> Float[np.ndarray, "perturbations"]:

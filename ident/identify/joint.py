@@ -190,7 +190,9 @@ def _solved(name: str, logs: Sequence[JointLog], setting: TwistSetting, dropped:
         found = {"damping": fit["rate"] * stiffness**2} if "rate" in fit else {}
         if balanced:
             left = rows["motor"] - rows["torque"] if measured else rows["torque"]
-            balance = _solve(left, rows, [*zeros, *_friction_terms(setting, measured)])
+            # the motor's torque is friction, and what else is in it
+            rest = (["acceleration"] if setting.inertia is None else []) if measured else ["link", "sine", "cosine"]
+            balance = _solve(left, rows, [*zeros, "sign", "speed", *rest])
             found |= {"coulomb": balance["sign"], "viscous": balance["speed"]}
         elif not measured:
             found["coulomb"] = fit.get("sign", nan * stiffness) * stiffness
@@ -228,12 +230,6 @@ def _twist_terms(setting: TwistSetting, measured: bool) -> list[str]:
     return ["torque", *motion, *friction, *([] if setting.centred or setting.locked else ["sine", "cosine"])]
 
 
-def _friction_terms(setting: TwistSetting, measured: bool) -> list[str]:
-    """Return the columns of the motor's torque: friction, and what else is in it."""
-    rest = (["acceleration"] if setting.inertia is None else []) if measured else ["link", "sine", "cosine"]
-    return ["sign", "speed", *rest]
-
-
 def _rows(
     log: JointLog, name: str, setting: TwistSetting, shift: float, friction: tuple[float, float], known: bool
 ) -> Columns:
@@ -252,9 +248,8 @@ def _rows(
         return np.asarray(gaussian_filter1d(values, sigma))
 
     def rate(values: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
-        return np.asarray(
-            CubicSpline(time, values)(time, 1)
-        )  # a derivative of the filter's kernel lets offsets through
+        # not by a derivative of the filter's kernel, which lets offsets through
+        return np.asarray(CubicSpline(time, values)(time, 1))
 
     motor = given["motor"]
     link = CubicSpline(time, given["link"])(time + shift) if "link" in given else np.zeros(len(time))
@@ -281,9 +276,8 @@ def _rows(
     moving, edge = exceeds(speed, STILL), ceil(4 * sigma + abs(shift) / step) + apart
     if known:  # where the torque passes 0 the joint is within its backlash; its own noise must not choose the rows
         large = exceeds(inside, STILL)
-        moving &= (
-            np.roll(large, apart) & np.roll(large, -apart) & (np.roll(inside, apart) * np.roll(inside, -apart) > 0)
-        )
+        moving &= np.roll(large, apart) & np.roll(large, -apart)
+        moving &= np.roll(inside, apart) * np.roll(inside, -apart) > 0
     moving[:edge] = moving[len(time) - edge :] = False
     if moving.sum() < FEWEST:
         got, expected = f"{moving.sum()} samples in which {name} moves", f"at least {FEWEST}"

@@ -40,7 +40,7 @@ NARROW = 1e-3
 def prior_draws(parameters: Parameters, draws: int, rng: np.random.Generator) -> Float[np.ndarray, "P draws"]:
     """Return draws of the prior as theta; a number without a prior keeps its starting value."""
     uniform = rng.uniform(size=(len(parameters.items), draws))
-    start = np.asarray(parameters.theta(parameters.column("start")))[:, None]
+    start = parameters.theta_start[:, None]
     return np.where(parameters.proper[:, None], np.asarray(parameters.from_uniform(jnp.asarray(uniform))), start)
 
 
@@ -188,8 +188,7 @@ def label_modes(
         InputError: a response was measured at a point that the arm has not, or no draw stands in all postures.
     """
     rng = np.random.default_rng(seed)
-    start = np.asarray(parameters.theta(parameters.column("start")))[:, None]
-    theta = np.concatenate([start, prior_draws(parameters, draws, rng)], 1)
+    theta = np.concatenate([parameters.theta_start[:, None], prior_draws(parameters, draws, rng)], 1)
     weight = share = np.zeros(draws + 1)
     first = list[_Compared]()
     for sd in FREQUENCY_SD:

@@ -162,8 +162,7 @@ class CampaignPlan:
     @property
     def missed(self) -> tuple[str, ...]:
         """The parameters whose standard deviation is above the target at the end of the batch; none without target."""
-        last = self.sd[-1]
-        wide = (last > self.settings.target) & (self.settings.target > 0)
+        wide = (self.sd[-1] > self.settings.target) & (self.settings.target > 0)
         return tuple(name for name, is_wide in zip(self.known.sought, wide, strict=True) if is_wide)
 
     @property
@@ -227,9 +226,8 @@ class CampaignPlan:
 
     def ranked(self, count: int) -> list[int]:
         """Return the best experiment of each of the best postures, as the next one."""
-        order = np.argsort(-self.per_cost, kind="stable")
         best: dict[int, int] = {}
-        for i in order:
+        for i in np.argsort(-self.per_cost, kind="stable"):
             best.setdefault(self.experiments[i].place, int(i))
         return list(best.values())[:count]
 
@@ -252,9 +250,8 @@ class CampaignPlan:
             states.setdefault((experiment.place, experiment.case), []).append(experiment)
         rows = list[Measurement]()
         for (place, case), experiments in states.items():
-            hammer, labelled, dial = (
-                sum(getattr(v, part) for v in experiments) for part in ("hammer", "labelled", "dial")
-            )
+            parts = "hammer", "labelled", "dial"
+            hammer, labelled, dial = (sum(getattr(v, part) for v in experiments) for part in parts)
             whole = replace(experiments[0], hammer=hammer > 0, labelled=labelled > 0, dial=dial > 0)
             frequencies = len(self.predictions.frequency)
             expected = expected_rows(self.predictions, self.instruments, whole, point)

@@ -188,15 +188,12 @@ def vectors_of(campaign: Campaign) -> Int[np.ndarray, "D"] | None:
 
 def _stacked(parameters: Mapping[str, Any], names: Sequence[str], part: str, known: Array) -> Array:
     """Return each setup's three numbers, those that are no parameters as they are known."""
-    rows = [
-        jnp.stack(
-            jnp.broadcast_arrays(
-                *(jnp.asarray(parameters.get(f"{SETUP}{n}.{part}{a}", known[i, k])) for k, n in enumerate(names))
-            )
-        )
-        for i, a in enumerate(AXES)
-    ]
-    return jnp.stack(jnp.broadcast_arrays(*rows))
+
+    def row(i: int, axis: str) -> Array:
+        each = (parameters.get(f"{SETUP}{name}.{part}{axis}", known[i, k]) for k, name in enumerate(names))
+        return jnp.stack(jnp.broadcast_arrays(*map(jnp.asarray, each)))
+
+    return jnp.stack(jnp.broadcast_arrays(*(row(i, axis) for i, axis in enumerate(AXES))))
 
 
 def in_base_frame(conditions: Conditions, frames: Frames | None, parameters: Mapping[str, Any]) -> Conditions:
@@ -376,9 +373,8 @@ class ArmModel(eqx.Module, Choosing, Growing):
         """
         rank = max((jnp.ndim(value) for value in parameters.values()), default=0)
         conditions = with_hysteresis(in_base_frame(self.conditions, self.frames, parameters), parameters)
-        posture, loads, servo = jax.tree.map(
-            lambda x: lifted(jnp.asarray(x), rank), (conditions.posture, conditions.loads, conditions.servo)
-        )
+        held = conditions.posture, conditions.loads, conditions.servo
+        posture, loads, servo = jax.tree.map(lambda x: lifted(x, rank), held)
         own = {name: x for name, x in parameters.items() if not is_of_readings(name)}
         arm, loads = with_numbers(self.arm, loads, own, self.scaled)
         return arm, replace(conditions, posture=posture, loads=loads, servo=servo)

@@ -198,10 +198,9 @@ def ramps(posed: Posed) -> tuple[Ramp, ...]:
     if not loop_names(posed.campaign):
         return ()
     problem, parameters = posed.problem, posed.problem.parameters
-    start = np.asarray(parameters.theta(parameters.column("start")))
-    jacobian = np.asarray(jax.device_get(evaluate(problem, start)).jacobian)
+    jacobian = np.asarray(evaluate(problem).jacobian)
     if not np.isfinite(jacobian).all():
-        return ramps_of(posed.campaign, problem, np.full(len(start), np.inf))
+        return ramps_of(posed.campaign, problem, np.full(len(parameters.items), np.inf))
     prior = np.where(parameters.nuisance, parameters.normal_sd, np.inf)
     known = information(problem.scaled(jacobian), prior, parameters.names, parameters.nuisance)
     return ramps_of(posed.campaign, problem, known.sd)
@@ -316,7 +315,7 @@ def labels_about(
         seed: of the points.
     """
     parameters = problem.parameters
-    start = np.asarray(parameters.theta(parameters.column("start")))
+    start = parameters.theta_start
     noise = np.random.default_rng(seed).standard_normal((points, len(start))) * np.minimum(parameters.normal_sd, spread)
     ends = [evaluate(problem, theta) for theta in (start, *(start + noise))]
     stable = [end for end in ends if np.isfinite(end.predicted).all()] or ends[:1]
@@ -388,8 +387,7 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
         raise refusal("trust_values", quoted(unknown[0]), expected, remedy)
     predicted, missing = _by_labels(posed, names)
     friction = _by_friction(campaign, predicted)
-    doubts: list[Problem] = []
-    hopeless: list[Problem] = []
+    doubts, hopeless = list[Problem](), list[Problem]()
     for i, (name, m) in enumerate(zip(names, campaign, strict=True)):
         if m.mode and math.isnan(predicted[i]):
             hopeless += _no_such_mode(m, arm, "or leave it empty: trusted or not, there is nothing to fit it to")
@@ -482,23 +480,18 @@ def _far_off(m: Measurement, expected: float, row: str, among: Sequence[Measurem
         alike = sorted(o.value for o in among if (o.mode, o.kind, o.posture, o.load, o.drives) == own)
         place = f"number {alike.index(m.value) + 1} of {len(alike)} modes" if alike[1:] else ""
         hint += f"it is taken as {place} without a label there: label repeats, or " * bool(place)
-    got = f"{_written(m, m.value)}, {_times(ratio)} times what the arm file predicts"
+    times = np.format_float_positional(ratio, precision=3, fractional=False, trim="-")  # `567`, `0.0000042`
+    got = f"{_written(m, m.value)}, {times} times what the arm file predicts"
     remedy = f"{hint}check value and unit, or {_right(row)}"
     yield Problem(m.where, got, f"about {_written(m, expected)}", remedy, "value")
 
 
-def _times(ratio: float) -> str:
-    """Write a factor without a power of ten: `567`, `0.0000042`."""
-    return np.format_float_positional(ratio, precision=3, fractional=False, trim="-")
-
-
 def _written(m: Measurement, value: float) -> str:
     """Write a number in the unit that a measurement was written in; in SI where that is none of its kind."""
-    si = QUANTITIES[KINDS[m.kind]].si
     try:
         return f"{value / si_factor(m.unit, KINDS[m.kind]):.4g} {m.unit}".removesuffix(" 1")
     except InputError:  # made in code, where the unit is a remark
-        return f"{value:.4g} {si}".removesuffix(" 1")
+        return f"{value:.4g} {QUANTITIES[KINDS[m.kind]].si}".removesuffix(" 1")
 
 
 def _right(row: str) -> str:

@@ -12,9 +12,9 @@ from ident.identify.fit import Assumption, Assumptions, CampaignFit
 from ident.identify.predict import Matching
 from ident.identify.problem import Posed, pose
 from ident.identify.unknowns import Unknowns
-from ident.inference.fit import CrossPrediction
-from ident.inference.information import Direction, ScoreTest, information
-from ident.inference.optima import Optimum, normal_prior_sd
+from ident.inference.fit import CrossPrediction, information_at
+from ident.inference.information import Direction, ScoreTest
+from ident.inference.optima import Optimum
 from ident.inference.scrutiny import Exchange, weighted
 from ident.inference.search import look
 from ident.measure import Campaign
@@ -69,18 +69,12 @@ def fit_of(arm: Arm, campaign: Campaign, unknowns: Unknowns, state: Mapping[str,
     if best.theta.shape != (count,):
         raise ValueError(f"{len(best.theta)} numbers for {count} unknowns")
     end = look(problem, best.theta, _held(posed, state))
-    known = information(
-        problem.scaled(np.asarray(end.jacobian)),
-        normal_prior_sd(problem),
-        problem.parameters.names,
-        problem.parameters.nuisance,
-    )
     return CampaignFit(
         problem=problem,
         failed=int(state["failed"]),
         predicted=end.predicted,
         jacobian=end.jacobian,
-        information=known,
+        information=information_at(problem, end),
         choice=end.choice,
         stretch=_array(state["stretch"]),
         beaten=_array(state["beaten"]),

@@ -347,8 +347,12 @@ def scaled_loads(loads: Loads, scale: Any) -> Loads:
     return Loads(loads.payload, loads.mass * scale, loads.force * scale, moment)
 
 
+def is_loaded(loads: Loads) -> bool:
+    """Tell whether any load case has a mass, a force or a moment beside payloads."""
+    return any(np.any(part) for part in (loads.mass, loads.force, loads.moment) if part is not None)
+
+
 def check_measurable(widths: Mapping[str, str], loads: Loads) -> None:
     """Refuse a scale of loads where nothing was loaded but by payloads."""
-    measured = (loads.mass, loads.force, loads.moment)
-    if LOAD in widths and not any(np.any(part) for part in measured if part is not None):
+    if LOAD in widths and not is_loaded(loads):
         raise refusal("uncertain", "load, and no row with a mass, force or moment", "one at least", "drop it")

@@ -139,11 +139,9 @@ class Robot:
     @classmethod
     def of(cls, arm: Arm, sha256: str = "") -> "Robot":
         """Return what identifies an arm."""
-        parts: list[Any] = [part for joint in arm.joints for part in (joint, *joint.shaft, *joint.link)] + list(
-            arm.springs
-        )
+        parts: list[Any] = [part for joint in arm.joints for part in (joint, *joint.shaft, *joint.link)]
         numbers: dict[str, Any] = {f"{joint.name}.axis": np.asarray(joint.axis).tolist() for joint in arm.joints}
-        for part in parts:
+        for part in (*parts, *arm.springs):
             names = [number.name for number in fields_in(part)]
             own = [name for name in names if name in ("offset", *STIFFNESS)] if isinstance(part, Joint) else names
             numbers |= {f"{part.name}.{name}": np.asarray(getattr(part, name)).tolist() for name in own}

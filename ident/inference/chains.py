@@ -131,8 +131,7 @@ class Chains:
             self.parts, thin, first = [_every(self.whole(), 1, 2)], 2 * thin, end
         self.store.write(_name(end), self.parts[-1])
         before = self.last.first if self.last else 0
-        count = len(block.theta)
-        self.last = Checkpoint(steps + count, thin, first, end + 1, accepted, check_at, walkers)
+        self.last = Checkpoint(steps + len(block.theta), thin, first, end + 1, accepted, check_at, walkers)
         self.store.write(LAST, self.last)
         for number in range(before, first):
             self.store.remove(_name(number))
@@ -209,9 +208,8 @@ class Diagnosis:
     def more_steps(self, target: float) -> int:
         """Estimate how many steps more are needed."""
         counted = self.steps - self.burn_in
-        needed = max(
-            LONG_ENOUGH * self.tau.max(), counted * target / self.bulk.min(), 0.0 if self.mixed else 2.0 * counted
-        )
+        to_mix = 0.0 if self.mixed else 2.0 * counted
+        needed = max(LONG_ENOUGH * self.tau.max(), counted * target / self.bulk.min(), to_mix)
         return max(0, math.ceil(min(needed - counted, ENDLESS)))
 
 

@@ -164,19 +164,17 @@ class _Joint:
         self.fits, self.changing = (first, second), changing
         own = [fit.problem.parameters.names for fit in self.fits]
         self.names = tuple(dict.fromkeys([*own[0], *own[1]]))
-        self.places = [[self.names.index(name) for name in names] for names in own]
-        sides = ((-0.5, changing), (0.5, changing))
-        self.ways = [self._way(names, *side) for names, side in zip(own, sides, strict=True)]
+        self.ways = [self._way(names, share) for names, share in zip(own, (-0.5, 0.5), strict=True)]
         self.once = [True] * len(own[0]), [name not in own[0] for name in own[1]]
         self.known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
-    def _way(self, names: Sequence[str], share: float, changing: Sequence[str]) -> Float[np.ndarray, "P joint"]:
+    def _way(self, names: Sequence[str], share: float) -> Float[np.ndarray, "P joint"]:
         """Return how the parameters of one problem follow from the unknowns of both."""
-        way = np.zeros((len(names), len(self.names) + len(changing)))
+        way = np.zeros((len(names), len(self.names) + len(self.changing)))
         for row, name in enumerate(names):
             way[row, self.names.index(name)] = 1.0
-            if name in changing:
-                way[row, len(self.names) + changing.index(name)] = share
+            if name in self.changing:
+                way[row, len(self.names) + self.changing.index(name)] = share
         return way
 
     def starts(self) -> list[Float[np.ndarray, "joint"]]:
@@ -191,10 +189,8 @@ class _Joint:
     def solved(self) -> tuple[Float[np.ndarray, "joint"], Float[np.ndarray, "joint"]]:
         """Return the best unknowns with the changes free, and with none."""
         both, *rest = self.starts()
-        shared = list(range(len(self.names)))
-        none = min((self.searched(start, shared) for start in rest), key=self.cost)
-        every = list(range(len(both)))
-        return min((self.searched(start, every) for start in (both, none)), key=self.cost), none
+        none = min((self.searched(start, range(len(self.names))) for start in rest), key=self.cost)
+        return min((self.searched(start, range(len(both))) for start in (both, none)), key=self.cost), none
 
     def searched(self, start: Float[np.ndarray, "joint"], moving: Sequence[int]) -> Float[np.ndarray, "joint"]:
         """Search by SciPy's least squares; of the changes only those named move, the others are none."""

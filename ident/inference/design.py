@@ -143,8 +143,7 @@ def _normal_prior(parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
     A flat prior is replaced by a normal one of about its width, none by one of `OPEN_SD`; a nuisance without a prior is
     known by the data alone.
     """
-    centre = np.asarray(parameters.theta(parameters.column("centre")))
-    return centre, np.where(parameters.proper | parameters.nuisance, parameters.normal_sd, OPEN_SD)
+    return parameters.theta_centre, np.where(parameters.proper | parameters.nuisance, parameters.normal_sd, OPEN_SD)
 
 
 def _spread(mean: np.ndarray, covariance: np.ndarray, draws: int, seed: int) -> np.ndarray:

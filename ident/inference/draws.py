@@ -141,9 +141,9 @@ class PosteriorPredictive(NamedTuple):
     simulated: Float[np.ndarray, "n D"]
 
 
-def posterior_predictive(sample: Sample, basin: int = 0, count: int = COUNT) -> PosteriorPredictive:
-    """Predict and simulate the data for some of the draws about one optimum; reproducible by the sample's seed."""
-    draws, rng = sample.draws(basin), np.random.default_rng([sample.settings.seed, 1])
+def posterior_predictive(sample: Sample, count: int = COUNT) -> PosteriorPredictive:
+    """Predict and simulate the data for some of the draws about the best optimum; reproducible by the sample's seed."""
+    draws, rng = sample.draws(), np.random.default_rng([sample.settings.seed, 1])
     theta = draws[np.sort(rng.choice(len(draws), min(count, len(draws)), replace=False))]
     at = evaluate(sample.posterior, theta, sample.batch)
     noise = rng.standard_normal((len(theta), len(at.predicted)))
@@ -211,5 +211,4 @@ def prior_spread(direction: Direction, parameters: Parameters) -> float:
 
 def ratio_to_prior(parameters: Parameters, theta: Float[np.ndarray, "P *batch"]) -> Float[np.ndarray, "P *batch"]:
     """Return values as multiples of the centres of their priors; of a length, exp of its distance in theta."""
-    centre = np.asarray(parameters.theta(parameters.column("centre")))
-    return np.exp(theta - centre.reshape((-1,) + (1,) * (theta.ndim - 1)))
+    return np.exp(theta - parameters.theta_centre.reshape((-1,) + (1,) * (theta.ndim - 1)))

@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float
 from ident.errors import ConvergenceError, ModelError
 from ident.inference.information import (
     IMPROBABLE,
-    RANK_TOLERANCE,
     Direction,
     Information,
     RowTests,
@@ -23,6 +22,7 @@ from ident.inference.information import (
     information,
     p_in_words,
     rare,
+    reached,
     row_tests,
     sigma_in_words,
     standard_deviations,
@@ -144,7 +144,7 @@ def cross_predictions(
     if len(kinds) < 2:
         return (), known[0]
     widths = moment_sd(problem.parameters)
-    start = np.asarray(problem.parameters.theta(problem.parameters.column("start")))
+    start = problem.parameters.theta_start
     noise = np.random.default_rng(seed).standard_normal((STARTS, len(start)))
     starts = [known[0], start, *known[1:2], *(start + noise * np.minimum(widths, SPREAD))]
     minima = _search(problem, widths, kinds, starts)
@@ -182,10 +182,10 @@ def quadratic_form(
     """
     priors = np.diag(1 / widths)[np.isfinite(widths)]
     both, prior = np.vstack([jacobian, priors]), np.ones(len(priors), bool)
-    explained, diagonal = [(-1.0, _reached(both))], np.ones(len(priors))
+    explained, diagonal = [(-1.0, reached(both))], np.ones(len(priors))
     for taking, width in ((np.append(~own, prior), 1.0), (np.append(own, prior), WIDE)):
         narrow = np.append(np.ones(len(jacobian)), np.full(len(priors), 1 / width))[:, None]
-        explained.append((1.0, narrow * _reached(both * narrow * taking[:, None])))
+        explained.append((1.0, narrow * reached(both * narrow * taking[:, None])))
         diagonal = diagonal - width**-2
     # Q = B S B' + D, of which only 3 P columns and the diagonal of the priors are more than zero
     B, S = np.hstack([U for _, U in explained]), np.concatenate([np.full(U.shape[1], sign) for sign, U in explained])
@@ -194,12 +194,6 @@ def quadratic_form(
     mean = np.trace(SG) + diagonal.sum()
     variance = (SG * SG.T).sum() + 2 * (diagonal * own_sizes).sum() + (diagonal**2).sum()
     return (variance / mean, mean**2 / variance) if mean > NOTHING else (1.0, 0.0)
-
-
-def _reached(A: Float[np.ndarray, "n P"]) -> Float[np.ndarray, "n K"]:
-    """Return an orthonormal basis of what steps explain."""
-    U, s, _ = np.linalg.svd(A, full_matrices=False)
-    return np.asarray(U[:, s > RANK_TOLERANCE * max(s[0], 1e-300)])
 
 
 class _Minima(NamedTuple):
@@ -418,17 +412,12 @@ class Fit:
     @cached_property
     def row_tests(self) -> RowTests:
         """Of each measurement, whether its error is larger than its sigma allows."""
-        return row_tests(self.problem, *self._weighed)
+        return row_tests(self.problem, *weighed(self.problem, self.end))
 
     @property
     def blamed(self) -> tuple[tuple[int, ...], ...]:
         """The measurements, or vectors, any one of which may be wrong: without it no other lies too far off."""
-        return blamed(self.problem, *self._weighed)
-
-    @property
-    def _weighed(self) -> tuple[np.ndarray, np.ndarray]:
-        residuals, slope = self.problem.weigh(self.predicted, np.asarray(self.jacobian), self.best.theta)
-        return np.asarray(residuals), np.asarray(slope)
+        return blamed(self.problem, *weighed(self.problem, self.end))
 
     @property
     def outliers(self) -> Bool[np.ndarray, "D"]:
@@ -534,7 +523,7 @@ def fit(
         ConvergenceError: no start reaches an optimum.
         ModelError: none does, and the model has no answer at the first one.
     """
-    first = problem.parameters.theta(problem.parameters.column("start"))
+    first = problem.parameters.theta_start
     noise = np.random.default_rng(seed).standard_normal((starts * PATIENCE, len(first))) * spread
     noise[0] = 0
     reached: list[Ended] = []
@@ -582,10 +571,13 @@ def with_stretch(fit: Fit) -> Fit:
 def _answer(problem: InverseProblem, reached: list[Ended], optima: tuple[Optimum, ...]) -> Fit:
     """Return the fit of the best end, before it is asked how far it can be trusted."""
     best, _ = in_order(problem, reached)[0]
-    scaled = problem.scaled(np.asarray(best.jacobian))
-    parameters = problem.parameters
-    known = information(scaled, normal_prior_sd(problem), parameters.names, parameters.nuisance)
-    return Fit(problem, optima, 0, best.predicted, best.jacobian, known, best.choice)
+    return Fit(problem, optima, 0, best.predicted, best.jacobian, information_at(problem, best), best.choice)
+
+
+def information_at(problem: InverseProblem, end: End) -> Information:
+    """Return what data and prior tell of the parameters where a search ended."""
+    scaled, parameters = problem.scaled(np.asarray(end.jacobian)), problem.parameters
+    return information(scaled, normal_prior_sd(problem), parameters.names, parameters.nuisance)
 
 
 def _no_optimum(predicted: Float[np.ndarray, "D"]) -> ModelError:

@@ -10,7 +10,15 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import chdtrc
 
 from ident.inference.fit import UNMET, moment_sd
-from ident.inference.information import OPEN_ABOVE, RANK_TOLERANCE, Information, clear_of, half_width, information
+from ident.inference.information import (
+    OPEN_ABOVE,
+    RANK_TOLERANCE,
+    Information,
+    clear_of,
+    half_width,
+    information,
+    reached,
+)
 from ident.inference.optima import SAME, Ended, Optimum, distinct, is_tie, unmet
 from ident.inference.parameters import Parameter
 from ident.inference.problem import InverseProblem
@@ -74,8 +82,7 @@ def leverage_of(
     References:
         Belsley, Kuh, Welsch, "Regression Diagnostics", 1980, section 2.1.
     """
-    U, s, _ = np.linalg.svd(jacobian, full_matrices=False)
-    leverage = (U[:, s > RANK_TOLERANCE * max(s[0], 1e-300)] ** 2).sum(1)
+    leverage = (reached(jacobian) ** 2).sum(1)
     alone = np.arange(len(jacobian)) + len(jacobian)
     units = alone if groups is None else np.where(groups < 0, alone, groups)
     sees = tuple(int(np.argmax(np.abs(row))) if row.any() else -1 for row in jacobian)
@@ -120,7 +127,7 @@ class OtherSolutions:
     near: tuple[Optimum, ...]
 
 
-def other_solutions(problem: InverseProblem, here: End, *, starts: int = STARTS, seed: int = 0) -> OtherSolutions:
+def other_solutions(problem: InverseProblem, here: End, *, seed: int = 0) -> OtherSolutions:
     """Look for other values that give the same data as the starting values.
 
     A full rank of the Jacobian says that no others are near. Far away there may be some, by symmetry or else
@@ -130,12 +137,10 @@ def other_solutions(problem: InverseProblem, here: End, *, starts: int = STARTS,
     Args:
         problem: model, sigmas and unknowns.
         here: predictions at the starting values.
-        starts: number of starts at least.
         seed: of the starts.
     """
-    exact = eqx.tree_at(
-        lambda p: p.measured, without_priors(problem, but_nuisances=True), jax.device_put(np.asarray(here.predicted))
-    )
+    free = without_priors(problem, but_nuisances=True)
+    exact = eqx.tree_at(lambda p: p.measured, free, jax.device_put(np.asarray(here.predicted)))
     start, width = np.asarray(here.theta), np.minimum(problem.parameters.normal_sd, SPREAD)
     noise = np.random.default_rng(seed).standard_normal((MOST, len(start))) * width
     reached: list[Ended] = []
@@ -147,7 +152,7 @@ def other_solutions(problem: InverseProblem, here: End, *, starts: int = STARTS,
         if how and how.converged:
             reached.append((end, how))
             optima = distinct(exact, reached)
-        if tried >= starts and (not optima or unmet(optima) < UNMET):
+        if tried >= STARTS and (not optima or unmet(optima) < UNMET):
             break
     others = [optimum for optimum in optima if not _same(exact, optimum, here)]
     exactly = tuple(optimum for optimum in others if is_tie(0.0, optimum.cost))
@@ -215,7 +220,7 @@ class Check:
         return all(verdict == "not seen" for verdict in self.verdicts)
 
 
-def check(problem: InverseProblem, *, points: int = POINTS, spread: float = POINTS_SPREAD, seed: int = 0) -> Check:
+def check(problem: InverseProblem, *, points: int = POINTS, seed: int = 0) -> Check:
     """Tell from predictions and their Jacobian what the data determine; nothing is fitted, no measured value used.
 
     The Jacobian at one point may mislead: a derivative may vanish there by symmetry, or two modes trade places nearby.
@@ -235,12 +240,11 @@ def check(problem: InverseProblem, *, points: int = POINTS, spread: float = POIN
     Args:
         problem: model, data and unknowns; priors only narrow the points down.
         points: number of points beside the starting values.
-        spread: standard deviation in theta of the points about the starting values, at most.
         seed: of the points.
     """
     parameters = problem.parameters
-    start = np.asarray(parameters.theta(parameters.column("start")))
-    width = np.minimum(parameters.normal_sd, spread)
+    start = parameters.theta_start
+    width = np.minimum(parameters.normal_sd, POINTS_SPREAD)
     noise = np.random.default_rng(seed).standard_normal((points, len(start))) * width
     ends = [jax.device_get(evaluate(problem, theta)) for theta in (start, *(start + noise))]
     evaluated = [_scaled_jacobian(problem, end) for end in ends]
@@ -367,8 +371,7 @@ def _line(problem: InverseProblem) -> _Line:
     coarse = np.isfinite(sigma) & (sigma > COARSE * np.abs(measured))
     power = of_positive & (value * measured > 0) & ~coarse
     slope = J / np.where(power, value, 1.0)[:, None]
-    start, centre = (np.asarray(known.theta(known.column(name))) for name in ("start", "centre"))
-    return _Line(start, value, measured, sigma, power, slope, centre, moment_sd(known))
+    return _Line(known.theta_start, value, measured, sigma, power, slope, known.theta_centre, moment_sd(known))
 
 
 def _answer(

@@ -199,8 +199,7 @@ def clear_of(
     """
     sd, others = np.asarray(prior_sd), jacobian[:, ~nuisance]
     free, B = (jacobian[:, nuisance & known] for known in (np.isinf(sd), np.isfinite(sd)))
-    U, s, _ = np.linalg.svd(free, full_matrices=False)
-    U = U[:, s > RANK_TOLERANCE * max(s[:1].max(initial=0.0), 1e-300)]
+    U = reached(free)
     B, others = (x - U @ (U.T @ x) for x in (B * sd[nuisance & np.isfinite(sd)], others))
     U, s, _ = np.linalg.svd(B, full_matrices=False)
     return others - (U * (1 - (1 + s**2) ** -0.5)) @ (U.T @ others)
@@ -385,7 +384,7 @@ def score_tests(
     scaled = problem.scaled(np.where(kept, changes, 0.0).T)
     d = np.concatenate([scaled, np.zeros((len(residuals) - count, scaled.shape[1]))])
     basis, inverse = _factors(slope)
-    alone, _ = _factors(slope[:count])
+    alone = reached(slope[:count])
     left, of_data = d - basis @ (basis.T @ d), d[:count] - alone @ (alone.T @ d[:count])
     size = np.linalg.norm(left, axis=0)
     whole = np.linalg.norm(d, axis=0)
@@ -465,7 +464,7 @@ def row_tests(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope:
     count = len(problem.kinds)
     fitted = np.isfinite(np.asarray(problem.sigma))
     known = problem.errors
-    basis, _ = _factors(slope)
+    basis = reached(slope)
     there = (residuals - basis @ (basis.T @ residuals))[:count]
     score, absorbed = (known.pull_back(part) for part in (there, basis[:count]))
     size = np.where(fitted, known.precision, 0.0)
@@ -524,6 +523,12 @@ def _shifts(problem: InverseProblem, own: Int[np.ndarray, "n"]) -> Float[np.ndar
     shifts = np.zeros((len(problem.kinds), len(own)))
     shifts[own, np.arange(len(own))] = 1.0
     return np.asarray(problem.errors.whiten(shifts))
+
+
+def reached(slope: Float[np.ndarray, "R P"]) -> Float[np.ndarray, "R K"]:
+    """Return an orthonormal basis of what steps explain."""
+    U, s, _ = np.linalg.svd(slope, full_matrices=False)
+    return np.asarray(U[:, s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)])
 
 
 def _factors(slope: Float[np.ndarray, "R P"]) -> tuple[Float[np.ndarray, "R K"], Float[np.ndarray, "P R"]]:

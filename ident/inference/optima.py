@@ -89,15 +89,14 @@ def distinct(problem: InverseProblem, ends: list[Ended]) -> tuple[Optimum, ...]:
     """
     groups: list[list[Ended]] = []
     prior_sd = normal_prior_sd(problem)
-    scaled = problem.scaled  # once: equinox makes a module of a method each time that it is looked up
     for end, how in in_order(problem, ends):
         for group in groups:
             first, _ = group[0]
             step = end.theta - first.theta
-            apart = np.concatenate([scaled(np.asarray(first.jacobian @ step)), step / prior_sd])
+            apart = np.concatenate([problem.scaled(np.asarray(first.jacobian @ step)), step / prior_sd])
             near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
             level = abs(end.cost - first.cost) < SAME * SAME * (1 + end.cost)
-            if near or (level and _is_valley(scaled(np.asarray(first.jacobian)), prior_sd)):
+            if near or (level and _is_valley(problem.scaled(np.asarray(first.jacobian)), prior_sd)):
                 group.append((end, how))
                 break
         else:
@@ -109,7 +108,7 @@ def distinct(problem: InverseProblem, ends: list[Ended]) -> tuple[Optimum, ...]:
 def in_order(problem: InverseProblem, ends: list[Ended]) -> list[Ended]:
     """Sort ends by score; ties by the distance from the priors' centre, then by theta: the same on any machine."""
     parameters = problem.parameters
-    centre, scale = np.asarray(parameters.theta(parameters.column("centre"))), np.minimum(parameters.normal_sd, 1.0)
+    centre, scale = parameters.theta_centre, np.minimum(parameters.normal_sd, 1.0)
     ranks: list[tuple[int, float, tuple[float, ...], int]] = []
     scores = [end.score for end, _ in ends]  # once each: ends are ordered after every start
     places = sorted(range(len(ends)), key=scores.__getitem__)
@@ -257,9 +256,8 @@ class ConstrainedFit:
                     return _best(points)
         for _ in range(MORE if points else 0):
             best = _best(points)
-            if best.delta_chi_squared > BEYOND or converges(
-                best.theta, None if self.end.choice.settled else best.choice
-            ):
+            choice = None if self.end.choice.settled else best.choice
+            if best.delta_chi_squared > BEYOND or converges(best.theta, choice):
                 break
         return _best(points) if points else None
 

@@ -80,6 +80,16 @@ class Parameters(eqx.Module):
         return library(*values).stack(values)
 
     @property
+    def theta_start(self) -> np.ndarray:
+        """Theta that the fit starts from."""
+        return np.asarray(self.theta(self.column("start")))
+
+    @property
+    def theta_centre(self) -> np.ndarray:
+        """Theta of the priors' medians."""
+        return np.asarray(self.theta(self.column("centre")))
+
+    @property
     def positive(self) -> np.ndarray:
         """Which are fitted as logarithms."""
         return np.array([item.positive for item in self.items])

@@ -117,7 +117,16 @@ class Chains:
         self.off = np.tile(self.known_off, (CHAINS, 1, 1))
         self.theta = np.zeros((CHAINS, len(robots), count))
         self.weighed = list(self.drawn)
-        self._take_the_draws()
+        # the draws of all robots side by side, and a start at one of each
+        self.counts = np.array([len(each.theta) for each in self.drawn.values()], int)
+        most = self.counts.max(initial=0)
+        self.draws = np.zeros((len(self.counts), most, count))
+        self.log_prior = np.zeros((len(self.counts), most))
+        for i, each in enumerate(self.drawn.values()):
+            self.draws[i, : self.counts[i]], self.log_prior[i, : self.counts[i]] = each.theta, each.log_prior
+        start = self._picked()
+        self.theta[:, self.weighed] = self.draws[np.arange(len(self.counts)), start]
+        self.at = self.log_prior[np.arange(len(self.counts)), start]
 
     def step(self) -> None:
         """Draw everything once, each part given the others."""
@@ -146,18 +155,6 @@ class Chains:
         # precision^-1 at + L'^-1 z = L'^-1 (L^-1 at + z)
         half = np.linalg.solve(L, at[..., None]) + z
         self.theta[:, self.exact] = np.linalg.solve(np.swapaxes(L, -1, -2), half)[..., 0]
-
-    def _take_the_draws(self) -> None:
-        """Lay the draws of all robots side by side, and start at one of each."""
-        self.counts = np.array([len(each.theta) for each in self.drawn.values()], int)
-        most = self.counts.max(initial=0)
-        self.draws = np.zeros((len(self.counts), most, len(self.prior_mean)))
-        self.log_prior = np.zeros((len(self.counts), most))
-        for i, each in enumerate(self.drawn.values()):
-            self.draws[i, : self.counts[i]], self.log_prior[i, : self.counts[i]] = each.theta, each.log_prior
-        start = self._picked()
-        self.theta[:, self.weighed] = self.draws[np.arange(len(self.counts)), start]
-        self.at = self.log_prior[np.arange(len(self.counts)), start]
 
     def _picked(self) -> np.ndarray:
         """Pick one of each robot's draws for each chain."""
@@ -387,7 +384,6 @@ def population(
             normal approximations do.
         steps: of each chain that are kept, where no robot is known by draws.
     """
-    robots = tuple(robots)
 
     def sampled(robots: tuple[Robot, ...], seed: int) -> Population:
         return _sampled(Chains(robots, prior_mean, prior_sd, np.random.default_rng(seed), off), steps)
@@ -532,9 +528,8 @@ def _by_the_others(
     away, own = np.where(known > 0, value - middle, 0.0), 1 / np.where(known > 0, known, 1.0)
     values, each = _Values(away, own, used, _suspects(away, own, used)), np.arange(len(middle))
     coarse = np.tile(np.linspace(np.log(SPREADS[0]), np.log(SPREADS[1]), GRID), (len(middle), 1))
-    likely = [
-        ref.log_evidence > ref.log_evidence.max((0, -1), keepdims=True) - FAR for ref in values.references(coarse)
-    ]
+    logs = [reference.log_evidence for reference in values.references(coarse)]
+    likely = [log > log.max((0, -1), keepdims=True) - FAR for log in logs]
     some = np.any([part.any((0, 1)) for part in likely], axis=0)
     first, last = some.argmax(1), GRID - 1 - some[:, ::-1].argmax(1)
     low, high = coarse[each, np.maximum(first - 1, 0)], coarse[each, np.minimum(last + 1, GRID - 1)]
@@ -609,9 +604,8 @@ class _Values(NamedTuple):
             left = total - parts[:, off, each].sum(1, keepdims=True)
             whole, others = self._reference(left, off), self._reference(left - parts, off)
             itself = (off[:, None] == np.arange(len(x))[:, None]).any(0)
-            found.append(
-                (whole, others._replace(log_evidence=np.where(itself[..., None], -np.inf, others.log_evidence)))
-            )
+            log_evidence = np.where(itself[..., None], -np.inf, others.log_evidence)
+            found.append((whole, others._replace(log_evidence=log_evidence)))
         whole, others = (_Reference(*map(np.stack, zip(*some, strict=True))) for some in zip(*found, strict=True))
         return whole, others
 

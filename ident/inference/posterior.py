@@ -54,9 +54,8 @@ class Posterior(eqx.Module):
         off = problem.scaled((predicted - problem.measured[:, None]) / scale)
         width = jnp.where(fitted, math.sqrt(2 * math.pi) * sigma * scale, 1.0)
         value = -(off**2 / 2 + jnp.log(width)).sum(0) - problem.errors.log_det
-        return Evaluated(
-            jnp.where(jnp.isnan(value), -jnp.inf, value), self.parameters.log_prior(theta), predicted, scale
-        )
+        value = jnp.where(jnp.isnan(value), -jnp.inf, value)
+        return Evaluated(value, self.parameters.log_prior(theta), predicted, scale)
 
     def scales(self, theta: Float[Array, "P batch"]) -> Float[Array, "D batch"]:
         """Return the factor on sigma of each value."""
@@ -235,7 +234,7 @@ def linear_marginal(posterior: Posterior, optimum: Optimum, names: tuple[str, ..
     """Return the posterior without these nuisances, with their derivatives at an optimum of its problem."""
     problem, out = posterior.problem, np.isin(posterior.problem.parameters.names, names)
     parameters = problem.parameters
-    centre = np.asarray(parameters.theta(parameters.column("centre")))[out]
+    centre = parameters.theta_centre[out]
     L = np.asarray(parameters.column("prior_sd"))[out] ** -2.0
     B = _scaled(problem, optimum.theta)[:, out]
     R = np.linalg.inv(np.linalg.cholesky(B.T @ B + np.diag(L)))

@@ -101,10 +101,8 @@ class Correlation(eqx.Module):
     def moved(self, source: Int[np.ndarray, "D"]) -> "Correlation":
         """Return the same for values that come to other places, each with its error: place i gets that of source[i]."""
         to = np.argsort(source)
-        single = to[np.asarray(self.single)]
-        blocks = tuple(eqx.tree_at(lambda b: b.rows, block, to[np.asarray(block.rows)]) for block in self.blocks)
-        grouped = np.concatenate([np.zeros(0, int), *(block.rows.ravel() for block in blocks)])
-        return Correlation(single, blocks, np.argsort(np.concatenate([single, grouped])))
+        blocks = (eqx.tree_at(lambda b: b.rows, block, to[np.asarray(block.rows)]) for block in self.blocks)
+        return _made(len(to), tuple(blocks))
 
     @property
     def precision(self) -> Float[np.ndarray, "D"]:
@@ -130,7 +128,7 @@ class Correlation(eqx.Module):
 
     def among(self, counts: Bool[np.ndarray, "D"]) -> "Correlation":
         """Return the same where only some values count; within a group the others are left out of its correlation."""
-        return _made(len(self.order), [(block.rows, block.correlation) for block in self.blocks], counts)
+        return _made(len(self.order), tuple(_block(block.rows, block.correlation, counts) for block in self.blocks))
 
 
 def correlation(
@@ -151,17 +149,17 @@ def correlation(
     sizes = sorted({len(rows) for rows, _ in groups})
     of_size = [[each for each in groups if len(each[0]) == size] for size in sizes]
     blocks = [(np.array([rows for rows, _ in own], int), np.array([R for _, R in own], float)) for own in of_size]
-    return _made(len(counts), blocks, counts) if blocks else None
+    return _made(len(counts), tuple(_block(*each, counts) for each in blocks)) if blocks else None
 
 
-def _made(count: int, blocks: Sequence[tuple[AnyArray, AnyArray]], counts: np.ndarray) -> Correlation:
-    made = tuple(_block(np.asarray(rows), np.asarray(R), counts) for rows, R in blocks)
-    grouped = np.concatenate([np.zeros(0, int), *(block.rows.ravel() for block in made)])
+def _made(count: int, blocks: tuple[Block, ...]) -> Correlation:
+    grouped = np.concatenate([np.zeros(0, int), *(block.rows.ravel() for block in blocks)])
     single = np.setdiff1d(np.arange(count), grouped)
-    return Correlation(single, made, np.argsort(np.concatenate([single, grouped])))
+    return Correlation(single, blocks, np.argsort(np.concatenate([single, grouped])))
 
 
-def _block(rows: np.ndarray, R: np.ndarray, counts: np.ndarray) -> Block:
+def _block(rows: AnyArray, correlation: AnyArray, counts: np.ndarray) -> Block:
+    rows, R = np.asarray(rows), np.asarray(correlation)
     used = counts[rows]
     both = used[:, :, None] & used[:, None, :]
     try:
@@ -388,7 +386,7 @@ class InverseProblem(eqx.Module):
     @property
     def errors(self) -> Correlation:
         """How the errors of all values are correlated, independent ones as well."""
-        return self.correlation or _made(len(self.kinds), [], np.ones(len(self.kinds), bool))
+        return self.correlation or _made(len(self.kinds), ())
 
     def with_sigma(self, sigma: Float[np.ndarray, "D"]) -> "InverseProblem":
         """Return the problem with other standard deviations; one that is infinite takes its value out of its group."""
@@ -469,13 +467,10 @@ class Discrepant(eqx.Module, Choosing, Growing):
 
     def _split(self, parameters: Mapping[str, Any]) -> tuple[dict[str, Any], Float[Array, "D *batch"]]:
         """Return the model's own parameters, and the factor on each value."""
-        off = {
-            name.removeprefix(DISCREPANCY_PREFIX): x
-            for name, x in parameters.items()
-            if name.startswith(DISCREPANCY_PREFIX)
-        }
+        factors = [name for name in parameters if name.startswith(DISCREPANCY_PREFIX)]
+        off = {name.removeprefix(DISCREPANCY_PREFIX): parameters[name] for name in factors}
         batch = np.broadcast_shapes(*(jnp.shape(x) for x in parameters.values()))
-        rest = {name: x for name, x in parameters.items() if not name.startswith(DISCREPANCY_PREFIX)}
+        rest = {name: x for name, x in parameters.items() if name not in factors}
         return rest, by_kind(off, self.kinds, batch)
 
 

@@ -90,10 +90,8 @@ class Profile:
             Raue et al., "Structural and practical identifiability analysis ...", Bioinformatics 25(15), 2009.
         """
         low, high = (ending is Ending.OPEN for ending in self.widest.endings)
-        below, above = (
-            self.delta_chi_squared[self.theta <= self.optimum],
-            self.delta_chi_squared[self.theta >= self.optimum],
-        )
+        delta, theta = self.delta_chi_squared, self.theta
+        below, above = delta[theta <= self.optimum], delta[theta >= self.optimum]
         return bool(low and below.max() < FLAT), bool(high and above.max() < FLAT)
 
     @property

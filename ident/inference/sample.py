@@ -90,15 +90,14 @@ def _perturbed(problem: InverseProblem, rng: np.random.Generator) -> InverseProb
     noise = np.where(np.isfinite(sigma), sigma, 0.0) * problem.errors.color(rng.standard_normal(len(sigma)))
     sd = parameters.normal_sd
     shift = np.where(parameters.proper, sd, 0.0) * rng.standard_normal(len(sd))
-    centres = parameters.values(parameters.theta(parameters.column("centre")) + shift)
+    centres = parameters.values(parameters.theta_centre + shift)
     items = tuple(
         eqx.tree_at(
             lambda item: (item.centre, item.prior_sd, item.flat), item, tuple(map(np.asarray, (centre, s, 0.0)))
         )
         for item, centre, s in zip(parameters.items, centres, sd, strict=True)
     )
-    moved = (problem.measured + noise, items)
-    return eqx.tree_at(lambda p: (p.measured, p.parameters.items), problem, moved)
+    return eqx.tree_at(lambda p: (p.measured, p.parameters.items), problem, (problem.measured + noise, items))
 
 
 # -------- Moves
@@ -264,16 +263,14 @@ class Ensembles:
         rngs = [np.random.default_rng(each) for each in own]
         tried = [self._tried(proposal, rng) for proposal, rng in zip(self.proposals, rngs, strict=True)]
         share = min(accepted for accepted, _ in tried)
-        if share >= WORTH:
-            theta = np.concatenate([points for _, points in tried])
-        else:
+        starts = [points for _, points in tried]
+        if share < WORTH:
             batch, kept = batch_size(len(self.optima), self.walkers), ~self.target.integrated
-            theta = np.concatenate(
-                [
-                    initial_walkers(self.target.posterior, optimum, self.walkers, rng, batch)[:, kept]
-                    for optimum, rng in zip(self.optima, rngs, strict=True)
-                ]
-            )
+            starts = [
+                initial_walkers(self.target.posterior, optimum, self.walkers, rng, batch)[:, kept]
+                for optimum, rng in zip(self.optima, rngs, strict=True)
+            ]
+        theta = np.concatenate(starts)
         twister = np.random.RandomState(np.random.MT19937(moves)).get_state()
         return _walkers(theta, self._densities(theta), twister, min(share, MOST) * (share >= WORTH))
 
@@ -594,9 +591,8 @@ def _joined(chains: Chains, started: Sequence[int]) -> list[int]:
 
 def _diagnose(chains: Chains, basins: Sequence[int], only: int | None = None) -> tuple[Diagnosis, ...]:
     theta, basin = chains.whole().theta, np.array(basins)
-    return tuple(
-        diagnose(theta[:, basin == b], chains.thin) for b in (dict.fromkeys(basins) if only is None else [only])
-    )
+    which = dict.fromkeys(basins) if only is None else [only]
+    return tuple(diagnose(theta[:, basin == b], chains.thin) for b in which)
 
 
 def _walker_count(fit: Fit, target: Marginal | LinearMarginal, settings: Settings) -> int:

@@ -13,7 +13,7 @@ from ident.errors import ConvergenceError
 from ident.inference.fit import Fit
 from ident.inference.information import IMPROBABLE, RANK_TOLERANCE, information, row_tests
 from ident.inference.problem import InverseProblem
-from ident.inference.search import End, ended, look, solve
+from ident.inference.search import End, ended, look, solve, weighed
 
 # -------- Exchange
 # Which two values, put into each other's row, would make a fit of data that do not fit.
@@ -64,8 +64,7 @@ def exchanges(
     blocks = [pairs[i : i + BLOCK] for i in range(0, len(pairs), BLOCK)]
     costs = np.concatenate([np.zeros(0), *(_costs(fit, [moves(pair) for pair in block]) for block in blocks)])
     nearest = [pairs[i] for i in np.argsort(costs, kind="stable")[:TRIED]]
-    known = fit.problem.parameters
-    starts = fit.best.theta, np.asarray(known.theta(known.column("start")))  # the data have led the first one astray
+    starts = fit.best.theta, fit.problem.parameters.theta_start  # the data have led the first one astray
     found = []
     for pair in dict.fromkeys([*suspected[:TRIED], *nearest]):
         problem = _moved(fit.problem, moves(pair))
@@ -87,8 +86,7 @@ def _fits(fit: Fit, problem: InverseProblem, end: End, chi_squared: float) -> bo
 
     if not chdtrc(fit.degrees_of_freedom, chi_squared) >= IMPROBABLE:
         return False
-    residuals, slope = problem.weigh(end.predicted, np.asarray(end.jacobian), end.theta)
-    return not row_tests(problem, np.asarray(residuals), np.asarray(slope)).outliers.any()
+    return not row_tests(problem, *weighed(problem, end)).outliers.any()
 
 
 def _costs(fit: Fit, moves: Sequence[Moves]) -> Float[np.ndarray, "N"]:
@@ -99,7 +97,7 @@ def _costs(fit: Fit, moves: Sequence[Moves]) -> Float[np.ndarray, "N"]:
     sigmas, R the correlation of the errors and D what changes, the squares are (X + D)' R^-1 (X + D).
     """
     problem, R = fit.problem, fit.problem.errors
-    residuals, slope = problem.weigh(fit.predicted, np.asarray(fit.jacobian), fit.best.theta)
+    residuals, slope = weighed(problem, fit.end)
     measured, sigma = np.asarray(problem.measured), np.asarray(problem.sigma)
     rows = np.concatenate([slope, residuals[:, None]], 1)
     most = max(map(len, moves))  # the first place, unmoved, fills up

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ident.inference.information import RANK_TOLERANCE
-from ident.inference.parameters import AnyArray, Parameters
+from ident.inference.parameters import AnyArray, Parameter, Parameters
 from ident.inference.problem import Choice, InParts, InverseProblem
 from ident.programs import jit
 
@@ -194,7 +194,7 @@ def evaluate(problem: InverseProblem, theta: Float[AnyArray, "P"] | None = None)
     nothing counts, so that what was compiled for the fit serves here as well.
     """
     blank = replace(without_priors(problem), sigma=np.full_like(problem.sigma, np.inf))
-    start = problem.parameters.theta(problem.parameters.column("start")) if theta is None else theta
+    start = problem.parameters.theta_start if theta is None else theta
     return searched(blank, start, None, TO_THE_END, NOTHING)[0]
 
 
@@ -240,13 +240,13 @@ def _looked(problem: InverseProblem, ways: Way) -> tuple[Array, Array, Choice]:
 
 def without_priors(problem: InverseProblem, *, but_nuisances: bool = False) -> InverseProblem:
     """Return the problem in which priors count nothing; those of nuisances too, unless they are to."""
-    free = tuple(
-        item
-        if item.nuisance and but_nuisances
-        else eqx.tree_at(lambda q: q.prior_sd, item, np.full_like(item.prior_sd, np.inf))
-        for item in problem.parameters.items
-    )
-    return replace(problem, parameters=Parameters(free))
+
+    def free(item: Parameter) -> Parameter:
+        if item.nuisance and but_nuisances:
+            return item
+        return eqx.tree_at(lambda q: q.prior_sd, item, np.full_like(item.prior_sd, np.inf))
+
+    return replace(problem, parameters=Parameters(tuple(map(free, problem.parameters.items))))
 
 
 def solve(problem: InverseProblem, start: Float[AnyArray, "P"], example: End | None = None, choice: Any = None) -> End:
@@ -336,11 +336,10 @@ def searched(
         choice = end.choice._replace(cost=end.choice.cost[places])
         own = end._replace(predicted=end.predicted[places], jacobian=end.jacobian[places], choice=choice)
         return own._replace(cost=own.cost + weight**2 * parts.scatter) if parts.scatter else own, bool(finished)
-    by_problem = problem.weigh  # looked up once: equinox makes a module of a method each time
 
     def weigh(end: End) -> tuple[np.ndarray, np.ndarray]:
-        residuals, slope = by_problem(end.predicted, end.jacobian, end.theta)
-        return weight * np.asarray(residuals), weight * np.asarray(slope)
+        residuals, slope = weighed(problem, end)
+        return weight * residuals, weight * slope
 
     def look_there(theta: Float[np.ndarray, "P"], held: Any) -> End:
         return End(theta, np.nan, np.full_like(theta, np.nan), *_predicted(parts, theta, held))
@@ -481,12 +480,11 @@ def ended(problem: InverseProblem, end: End) -> tuple[End, Convergence]:
     begins again half the way towards the parameters' own start.
     """
     stuck = here = end, convergence(problem, end)
-    first = problem.parameters.theta(problem.parameters.column("start"))
     for _ in range(AGAIN):
         here = _finished(problem, *here)
         if here[1].converged or not np.isfinite(here[0].cost):
             break
-        nearer = solve(problem, (here[0].theta + first) / 2)
+        nearer = solve(problem, (here[0].theta + problem.parameters.theta_start) / 2)
         here = nearer, convergence(problem, nearer)
     return here if here[1].converged else stuck
 

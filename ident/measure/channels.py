@@ -1,10 +1,9 @@
 """The channel table of a modal test: what each channel of each file measured, where, along what, in which unit."""
 
-import csv
-import io
+import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -19,8 +18,10 @@ from ident.measure.series import Speed, parse_speeds
 from ident.measure.table import (
     Findings,
     Record,
+    csv_text,
     decimal_mark,
     fitting,
+    header_problems,
     name_and_unit,
     parse_number,
     read_table,
@@ -126,20 +127,18 @@ def read_channels(path: str | Path) -> ChannelTable:
     Raises:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
-    import hashlib
-
     data, findings = read_table(path), Findings()
     is_column = lambda name: name_and_unit(name)[0].lower() in COLUMNS  # noqa: E731
     file, delimiter, records = records_of(data, path, is_column, findings)
     if len(records) < 2:
         remedy = "see `ident modal --init`, which writes one to fill in"
         raise InputError([*findings, Problem(file, "no row", "a header and a row for each channel", remedy)])
-    header = _Header.of(records[0], findings)
+    names, angles, length = _header(records[0], findings)
     refuse(findings)
     rows = list[ChannelRow]()
-    for where, cells in fitting(records[1:], len(header.names), delimiter, findings):
-        cell, mine = dict(zip(header.names, cells, strict=True)), Findings()
-        said = _fields(where, cell, header, delimiter, mine)
+    for where, cells in fitting(records[1:], len(names), delimiter, findings):
+        cell, mine = dict(zip(names, cells, strict=True)), Findings()
+        said = _fields(where, cell, angles, length, decimal_mark(delimiter, cells), mine)
         mine += [replace(problem, where=where) for problem in _lacks(cell, said)]
         rows += [] if mine else [ChannelRow(where=where, **said)]
         findings += mine
@@ -160,41 +159,27 @@ def _repeated(rows: list[ChannelRow]) -> Iterator[Problem]:
             yield Problem(same[1].where, got, "each channel once", "keep one row", "channel")
 
 
-@dataclass(frozen=True)
-class _Header:
-    """Names of the columns, and SI units per unit of those that have theirs in the header."""
-
-    names: tuple[str, ...]
-    factors: Mapping[str, float]
-
-    @property
-    def angles(self) -> list[str]:
-        return sorted((name for name in self.names if _ANGLE.fullmatch(name)), key=lambda name: int(name[1:]))
-
-    @classmethod
-    def of(cls, record: Record, findings: Findings) -> "_Header":
-        where, cells = record
-        named = [(name.lower(), unit) for name, unit in map(name_and_unit, cells)]
-        factors: dict[str, float] = {}
-        for name, unit in named:
-            quantity = "angle" if _ANGLE.fullmatch(name) else {"position": "length"}.get(name)
-            if quantity:
-                factors[name] = findings.attempt(where, name, _factor, unit, name, quantity) or 1.0
-            elif name not in COLUMNS:
-                expected = f"one of {', '.join(COLUMNS)}, q1 [deg], ..."
-                remedy = did_you_mean(name, COLUMNS, "remove or rename the column")
-                findings.append(Problem(where, f"the unknown column {quoted(name)}", expected, remedy))
-        names = tuple(name for name, _ in named)
-        for name in REQUIRED:
-            if name not in names:
-                findings.append(Problem(where, "no such column", f"a column {name}", "add the column", name))
-        for name in sorted({name for name in names if names.count(name) > 1}):
-            findings.append(Problem(where, "the column twice", "it once", "remove or rename one", name))
-        angles = [int(name[1:]) for name in names if _ANGLE.fullmatch(name)]
-        for joint in sorted(set(range(2, max(angles, default=1))) - set(angles)):
-            expected, remedy = "joint angles numbered q1, q2, ... without a gap", "add or renumber the column"
-            findings.append(Problem(where, "no such column", expected, remedy, f"q{joint}"))
-        return cls(names, factors)
+def _header(record: Record, findings: Findings) -> tuple[list[str], dict[str, float], float]:
+    """Return the names of the columns, and SI units per unit of the joint angles, in their order, and of `position`."""
+    where, cells = record
+    named = [(name.lower(), unit) for name, unit in map(name_and_unit, cells)]
+    angles, length = dict[str, float](), 1.0
+    for name, unit in named:
+        if _ANGLE.fullmatch(name):
+            angles[name] = findings.attempt(where, name, _factor, unit, name, "angle") or 1.0
+        elif name == "position":
+            length = findings.attempt(where, name, _factor, unit, name, "length") or 1.0
+        elif name not in COLUMNS:
+            expected = f"one of {', '.join(COLUMNS)}, q1 [deg], ..."
+            remedy = did_you_mean(name, COLUMNS, "remove or rename the column")
+            findings.append(Problem(where, f"the unknown column {quoted(name)}", expected, remedy))
+    names = [name for name, _ in named]
+    findings += header_problems(where, names, REQUIRED)
+    joints = sorted(int(name[1:]) for name in angles)
+    for joint in sorted(set(range(2, max(joints, default=1))) - set(joints)):
+        expected, remedy = "joint angles numbered q1, q2, ... without a gap", "add or renumber the column"
+        findings.append(Problem(where, "no such column", expected, remedy, f"q{joint}"))
+    return names, {f"q{joint}": angles[f"q{joint}"] for joint in joints}, length
 
 
 def _factor(unit: str, name: str, quantity: str) -> float:
@@ -204,11 +189,11 @@ def _factor(unit: str, name: str, quantity: str) -> float:
     return si_factor(unit, quantity)
 
 
-def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str, mine: Findings) -> dict[str, Any]:
-    decimal = decimal_mark(delimiter, cell.values())
-
-    def number(name: str, above: float | None = 0.0) -> float | None:
-        return mine.attempt(where, name, _number, cell[name], decimal, above) if cell.get(name) else None
+def _fields(
+    where: str, cell: Mapping[str, str], angles: Mapping[str, float], length: float, decimal: str, mine: Findings
+) -> dict[str, Any]:
+    def number(name: str) -> float | None:
+        return mine.attempt(where, name, _positive, cell[name], decimal) if cell.get(name) else None
 
     role = cell["role"].lower()
     if role == IGNORED or not role:
@@ -222,11 +207,11 @@ def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str
         **{name: cell.get(name, "") for name in ("file", "channel", "point", "joint")},
         "role": role,
         "posture": tuple(
-            (mine.attempt(where, name, _number, cell[name], decimal, None) or 0.0) * header.factors[name]
-            for name in header.angles
+            (mine.attempt(where, name, parse_number, cell[name], decimal) or 0.0) * factor
+            for name, factor in angles.items()
             if role != TIME
         ),
-        "position": mine.attempt(where, "position", _position, position, decimal, header.factors) if position else None,
+        "position": mine.attempt(where, "position", _position, position, decimal, length) if position else None,
         "direction": mine.attempt(where, "direction", parse_direction, direction, decimal) if direction else None,
         "frame": cell.get("frame", "").lower() or FRAMES[0],
         "quantity": "length" if quantity == "displacement" else quantity,
@@ -241,10 +226,10 @@ def _fields(where: str, cell: Mapping[str, str], header: _Header, delimiter: str
     }
 
 
-def _number(text: str, decimal: str, above: float | None) -> float:
+def _positive(text: str, decimal: str) -> float:
     value = parse_number(text, decimal)
-    if above is not None and not value > above:
-        raise refusal("", quoted(text), f"a number above {above:g}", "correct it, or leave the cell empty")
+    if not value > 0:
+        raise refusal("", quoted(text), "a number above 0", "correct it, or leave the cell empty")
     return value
 
 
@@ -254,15 +239,15 @@ def _volts(match: re.Match[str], unit: str, decimal: str) -> tuple[float, str]:
     if unit and unit != own:
         remedy = "leave the cell `unit` empty, or write the same one"
         raise refusal("", quoted(match[0]), f"volts for one {quoted(unit)}, as in the column unit", remedy)
-    return _number(match["number"], decimal, 0.0) * VOLTAGES[match["volts"]], own
+    return _positive(match["number"], decimal) * VOLTAGES[match["volts"]], own
 
 
-def _position(text: str, decimal: str, factors: Mapping[str, float]) -> Vector:
+def _position(text: str, decimal: str, length: float) -> Vector:
     parts = text.split()
     if len(parts) != 3:
         remedy = "give its coordinates in the body's frame, separated by blanks"
         raise refusal("", quoted(text), "three numbers", remedy)
-    x, y, z = (parse_number(part, decimal) * factors["position"] for part in parts)
+    x, y, z = (parse_number(part, decimal) * length for part in parts)
     return x, y, z
 
 
@@ -358,10 +343,10 @@ def is_table(path: Path) -> bool:
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
             every = (line.strip() for line in iter(lambda: file.readline(LONGEST_LINE), ""))
-            lines = [next((line for line in every if line and not line.startswith("#")), "")]
+            header = next((line for line in every if line and not line.startswith("#")), "")
     except OSError:  # who reads it says so
         return False
-    head = {cell.strip().lower() for cell in re.split("[,;\t]", lines[0])}
+    head = {cell.strip().lower() for cell in re.split("[,;\t]", header)}
     return {"file", "channel"} <= head or {"kind", "value"} <= head
 
 
@@ -382,14 +367,15 @@ def write_template(folder: Path, path: Path, joints: int) -> int:
     recordings = recordings_of(folder)
     rows = [row for name, recording in recordings.items() for row in _rows(name, recording)]
     passed = [f"Passed over: {one_line(name)}, {each.holds}." for name, each in recordings.items() if each.holds]
-    text = io.StringIO()
-    text.writelines(f"# {line}\n" for line in (*COMMENTS, *passed))
     angles = [f"q{i} [deg]" for i in range(1, joints + 1)]
-    writer = csv.DictWriter(text, [*HEAD, *angles, "load", "note"], lineterminator="\n", restval="")
-    writer.writeheader()
-    writer.writerows(rows)
-    replace_file(path, lambda file: file.write(text.getvalue().encode()), make_folders=True)
+    write_blank(path, [*COMMENTS, *passed], [*HEAD, *angles, "load", "note"], rows)
     return len(rows)
+
+
+def write_blank(path: Path, comments: Iterable[str], columns: Sequence[str], rows: Iterable[Mapping[str, str]]) -> None:
+    """Write a table to fill in, below lines that say how."""
+    text = "".join(f"# {line}\n" for line in comments) + csv_text(columns, rows)
+    replace_file(path, lambda file: file.write(text.encode()), make_folders=True)
 
 
 def _rows(name: str, recording: Recording) -> Iterator[dict[str, str]]:

@@ -92,9 +92,8 @@ def _channel_problems(series: Series, joint: str, locked: bool) -> Iterator[Prob
     if not {"torque", "load"} & {*given}:
         yield missing_column(series.header, f"{joint}.torque", "moment", series.ignored)
     if locked and "link" in given:
-        yield Problem(
-            series.header, "a link's angle", "none, for the link is `locked`", "drop one of them", given["link"]
-        )
+        expected = "none, for the link is `locked`"
+        yield Problem(series.header, "a link's angle", expected, "drop one of them", given["link"])
     for channel, name in given.items():
         span = float(np.ptp(series[name]))
         if span == 0:

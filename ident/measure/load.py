@@ -5,7 +5,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import groupby
+from typing import TypeVar
 
 from ident.errors import InputError, Problem, refusal, refuse
 from ident.measure.table import format_number, parse_number
@@ -13,6 +13,7 @@ from ident.text import NAME, quoted
 from ident.units import to_si
 
 Vector = tuple[float, float, float]
+Place = TypeVar("Place", str, tuple[str, str, str])
 Own = tuple[str, Vector, str, str]
 """`force` [N] or `moment` [N m], its components along the axes of a body, point, body."""
 
@@ -100,7 +101,8 @@ class Load:
         object.__setattr__(self, "masses", tuple((mass, point) for point, mass in sorted(masses.items())))
         object.__setattr__(self, "forces", _summed(self.forces))
         object.__setattr__(self, "moments", _summed(self.moments))
-        object.__setattr__(self, "own", tuple(_own_summed(self.own)))
+        own = _summed((vector, (kind, point, body)) for kind, vector, point, body in self.own)
+        object.__setattr__(self, "own", tuple((kind, vector, point, body) for vector, (kind, point, body) in own))
 
     def __bool__(self) -> bool:
         return bool(self.payloads or self.masses or self.forces or self.moments or self.own)
@@ -147,21 +149,13 @@ class Load:
         return cls(payloads, masses, forces, moments, tuple(term for term in acting if term[3]))
 
 
-def _summed(acting: Iterable[tuple[Vector, str]]) -> tuple[tuple[Vector, str], ...]:
-    """Add up what acts at each point; nothing where that is zero."""
-    sums: dict[str, Vector] = defaultdict(lambda: (0.0, 0.0, 0.0))
-    for vector, point in acting:
-        x, y, z = (a + b for a, b in zip(sums[point], vector, strict=True))
-        sums[point] = (x, y, z)
-    return tuple((vector, point) for point, vector in sorted(sums.items()) if any(vector))
-
-
-def _own_summed(acting: Iterable[Own]) -> Iterator[Own]:
-    """Add up what acts at each point along the axes of each body."""
-    terms = sorted(acting, key=lambda term: (term[0], term[2], term[3]))
-    for (kind, point, body), same in groupby(terms, key=lambda term: (term[0], term[2], term[3])):
-        for vector, _ in _summed([(vector, point) for _, vector, *_ in same]):
-            yield kind, vector, point, body
+def _summed(acting: Iterable[tuple[Vector, Place]]) -> tuple[tuple[Vector, Place], ...]:
+    """Add up what acts at each place: a point, or kind, point and body; nothing where that is zero."""
+    sums: dict[Place, Vector] = defaultdict(lambda: (0.0, 0.0, 0.0))
+    for vector, place in acting:
+        x, y, z = (a + b for a, b in zip(sums[place], vector, strict=True))
+        sums[place] = (x, y, z)
+    return tuple((vector, place) for place, vector in sorted(sums.items()) if any(vector))
 
 
 def _components(acting: Iterable[tuple[Vector, str]], words: str, axes: str = "") -> Iterator[str]:

@@ -1,11 +1,9 @@
 """Campaign CSV into a campaign: every cell is checked, and every problem of the file reported at once."""
 
-import csv
 import hashlib
-import io
 import os
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import count
@@ -32,6 +30,7 @@ from ident.measure.table import (
     BARE,
     Findings,
     Record,
+    csv_text,
     decimal_mark,
     fitting,
     format_number,
@@ -47,40 +46,15 @@ from ident.units import si_factor
 # The columns of a campaign CSV, and the header line that names them.
 
 COLUMNS = (
-    "kind",
-    "mode",
-    "of",
-    "point",
-    "direction",
-    "reference_point",
-    "reference_direction",
-    "joint",
-    "setup",
-    "load",
-    "reference_load",
-    "ramp",
-    "drives",
-    "value",
-    "unit",
-    "sigma",
-    "relative_sigma",
-    "resolution",
-    "repeat",
-    "group",
+    "kind", "mode", "of", "point", "direction", "reference_point", "reference_direction", "joint", "setup", "load",
+    "reference_load", "ramp", "drives", "value", "unit", "sigma", "relative_sigma", "resolution", "repeat", "group",
     "note",
-)
+)  # fmt: skip
 """Names of the columns, beside the joint angles `q1 [deg]`, `q2 [deg]`, ..."""
 
 NUMERIC_COLUMNS = (
-    "value",
-    "sigma",
-    "relative_sigma",
-    "resolution",
-    "direction",
-    "reference_direction",
-    "load",
-    "reference_load",
-)
+    "value", "sigma", "relative_sigma", "resolution", "direction", "reference_direction", "load", "reference_load",
+)  # fmt: skip
 """Columns, beside the joint angles, that hold numbers."""
 
 _ANGLE_COLUMN = re.compile(r"(q[1-9][0-9]{0,2})\s*(?:\[([^\]]*)\])?", re.IGNORECASE)
@@ -209,12 +183,8 @@ def parse_campaign(
 
 def _numbered(measurements: Iterable[Measurement]) -> tuple[Measurement, ...]:
     """Number the rows of each group."""
-    count: Counter[str] = Counter()
-    numbered = []
-    for m in measurements:
-        count[m.group] += 1
-        numbered.append(replace(m, member=count[m.group]) if m.group else m)
-    return tuple(numbered)
+    places: dict[str, Iterator[int]] = defaultdict(lambda: count(1))
+    return tuple(replace(m, member=next(places[m.group])) if m.group else m for m in measurements)
 
 
 def _covariance(measurements: Iterable[Measurement], path: str | Path, data: bytes | None) -> Covariance | None:
@@ -448,12 +418,7 @@ def format_campaign(campaign: Campaign, *, relative_sigma: bool = False) -> str:
     postures = [dict(zip(angles, (_written(angle, degree) for angle in m.posture), strict=True)) for m in campaign]
     rows = [posture | _cells(m, relative_sigma) for posture, m in zip(postures, campaign, strict=True)]
     used = [name for name in COLUMNS if name in ("kind", "value", "unit") or any(row.get(name) for row in rows)]
-    text = io.StringIO()
-    columns = ["kind", *angles, *used[1:]]
-    writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    return csv_text(["kind", *angles, *used[1:]], rows)
 
 
 def _cells(m: Measurement, relative_sigma: bool) -> dict[str, str]:

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ident.errors import InputError, Problem, refusal, refuse
-from ident.files import replace_file
-from ident.measure.channels import FRAMES, check_folder, recordings_of
+from ident.errors import InputError, Problem, noted, refusal, refuse
+from ident.measure.channels import FRAMES, check_folder, recordings_of, write_blank
 from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, read_recording
 from ident.measure.recordings.recording import SourceFile
@@ -22,6 +21,7 @@ from ident.measure.table import (
     Findings,
     decimal_mark,
     fitting,
+    header_problems,
     name_and_unit,
     parse_number,
     read_table,
@@ -200,21 +200,15 @@ def read_runs(path: str | Path) -> Runs:
         InputError: a file can't be read, or something is wrong in one; every problem is listed.
     """
     data, findings = read_table(path), Findings()
-    rows = _rows(data, path, findings)
-    refuse(findings)
+    rows = _rows(data, path)
     folder, files, traces = Path(path).parent, dict[str, SourceFile](), list[Trace]()
     for name in dict.fromkeys(row.file for row in rows):
-        own = [row for row in rows if row.file == name]
-        try:
+        with noted(findings):
             recording = read_recording(folder / name)
-        except InputError as error:
-            findings += error.problems
-            continue
-        files[name] = SourceFile(recording.path, recording.sha256)
-        by_name = {channel.name: channel for channel in recording.channels}
-        for row in own:
-            trace = findings.attempt(row.where, "", _trace, row, by_name)
-            traces += [trace] if trace else []
+            files[name] = SourceFile(recording.path, recording.sha256)
+            by_name = {channel.name: channel for channel in recording.channels}
+            own = [findings.attempt(row.where, "", _trace, row, by_name) for row in rows if row.file == name]
+            traces += filter(None, own)
     files |= _logs(rows, folder, findings)
     refuse(findings)
     return Runs(str(path), hashlib.sha256(data).hexdigest(), tuple(traces), files)
@@ -227,16 +221,12 @@ def planned_runs(path: str | Path) -> Runs:
         InputError: the table or a log of the joints can't be read, or something is wrong in it, a unit missing too.
     """
     data, findings = read_table(path), Findings()
-    rows = _rows(data, path, findings)
-    refuse(findings)
+    rows = _rows(data, path)
     derivatives = [findings.attempt(row.where, "", _measured, row, "") for row in rows]
     files = dict(_logs(rows, Path(path).parent, findings))
     refuse(findings)
-    traces = [
-        Trace(row, each[0], np.array([0.0, 1.0]), np.zeros(2))
-        for row, each in zip(rows, derivatives, strict=True)
-        if each
-    ]
+    times, zeros = np.array([0.0, 1.0]), np.zeros(2)
+    traces = [Trace(row, each[0], times, zeros) for row, each in zip(rows, derivatives, strict=True) if each]
     return Runs(str(path), hashlib.sha256(data).hexdigest(), tuple(traces), files)
 
 
@@ -248,12 +238,12 @@ def _logs(rows: list[RunRow], folder: Path, findings: Findings) -> Iterator[tupl
             yield name, SourceFile(str(folder / name), hashlib.sha256(data).hexdigest())
 
 
-def _rows(data: bytes, path: str | Path, findings: Findings) -> list[RunRow]:
+def _rows(data: bytes, path: str | Path) -> list[RunRow]:
+    findings = Findings()
     file, delimiter, records = records_of(data, path, lambda cell: name_and_unit(cell)[0].lower() in COLUMNS, findings)
     if len(records) < 2:
         remedy = "see `ident source --init`, which writes one to fill in"
-        findings.append(Problem(file, "no row", "a header and a row for each channel", remedy))
-        return []
+        raise InputError([*findings, Problem(file, "no row", "a header and a row for each channel", remedy)])
     where, header = records[0]
     named = [(name.lower(), unit) for name, unit in map(name_and_unit, header)]
     names = [name for name, _ in named]
@@ -261,19 +251,14 @@ def _rows(data: bytes, path: str | Path, findings: Findings) -> list[RunRow]:
         if name not in COLUMNS:
             remedy = did_you_mean(name, COLUMNS, "remove or rename the column")
             findings.append(Problem(where, f"the unknown column {quoted(name)}", f"one of {', '.join(HEAD)}", remedy))
-    for name in REQUIRED:
-        if name not in names:
-            findings.append(Problem(where, "no such column", f"a column {name}", "add the column", name))
-    for name in sorted({name for name in names if names.count(name) > 1}):
-        findings.append(Problem(where, "the column twice", "it once", "remove or rename one", name))
-    if dict(named).get("speed", "") not in ("", "%"):
-        findings.append(Problem(where, dict(named)["speed"], "% of full speed", "convert it", "speed"))
-    if dict(named).get("sensitivity"):
-        got, remedy = dict(named)["sensitivity"], "leave its unit out, and say it in the column unit"
-        findings.append(Problem(where, got, "numbers of the file for one unit", remedy, "sensitivity"))
-    if findings:
-        return []
+    findings += header_problems(where, names, REQUIRED)
     units = dict(named)
+    if units.get("speed", "") not in ("", "%"):
+        findings.append(Problem(where, units["speed"], "% of full speed", "convert it", "speed"))
+    if units.get("sensitivity"):
+        remedy = "leave its unit out, and say it in the column unit"
+        findings.append(Problem(where, units["sensitivity"], "numbers of the file for one unit", remedy, "sensitivity"))
+    refuse(findings)
     delay = findings.attempt(where, "delay", si_factor, units["delay"] or "s", "time") if "delay" in units else 1.0
     rows = list[RunRow]()
     for place, cells in fitting(records[1:], len(names), delimiter, findings):
@@ -286,6 +271,7 @@ def _rows(data: bytes, path: str | Path, findings: Findings) -> list[RunRow]:
     findings += _unequal(rows)
     if not rows and not findings:
         findings.append(Problem(file, "no row with a direction", "at least one", "fill in the column direction"))
+    refuse(findings)
     return rows
 
 
@@ -429,22 +415,15 @@ def write_runs(folder: str | Path, path: str | Path) -> int:
     Raises:
         InputError: no recordings, or a file of that name, which is not overwritten.
     """
-    import csv
-    import io
-
     check_folder(Path(folder))
     if Path(path).exists():
         remedy = "move it away, or name another"
         raise refusal(one_line(str(path)), "a file that is there", "none", remedy)
     recordings = recordings_of(Path(folder))
-    text = io.StringIO()
-    text.writelines(f"# {line}\n" for line in COMMENTS)
-    writer = csv.DictWriter(text, HEAD, lineterminator="\n", restval="")
-    writer.writeheader()
-    count = 0
-    for name, recording in recordings.items():
-        for channel in recording.channels:
-            writer.writerow({"file": name, "channel": channel.name, "unit": channel.unit})
-            count += 1
-    replace_file(Path(path), lambda file: file.write(text.getvalue().encode()), make_folders=True)
-    return count
+    rows = [
+        {"file": name, "channel": channel.name, "unit": channel.unit}
+        for name, recording in recordings.items()
+        for channel in recording.channels
+    ]
+    write_blank(Path(path), COMMENTS, HEAD, rows)
+    return len(rows)

@@ -398,8 +398,8 @@ def sampling_problems(series: Series) -> Iterator[Problem]:
 # -------- Pulleys
 # Pulleys in a CSV file of a trace: turning frequency and angle over time, as `ident simulate` writes them.
 
-FIELDS = {"frequency": "frequency", "angle": "angle"}
-"""Columns of a pulley, `drive1.frequency [Hz]` and `drive1.angle [rad]`, and the quantity of each."""
+FIELDS = ("frequency", "angle")
+"""Columns of a pulley, `drive1.frequency [Hz]` and `drive1.angle [rad]`, each called after its quantity."""
 
 _COLUMN = re.compile(rf"(?P<name>(?P<pulley>{NAME})\.(?P<field>{'|'.join(FIELDS)}))\s*\[.*\]")
 
@@ -431,7 +431,7 @@ def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Pulley]:
     if not there:
         return {}
     findings = Findings()
-    wanted = {match["name"]: (FIELDS[match["field"]],) for match in there}
+    wanted = {match["name"]: (match["field"],) for match in there}
     series = parse_series(read_table(path, LARGEST_SAMPLES), path, wanted, TRACE_ROWS_MIN, findings)
     refuse(findings)
     return {

@@ -6,7 +6,7 @@ import math
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -159,28 +159,19 @@ def read_table(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
     return read_bytes(path, "a readable CSV file", largest)
 
 
-def table_text(data: bytes, file: str) -> str:
-    """Return the bytes of a CSV file as text, or the first sheet of an `.xlsx` file as such text; `file` names it.
-
-    Raises:
-        InputError: the bytes are neither.
-    """
-    return sheet_text(data, file) if file.lower().endswith(".xlsx") else decode(data, file)
-
-
 def records_of(
     data: bytes, path: str | Path, is_column: Callable[[str], bool], findings: Findings
 ) -> tuple[str, str, list[Record]]:
     """Return a table's name for messages, its delimiter and its records; what is no record is noted.
 
     Args:
-        data: the bytes of the file.
+        data: the bytes of the file: CSV, or an `.xlsx` file, whose first sheet counts.
         path: names it.
         is_column: whether a column may have a name, by which the delimiter is found.
         findings: where problems are put.
     """
     file = one_line(str(path))
-    text = table_text(data, file)
+    text = sheet_text(data, file) if file.lower().endswith(".xlsx") else decode(data, file)
     delimiter = sniff_delimiter(text, is_column)
     return file, delimiter, list(read_records(text, delimiter, file, findings))
 
@@ -191,10 +182,28 @@ def fitting(records: list[Record], columns: int, delimiter: str, findings: Findi
     return [(where, cells) for where, cells in records if len(cells) == columns]
 
 
+def header_problems(where: str, names: Sequence[str], required: Iterable[str]) -> Iterator[Problem]:
+    """Yield the columns that a header lacks, and those that it has twice."""
+    for name in required:
+        if name not in names:
+            yield Problem(where, "no such column", f"a column {name}", "add the column", name)
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        yield Problem(where, "the column twice", "it once", "remove or rename one", name)
+
+
 def name_and_unit(cell: str) -> tuple[str, str]:
     """Split a header cell `name [unit]`; the unit is empty where there is none."""
     match = re.fullmatch(r"([^\[\]]*?)\s*(?:\[([^\]]*)\])?", cell)
     return (match[1], (match[2] or "").strip()) if match else (cell, "")
+
+
+def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, str]]) -> str:
+    """Return rows as CSV under their columns; cells of other columns are left out."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def sniff_delimiter(text: str, is_column: Callable[[str], bool]) -> str:

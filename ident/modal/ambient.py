@@ -422,7 +422,7 @@ def _remarks(group: Iterable[Record], harmonics: Sequence[Harmonic]) -> Iterator
 
 
 def measured_tests(
-    table: ChannelTable, recordings: Mapping[str, Recording], processing: Processing | None = None
+    table: ChannelTable, recordings: Mapping[str, Recording], processing: Processing
 ) -> tuple[ModalTest | AmbientTest, ...]:
     """Return the tests of a channel table, one for each posture, load and state of the drives.
 
@@ -436,7 +436,6 @@ def measured_tests(
     Raises:
         InputError: see `ident.modal.sources`, `ident.modal.sources`; a record that is too short or without a hit.
     """
-    processing = processing or Processing()
     ambient = ambient_files(table, recordings)
     quiet = {name: each for name, each in recordings.items() if name in ambient}
     pushed = {name: each for name, each in recordings.items() if name not in ambient}

@@ -167,17 +167,13 @@ def _reciprocity(frf: Frf) -> Iterator[Check]:
             if i == j:
                 continue
             difference = sign * frf.hits[:, o, j] - other * frf.hits[:, p, i]
+            count = len(difference)
+            scatter = difference.var(0, ddof=1).sum() / count if count > 1 else 0.0
+            beyond = np.sqrt(max((abs(difference.mean(0)) ** 2).sum() - scatter, 0.0))
             size = np.sqrt(np.linalg.norm(mean[o, i]) * np.linalg.norm(mean[p, j]))
-            value = float(_beyond_scatter(difference) / size) if size else 0.0
+            value = float(beyond / size) if size else 0.0
             both = frf.references[i], frf.references[j]
             yield Check("reciprocity", both, value, APART, "check points, directions and sensitivities of both")
-
-
-def _beyond_scatter(difference: np.ndarray) -> float:
-    """Return the size of a mean difference (H, F) that the scatter of the hits does not explain."""
-    count = len(difference)
-    scatter = difference.var(0, ddof=1).sum() / count if count > 1 else 0.0
-    return float(np.sqrt(max((abs(difference.mean(0)) ** 2).sum() - scatter, 0.0)))
 
 
 def _same(responses: tuple[Place, ...], references: tuple[Place, ...]) -> Iterator[tuple[int, int, float]]:

@@ -394,14 +394,8 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
         got = f"{kept.sum()} lines from {low:.4g} to {high:.4g} Hz"
         raise refusal(one_line(group[0].file), got, "at least two", "widen the band (`band`)")
     frf, quality, remarks = _assembled(every, frequency[kept], kept, decay, processing.estimator)
-    return _assessed(
-        group,
-        frf,
-        quality,
-        [*remarks, *_moving(every), *mains_lines(group, frequency[kept])],
-        duration=count * step,
-        rejected=rejected,
-    )
+    remarks += [*_moving(every), *mains_lines(group, frequency[kept])]
+    return _assessed(group, frf, quality, remarks, count * step, rejected)
 
 
 def _assessed(
@@ -490,14 +484,9 @@ def _of_responses(group: list[Source], processing: Processing) -> ModalTest:
     frequency = first.start + first.step * np.arange(first.responses[0].values.shape[1])
     low, high = processing.band or (frequency[0], frequency[-1])
     kept = (frequency >= max(low, first.step / 2)) & (frequency <= high)
-    every = [
-        Spectra(
-            source,
-            np.ones((len(source.responses[0].values), len(frequency))),
-            np.stack(
-                [each.values * (source.decay + 2j * np.pi * frequency) ** each.order for each in source.responses], 1
-            ),
-        )
-        for source in group
-    ]
+    every = []
+    for source in group:
+        s = source.decay + 2j * np.pi * frequency
+        responses = np.stack([each.values * s**each.order for each in source.responses], 1)
+        every.append(Spectra(source, np.ones((len(responses), len(frequency))), responses))
     return _assessed(group, *_assembled(every, frequency[kept], kept, max(s.decay for s in group), "h1"))

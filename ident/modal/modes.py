@@ -481,9 +481,8 @@ def together(tests: Sequence[Modes]) -> tuple[Modes, ...]:
     if not tests:
         return ()
     ratio = pooled([modes.ratio for modes in tests])
-    return tuple(
-        replace(modes, covariance=modes.covariance * (ratio.scale / modes.ratio.scale), ratio=ratio) for modes in tests
-    )
+    scaled = [modes.covariance * (ratio.scale / modes.ratio.scale) for modes in tests]
+    return tuple(replace(modes, covariance=own, ratio=ratio) for modes, own in zip(tests, scaled, strict=True))
 
 
 def _modes(fit: Likelihood, frf: Frf, diagram: Diagram, rejected: tuple[Rejected, ...], ratio: Ratio) -> Modes:
@@ -492,20 +491,11 @@ def _modes(fit: Likelihood, frf: Frf, diagram: Diagram, rejected: tuple[Rejected
     pole = model.pole[order]
     slopes = _slopes(model, order)
     covariance = slopes @ fit.covariance @ slopes.T * (WEIGHED * ratio.scale)
+    frequency, damping = np.abs(pole) / (2 * np.pi), -pole.real / np.abs(pole)
     return Modes(
-        np.abs(pole) / (2 * np.pi),
-        -pole.real / np.abs(pole),
-        model.shape[:, order],
-        covariance,
-        diagram,
-        rejected,
-        model.participation[:, order],
-        ratio,
-        fit.chi_squared / fit.freedom,
-        fit.converged,
-        model,
-        frf,
-    )
+        frequency, damping, model.shape[:, order], covariance, diagram, rejected, model.participation[:, order], ratio,
+        fit.chi_squared / fit.freedom, fit.converged, model, frf,
+    )  # fmt: skip
 
 
 def _slopes(model: ModalModel, order: np.ndarray) -> Float[np.ndarray, "n v"]:

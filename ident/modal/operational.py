@@ -159,9 +159,8 @@ def _numbers(
     numbers, apart = [], []
     for i, chosen in enumerate(diagram.chosen):
         largest = int(np.argmax(np.abs(diagram.shape[:, chosen])))  # of its own motion, whatever its unit
-        pairs = [
-            _like(by_order[int(diagram.order[k])], diagram, k) for k in np.flatnonzero(diagram.cluster == i).tolist()
-        ]
+        members = np.flatnonzero(diagram.cluster == i).tolist()
+        pairs = [_like(by_order[int(diagram.order[k])], diagram, k) for k in members]
         rows = [_row(test, each, j, largest) for each, j, _ in pairs]
         numbers.append(np.median(rows, axis=0))
         apart.append(np.median([far for _, _, far in pairs]))

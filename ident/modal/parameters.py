@@ -55,13 +55,6 @@ class ModalParameters(ModeSet, ABC):
     def doubtful(self) -> bool:
         """Whether the covariance is not to be relied on."""
 
-    @property
-    def correlation(self) -> Float[np.ndarray, "k k"]:
-        """(2 m, 2 m) [-] of frequencies, then damping ratios."""
-        count = 2 * len(self.frequency)
-        sd = self.sigma.ravel()
-        return self.covariance[:count, :count] / (sd[:, None] * sd)
-
 
 # -------- Complexity
 # How far the shape of a mode is from one that moves in phase, with what is known of it.

@@ -429,7 +429,6 @@ class Diagram:
 
     Attributes:
         order: (n,) of the polynomial.
-        transposed: (n,) whether responses took the place of references.
         pole: (n,) [rad/s] complex.
         shape: (O I, n) complex: residues of unit length.
         cluster: (n,) number of its cluster, ascending in frequency; -1 where it is in none that lasts.
@@ -438,7 +437,6 @@ class Diagram:
     """
 
     order: Int[np.ndarray, "n"]
-    transposed: np.ndarray
     pole: Complex[np.ndarray, "n"]
     shape: Complex[np.ndarray, "K n"]
     cluster: Int[np.ndarray, "n"]
@@ -499,18 +497,16 @@ def _one_side(frf: Frf, noise: Noise, transposed: bool, size: int) -> Diagram | 
             model = model_of(frf, noise, poles)
             residue = (model.shape[:, None] * model.participation[None]).reshape(channels, -1)
         shapes.append(residue / np.linalg.norm(residue, axis=0))
-    return clustered([each.order for each in solutions], [each.pole for each in solutions], shapes, transposed)
+    return clustered([each.order for each in solutions], [each.pole for each in solutions], shapes)
 
 
-def clustered(
-    orders: Sequence[int], poles: Sequence[np.ndarray], shapes: Sequence[np.ndarray], transposed: bool = False
-) -> Diagram:
+def clustered(orders: Sequence[int], poles: Sequence[np.ndarray], shapes: Sequence[np.ndarray]) -> Diagram:
     """Return the diagram of the poles and shapes that were found with each order."""
     numbers = _tracked(poles, shapes)
     each = [np.full(len(own), order) for order, own in zip(orders, poles, strict=True)]
     order, pole, shape, number = (np.concatenate(x, -1) for x in (each, poles, shapes, numbers))
     cluster, chosen, passing = _lasting(pole, shape, number, len(orders))
-    return Diagram(order, np.full(len(order), transposed), pole, shape, cluster, chosen, passing)
+    return Diagram(order, pole, shape, cluster, chosen, passing)
 
 
 def physical(pole: Complex[np.ndarray, "n"], band: tuple[float, float]) -> Bool[np.ndarray, "n"]:
@@ -568,22 +564,19 @@ def _medoid(pole: np.ndarray, shape: np.ndarray, members: np.ndarray) -> int:
 
 def _with(first: Diagram, second: Diagram) -> Diagram:
     """Return both, with the clusters of the second where the first has none within the resonance."""
-    poles = first.pole[first.chosen]
-    new = [
-        i
-        for i, pole in enumerate(second.pole[second.chosen])
-        if not (np.abs(poles - pole) < 2 * (np.abs(poles.real) + np.abs(pole.real))).any()
-    ]
-    moved = np.full(len(second.chosen) + 1, -1)
+    poles, others = first.pole[first.chosen], second.pole[second.chosen]
+    apart = np.abs(others[:, None] - poles)
+    new = np.flatnonzero(~(apart < 2 * (np.abs(poles.real) + np.abs(others.real)[:, None])).any(1))
+    moved = np.full(len(others) + 1, -1)
     if len(poles):
-        moved[:-1] = np.abs(second.pole[second.chosen][:, None] - poles).argmin(1)
+        moved[:-1] = apart.argmin(1)
     moved[new] = len(poles) + np.arange(len(new))
     chosen = np.concatenate([first.chosen, len(first.pole) + second.chosen[new]]).astype(int)
-    fields = ("order", "transposed", "pole", "shape")
-    order, transposed, pole, shape = (np.concatenate([getattr(first, f), getattr(second, f)], -1) for f in fields)
+    fields = ("order", "pole", "shape")
+    order, pole, shape = (np.concatenate([getattr(first, f), getattr(second, f)], -1) for f in fields)
     cluster = np.concatenate([first.cluster, moved[second.cluster]])
     rank = np.argsort(np.abs(pole[chosen]))
     place = np.append(np.argsort(rank), -1)
-    others = np.setdiff1d(np.arange(len(second.chosen)), new)
-    passing = np.concatenate([first.passing, len(first.pole) + np.concatenate([second.passing, second.chosen[others]])])
-    return Diagram(order, transposed, pole, shape, place[cluster], chosen[rank], passing.astype(int))
+    known = np.delete(second.chosen, new)
+    passing = np.concatenate([first.passing, len(first.pole) + np.concatenate([second.passing, known])])
+    return Diagram(order, pole, shape, place[cluster], chosen[rank], passing.astype(int))

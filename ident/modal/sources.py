@@ -132,7 +132,7 @@ def _test(
         sd += 2 * [s.sigma.get(row.channel, share) for row in rows]
     places = tuple(Place(row.point, row.direction) for row in rows if row.direction is not None)
     modes = FinishedModes(frequency, damping, motion, np.array(sd), places, next(s.of for s in shapes) or of or "")
-    return FinishedTest(rows[0].posture, rows[0].load, rows[0].drives, (name,), modes)
+    return FinishedTest(*_state(rows[0]), (name,), modes)
 
 
 def _lacking(name: str, recording: Recording, rows: list[ChannelRow]) -> Iterator[Problem]:
@@ -144,7 +144,7 @@ def _lacking(name: str, recording: Recording, rows: list[ChannelRow]) -> Iterato
         if row.sensitivity is not None:
             remedy = "empty the cell: a shape has any scale, the same for all of its channels"
             yield Problem(row.where, "a sensitivity", "none for finished modes", remedy, "sensitivity")
-        if (row.posture, row.load, row.drives) != (rows[0].posture, rows[0].load, rows[0].drives):
+        if _state(row) != _state(rows[0]):
             remedy = "a file is of one state of the arm"
             yield Problem(row.where, "another posture, load or state of the drives", "the file's first", remedy, "q1")
 
@@ -401,8 +401,8 @@ def _source(
         full_scale = _full_scale(force)
     units = {each.name: each.unit for each in used} | ({force.channel: used[0].reference_unit} if finished else {})
     return Source(
-        name, force.posture, force.load, force.drives, force.decay, step, start, _place(force), pushed,
-        full_scale, responses, tuple(f"{name}: {remark}" for remark in _unit_remarks([force, *rows], units)),
+        name, *_state(force), force.decay, step, start, _place(force), pushed, full_scale, responses,
+        tuple(f"{name}: {remark}" for remark in _unit_remarks([force, *rows], units)),
     )  # fmt: skip
 
 
@@ -470,14 +470,10 @@ def aligned(
     if not (end - begin).min() >= 2 or (channels[0].reference and late.any()):
         raise InputError(_apart(name, where, channels, starts, step))
     count = int((end - begin).min())
-    cut = [
-        replace(
-            each,
-            values=np.stack([row[at : at + count] for row, at in zip(each.values, first, strict=True)]),
-            start=float(starts[0, 0] + begin[0] * step),
-        )
-        for each, first in zip(channels, (begin - whole).astype(int), strict=True)
-    ]
+    cut, start = list[Channel](), float(starts[0, 0] + begin[0] * step)
+    for each, first in zip(channels, (begin - whole).astype(int), strict=True):
+        values = np.stack([row[at : at + count] for row, at in zip(each.values, first, strict=True)])
+        cut.append(replace(each, values=values, start=start))
     return cut, [row if row.any() else None for row in late]
 
 

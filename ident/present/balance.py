@@ -7,8 +7,8 @@ import numpy as np
 
 from ident.assess.balance import RATE, grade
 from ident.present.basis import motion_section, subject
-from ident.present.report import Finding, Report, Section, Table, Verdict, without_empty_columns
-from ident.present.source import acting, tried_section
+from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, without_empty_columns
+from ident.present.source import acting, tried_section, turned
 from ident.present.words import MM, counted, some
 
 if TYPE_CHECKING:
@@ -53,9 +53,8 @@ def _verdict(balance: "Balance") -> Verdict:
     before, after = (MM * float(np.abs(part).max()) for part in (balance.before, balance.after))
     names = some([each.drive.name for each in done])
     does = "falls" if balance.gains else "changes"
-    falls = (
-        f"Masses on {names}: the vibration {does} from {before:.3f} to {after:.3f} mm, {_left(balance.left)} is left"
-    )
+    sizes = f"from {before:.3f} to {after:.3f} mm, {_left(balance.left)} is left"
+    falls = f"Masses on {names}: the vibration {does} {sizes}"
     if not balance.gains:
         return Verdict("NO GAIN", f"{falls}.", "caution")
     if doubted := [each.calibration for each in done if each.calibration.state == "one trial"]:
@@ -69,11 +68,9 @@ def _verdict(balance: "Balance") -> Verdict:
 
 def needs_words(rotor: "Rotor") -> str:
     """Say which mass a rotor needs that does not fit."""
-    mass = 1e3 * max(body.mass for body in rotor.bodies)
-    pulley = rotor.pulley
-    return (
-        f"{rotor.drive.name} needs {mass:.3g} g at {MM * pulley.radius:g} mm, above the {1e3 * pulley.most:g} g allowed"
-    )
+    mass, pulley = 1e3 * max(body.mass for body in rotor.bodies), rotor.pulley
+    needed = f"{mass:.3g} g at {MM * pulley.radius:g} mm"
+    return f"{rotor.drive.name} needs {needed}, above the {1e3 * pulley.most:g} g allowed"
 
 
 def _grade(quality: float) -> str:
@@ -172,39 +169,29 @@ def _remark(balance: "Balance") -> str:
 
 def _acts(calibration: "Calibration") -> str:
     """Say how stated masses act: `as 1.30 of what is stated, 23 deg further (two trials)`."""
-    turn = float(np.degrees(np.angle(calibration.factor)))
     sense = ", angles counted the other way round" if calibration.mirrored else ""
-    way = f"{abs(turn):.0f} deg {'further' if turn > 0 else 'back'}"
-    return f"as {abs(calibration.factor):.2f} of what is stated{sense}, {way} ({counted(calibration.trials, 'trial')})"
+    how = f"{turned(calibration.factor)} ({counted(calibration.trials, 'trial')})"
+    return f"as {abs(calibration.factor):.2f} of what is stated{sense}, {how}"
 
 
 def _details(balance: "Balance") -> Iterator[Section]:
-    rows = [
-        (each.drive.name, float(each.drive.ratio), each.speed, each.quality(abs(each.found)), each.pulley.rotor)
-        for each in balance.rotors
-    ]
-    more = [
-        (
-            each.quality(float(np.quantile(np.abs(each.left), 0.95))),
-            1e9 * each.couple,
-            None if np.isnan(each.repeats) else float(np.degrees(each.repeats)),
-        )
-        for each in balance.rotors
-    ]
+    rows: list[tuple[Cell, ...]] = []
+    for each in balance.rotors:
+        drive, left = each.drive, each.quality(float(np.quantile(np.abs(each.left), 0.95)))
+        repeats = None if np.isnan(each.repeats) else float(np.degrees(each.repeats))
+        own = (drive.name, float(drive.ratio), each.speed, each.quality(abs(each.found)), each.pulley.rotor)
+        rows.append((*own, left, 1e9 * each.couple, repeats))
     head = (
         *("Rotor", "ratio", "at most [Hz]", "e omega [mm/s]", "rotor [kg]", "left, 95 % [mm/s]"),
         *("couple left [g mm^2]", "phase sd [deg]"),
     )
-    table = [(*a, *b) for a, b in zip(rows, more, strict=True)]
-    yield Section(
-        "Rotors",
-        (
-            "Grades of ISO 21940-11 by eccentricity times angular speed, as one plane, at the motion's highest speed. "
-            "Ratio: turns for one of the joint, negative where the rotor turns against it; with a joint 1 deg off 0, "
-            "its mark is as many degrees away. The couple is in the prediction.",
-            Table("", head, tuple(table), ("", "g", ".2f", ".3g", ".3g", ".3g", ".3g", ".1f")),
-        ),
+    meaning = (
+        "Grades of ISO 21940-11 by eccentricity times angular speed, as one plane, at the motion's highest speed. "
+        "Ratio: turns for one of the joint, negative where the rotor turns against it; with a joint 1 deg off 0, "
+        "its mark is as many degrees away. The couple is in the prediction."
     )
+    forms = ("", "g", ".2f", ".3g", ".3g", ".3g", ".3g", ".1f")
+    yield Section("Rotors", (meaning, Table("", head, tuple(rows), forms)))
     parts = [
         ("all", *(MM * np.median(balance.peaks, 1)), _left(balance.left)),
         ("imbalance", *(MM * np.median(balance.of_imbalance, 1)), _left(balance.imbalance_left)),

@@ -73,7 +73,7 @@ def motion_section(
     sentences += [twice] * (belts == "elastic")
     sentences += map(sentence, _taken_over(basis.fit, basis.posterior))
     sentences += _excitation(basis, varied=varied)
-    sentences += (sentence(words.strip()) for words in changes_in_words(basis.changed))
+    sentences += map(sentence, changes_in_words(basis.changed))
     return Section("Simulated motion", tuple(sentences))
 
 
@@ -132,17 +132,17 @@ def without_transmission_error(basis: "Basis") -> bool:
 
 def values_in_words(fit: "Values | None", posterior: "Values | None") -> Iterator[str]:
     """Say which numbers an arm has taken over."""
-    yield from (f"  {words}" for words in _taken_over(fit, posterior))
-    yield from (f"  REMARK: {values.remark}" for values in (fit, posterior) if values and values.remark)
+    yield from _taken_over(fit, posterior)
+    yield from (f"REMARK: {values.remark}" for values in (fit, posterior) if values and values.remark)
     if outside := _outside(fit, posterior):
-        yield f"  WARNING: fit and draws exclude each other: {', '.join(outside)} of the fit beyond all draws"
+        yield f"WARNING: fit and draws exclude each other: {', '.join(outside)} of the fit beyond all draws"
 
 
 def changes_in_words(changed: Mapping[str, float]) -> Iterator[str]:
     """Say which numbers were set, in one line."""
-    each = [f"{path} = {value:g} {unit_of(path)}".rstrip(" -") for path, value in changed.items()]
-    if each:
-        yield f"  set: {', '.join(each)}"
+    if changed:
+        each = (f"{path} = {value:g} {unit_of(path)}".rstrip(" -") for path, value in changed.items())
+        yield f"set: {', '.join(each)}"
 
 
 def _taken_over(fit: "Values | None", posterior: "Values | None") -> Iterator[str]:
@@ -171,8 +171,7 @@ def assumed(basis: "Basis") -> tuple[list[str], int]:
 
     Left out are numbers that were identified or set, and the stroke where a log is replayed.
     """
-    kinds = {part.name: type(part).__name__ for part in basis.arm.parts()}
-    counting = [name for name, kind in kinds.items() if kind in PARTS and not (basis.log and name == "stroke")]
+    counting = [name for name in _kinds(basis) if not (basis.log and name == "stroke")]
     own = basis.origins
     origins = {path: own[path] for path in basis.arm_file.origins if path.split(".")[0] in counting}
     names = [path for path, origin in origins.items() if origin in GUESSED]
@@ -184,7 +183,7 @@ def assumed_section(basis: "Basis") -> Iterator[Section]:
     names, count = assumed(basis)
     if not names:
         return
-    driving = {part.name for part in basis.arm.parts() if type(part).__name__ in PARTS}
+    driving = _kinds(basis)
     others = [o for path, o in basis.arm_file.origins.items() if path.split(".")[0] not in driving and o != "derived"]
     guessed = sum(origin in GUESSED for origin in others)
     share = f"{len(names)} of the {count} numbers below are assumed or calibrated"
@@ -194,13 +193,18 @@ def assumed_section(basis: "Basis") -> Iterator[Section]:
     yield Section("Assumed or calibrated numbers", (f"{share}. No amplitude is better known than these.", *lists))
 
 
+def _kinds(basis: "Basis") -> dict[str, str]:
+    """Return what each drive, belt, servo, spring or stroke is called together with others of its kind."""
+    return {part.name: PARTS[kind] for part in basis.arm.parts() if (kind := type(part).__name__) in PARTS}
+
+
 def _fields(basis: "Basis", names: Sequence[str]) -> dict[str, dict[str, None]]:
     """Return what is named of drives, belts and stroke, by kind: `{"drives": {"ratio": None, ...}, ...}`."""
-    kinds = {part.name: type(part).__name__ for part in basis.arm.parts()}
+    kinds = _kinds(basis)
     fields: dict[str, dict[str, None]] = {}
     for path in names:
         part, _, field = path.partition(".")
-        fields.setdefault(PARTS[kinds[part]], {})[field.replace("_", " ")] = None
+        fields.setdefault(kinds[part], {})[field.replace("_", " ")] = None
     return fields
 
 

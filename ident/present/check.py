@@ -56,8 +56,8 @@ MOST = 6
 """Rows named, at most, whose label may change."""
 ENORMOUS = 1e3
 """Factor beyond which it is no longer told how large."""
-WORDS = {"identifiable": "identifiable", "weak": "weak", "open": "not determined", "not seen": "not measured"}
-"""How a report calls the verdict on a parameter."""
+WORDS = {"open": "not determined", "not seen": "not measured"}
+"""How a report calls the verdict on a parameter, where it has another word."""
 
 
 def check_sections(check: "CampaignCheck") -> Report:
@@ -122,9 +122,7 @@ def _reason(check: "CampaignCheck", i: int) -> str:
 
 
 def _within(sd: float) -> str:
-    if sd >= math.log(ENORMOUS):
-        return f"above factor {ENORMOUS:g}"
-    return scatter(sd)
+    return f"above factor {ENORMOUS:g}" if sd >= math.log(ENORMOUS) else scatter(sd)
 
 
 def _consistency(check: "CampaignCheck") -> str:
@@ -192,13 +190,10 @@ def _others(check: "CampaignCheck") -> Iterator[Section]:
     others, items = check.others, check.problem.parameters.items
     if others is None:
         return
-    rows = tuple(
-        (
-            ", ".join(map(_changed, items, found.values.tolist())),
-            "0" if is_tie(0.0, found.cost) else f"{found.cost:.2g}",
-        )
-        for found in (*others.exact, *others.near)
-    )
+    rows = []
+    for found in (*others.exact, *others.near):
+        cost = "0" if is_tie(0.0, found.cost) else f"{found.cost:.2g}"
+        rows.append((", ".join(map(_changed, items, found.values.tolist())), cost))
     note = "chi-squared: of exact data at these values; below 3.84 the data hardly rule them out."
     head = ("values relative to the arm file's", "chi-squared")
     table = (Table("", head, tuple(rows), note=note if others.near else ""),) if rows else ()

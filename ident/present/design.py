@@ -46,9 +46,8 @@ def _sensitivities_alone(study: DesignStudy) -> Report:
     every = Section("All sensitivities", (_sensitivity_table(study, count),))
     return Report(
         f"Sensitivities of {subject(study.basis)}",
-        None,
-        (_at_present(study), _sensitivity_table(study, STRONGEST)),
-        tuple(all_findings(study.basis)),
+        answer=(_at_present(study), _sensitivity_table(study, STRONGEST)),
+        findings=tuple(all_findings(study.basis)),
         next=f"ident design {{arm}}{same_motion(study.basis)}",
         details=(_motion(study), *[every] * (count > STRONGEST), *assumed_section(study.basis)),
     )

@@ -25,7 +25,7 @@ from ident.present.report import Cell, Finding, Part, Report, Section, Table, Ve
 from ident.present.resonance import caused_words, grouped, sources_words
 from ident.present.source import estimates, source_findings, source_verdict
 from ident.present.warnings import untested
-from ident.present.words import MM, beside, counted, in_shown_unit, is_stiffness, percent, rounded, sentence
+from ident.present.words import MM, beside, counted, in_shown_unit, is_stiffness, joined, percent, rounded, sentence
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -65,11 +65,6 @@ def spaced(path: str) -> str:
     return re.sub(r"(?<=[a-z])(?=\d+$)", " ", path.split(".")[0])
 
 
-def joined(words: Sequence[str]) -> str:
-    """Return words as a list: a, b and c."""
-    return " and ".join([*([", ".join(words[:-1])] if words[1:] else []), *words[-1:]])
-
-
 # -------- Diagnose
 
 SENSITIVITIES = 12
@@ -93,10 +88,10 @@ def diagnose_sections(diagnosis: "Diagnosis") -> Report:
 def judged(diagnosis: "Diagnosis") -> Verdict:
     """Judge the arm: OK where it is accepted, NOT DECIDED where data or draws leave it open, else NOT OK."""
     vibration = diagnosis.vibration
-    peak, limit, within = float(vibration.peak.max()), vibration.limit, float(vibration.peak.max()) <= vibration.limit
+    peak, limit = float(vibration.peak.max()), vibration.limit
     size = f"{beside(MM * peak, MM * limit)} mm"
     chance = f"probability of keeping it {chance_words(vibration.keeps)} (95 % interval)"
-    compared = f"{size} {'is within' if within else 'exceeds'} the limit of {MM * limit:g} mm"
+    compared = f"{size} {'is within' if peak <= limit else 'exceeds'} the limit of {MM * limit:g} mm"
     if diagnosis.in_doubt:
         doubtful, excited = bool(diagnosis.identification.sampled.fitted.doubts), diagnosis.excited
         what = "The fit is in doubt." if doubtful or not excited else source_verdict(excited.study).reason
@@ -104,7 +99,7 @@ def judged(diagnosis: "Diagnosis") -> Verdict:
         return Verdict("NOT DECIDED", reason, "caution")
     if vibration.accepted:
         return Verdict("OK", f"{compared}; {chance}.", "good")
-    if within:
+    if peak <= limit:
         asked = f"{100 * CONFIDENT:g} % is required"
         return Verdict("NOT DECIDED", f"{compared}, but not safely: {chance}, {asked}.", "caution")
     return Verdict("NOT OK", f"{compared}; {chance}.", "bad")
@@ -213,12 +208,12 @@ def of_model(diagnosis: "Diagnosis") -> str:
 
 
 def _next(diagnosis: "Diagnosis", *, good: bool) -> str:
-    known = diagnosis.identification.sampled.fitted.information
-    if diagnosis.identification.sampled.fitted.doubts:
+    fit = diagnosis.identification.sampled.fitted
+    if fit.doubts:
         return "ident fit {campaign}"
     if diagnosis.in_doubt:
         return "ident source {runs} --arm {arm}"
-    if known.fixed < len(known.names) or diagnosis.beyond or diagnosis.validation.missed:
+    if fit.information.fixed < len(fit.information.names) or diagnosis.beyond or diagnosis.validation.missed:
         return "ident plan {campaign}"
     basis, limit = diagnosis.task.basis, f"--limit {MM * diagnosis.task.limit:g}"
     study = "motion" if _has_schedule(diagnosis) else "design"  # the one changes no part
@@ -227,11 +222,12 @@ def _next(diagnosis: "Diagnosis", *, good: bool) -> str:
 
 def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
     """Yield how far a diagnosis holds where the measurements do not bear it, the weightiest first."""
-    basis, known = diagnosis.task.basis, diagnosis.identification.sampled.fitted.information
-    for doubt in diagnosis.identification.sampled.fitted.doubts:
+    basis, fit = diagnosis.task.basis, diagnosis.identification.sampled.fitted
+    fixed, count = fit.information.fixed, len(fit.information.names)
+    for doubt in fit.doubts:
         yield Finding(doubt.replace("; see below", "").replace("see below", "see ident fit"), "see `ident fit`")
-    if not diagnosis.identification.sampled.fitted.doubts:
-        yield from untested(diagnosis.identification.sampled.fitted)
+    if not fit.doubts:
+        yield from untested(fit)
     if diagnosis.excited:
         yield from _of_runs(diagnosis, diagnosis.excited.study)
     if diagnosis.validation.missed:
@@ -239,8 +235,8 @@ def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
         yield Finding(f"the other postures do not predict {named}", "check these measurements, then the arm file")
     if diagnosis.identification.short:
         yield Finding("the sampler's chains are too short", "take intervals and probabilities as rough")
-    if known.fixed < len(known.names):
-        text = f"{known.fixed} of {len(known.names)} combinations are determined; the prior fills the rest"
+    if fixed < count:
+        text = f"{fixed} of {count} combinations are determined; the prior fills the rest"
         yield Finding(text, "measure what `ident plan` proposes")
     if diagnosis.beyond:
         *others, worst = sorted(diagnosis.beyond, key=lambda name: diagnosis.beyond[name])
@@ -361,15 +357,13 @@ def _trust(diagnosis: "Diagnosis") -> Iterator[Part]:
     if diagnosis.beyond:
         joints = ", ".join(f"{name} {np.degrees(by):.0f} deg" for name, by in diagnosis.beyond.items())
         yield f"The motion turns {joints} beyond all measured postures."
-    rows = tuple(
-        (s.kind.replace("_", " "), *map(percent, (s.half, s.seen, s.expected)), s.count) for s in validation.scopes
-    )
+    rows = [(s.kind.replace("_", " "), *map(percent, (s.half, s.seen, s.expected)), s.count) for s in validation.scopes]
     note = (
         "Error: half width of the 95 % interval, relative to the value. Seen: from the errors of the predicted "
         "postures; expected: from the model's own standard deviations. The larger one counts."
     )
     head = ("kind", "error", "seen", "expected", "measurements")
-    yield Table("Prediction error in postures that were not measured (95 %)", head, rows, note=note)
+    yield Table("Prediction error in postures that were not measured (95 %)", head, tuple(rows), note=note)
 
 
 def scope_words(validation: "Validation") -> str:
@@ -512,14 +506,8 @@ def _remedies(diagnosis: "Diagnosis") -> Iterator[Part]:
         numbers = f"{100 * each.keeps.share:.3g} %", each.frequency, MM * each.deflection, each.change_norm
         rows.append((str(rank), change_words(each), each.effort, MM * each.largest, *numbers))
     head = (
-        "rank",
-        "change",
-        "effort",
-        "vibration [mm]",
-        "keeps limit",
-        "first mode [Hz]",
-        "deflection [mm]",
-        "size [-]",
+        *("rank", "change", "effort", "vibration [mm]"),
+        *("keeps limit", "first mode [Hz]", "deflection [mm]", "size [-]"),
     )
     note = (
         "Ranking: what keeps the limit first (software, screwdriver, new part, two of them; the quickest and smallest "
@@ -532,10 +520,8 @@ def _remedies(diagnosis: "Diagnosis") -> Iterator[Part]:
 
 def verification_line(advised: Remedy, verified: "Verification") -> str:
     """Say in a line what the remedy that is advised comes to."""
-    size = f"{beside(MM * verified.largest, MM * verified.limit)} mm"
-    return (
-        f"{change_words(advised)}: {size}, limit kept by {verified.keeps.count} of {verified.keeps.draws} fresh draws"
-    )
+    size, keeps = f"{beside(MM * verified.largest, MM * verified.limit)} mm", verified.keeps
+    return f"{change_words(advised)}: {size}, limit kept by {keeps.count} of {keeps.draws} fresh draws"
 
 
 def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
@@ -561,15 +547,11 @@ def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
         stroke = None if diagnosis.task.basis.log else diagnosis.task.basis.arm.stroke
         columns = [np.degrees(remedy.schedule.places), np.degrees(remedy.schedule.speeds)]
         columns += [100 * remedy.schedule.speeds / float(stroke.speed)] if stroke else []
-        yield Table(
-            f"{title}: speed along the path",
-            ("alpha [deg]", "speed [deg/s]", "of full speed [%]")[: len(columns)],
-            tuple(map(tuple, np.stack(columns, 1).tolist())),
-            (".1f", ".2f", ".2f")[: len(columns)],
-            "Between these places alpha"
-            + ("" if stroke else ", the length of the path in the space of the joint angles,")
-            + f" accelerates evenly; the arrival is after {remedy.time:.2f} s.",
-        )
+        names, forms = ("alpha [deg]", "speed [deg/s]", "of full speed [%]"), (".1f", ".2f", ".2f")
+        places, shown = tuple(map(tuple, np.stack(columns, 1).tolist())), len(columns)
+        alpha = "alpha" if stroke else "alpha, the length of the path in the space of the joint angles,"
+        note = f"Between these places {alpha} accelerates evenly; the arrival is after {remedy.time:.2f} s."
+        yield Table(f"{title}: speed along the path", names[:shown], places, forms[:shown], note)
     changes: list[tuple[Cell, ...]] = []
     for path, value in remedy.values.items():
         now, unit = in_shown_unit(path, remedy.before[path])

@@ -31,11 +31,11 @@ from ident.present.warnings import (
     dependence_on_priors,
     drive_states,
     explanation_section,
+    good_if,
     hysteresis,
     kinds_agree,
     leading_explanations,
     odd_numbers,
-    untestable,
     untested,
     weighty_assumptions,
     what_may_be_wrong,
@@ -88,7 +88,7 @@ def fit_sections(fit: "CampaignFit") -> Report:
     """Return all that is said of a fit."""
     causes = leading_explanations(fit.explanations, fit.campaign)
     conflict = contradiction(fit.cross_predictions, fit.campaign)
-    incomplete = _determined(fit) < len(_own(fit)) or fit.doubts
+    incomplete = _determined(fit) < len(unknown_places(fit)) or fit.doubts
     following = "ident plan {campaign}" if incomplete else "ident validate {campaign}"
     return Report(
         _subject(fit),
@@ -122,20 +122,19 @@ def _verdict(fit: "CampaignFit") -> Verdict:
     """Judge a fit: NOT USABLE in doubt or where nothing is determined, GOOD where all is, PARTLY between."""
     if refusal := refused(fit):
         return refusal
-    count, determined = len(_own(fit)), _determined(fit)
+    count, determined = len(unknown_places(fit)), _determined(fit)
     optima = f"{len(fit.rivals) + 1} optima fit the data, met" if fit.rivals else "one optimum fits, found"
     quality = f"{_chi_squared(fit)}; {optima} in {counted(_starts(fit), 'start')}."
     if not determined:
         of = "the unknown" if count == 1 else f"any of the {count} unknowns"
         return Verdict("NOT USABLE", f"The data alone do not determine {of}; {quality}", "bad")
     items = fit.problem.parameters.items
-    errors = [fit.information.sd[i] for i in _own(fit) if _is_determined(fit, i) and items[i].positive]
+    errors = [fit.information.sd[i] for i in unknown_places(fit) if _is_determined(fit, i) and items[i].positive]
     known = f"determined{f' (std. error at most {scatter(float(max(errors)))})' if errors else ''}; {quality}"
     if determined < count:
         return Verdict(f"PARTLY {determined} OF {count}", f"{determined} of {count} unknowns {known}", "caution")
-    assumed = untestable(fit)
     every = f"All {count} unknowns" if count > 1 else "The unknown is"
-    return Verdict(f"GOOD if {assumed}" if assumed else "GOOD", f"{every} {known}", "good")
+    return Verdict(good_if(fit), f"{every} {known}", "good")
 
 
 def refused(fit: "CampaignFit") -> Verdict | None:
@@ -151,8 +150,8 @@ def refused(fit: "CampaignFit") -> Verdict | None:
     return Verdict("NOT USABLE", sentence(asked.text), "bad") if asked else None
 
 
-def _own(fit: "CampaignFit") -> list[int]:
-    """Return the places of the unknowns that are no nuisances."""
+def unknown_places(fit: "CampaignFit") -> list[int]:
+    """Return the places of the unknowns that are no nuisances, model factors among them."""
     return np.flatnonzero(~fit.problem.parameters.nuisance).tolist()
 
 
@@ -164,7 +163,7 @@ def _is_determined(fit: "CampaignFit", i: int) -> bool:
 
 
 def _determined(fit: "CampaignFit") -> int:
-    return sum(_is_determined(fit, i) for i in _own(fit))
+    return sum(_is_determined(fit, i) for i in unknown_places(fit))
 
 
 def _chi_squared(fit: "CampaignFit") -> str:
@@ -211,9 +210,8 @@ def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
     yield from (Finding(remark) for remark in fit.remarks if remark not in said)
     if not fit.doubts and (trades := fit.information.trade_offs()):
         known = fit.information
-        filler = (
-            "the prior fills the rest" if np.isfinite(known.sd).all() else "the rest stays where the search stopped"
-        )
+        known_all = np.isfinite(known.sd).all()
+        filler = "the prior fills the rest" if known_all else "the rest stays where the search stopped"
         text = f"the data do not determine {len(trades)} of {len(known.directions)} combinations; {filler}"
         yield Finding(text, "see ident plan")
 
@@ -239,7 +237,7 @@ def _competing(fit: "Fit") -> Iterator[Finding]:
 
 def _values_table(fit: "CampaignFit") -> Table:
     """Return each value with its interval, or why it has none."""
-    items, own = fit.problem.parameters.items, _own(fit)
+    items, own = fit.problem.parameters.items, unknown_places(fit)
     unit = shared_unit(items[i].name for i in own)
     what = "Stiffness" if all(is_stiffness(items[i].name) for i in own) else "Unknown"
     rows = tuple(_value_row(fit, i, with_unit=not unit) for i in own)
@@ -320,7 +318,7 @@ def _compromise(fit: "Fit") -> str:
 def _values_section(fit: "CampaignFit") -> Section:
     """Return each value with the ends of its interval relative to it, and where the information comes from."""
     known, items, rows, without = fit.information, fit.problem.parameters.items, [], False
-    for i in _own(fit):
+    for i in unknown_places(fit):
         item, value = items[i], float(fit.best.values[i])
         without |= bool(why_no_interval(fit, i))
         ends = ("", "") if why_no_interval(fit, i) else (_end(item, value, end) for end in fit.interval()[i])
@@ -440,7 +438,7 @@ def _about_values(fit: "CampaignFit") -> Iterator[str]:
     """Yield chi-squared, the priors, where damping comes from, and the largest correlation."""
     known, items = fit.information, fit.problem.parameters.items
     yield sentence(_chi_squared(fit))
-    yield from (f"Prior: {prior}." for prior in priors_in_words([items[i] for i in _own(fit)]))
+    yield from priors_in_words([items[i] for i in unknown_places(fit)])
     if not any(item.name.endswith((".tau_bend", ".tau_tors")) for item in items):
         times = [float(tau) for j in fit.arm.joints for tau in (j.tau_bend, j.tau_tors)]
         span = f"{min(times):.2g} to {max(times):.2g} s"
@@ -476,7 +474,7 @@ def _optima(fit: "Fit") -> Section:
 
 def fit_rows(fit: "CampaignFit") -> list[dict[str, Any]]:
     """Return a row for each parameter: value, interval [SI] and whether the data support it."""
-    names = fit.problem.parameters.names
+    columns = zip(fit.problem.parameters.names, fit.best.values, fit.interval(), fit.supported, strict=True)
     return [
         {
             "parameter": name,
@@ -486,9 +484,7 @@ def fit_rows(fit: "CampaignFit") -> list[dict[str, Any]]:
             "high_95": float(high),
             "supported": bool(supported),
         }
-        for name, value, (low, high), supported in zip(
-            names, fit.best.values, fit.interval(), fit.supported, strict=True
-        )
+        for name, value, (low, high), supported in columns
     ]
 
 

@@ -70,9 +70,8 @@ def _change(population: Population, r: int, i: int) -> str:
 def _verdict(fleet: Fleet) -> Verdict:
     """Judge a fleet: NO POPULATION, n OF m STAND OUT, INCOMPLETE where robots are left out, else NONE STANDS OUT."""
     groups = {"Failed": fleet.failed, "Data in doubt": fleet.doubted}
-    others = "".join(
-        f" {word}: {some([cut(each.name, 30) for each in robots])}." for word, robots in groups.items() if robots
-    )
+    named = {word: some([cut(each.name, 30) for each in robots]) for word, robots in groups.items() if robots}
+    others = "".join(f" {word}: {names}." for word, names in named.items())
     if fleet.population is None:
         few = f"A population takes {FEWEST} robots with usable data; there are {len(fleet.members)}."
         return Verdict("NO POPULATION", few + others, "bad")
@@ -146,14 +145,14 @@ def _next(fleet: Fleet) -> str:
 def _clearest(fleet: Fleet) -> Table:
     """Return a row for each robot that stands out, with its clearest stiffness."""
     listed = list(fleet.standing_out.items())[:LISTED]
-    rows = tuple(
-        (cut(member(fleet, r).name, 32), f"{words}{more}", *numbers)
-        for r, which in listed
-        for words, *numbers in [_judged(fleet, r, which[0])]
-        for more in [f" (and {len(which) - 1} more)" if len(which) > 1 else ""]
-    )
+    rows = []
+    for r, which in listed:
+        words, *numbers = _judged(fleet, r, which[0])
+        more = f" (and {len(which) - 1} more)" if len(which) > 1 else ""
+        rows.append((cut(member(fleet, r).name, 32), f"{words}{more}", *numbers))
     hidden = len(fleet.standing_out) - len(listed)
-    return Table("", ("Stands out", *JUDGED), rows, note=f"and {counted(hidden, 'more robot')}" if hidden > 0 else "")
+    note = f"and {counted(hidden, 'more robot')}" if hidden > 0 else ""
+    return Table("", ("Stands out", *JUDGED), tuple(rows), note=note)
 
 
 JUDGED = ("stiffness", "against the fleet", "95 % of healthy robots", "chance")
@@ -174,9 +173,8 @@ def population_table(fleet: Fleet, population: Population) -> Table:
     """Return median and spread of each stiffness from robot to robot."""
     rows = []
     for i, name in enumerate(fleet.names):
-        low, middle, high = (
-            in_shown_unit(name, float(np.exp(x)))[0] for x in np.quantile(population.mean[:, i], [0.025, 0.5, 0.975])
-        )
+        medians = np.quantile(population.mean[:, i], [0.025, 0.5, 0.975])
+        low, middle, high = (in_shown_unit(name, float(np.exp(x)))[0] for x in medians)
         least, spread, most = map(percent, np.quantile(population.sd[:, i], [0.025, 0.5, 0.975]).tolist())
         wide = "wide" if np.median(population.sd[:, i]) > BOUND else ""
         rows.append((name, middle, span(low, high), spread, f"{least} to {most}", wide))
@@ -212,10 +210,10 @@ def _details(fleet: Fleet) -> Iterator[Section]:
     if fleet.population:
         yield Section("Population", tuple(trust_in(fleet, fleet.population)))
     if fleet.failed:
-        errors = [(robot.name, robot.error.splitlines()) for robot in fleet.failed]
-        lines = [
-            f"{cut(name, 30)}: {first}" + f" (and {len(more)} more)" * bool(more) for name, (first, *more) in errors
-        ]
+        lines = []
+        for robot in fleet.failed:
+            first, *more = robot.error.splitlines()
+            lines.append(f"{cut(robot.name, 30)}: {first}" + f" (and {len(more)} more)" * bool(more))
         yield Section("Failed", _listed(lines))
     if fleet.doubted:
         lines = [f"{cut(robot.name, 30)}: {sentence('; '.join(robot.doubts))}" for robot in fleet.doubted]

@@ -94,17 +94,16 @@ def _table(joints: "Sequence[JointTwist]") -> Table:
 def _findings(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Iterator[Finding]:
     for each in joints:
         if each.disagree:
-            values = ", ".join(_short(alone.numbers["stiffness"]) for alone in each.alone)
+            sizes = (_size("stiffness") * alone.numbers["stiffness"].value for alone in each.alone)
+            values = ", ".join(written(size, ".2g") for size in sizes)
             remedy = "compare what differs: posture, load, clocks; the encoder's error"
             yield Finding(f"{each.name}: one log at a time the stiffness is {values}", remedy)
     if not joints[0].parted:
         remedy = "log joints that move alone (--alone), or a column of the torque in the joint (.load)"
         also = "; backlash counts as compliance" if any(each.loose for each in joints) else ""
         yield Finding(f"Viscous friction and delay cannot be told apart{also}", remedy)
-    lacking = [
-        each.name for each in joints if "load" not in logs[0].columns[each.name] and each.setting.inertia is None
-    ]
-    if lacking:
+    columns = logs[0].columns
+    if lacking := [each.name for each in joints if "load" not in columns[each.name] and each.setting.inertia is None]:
         yield Finding(f"Motor inertia of {some(lacking)} unknown: fitted, at a loss of certainty", "give --inertia")
     hidden = [each for each in joints if not each.told("stiffness") and not each.disagree]
     if below := [each.name for each in hidden if each.compliance.high < 0]:
@@ -113,10 +112,6 @@ def _findings(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Ite
     if quiet := [each.name for each in hidden if each.name not in below]:
         remedy = "log faster reversals, or a larger load on the joint"
         yield Finding(f"The stiffness of {some(quiet)} cannot be told: the torque in it varies too little", remedy)
-
-
-def _short(number: "JointNumber") -> str:
-    return written(_size("stiffness") * number.value, ".2g")
 
 
 def _interval(number: "JointNumber", size: float) -> str:

@@ -46,9 +46,8 @@ def modal_sections(
         _verdict(tests, identified),
         (Table("", head, rows, forms),) if rows else (),
         tuple(_findings(tests, identified, every, modes, reproducibility)),
-        "",
-        "ident check {result}.csv --arm {arm}" if campaign else "",
-        tuple(_details(every, modes, campaign, reproducibility)),
+        next="ident check {result}.csv --arm {arm}" if campaign else "",
+        details=tuple(_details(every, modes, campaign, reproducibility)),
     )
 
 
@@ -356,9 +355,7 @@ def _campaign(modes: Sequence[Labelled], campaign: Campaign, reproducibility: Re
         words = " and ".join(f"{row.mode} ({row.kind.replace('_', ' ')})" for row in rows)
         parts.append(f"Largest correlation {value:.2f}: {words} at {degrees(rows[0].posture)}.")
     if count:
-        parts.append(
-            "The correlations of the rows are in the covariance file next to the campaign; ident fit reads it."
-        )
+        parts += ["The correlations of the rows are in the covariance file next to the campaign; ident fit reads it."]
     return Section("Campaign", tuple(parts))
 
 

@@ -68,12 +68,8 @@ def _candidates(motions: "MotionStudy", candidates: tuple[Candidate, ...]) -> Ta
             keeps = each.verification.keeps
         median, high = np.quantile(each.peaks, (0.5, 0.95))
         sizes = (MM * median, MM * high, MM * each.worst, MM * each.left)
-        rows.append(
-            (
-                *(each.name + " *" * bool(each.beyond), each.time, round(each.time, 1) - round(now.time, 1)),
-                *(*sizes, 100 * keeps.share, np.degrees(each.acceleration)),
-            )
-        )
+        name, added = each.name + " *" * bool(each.beyond), round(each.time, 1) - round(now.time, 1)
+        rows.append((name, each.time, added, *sizes, 100 * keeps.share, np.degrees(each.acceleration)))
     head = (
         *("Motion", "time [s]", "added [s]", "vibration, median [mm]", "95 % [mm]", "worst phases [mm]"),
         *("after arrival [mm]", "keeps limit [%]", "joint acceleration [deg/s^2]"),
@@ -88,22 +84,15 @@ def _findings(motions: "MotionStudy") -> Iterator[Finding]:
     checked, found = motions.verification, motions.candidates[-1]
     for each in motions.candidates:
         if each.verification is not None and each.verification.slack:
-            belts = ", ".join(each.verification.slack)
-            yield Finding(
-                f"{each.name}: the exact equations have {belts} go slack: not confirmed", "raise the pretension"
-            )
+            text = f"{each.name}: the exact equations have {', '.join(each.verification.slack)} go slack: not confirmed"
+            yield Finding(text, "raise the pretension")
     if checked.largest > motions.limit >= found.worst:
-        yield Finding(
-            f"the exact equations give {MM * checked.largest:.3f} mm along the path: more than the limit",
-            "give it more time (--time)",
-        )
+        text = f"the exact equations give {MM * checked.largest:.3f} mm along the path: more than the limit"
+        yield Finding(text, "give it more time (--time)")
     if checked.keeps is not None and checked.keeps.share < CONFIDENT:
-        low, high = checked.keeps.interval
-        yield Finding(
-            f"speed along the path keeps the limit with {100 * low:.0f} to {100 * high:.0f} % of {checked.keeps.draws} "
-            "fresh draws",
-            "measure the stiffnesses better (ident plan), or give it more time (--time)",
-        )
+        low, high = (f"{100 * end:.0f}" for end in checked.keeps.interval)
+        text = f"speed along the path keeps the limit with {low} to {high} % of {checked.keeps.draws} fresh draws"
+        yield Finding(text, "measure the stiffnesses better (ident plan), or give it more time (--time)")
     if not motions.basis.posterior:
         yield Finding("the stiffnesses count as exact", "add --posterior of ident sample; --force replaces this result")
     yield from all_findings(motions.basis)
@@ -119,42 +108,27 @@ def _next(motions: "MotionStudy") -> str:
 
 def _details(motions: "MotionStudy") -> Iterator[Section]:
     basis, schedule, allowed = motions.basis, motions.schedule, motions.scheduling.allowed
-    yield motion_section(
-        basis,
-        elastic_belts=False,
-        rate=motions.scheduling.evaluator.rate,
-        method="fast, the proposed motion also exact",
-    )
+    rate, method = motions.scheduling.evaluator.rate, "fast, the proposed motion also exact"
+    yield motion_section(basis, elastic_belts=False, rate=rate, method=method)
     if len(_shown(motions)) < len(motions.candidates):
-        every = (
-            "With the shapers than which another is quicker and leaves less.",
-            _candidates(motions, motions.candidates),
-        )
-        yield Section("All motions", every)
+        meaning = "With the shapers than which another is quicker and leaves less."
+        yield Section("All motions", (meaning, _candidates(motions, motions.candidates)))
     full = np.degrees(allowed.speed.max()) * (1 if basis.log else 100 / basis.percent)
-    rows = [
-        (k + 1, np.degrees(a), np.degrees(b), 100 * np.degrees(v) / full, 100 * np.degrees(w) / full, np.degrees(acc))
-        for k, (a, b, v, w, acc) in enumerate(
-            zip(
-                *(schedule.places[:-1], schedule.places[1:]),
-                *(schedule.speeds[:-1], schedule.speeds[1:], schedule.accelerations),
-                strict=True,
-            )
-        )
-    ]
+    places, speeds = np.degrees(schedule.places), 100 * np.degrees(schedule.speeds) / full
+    accelerations = np.degrees(schedule.accelerations)
+    segments = zip(places[:-1], places[1:], speeds[:-1], speeds[1:], accelerations, strict=True)
+    rows = [(number, *segment) for number, segment in enumerate(segments, 1)]
     of_alpha = ", the length of the path in the space of the joint angles" if basis.log else ""
     head = ("Segment", "alpha from [deg]", "to [deg]", "speed from [%]", "to [%]", "acceleration [deg/s^2]")
     windows = " and ".join(f"{window:.3f} s" for window in schedule.windows)
-    yield Section(
-        "Speed along the path",
-        (
-            f"Percent of full speed, {full:.4g} deg/s of alpha{of_alpha}, with an even acceleration in each segment; "
-            f"then the mean over {windows}, the periods of the two lowest modes at the arrival.",
-            Table("", head, tuple(rows), ("d", ".1f", ".1f", ".2f", ".2f", ".1f")),
-            f"Limits of alpha: {np.degrees(allowed.speed.min()):.4g} deg/s at the slowest place, "
-            f"{np.degrees(allowed.acceleration.min()):.4g} deg/s^2.",
-        ),
+    note = (
+        f"Percent of full speed, {full:.4g} deg/s of alpha{of_alpha}, with an even acceleration in each segment; "
+        f"then the mean over {windows}, the periods of the two lowest modes at the arrival."
     )
+    table = Table("", head, tuple(rows), ("d", ".1f", ".1f", ".2f", ".2f", ".1f"))
+    slowest, least = np.degrees(allowed.speed.min()), np.degrees(allowed.acceleration.min())
+    limits = f"Limits of alpha: {slowest:.4g} deg/s at the slowest place, {least:.4g} deg/s^2."
+    yield Section("Speed along the path", (note, table, limits))
     yield from assumed_section(basis)
 
 

@@ -204,10 +204,9 @@ def _sd_table(plan: "CampaignPlan", title: str, shown: Sequence[int], condition:
         draws = plan.at_draws[:, i]
         spread = _from_to([sd_in_words(item, float(sd)) for sd in (draws.min(), draws.max())]) if len(draws) else ""
         cells = [sd_in_words(item, float(plan.sd[step, i])) for step in steps]
-        # why the fit that a plan starts from has no interval of an unknown; nothing where it has, or for no fit
         names = plan.fit.problem.parameters.names if plan.fit else ()
-        if unknown := (why_no_interval(plan.fit, names.index(item.name)) if plan.fit and item.name in names else ""):
-            cells[0] = unknown
+        if plan.fit and item.name in names:  # why the fit that a plan starts from has no interval of an unknown
+            cells[0] = why_no_interval(plan.fit, names.index(item.name)) or cells[0]
         rows.append((cut(item.name, 38), *cells, spread))
     title += " [% or factor]" * any("factor" in cell for row in rows for cell in row[1:])
     head = (title, *(f"after {step}{condition}" if step else "now" for step in steps), "on plausible arms")
@@ -254,9 +253,8 @@ def _details(plan: "CampaignPlan", hammer: Sequence[HammerPlan]) -> Iterator[Sec
     yield from _batch(plan)
     shown = sorted({*range(min(COLUMNS, len(plan.sd))), len(plan.sd) - 1})
     note = "A 95 % interval extends 1.96 std. errors to each side, in ln(value)."
-    yield Section(
-        f"Expected std. errors after each experiment{_if_resolved(plan)}", (_sd_table(plan, "unknown", shown), note)
-    )
+    title = f"Expected std. errors after each experiment{_if_resolved(plan)}"
+    yield Section(title, (_sd_table(plan, "unknown", shown), note))
     yield from _hammer(hammer)
     yield _assumptions(plan)
 
@@ -275,18 +273,15 @@ def _candidates(plan: "CampaignPlan") -> Section:
     there.sort(key=lambda i: -plan.per_cost[i])
     repeated = any(plan.measured[plan.experiments[i].place] for i in best)
     star = "* measured already, there or in an equivalent posture: a repeat averages noise, and gains less."
-    return Section(
-        "Candidates: the best next experiment at each posture",
-        (
-            f"{len(plan.grid.postures)} postures {_where(plan)}{sample}: {distinct}, "
-            f"{counted(len(plan.experiments), 'candidate experiment')}. Chosen for {words}, most gain [{unit}] per "
-            "minute first.",
-            _experiments_table(plan, "", best),
-            *[star] * repeated,
-            "improves most: the unknown whose std. error falls most, and its value afterwards.",
-            _experiments_table(plan, f"Other experiments at {degrees(first.posture)}", there, with_posture=False),
-        ),
+    compared = (
+        f"{len(plan.grid.postures)} postures {_where(plan)}{sample}: {distinct}, "
+        f"{counted(len(plan.experiments), 'candidate experiment')}. Chosen for {words}, most gain [{unit}] per "
+        "minute first."
     )
+    note = "improves most: the unknown whose std. error falls most, and its value afterwards."
+    others = _experiments_table(plan, f"Other experiments at {degrees(first.posture)}", there, with_posture=False)
+    title = "Candidates: the best next experiment at each posture"
+    return Section(title, (compared, _experiments_table(plan, "", best), *[star] * repeated, note, others))
 
 
 def _where(plan: "CampaignPlan") -> str:

@@ -50,9 +50,8 @@ def predict_sections(
         details.insert(0, Section("Values used", origin))
     return Report(
         f"{cut(first.arm.name, 50)} {where}, load: {first.load}{servo}: natural frequencies and static deflection",
-        None,
-        (*origin[:FEW], *(_each(predictions) if len(predictions) <= FEW else _overview(predictions))),
-        (*_findings(predictions), *cautions),
+        answer=(*origin[:FEW], *(_each(predictions) if len(predictions) <= FEW else _overview(predictions))),
+        findings=(*_findings(predictions), *cautions),
         next="ident resonance {arm}" if first.arm.stroke is not None else "",
         details=tuple(details),
     )
@@ -62,7 +61,7 @@ def values_used(
     fit: "Values | None", posterior: "Values | None", changed: Mapping[str, float]
 ) -> tuple[tuple[str, ...], tuple[Finding, ...]]:
     """Return in sentences which values are not the arm file's, and what casts doubt on them."""
-    lines = [line.strip() for line in (*values_in_words(fit, posterior), *changes_in_words(changed))]
+    lines = (*values_in_words(fit, posterior), *changes_in_words(changed))
     doubts = tuple(Finding(line.partition(": ")[2]) for line in lines if line.startswith(CAUTIONS))
     return tuple(sentence(line) for line in lines if not line.startswith(CAUTIONS)), doubts
 
@@ -126,15 +125,11 @@ def _overview(predictions: Sequence["Prediction"]) -> Iterator[Part]:
     for analysis in (each.analysis for each in predictions[:POSTURES]):
         size = [MM * float(np.linalg.norm(analysis.deflection[name])) for name in end]
         rows.append((degrees(analysis.posture), *analysis.modes.frequency[:count].tolist(), *size))
-    modes, deflections = (
-        [f"mode {i + 1} [Hz]" for i in range(count)],
-        [f"{cut(name, 12)} deflection [mm]" for name in end],
-    )
-    forms = ("", *[".4g"] * count, *[".3f"] * len(end))
+    modes = [f"mode {i + 1} [Hz]" for i in range(count)]
+    head = ("posture", *modes, *(f"{cut(name, 12)} deflection [mm]" for name in end))
     more = len(predictions) - len(rows)
-    yield Table(
-        "", ("posture", *modes, *deflections), tuple(rows), forms, f"{more} more postures: --details" if more else ""
-    )
+    note = f"{more} more postures: --details" if more else ""
+    yield Table("", head, tuple(rows), ("", *[".4g"] * count, *[".3f"] * len(end)), note)
 
 
 def _deflection_table(rows: tuple[tuple[Cell, ...], ...]) -> Table:

@@ -119,8 +119,7 @@ def _details(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Section]
     )
     if any(0.0 in profile.halves for profile in profiles):
         method += " closed: the profile has an end there, the linear interval has none."
-    priors = tuple(f"Prior: {prior}." for prior in priors_in_words(fit.problem.parameters.items))
-    yield Section("How to read it", (method, *priors))
+    yield Section("How to read it", (method, *priors_in_words(fit.problem.parameters.items)))
     levels = [interval.level for interval in profiles[0].intervals]
     if len(levels) > 1:
         rows = tuple((each.name, *(interval_text(each, interval) for interval in each.intervals)) for each in profiles)

@@ -264,10 +264,8 @@ def _broken(head: str, size: int) -> list[str]:
 
 
 def _line(cells: Sequence[str], sizes: Sequence[int], right: Sequence[bool]) -> str:
-    shown = [cut(cell, size) for cell, size in zip(cells, sizes, strict=True)]
-    return GAP.join(
-        cell.rjust(size) if r else cell.ljust(size) for cell, size, r in zip(shown, sizes, right, strict=True)
-    ).rstrip()
+    columns = [(cut(cell, size), size, r) for cell, size, r in zip(cells, sizes, right, strict=True)]
+    return GAP.join(cell.rjust(size) if r else cell.ljust(size) for cell, size, r in columns).rstrip()
 
 
 def _is_numeric(column: Sequence[str]) -> bool:

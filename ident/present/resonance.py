@@ -126,9 +126,8 @@ def resonance_sections(
         _verdict(branches, groups, margin),
         (_table(branches, groups[:LISTED], note),) if groups else (),
         tuple(_findings(basis, branches, excitation)),
-        "",
-        f"ident simulate {{arm}}{same_motion(basis)}",
-        tuple(_details(basis, branches, excitation, groups, margin)),
+        next=f"ident simulate {{arm}}{same_motion(basis)}",
+        details=tuple(_details(basis, branches, excitation, groups, margin)),
     )
 
 
@@ -139,7 +138,7 @@ def _verdict(branches: Branches, groups: Sequence[Group], margin: float) -> Verd
         return Verdict("CLEAR", f"No pulley comes within {100 * margin:.3g} % of the {modes} followed.", "good")
     met = sum(bool(group[0].crossings) for group in groups)
     near = f"{len(groups) - met} within {100 * margin:.3g} %" if len(groups) > met else ""
-    counts = " and ".join(filter(None, [f"{counted(met, 'crossing')}" if met else "", near]))
+    counts = " and ".join(filter(None, [counted(met, "crossing") if met else "", near]))
     reason = f"{_meeting(branches, groups[0])}. Total: {counts}."
     return Verdict("RESONANCE", reason, "bad") if met else Verdict("NEAR", reason, "caution")
 

@@ -12,9 +12,9 @@ from ident.inference.draws import LEARNED, combinations, quantiles, share_of_pri
 from ident.inference.fit import contradicting
 from ident.inference.posterior import MOVED
 from ident.inference.sample import RIVAL
-from ident.present.fit import refused
+from ident.present.fit import refused, unknown_places
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, without_empty_columns
-from ident.present.warnings import asked_for, contradiction, drive_states, odd_numbers, untestable
+from ident.present.warnings import asked_for, contradiction, drive_states, good_if, odd_numbers
 from ident.present.words import (
     SETUP,
     counted,
@@ -47,38 +47,27 @@ def sample_sections(result: "CampaignSample") -> Report:
     steps, ensembles, walkers, _ = result.sample.theta.shape
     return Report(
         f"Posterior of {cut(fit.arm.name, 40)} given {cut(fit.campaign.name, 30) or 'a campaign'}: "
-        f"{counted(len(fit.campaign), 'measurement')}, {counted(len(_own(result)), 'unknown')}, "
+        f"{counted(len(fit.campaign), 'measurement')}, {counted(len(unknown_places(result.fitted)), 'unknown')}, "
         f"{(steps - result.sample.burn_in) * ensembles * walkers} draws",
         _verdict(result),
         (*conflict, _values(result, result.sample.basins[0], _main(result))),
         tuple(_findings(result)),
         "" if result.withheld else _farthest(result),
         _next(result),
-        (
-            _further_values(result),
-            *_combinations(result),
-            _measurements(result),
-            *_optima(result),
-            _chains(result),
-        ),
+        (_further_values(result), *_combinations(result), _measurements(result), *_optima(result), _chains(result)),
     )
-
-
-def _own(result: "CampaignSample") -> list[int]:
-    """Return the places of the fit's unknowns that are no nuisances, model factors among them."""
-    return np.flatnonzero(~result.fitted.problem.parameters.nuisance).tolist()
 
 
 def _main(result: "CampaignSample") -> list[int]:
     """Return the places of what the first screen shows: the unknowns and the noise scales."""
     count = len(result.fitted.problem.parameters.items)
-    return [*_own(result), *range(count, len(result.sample.posterior.parameters.items))]
+    return [*unknown_places(result.fitted), *range(count, len(result.sample.posterior.parameters.items))]
 
 
 def _mostly_prior(result: "CampaignSample") -> list[int]:
     """Return the places of the unknowns of which little is known beyond the prior."""
     share = share_of_prior(result.sample, result.sample.basins[0])
-    return [i for i in _own(result) if share[i] > LEARNED]
+    return [i for i in unknown_places(result.fitted) if share[i] > LEARNED]
 
 
 # -------- Verdict
@@ -104,7 +93,7 @@ def _verdict(result: "CampaignSample") -> Verdict:
         shares = [f"{100 * float(share):.1f} %" for share in result.weights.share] if result.weights else ["unknown"]
         text = f"The data hardly distinguish {len(sample.basins)} optima (probability: {', '.join(shares)}); {chains}"
         return Verdict("SEVERAL OPTIMA", text, "caution")
-    own, prior = _own(result), _mostly_prior(result)
+    own, prior = unknown_places(result.fitted), _mostly_prior(result)
     determined = [i for i in own if i not in prior]
     if not determined:
         return Verdict("NOT USABLE", f"All {len(own)} unknowns are known mostly by the prior; {chains}", "bad")
@@ -113,8 +102,7 @@ def _verdict(result: "CampaignSample") -> Verdict:
     if prior:
         count = f"{len(determined)} OF {len(own)}"
         return Verdict(f"PARTLY {count}", f"{count.lower()} unknowns {known}", "caution")
-    assumed = untestable(fit)
-    return Verdict(f"GOOD if {assumed}" if assumed else "GOOD", f"All {len(own)} unknowns {known}", "good")
+    return Verdict(good_if(fit), f"All {len(own)} unknowns {known}", "good")
 
 
 def _short_chains(result: "CampaignSample") -> list[Diagnosis]:
@@ -142,13 +130,13 @@ def _shortfall(result: "CampaignSample") -> str:
 
 
 def _next(result: "CampaignSample") -> str:
-    if _verdict(result).word == "NOT USABLE":
+    word = _verdict(result).word
+    if word == "NOT USABLE":
         return "ident fit {campaign}"
     if _short_chains(result):
         steps = max(each.steps for each in result.sample.diagnosis)
         return f"the same command with --steps {steps + _more_steps(result)}"
-    settled = _verdict(result).word.startswith("GOOD")
-    return "ident validate {campaign}" if settled else "ident plan {campaign}"
+    return "ident validate {campaign}" if word.startswith("GOOD") else "ident plan {campaign}"
 
 
 # -------- Findings
@@ -246,13 +234,12 @@ def _further_values(result: "CampaignSample") -> Section:
     first, *others = result.sample.basins
     hidden = [i for i in shown if i not in _main(result)]
     tables = [_values(result, first, hidden)] if hidden else []
-    priors = tuple(f"Prior: {prior}." for prior in priors_in_words([items[i] for i in shown]))
     note = (
         "interval / prior: width of the 95 % interval over the prior's; near 100 % the data say nothing, above "
         f"{100 * LEARNED:.0f} % the value is mostly the prior's: (prior)."
     )
     tables += [_values(result, basin, shown) for basin in others]
-    return Section("Values and priors", (*tables, note, *priors))
+    return Section("Values and priors", (*tables, note, *priors_in_words([items[i] for i in shown])))
 
 
 def _combinations(result: "CampaignSample") -> Iterator[Section]:

@@ -15,6 +15,7 @@ from ident.text import one_line
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
+    from ident.arm.parts import Joint
     from ident.arm.plausibility import Oddity
     from ident.assess.show import ArmNames, ArmView
     from ident.description.file import ArmFile
@@ -76,9 +77,8 @@ def _modes(view: "ArmView") -> Iterator[Table]:
     """Yield the first modes, where the arm has any."""
     if view.analysis:
         labels, frequency = view.analysis.labels, view.analysis.modes.frequency
-        rows = tuple(
-            (i + 1, str(label), float(frequency[i]), largest_shares(view.analysis, i)) for i, label in enumerate(labels)
-        )
+        modes = zip(labels, frequency.tolist(), strict=False)
+        rows = tuple((i + 1, str(label), hz, largest_shares(view.analysis, i)) for i, (label, hz) in enumerate(modes))
         head = ("no.", "first modes under own weight", "frequency [Hz]", "largest shares of strain energy")
         yield Table("", head, rows, ("d", "", ".2f", ""))
 
@@ -95,17 +95,15 @@ def largest_shares(analysis: "ModalAnalysis", i: int) -> str:
 
 
 def _joints(view: "ArmView") -> Section:
-    rows = tuple(
-        (joint.name, f"({_vector(np.asarray(joint.axis))})", _limits(joint.limits, joint.driven))
-        for joint in view.arm.joints
-    )
+    joints = view.arm.joints
+    rows = tuple((joint.name, f"({_vector(np.asarray(joint.axis))})", _limits(joint)) for joint in joints)
     return Section("Joints", (Table("", ("joint", "axis of the pin in the zero posture", "limits"), rows),))
 
 
-def _limits(limits: tuple[float, float], driven: bool) -> str:
-    low, high = (math.degrees(limit) for limit in limits)
+def _limits(joint: "Joint") -> str:
+    low, high = (math.degrees(limit) for limit in joint.limits)
     within = "turns freely" if math.isinf(low) else f"{low:.4g} to {high:.4g} deg"
-    return within if driven else "no pin: elastic only"
+    return within if joint.driven else "no pin: elastic only"
 
 
 def number_rows(arm: "Arm", origins: Mapping[str, str]) -> Iterator[tuple[str, str, str, str]]:
@@ -185,7 +183,7 @@ def _names_details(
     )
     head = ("number", "value", "unit", "origin", "changed by")
     yield Section("Numbers [SI]", (Table("", head, numbers, ("", ".7g", "", "", "")),))
-    rows = tuple((joint.name, _limits(joint.limits, joint.driven)) for joint in arm.joints)
+    rows = tuple((joint.name, _limits(joint)) for joint in arm.joints)
     yield Section("Joints", (Table("", ("joint", "limits"), rows),))
     if arm.points:
         points = tuple((point.name, point.joint) for point in arm.points)

@@ -64,7 +64,7 @@ def _verdict(simulation: "Simulation") -> Verdict | None:
         return None
     limit, peak = f"the limit of {MM * simulation.limit:g} mm", simulation.sizes.peak
     size = f"{_mm(peak.max())} mm in {DIRECTIONS[int(peak.argmax())]}"
-    shares, may = _exceeding(simulation)
+    shares, may = _exceeding(simulation, simulation.limit)
     more = f"; {shares}" if shares else ""
     if peak.max() > simulation.limit:
         return Verdict("NOT OK", f"{size} exceeds {limit}{more}.", "bad")
@@ -73,11 +73,9 @@ def _verdict(simulation: "Simulation") -> Verdict | None:
     return Verdict("OK", f"{size} keeps {limit} in all directions{more}.", "good")
 
 
-def _exceeding(simulation: "Simulation") -> tuple[str, bool]:
+def _exceeding(simulation: "Simulation", limit: float) -> tuple[str, bool]:
     """Say with which share of the phases and draws the limit is exceeded, and tell whether any phases or draws do."""
-    limit, words, may = simulation.limit, [], False
-    if limit is None:
-        return "", False
+    words, may = [], False
     if simulation.draws is not None:
         share = simulation.draws.exceeds(limit)[1]
         words.append(f"probability of exceeding it {percent(share)} ({simulation.draws.vibration.shape[2]} draws)")

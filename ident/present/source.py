@@ -1,6 +1,6 @@
 """What excites the moving arm: what is said of it, and its rows for programs."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -8,11 +8,11 @@ import numpy as np
 from ident.arm.multibody import IMBALANCE, ExcitingOrder
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut
 from ident.present.words import MM, counted
-from ident.vibrate.sources import unit_of
+from ident.vibrate.sources import UNITS
 
 if TYPE_CHECKING:
     from ident.assess.run_plan import RunPlan
-    from ident.assess.source import Prediction, SourceStudy, Tried
+    from ident.assess.source import SourceStudy, Tried
     from ident.vibrate.source_causes import Cause, Causes
     from ident.vibrate.source_identification import Estimate
 
@@ -69,15 +69,13 @@ def named(source: ExcitingOrder) -> str:
     return f"{source.drive} {f'error, order {source.order:g}' if source.of_error else IMBALANCE}"
 
 
-def _size(study: "SourceStudy", source: ExcitingOrder) -> tuple[float, str]:
+def _size(masses: "Mapping[str, float]", source: ExcitingOrder) -> tuple[float, str]:
     """Return what one unit of a source is in the report's unit, and that: eccentric masses count with their mass."""
-    if source.of_error:
-        return 2.0, "arcsec p-p"
-    return study.found.problem.masses[source.drive], "kg mm"
+    return (2.0, "arcsec p-p") if source.of_error else (masses[source.drive], "kg mm")
 
 
 def _row(study: "SourceStudy", each: "Estimate", makes: float) -> tuple[Any, ...]:
-    size, unit = _size(study, each.source)
+    size, unit = _size(study.found.problem.masses, each.source)
     name, low, high = named(each.source), *each.interval
     phase = round(float(np.degrees(each.phase[0]))) % 360 if len(each.phase) == 1 else None  # the details have several
     estimate, vibration = f"{size * each.amplitude:.4g}", MM * makes * each.amplitude
@@ -123,9 +121,8 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
         names = ", ".join(dict.fromkeys(each.run for each in study.held))
         shares = _range(100 * max(0.0, each.explained) for each in study.held)
         rms = max((100 * (each.ratio - 1) for each in study.held), key=abs)
-        yield Finding(
-            f"left out: {cut(names, 40)}; predicted {shares} % of the mean square, and the rms to {abs(rms):.0f} %"
-        )
+        predicted = f"predicted {shares} % of the mean square, and the rms to {abs(rms):.0f} %"
+        yield Finding(f"left out: {cut(names, 40)}; {predicted}")
     pairs = list(zip(study.found.estimates, study.found.makes.tolist(), strict=True))
     hidden = [named(each.source) for each, _ in pairs if not each.told]
     if hidden and study.usable:
@@ -165,46 +162,40 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
         for each in found.estimates
         for group, (phase, sd) in enumerate(zip(each.phase, each.phase_sd, strict=True), 1)
     ]
-    of_phases = ("Source", "group", "phase [deg]", "std. error [deg]")
-    yield Section(
-        "Phases",
-        (
-            "Of imbalance: direction of the eccentric mass at joint angle 0, counted about the axis. Of transmission "
-            "error: of its sine at joint angle 0. Runs of one group share them.",
-            Table("", of_phases, tuple(phases), ("", "d", ".1f", ".1f")),
-        ),
+    meaning = (
+        "Of imbalance: direction of the eccentric mass at joint angle 0, counted about the axis. Of transmission "
+        "error: of its sine at joint angle 0. Runs of one group share them."
     )
+    head: tuple[str, ...] = ("Source", "group", "phase [deg]", "std. error [deg]")
+    yield Section("Phases", (meaning, Table("", head, tuple(phases), ("", "d", ".1f", ".1f"))))
     tests = [
         (named(source), float(wide), None if np.isnan(chance) else float(chance))
         for source, wide, chance in zip(problem.sources, found.consistency, found.agreement, strict=True)
     ]
-    yield Section(
-        "Does each source explain the vibration wherever it should?",
-        (
-            "Variance ratio: how much single seconds differ, by how much noise explains; above 1 it widens the "
-            "interval. p: probability that the runs differ so much by chance.",
-            Table("", ("Source", "variance ratio", "p between runs"), tuple(tests), ("", ".2f", ".2g")),
-        ),
+    meaning = (
+        "Variance ratio: how much single seconds differ, by how much noise explains; above 1 it widens the "
+        "interval. p: probability that the runs differ so much by chance."
     )
+    table = Table("", ("Source", "variance ratio", "p between runs"), tuple(tests), ("", ".2f", ".2g"))
+    yield Section("Does each source explain the vibration wherever it should?", (meaning, table))
     sd = np.sqrt(np.diag(found.covariance))[: len(place.changes)]
     before = np.sqrt(np.diag(problem.prior.covariance))
     numbers = [
         (name, 100 * np.expm1(change), 100 * own, 100 * prior)
         for name, change, own, prior in zip(problem.prior.groups, place.changes, sd, before, strict=True)
     ]
-    columns = ("Number", "change [%]", "std. error [%]", "before [%]")
-    yield Section("Stiffness and damping", (Table("", columns, tuple(numbers), ("", "+.2f", ".2f", ".2f")),))
-    clocks = [
-        (run.name, 1e3 * offset, 1e6 * rate) for run, (offset, rate) in zip(problem.runs, place.clock, strict=True)
-    ]
+    head = ("Number", "change [%]", "std. error [%]", "before [%]")
+    yield Section("Stiffness and damping", (Table("", head, tuple(numbers), ("", "+.2f", ".2f", ".2f")),))
+    pairs = zip(problem.runs, place.clock, strict=True)
+    clocks = [(run.name, 1e3 * offset, 1e6 * rate) for run, (offset, rate) in pairs]
     table = Table("", ("Run", "clock offset [ms]", "clock rate [1e-6]"), tuple(clocks), ("", ".2f", ".0f"))
     yield Section("Clocks", (table,))
     traces = [
         (channel.name, channel.rate, 100 * share, *np.degrees(tilt), 100 * (problem.factor(k, place) - 1))
         for k, (channel, share, tilt) in enumerate(zip(problem.channels, found.explained, place.tilt, strict=True))
     ]
-    of_traces = ("Trace", "samples a second", "explained [%]", "tilt [deg]", "tilt, other way [deg]", "calibration [%]")
-    yield Section("Traces", (Table("", of_traces, tuple(traces), ("", ".4g", ".1f", ".2f", ".2f", "+.2f")),))
+    head = ("Trace", "samples a second", "explained [%]", "tilt [deg]", "tilt, other way [deg]", "calibration [%]")
+    yield Section("Traces", (Table("", head, tuple(traces), ("", ".4g", ".1f", ".2f", ".2f", "+.2f")),))
 
     if study.causes:
         yield _cause_section(study.causes)
@@ -219,9 +210,10 @@ def _details(study: "SourceStudy") -> Iterator[Section]:
     if tried := study.tried():
         yield tried_section(tried)
     if study.held:
-        predicted = [
-            (each.channel.name, 100 * each.explained, 100 * (each.ratio - 1), *_interval(each)) for each in study.held
-        ]
+        predicted = []
+        for each in study.held:
+            sizes = float(np.abs(each.shown).max()), *np.quantile(each.peaks, (0.025, 0.975)).tolist()
+            predicted.append((each.channel.name, 100 * each.explained, 100 * (each.ratio - 1), *sizes))
         head = ("Trace", "predicted [%]", "rms [%]", "largest, measured", "2.5 %", "97.5 % of draws")
         table = Table("", head, tuple(predicted), ("", ".1f", "+.1f", ".4g", ".4g", ".4g"))
         yield Section("Runs that were left out (SI; the measured ones with their noise)", (table,))
@@ -268,27 +260,24 @@ def _cause_section(causes: "Causes") -> Section:
     return Section(f"What makes the peak at {causes.peak:g} Hz?", (text, *untested, table))
 
 
-def _interval(each: "Prediction") -> tuple[float, float, float]:
-    low, high = np.quantile(each.peaks, (0.025, 0.975))
-    return float(np.abs(each.shown).max()), float(low), float(high)
-
-
 def acting(tried: "Tried") -> str:
     """Say how a mass acts: `as 1.02 of it, 60 deg further`."""
-    turn = float(np.degrees(np.angle(tried.factor)))
-    return f"as {abs(tried.factor):.2f} of it" + (f", {abs(turn):.0f} deg {'further' if turn > 0 else 'back'}")
+    return f"as {abs(tried.factor):.2f} of it, {turned(tried.factor)}"
+
+
+def turned(factor: complex) -> str:
+    """Say by how much a factor turns a mass: `60 deg further`."""
+    turn = float(np.degrees(np.angle(factor)))
+    return f"{abs(turn):.0f} deg {'further' if turn > 0 else 'back'}"
 
 
 def tried_section(every: "Iterable[Tried]") -> Section:
     """Return what masses did that were added for runs."""
-    rows = [
-        (
-            *(each.run, each.drive, 1e6 * abs(each.stated), float(np.degrees(np.angle(each.stated)))),
-            *(abs(each.factor), each.sd[0], float(np.degrees(np.angle(each.factor))), float(np.degrees(each.sd[1]))),
-            each.chance,
-        )
-        for each in every
-    ]
+    rows = []
+    for each in every:
+        at, turn, turn_sd = (float(np.degrees(x)) for x in (np.angle(each.stated), np.angle(each.factor), each.sd[1]))
+        acts = (abs(each.factor), each.sd[0], turn, turn_sd, each.chance)
+        rows.append((each.run, each.drive, 1e6 * abs(each.stated), at, *acts))
     head = ("Run", "drive", "stated [g mm]", "at [deg]", "acts as", "error", "turned [deg]", "error [deg]", "p that 1")
     forms = ("", "", ".0f", ".0f", ".3f", ".3f", "+.1f", ".1f", ".2g")
     return Section("Masses that were added for runs", (Table("", head, tuple(rows), forms),))
@@ -307,34 +296,30 @@ def run_plan_sections(plan: "RunPlan") -> Report:
         verdict = Verdict(f"PARTLY {told} OF {sized}" if told else "NOT SUFFICIENT", words, "caution")
     rows = []
     for k, source in enumerate(problem.sources):
-        size, unit = (2.0, "arcsec p-p") if source.of_error else (problem.masses[source.drive], "kg mm")
+        size, unit = _size(problem.masses, source)
         own = float(plan.amplitude[k])
         said = f"{size * own:.4g}" if own else "not given"
         answer = ("yes" if own > plan.least[k] else "no") if own else "above least told"
         rows.append((named(source), said, f"{size * plan.sd[k]:.3g}", f"{size * plan.least[k]:.3g}", unit, answer))
     head = ("Source", "in the file", "std. error", "least told", "unit", "told?")
     note = "Least told: a 95 % interval is half of the amplitude either way. Stiffness known to 10 % before (assumed)."
-    first = _further_table(plan, LISTED)
+    first = (_further_table(plan, LISTED),) if plan.further else ()
     return Report(
         f"Planned runs of {cut(problem.arm.name, 40)}: {what} of {count} possible sources",
         verdict,
-        (Table("", head, tuple(rows), ("",) * 6, note), *((first,) if plan.further else ())),
+        (Table("", head, tuple(rows), ("",) * 6, note), *first),
         next="ident source {runs} --arm {arm}",
         details=(Section("Further runs", (_further_table(plan, len(plan.further)),)),) if plan.further else (),
     )
 
 
 def _further_table(plan: "RunPlan", count: int) -> Table:
-    rows = tuple(
-        (
-            *(f"{each.speed:g} %, {each.part}", f"{each.point} {each.direction}", each.gain),
-            ", ".join(map(named, plan.also(each))) or None,
-        )
-        for each in plan.further[:count]
-    )
-    return Table(
-        "Further runs, one sensor each", ("Run", "sensor", "gain [nat]", "tells also"), rows, ("", "", ".1f", "")
-    )
+    rows = []
+    for each in plan.further[:count]:
+        also = ", ".join(map(named, plan.also(each))) or None
+        rows.append((f"{each.speed:g} %, {each.part}", f"{each.point} {each.direction}", each.gain, also))
+    head = ("Run", "sensor", "gain [nat]", "tells also")
+    return Table("Further runs, one sensor each", head, tuple(rows), ("", "", ".1f", ""))
 
 
 def run_plan_rows(plan: "RunPlan") -> list[dict[str, Any]]:
@@ -344,9 +329,9 @@ def run_plan_rows(plan: "RunPlan") -> list[dict[str, Any]]:
             "drive": source.drive,
             "kind": source.kind,
             "order": source.order,
-            "amplitude": float(plan.amplitude[k]) * unit_of(source),
-            "sd": float(plan.sd[k]) * unit_of(source),
-            "least": float(plan.least[k]) * unit_of(source),
+            "amplitude": float(plan.amplitude[k]) * UNITS[source.kind],
+            "sd": float(plan.sd[k]) * UNITS[source.kind],
+            "least": float(plan.least[k]) * UNITS[source.kind],
             "told": source in plan.told,
         }
         for k, source in enumerate(plan.problem.sources)
@@ -360,8 +345,8 @@ def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:
             "drive": each.source.drive,
             "kind": each.source.kind,
             "order": each.source.order,
-            "amplitude": each.amplitude * unit_of(each.source),
-            "sd": each.sd * unit_of(each.source) if study.usable else np.nan,
+            "amplitude": each.amplitude * UNITS[each.source.kind],
+            "sd": each.sd * UNITS[each.source.kind] if study.usable else np.nan,
             "phase": each.phase[0],
             "phase_sd": each.phase_sd[0] if study.usable else np.nan,
             "told": each.told and study.usable,

@@ -9,7 +9,6 @@ import numpy as np
 from ident.assess.spectrum import PEAKS, MarkedModes, Spectra
 from ident.present.report import Cell, Part, Report, Section, Table, cut
 from ident.present.words import TRACE_UNITS, counted, hertz, where_marked
-from ident.vibrate.spectra import Peak
 
 STRONGEST = 2
 """Peaks of a direction on the first screen, of a single trace."""
@@ -20,12 +19,10 @@ def spectrum_sections(spectra: Spectra) -> Report:
     names = " and ".join(cut(name, 40) for name in spectra.traces)
     return Report(
         f"Amplitude spectra of {names}: {spectra.kind}, 0-peak, up to {spectra.upto:g} Hz",
-        None,
-        tuple(_answer(spectra)),
-        (),
-        spectra.remark,
-        _next(spectra),
-        tuple(_details(spectra)),
+        answer=tuple(_answer(spectra)),
+        remark=spectra.remark,
+        next=_next(spectra),
+        details=tuple(_details(spectra)),
     )
 
 
@@ -75,22 +72,15 @@ def _peaks_table(spectra: Spectra, name: str, caption: str, most: int) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for direction in spectra.directions:
         for i, peak in enumerate(spectra.strongest(name, direction)[:most]):
-            first = direction if i == 0 else ""
-            rows.append((first, peak.frequency, factor * peak.amplitude, *_mode(spectra, name, direction, peak)))
+            first, label = direction if i == 0 else "", spectra.mode_near(name, direction, peak.frequency)
+            mode = (label, hertz(spectra.modes.bands[label])) if label and spectra.modes else ("none", "")
+            rows.append((first, peak.frequency, factor * peak.amplitude, *mode))
         if not spectra.strongest(name, direction):
             rows.append((direction, None, None, "", ""))
-    head, forms = (
-        ("", "frequency [Hz]", f"amplitude [{unit}]", "mode near it", "its range"),
-        ("", ".3f", "#.4g", "", ""),
-    )
+    head = ("", "frequency [Hz]", f"amplitude [{unit}]", "mode near it", "its range")
+    forms = ("", ".3f", "#.4g", "", "")
     shown = len(head) if spectra.modes else 3
     return Table(caption, head[:shown], tuple(row[:shown] for row in rows), forms[:shown])
-
-
-def _mode(spectra: Spectra, name: str, direction: str, peak: Peak) -> tuple[str, str]:
-    """Name the mode near a peak with the range of its frequency, if there is one."""
-    label = spectra.mode_near(name, direction, peak.frequency)
-    return (label, hertz(spectra.modes.bands[label])) if label and spectra.modes else ("none", "")
 
 
 def _modes(modes: MarkedModes) -> Section:

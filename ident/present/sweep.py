@@ -129,9 +129,8 @@ def sweep_sections(study: "SweepStudy") -> Report:
         _verdict(study),
         tuple(_answer(study)),
         tuple(all_findings(study.basis)),
-        "",
-        f"ident design {{arm}}{limit}{same_motion(study.basis)}",
-        tuple(_details(study)),
+        next=f"ident design {{arm}}{limit}{same_motion(study.basis)}",
+        details=tuple(_details(study)),
     )
 
 
@@ -269,12 +268,12 @@ def _parameter(study: "SweepStudy", sweep: Sweep) -> Iterator[Part]:
     if not axis.shifted:
         columns["times"] = [float(value / axis.present) for value in axis.values]
     columns |= {f"{d} [mm]": list(map(mm, sizes)) for d, sizes in zip(DIRECTIONS, sweep.amplitude, strict=True)}
+    note = ""
     if sweep.draws is not None and study.limit is not None:
         columns["exceeds"] = [percent(share) for share in sweep.exceeds(study.limit)]
+        note = f"exceeds: probability that {MM * study.limit:g} mm is exceeded in any direction."
     columns[""] = [_mark(axis, value) for value in axis.values]
     forms = tuple(".5g" if name.startswith(("value", "times")) else "" for name in columns)
-    exceeds = f"exceeds: probability that {MM * (study.limit or 0):g} mm is exceeded in any direction."
-    note = exceeds * ("exceeds" in columns)
     yield Table("", tuple(columns), tuple(zip(*columns.values(), strict=True)), forms, note)
     if sweep.draws is not None:
         low, high = sweep.band
@@ -348,8 +347,8 @@ def sweep_rows(study: "SweepStudy") -> list[dict[str, Any]]:
         for place in product(*(range(len(axis.values)) for axis in sweep.axes)):
             values: dict[str, Any] = {}
             for number, axis, k in zip(("", "2"), sweep.axes, place, strict=False):
-                names = (f"{name}{number}" for name in ("parameter", "value", "unit"))
-                values |= zip(names, (axis.name, float(axis.values[k]), unit_of(axis.paths[0])), strict=True)
+                values |= {f"parameter{number}": axis.name, f"value{number}": float(axis.values[k])}
+                values[f"unit{number}"] = unit_of(axis.paths[0])
             for d, direction in enumerate(DIRECTIONS):
                 size, *band = (MM * float(part[(d, *place)]) for part in parts)
                 columns = ("direction", "amplitude [mm]", "q05 [mm]", "q95 [mm]")

@@ -87,8 +87,7 @@ def _size(kind: str, absolute: Collection[str], size: float) -> str:
 def _parts_table(validation: "Validation", absolute: Collection[str], *, few: bool = False) -> Table:
     """Return each part with its errors; on the first screen those that are farthest off."""
     missed = {part.name for part in validation.missed}
-    parts = validation.parts
-    caption = ""
+    parts, caption = validation.parts, ""
     most = max(1, ROWS // (1 + len(absolute))) if absolute else FEW
     if few and len(parts) > most:
         order = sorted(range(len(parts)), key=lambda i: (np.nan_to_num(parts[i].p_value, nan=2.0), i))[:most]

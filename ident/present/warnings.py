@@ -81,11 +81,8 @@ def against(cross: CrossPrediction, i: int, m: Measurement) -> tuple[float, floa
 
 def contradiction(predictions: Sequence[CrossPrediction], campaign: Campaign) -> tuple[str, ...]:
     """Say in a sentence which value of a small kind is farthest from what the other kinds predict; nothing for none."""
-    small = [
-        (np.abs(cross.z), cross)
-        for cross in contradicting(predictions)
-        if len(cross.rows) <= FEW and cross.z is not None
-    ]
+    few = (cross for cross in contradicting(predictions) if len(cross.rows) <= FEW)
+    small = [(np.abs(cross.z), cross) for cross in few if cross.z is not None]
     if not small:
         return ()
     single = [pair for pair in small if len(pair[0]) == 1]
@@ -197,13 +194,14 @@ def weighty_assumptions(fit: CampaignFit) -> tuple[Table, ...]:
     return (Table("", head, rows, note=note),) if rows else ()
 
 
-def untestable(fit: CampaignFit) -> str:
-    """Name the rigid parts that the data cannot test, and without which a value moves by more than its std. error."""
-    return " and ".join(_untested(fit))
+def good_if(fit: CampaignFit) -> str:
+    """Return GOOD, with the rigid parts that no data test, and without which a value moves by more than its error."""
+    rigid = " and ".join(_untested(fit))
+    return f"GOOD if {rigid}" if rigid else "GOOD"
 
 
 def untested(fit: CampaignFit) -> Iterator[Finding]:
-    """Yield for each of these what it may do to the value that it moves most, and how to find out."""
+    """Yield for each of those parts what it may do to the value that it moves most, and how to find out."""
     for assumed, (item, which) in _untested(fit).items():
         moved = f"{fit.information.names[which]} {_move(fit, item, which, in_errors=False)}"
         remedy = "measure the foot's motion" if item.kind.startswith("base") else CHECKS[item.kind]
@@ -328,12 +326,10 @@ def leading_explanations(found: Explanations | None, campaign: Campaign) -> tupl
     if found is None or not found.fitting:
         return ()
     leading = found.fitting[:LEADING]
-    rows = tuple(
-        (str(number), _causes(item, campaign), _check(item, campaign)) for number, item in enumerate(leading, 1)
-    )
+    rows = [(str(number), _causes(item, campaign), _check(item, campaign)) for number, item in enumerate(leading, 1)]
     several = "Each of these would explain the data" if len(leading) > 1 else "This would explain the data"
     several += " (+- std. error)" * any("+-" in row[1] for row in rows)
-    tables = Table("", ("", several, "what to do"), rows), *discriminating(found.telling, len(leading))
+    tables = Table("", ("", several, "what to do"), tuple(rows)), *discriminating(found.telling, len(leading))
     return tuple(replace(table, brief=True) for table in tables)
 
 

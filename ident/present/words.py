@@ -238,8 +238,12 @@ def counted(count: int, noun: str) -> str:
 
 def kinds_in_words(kinds: Sequence[str]) -> str:
     """Name kinds of measurement in the plural: `frequencies and deflections`."""
-    plural = [re.sub("y$", "ie", kind.replace("_", " ")) + "s" for kind in kinds]
-    return " and ".join(filter(None, (", ".join(plural[:-1]), *plural[-1:])))
+    return joined([re.sub("y$", "ie", kind.replace("_", " ")) + "s" for kind in kinds])
+
+
+def joined(words: Sequence[str]) -> str:
+    """Return words as a list: a, b and c."""
+    return " and ".join([*([", ".join(words[:-1])] if words[1:] else []), *words[-1:]])
 
 
 def sentence(words: str) -> str:
@@ -279,7 +283,7 @@ def priors_in_words(items: Sequence["Parameter"]) -> Iterator[str]:
     for item in items:
         forms.setdefault(_prior(item), []).append(item.name)
     for form, names in forms.items():
-        yield form if len(forms) == 1 else f"{form}: {', '.join(names)}"
+        yield f"Prior: {form}." if len(forms) == 1 else f"Prior: {form}: {', '.join(names)}."
 
 
 def _prior(item: "Parameter") -> str:
@@ -326,12 +330,11 @@ def balance(weights: Sequence[float], items: Sequence["Parameter"], least: float
     """
     lead = max(weights, key=abs)
     order = [i for i in np.argsort(-np.abs(weights)) if abs(weights[i] / lead) > least]
-    sides = [
-        " and ".join(parameter_in_words(items[i]) for i in order if weights[i] * lead * sign > 0) for sign in (1, -1)
-    ]
-    if sides[1]:
-        return " against ".join(sides)
-    return f"{sides[0]} together" if len(order) > 1 else sides[0]
+    along = " and ".join(parameter_in_words(items[i]) for i in order if weights[i] * lead > 0)
+    against = " and ".join(parameter_in_words(items[i]) for i in order if weights[i] * lead < 0)
+    if against:
+        return f"{along} against {against}"
+    return f"{along} together" if len(order) > 1 else along
 
 
 # -------- Directions

@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.resources import files
-from math import degrees, isfinite, radians
+from math import degrees, isfinite, pi, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -113,8 +113,6 @@ def new_from_robot(robot: str | Path, folder: str | Path, tip: str | None = None
 
 def guessed_stiffness(arm: "Arm") -> Mapping[str, tuple[float, float]]:
     """Return bending and torsional stiffness [N m/rad] by joint, with which each joint alone would vibrate alike."""
-    from math import pi
-
     from ident.arm.plausibility import carried
 
     inertia = [beyond.inertia for beyond in carried(arm)]

@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem, refusal
-from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import MovingOptions, basis_of
 from ident.studies.options import option
+from ident.studies.reading import EACH
 from ident.studies.result import Result, check_place, input_of
 from ident.studies.saved import files_of, load
-from ident.studies.shared import as_file
+from ident.studies.shared import as_file, as_log
 from ident.text import LARGEST_BINARY, did_you_mean, one_line, read_bytes
 
 if TYPE_CHECKING:
     from jaxtyping import Float
-    from matplotlib.figure import Figure
     from numpy import ndarray
 
     from ident.arm.arm import Arm
@@ -40,10 +39,6 @@ FEWEST_DRAWS = 20
 """Draws of which a 95 % interval can be said to be one."""
 
 
-EACH: Any = {"repeated": True, "read": reading.by_name}
-"""How an option is read that may differ between drives."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class BalanceOptions(MovingOptions):
     """Options of `ident.balance`: where masses can be mounted, and the motion over which their effect is predicted."""
@@ -60,11 +55,6 @@ class BalanceOptions(MovingOptions):
     rotor: dict[str, float] = option({}, "mass [kg] of the rotor, for its grade; default: its eccentric mass", **EACH)
     dwell: float = option(2.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
     draws: int = option(400, "draws of what was identified", low=FEWEST_DRAWS, high=10_000)
-
-    @property
-    def hold(self) -> float:
-        """Time that the arm is held at the end [s]."""
-        return self.dwell
 
     def problems(self) -> list[Problem]:
         """Refuse sizes that nothing has, and too few holes to hold a mass at any angle."""
@@ -93,7 +83,8 @@ class BalanceResult(Result):
     """Masses that balance the drives' rotors, and what they leave of the vibration.
 
     Its table has a row for each mass: drive, mass [kg] and its standard deviation, radius [m], angle [rad], hole,
-    standard deviations of all that is mounted on the drive; and one without these for each rotor that gets none.
+    standard deviations of all that is mounted on the drive; and one without these for each rotor that gets none. Its
+    figure shows the vibration before and after, and each rotor with its imbalance and its masses.
 
     Attributes:
         found: rotors, corrections, vibration before and after.
@@ -130,12 +121,6 @@ class BalanceResult(Result):
         """Whether trial masses contradict each other."""
         return any(each.calibration.state == "contradicting" for each in self.found.rotors)
 
-    def figures(self) -> "dict[str, Figure]":
-        """Return the vibration before and after, and each rotor with its imbalance and its masses."""
-        from ident.present.figures.source import balance_figure
-
-        return {"": balance_figure(self.found)}
-
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.found.basis.arm_file, "source": self.values, "path": self.found.basis.log}
 
@@ -160,13 +145,12 @@ def balance(
     """
     from ident.arm.multibody import IMBALANCE
     from ident.assess.balance import balanced, rotor_of, tried_in
-    from ident.measure import read_log
 
     arm, record, values = _taken(source, options)
     options = replace(options, set=_numbers(record, options.set))
     drives = {drive.name: drive for drive in arm.arm.drives}
     options.check_drives(drives)
-    log = read_log(path, [joint.name for joint in arm.arm.driven]) if isinstance(path, str | Path) else path
+    log = None if path is None else as_log(path, arm.arm)
     basis = basis_of(arm, options, path=log, posterior=values)
     check_place(f"{basis.name}.balance", {"arm": arm, "source": values, "path": log})
     rows = [row for row in record.table() if row["kind"] == IMBALANCE]

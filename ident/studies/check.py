@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
@@ -46,6 +46,7 @@ class CheckResult(Result):
     form = "ident-check/10"
     subject = "check.campaign.name"
     shown = ("check",)
+    made_from = ("arm", "check.campaign")
     summary = ("contradictory",)
 
     @property
@@ -73,9 +74,6 @@ class CheckResult(Result):
     def figures(self) -> "dict[str, Figure]":
         """Return none."""
         return {}
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.arm, "campaign": self.check.campaign}
 
 
 @study

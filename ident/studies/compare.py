@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
-from ident.studies.options import option
+from ident.studies.options import repeated
 from ident.studies.result import Result, check_place
 from ident.studies.shared import ProblemOptions, UnitOptions, as_campaign, as_file
 from ident.text import one_line, quoted, study_of
@@ -26,10 +26,9 @@ if TYPE_CHECKING:
 class CompareOptions(UnitOptions):
     """Options of `ident.compare`."""
 
-    same: tuple[str, ...] = option(
+    same: tuple[str, ...] = repeated(
         (),
         "stiffness that is known not to have changed, as joint1.k_bend; may be repeated",
-        repeated=True,
         read=reading.names,
     )
 

@@ -11,7 +11,7 @@ from ident.studies import ranges
 from ident.studies.amplitudes import AmplitudeOptions
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import basis_of
-from ident.studies.options import option
+from ident.studies.options import option, repeated
 from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.values import drawn_groups
 
@@ -41,13 +41,12 @@ class DesignOptions(AmplitudeOptions):
     """Options of `ident.design`: what may be changed, what must be kept, over which motion, and how to search."""
 
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
-    change: dict[str, ranges.Limits] = option(
+    change: dict[str, ranges.Limits] = repeated(
         {},
         "number that may be changed, with bounds in SI or, with an x, in multiples of the present value, and the "
         "weight of its change: joint1.k_tors, link1.mass=0.5x:2x, fingers.com.x=1.3:1.8:2; several by one factor: "
         "a.k_tors=b.k_tors; may be repeated; default: all torsional stiffnesses",
         argument="variables",
-        repeated=True,
         read=ranges.ranges,
     )
     min_frequency: float | None = option(

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 from ident.assess.effort import DiagnosisEffort
 from ident.errors import InputError, refusal
-from ident.studies.balance import EACH, BalanceOptions, pulley_of
+from ident.studies.balance import BalanceOptions, pulley_of
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option, specs
+from ident.studies.reading import EACH
 from ident.studies.result import Progress, check_place, silent
 from ident.studies.sample import SampleOptions, sample
 from ident.studies.saved import FromFit
@@ -308,7 +309,7 @@ class DiagnoseResult(FromFit):
     @property
     def name(self) -> str:
         """The campaign's name and what was done with it."""
-        return _name(self.diagnosis.identification.sampled.fitted.campaign)
+        return _name(self.fitted.campaign)
 
     @property
     def verdict(self) -> "Verdict":
@@ -344,9 +345,8 @@ class DiagnoseResult(FromFit):
         from ident.present.html.diagnose import diagnose_page
         from ident.studies.explore import page_of
 
-        basis, campaign = self.diagnosis.task.basis, self.diagnosis.identification.sampled.fitted.campaign
-        posterior = f"{self.name}.nc"
-        explorer = page_of(basis, campaign, self.options.soft_base, self.options.profile, posterior)
+        basis, posterior = self.diagnosis.task.basis, f"{self.name}.nc"
+        explorer = page_of(basis, self.fitted.campaign, self.options.soft_base, self.options.profile, posterior)
         view = arm_view(replace(basis.arm_file, arm=basis.arm))
         return diagnose_page(self.diagnosis, head, view, explorer, self.runs)
 
@@ -376,8 +376,8 @@ class DiagnoseResult(FromFit):
         return self.diagnosis.identification.sampled.fitted
 
     def _inputs(self) -> Mapping[str, Any]:
-        basis, campaign = self.diagnosis.task.basis, self.diagnosis.identification.sampled.fitted.campaign
-        return {"arm": basis.arm_file, "campaign": campaign, "path": basis.log, "runs": self.runs}
+        basis = self.diagnosis.task.basis
+        return {"arm": basis.arm_file, "campaign": self.fitted.campaign, "path": basis.log, "runs": self.runs}
 
 
 @study

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from ident.errors import InputError, Problem
 from ident.studies.options import specs
-from ident.studies.shared import UnitOptions, as_campaign, as_file
+from ident.studies.shared import UnitOptions, as_campaign, as_file, as_log
 from ident.studies.values import drawn_values, fitted_values
 from ident.text import did_you_mean
 from ident.units import stiffness_in
 
 if TYPE_CHECKING:
     from ident.identify.values import Values
-    from ident.measure import Log, Trace
+    from ident.measure import Trace
 
 R = TypeVar("R")
 """What a study returns."""
@@ -46,12 +46,6 @@ def _draws(posterior: Any, known: Mapping[str, Any]) -> "Values | None":
     return drawn_values(posterior, known["arm"], options.draws, getattr(options, "seed", None), options)
 
 
-def _log(path: Any, known: Mapping[str, Any]) -> "Log":
-    from ident.measure import Log, read_log
-
-    return path if isinstance(path, Log) else read_log(path, [joint.name for joint in known["arm"].arm.driven])
-
-
 def _trace(trace: Any, known: Mapping[str, Any]) -> "Trace":
     from ident.measure import Trace, read_trace
 
@@ -65,7 +59,7 @@ INPUTS = {
     "measured": CAMPAIGN,
     "fit": Input("Values", "Values | FitResult | str | Path", _fitted),
     "posterior": Input("Values", "Values | SampleResult | str | Path", _draws),
-    "path": Input("Log", "Log | str | Path", _log),
+    "path": Input("Log", "Log | str | Path", lambda path, known: as_log(path, known["arm"].arm)),
     "trace": Input("Trace", "Trace | str | Path", _trace),
 }
 """Inputs by the parameter's name, in the order in which they are read."""

@@ -75,6 +75,7 @@ class ExploreResult(Result):
     subject = "arm.name"
     suffix = ".html"
     shown = ("exploration", "fit", "posterior", "options.set")
+    made_from = ("arm", "fit", "posterior", "exploration.measured")
 
     def figures(self) -> "dict[str, Figure]":
         """Return none: the page draws them."""
@@ -87,9 +88,6 @@ class ExploreResult(Result):
         options = self.options
         start = Start(self.posture, options.speed, options.soft_base, options.set)
         return explore_page(self.exploration, self.arm, start, fit=self.fit, posterior=self.posterior)
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.arm, "fit": self.fit, "posterior": self.posterior, "measured": self.exploration.measured}
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         from ident.files import replace_file

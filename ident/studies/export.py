@@ -114,8 +114,7 @@ def _read(result: "Result | Saved | str | Path") -> "Result | Saved":
     from ident.studies.saved import Saved, load
 
     read = load(result) if isinstance(result, str | Path) else result
-    studies = ("fit", "sample")
-    if not (isinstance(read, Result | Saved) and study_of(read.form) in studies):
+    if not (isinstance(read, Result | Saved) and study_of(read.form) in ("fit", "sample")):
         got = f"a result of {study_of(read.form)}" if isinstance(read, Saved) else f"a {type(read).__name__}"
         raise refusal("result", got, "a result of ident.fit or ident.sample, or its file", "give that")
     return read
@@ -184,6 +183,7 @@ def export(
         InputError: no such result, another robot's description, one of another format or without these numbers, or
             nothing can be written.
     """
+    from ident.files import replace_file, together
     from ident.studies.saved import files_of
 
     read, where = _read(result), one_line(str(result)) if isinstance(result, str | Path) else ""
@@ -192,20 +192,20 @@ def export(
         arm = files_of(inputs, Path(result).absolute().parent if where else Path()).paths["arm"]  # type: ignore[arg-type]
     asked = exported(read, None if path is None else Path(path), as_file(arm), posture, force, where)
     path, own = asked.path, asked.own
-    writers: Mapping[str, Callable[[Exported], Mapping[Path, bytes]]] = {
-        ".xml": _mjcf,
-        ".urdf": _urdf,
-        ".toml": _toml,
-        ".json": _json,
-    }
+    writers = {".xml": _mjcf, ".urdf": _urdf, ".toml": _toml, ".json": _json}
     if path.suffix not in writers:
         got = f"the ending {path.suffix}" if path.suffix else "no ending"
         raise refusal(one_line(str(path)), got, f"a file *{ENDINGS}", "name it so")
     _check_posture(asked)
     files = writers[path.suffix](asked)
+    sources = (own.path, own.bushings.path if own.bushings else "")
     for each in files:
-        _check_other(each, (own.path, own.bushings.path if own.bushings else ""))
-    return _write(files)
+        if any(source and os.path.exists(each) and os.path.samefile(each, source) for source in sources):
+            raise refusal(one_line(str(each)), "the file that was read", "a file of its own", "choose another name")
+    with together():
+        for each, data in files.items():
+            replace_file(each, lambda file, data=data: file.write(data), make_folders=True)  # type: ignore[misc]
+    return tuple(files)
 
 
 def _check_posture(asked: Exported) -> None:
@@ -340,17 +340,3 @@ def _check_held(asked: Exported, is_lost: Callable[[str], bool], words: str) -> 
     if lost := [name for name in asked.changed if is_lost(name)]:
         got, expected = f"{', '.join(lost[:3])} besides", f"an arm of other bushings alone: no place for {words}"
         raise refusal(one_line(str(asked.path)), got, expected, "write .toml or .json, or hold them (--fix)")
-
-
-def _check_other(path: Path, sources: tuple[str, ...]) -> None:
-    if any(source and os.path.exists(path) and os.path.samefile(path, source) for source in sources):
-        raise refusal(one_line(str(path)), "the file that was read", "a file of its own", "choose another name")
-
-
-def _write(files: Mapping[Path, bytes]) -> tuple[Path, ...]:
-    from ident.files import replace_file, together
-
-    with together():
-        for path, data in files.items():
-            replace_file(path, lambda file, data=data: file.write(data), make_folders=True)  # type: ignore[misc]
-    return tuple(files)

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.identify.explanations import Explanations
     from ident.identify.fit import Assumptions, CampaignFit
-    from ident.identify.unknowns import Unknowns
     from ident.identify.values import Robot, Values
     from ident.inference.fit import CrossPrediction
     from ident.measure import Campaign
@@ -61,6 +60,7 @@ class FitResult(FromFit):
     form = "ident-fit/10"
     subject = "fit.campaign.name"
     shown = ("fit",)
+    made_from = ("arm", "fit.campaign")
     numbers = ("parameters", "fit.predicted", "fit.chi_squared")
     summary = (
         "parameters",
@@ -165,9 +165,6 @@ class FitResult(FromFit):
 
         return Values.of_fit(self.fit, arm), Robot.of(self.arm.arm, self.arm.sha256), self.options.soft_base
 
-    def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.arm, "campaign": self.fit.campaign}
-
 
 @study
 def fit(
@@ -203,13 +200,8 @@ def fit(
         robust=options.robust,
         progress=progress("starts"),
     )
-    return FitResult(arm, explained(fitted, unknowns, options.explains, progress), options)
+    if options.explains and fitted.in_doubt:
+        from ident.identify.explanations import explain
 
-
-def explained(fit: "CampaignFit", unknowns: "Unknowns", wanted: bool, progress: Progress) -> "CampaignFit":
-    """Return a fit with what would reconcile its data, where they are in doubt and that is wanted."""
-    if not (wanted and fit.in_doubt):
-        return fit
-    from ident.identify.explanations import explain
-
-    return replace(fit, explanations=explain(fit, unknowns, progress=progress("explanations")))
+        fitted = replace(fitted, explanations=explain(fitted, unknowns, progress=progress("explanations")))
+    return FitResult(arm, fitted, options)

@@ -470,11 +470,9 @@ def attempt(run: Path, folder: Path, task: Task | None = None) -> str:
                 mark.unlink()
                 return reason
         except OSError as error:
-            got, expected = (
-                f"another folder {run.parent} than here ({error.strerror})",
-                "one that all can read and write",
-            )
-            raise refusal(where, got, expected, "give one on a shared disk (--out), inputs there too") from None
+            got = f"another folder {run.parent} than here ({error.strerror})"
+            remedy = "give one on a shared disk (--out), inputs there too"
+            raise refusal(where, got, "one that all can read and write", remedy) from None
 
 
 @contextmanager

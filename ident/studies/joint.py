@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem, refusal
-from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
+from ident.studies.reading import EACH
 from ident.studies.result import Result, check_place
 from ident.studies.shared import UnitOptions
 from ident.text import did_you_mean, one_line
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from ident.identify.joint import JointTwist
     from ident.measure.joint_log import JointLog
 
-EACH: Any = {"repeated": True, "read": reading.by_name}
-"""How an option is read that may differ between joints."""
 NAMED = 3
 """Logs after which a result is called."""
 ALIKE = 0.99
@@ -127,10 +125,9 @@ def joint(
     read = [each if isinstance(each, JointLog) else read_joint_log(each, locked=options.locked) for each in given]
     check_place(_name(read), _inputs(read))
     names, channels = [*read[0].columns], {name: {*columns} for name, columns in read[0].columns.items()}
+    expected, remedy = f"those of {one_line(read[0].path)}", "give logs of the same joints"
     problems = [
-        Problem(
-            one_line(log.path), "other columns", f"those of {one_line(read[0].path)}", "give logs of the same joints"
-        )
+        Problem(one_line(log.path), "other columns", expected, remedy)
         for log in read
         if {name: {*columns} for name, columns in log.columns.items()} != channels
     ]

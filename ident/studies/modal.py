@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
-from ident.studies.options import option
+from ident.studies.options import option, repeated
 from ident.studies.result import Result, check_place
 from ident.studies.shared import ProblemOptions, as_file
 
@@ -51,29 +51,26 @@ class ModalOptions(ProblemOptions):
         read=reading.band,
     )
 
-    modes: dict[str, tuple[float, ...]] = option(
+    modes: dict[str, tuple[float, ...]] = repeated(
         {},
         "frequencies [Hz] of the modes to take at a posture, by its number, as 2=4.45,5.01; may be repeated",
-        repeated=True,
         read=reading.frequencies,
     )
     no_modes: bool = option(False, "frequency responses only")
-    sigma: dict[str, float] = option(
+    sigma: dict[str, float] = repeated(
         {},
         "standard deviation of finished modes whose file has none, as a share: frequency=0.002; damping_ratio; and"
         " shape, of its largest motion",
-        repeated=True,
         read=reading.numbers,
     )
     frequency_is: str | None = option(
         None, "what the frequencies of finished modes are, where their file does not say it", choices=FINISHED
     )
-    reproducibility: dict[str, float] = option(
+    reproducibility: dict[str, float] = repeated(
         {},
         "how far a value differs when the test is set up from the start, as a share: 0.002 of each frequency, or"
         " frequency=0.002, damping_ratio=0.05; 0 for none; default: these, which are assumed, and what repeated tests"
         " of one posture show",
-        repeated=True,
         read=reading.shares,
     )
     common_share: float = option(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,8 +42,9 @@ class MovingOptions(ArmOptions):
 
     @property
     def hold(self) -> float:
-        """Time that the arm is held at the end [s]."""
-        return 0.0
+        """Time that the arm is held at the end [s]: the option `dwell`, of a study that has it."""
+        dwell: float = getattr(self, "dwell", 0.0)
+        return dwell
 
     def problems(self) -> list[Problem]:
         """Refuse a motion that takes for ever."""
@@ -73,11 +75,6 @@ class HeldMotionOptions(MovingOptions):
         "default: the arm file's",
         read=reading.peak_to_peak,
     )
-
-    @property
-    def hold(self) -> float:
-        """Time that the arm is held at the end [s]."""
-        return self.dwell
 
     def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
         """Return the arm with the largest transmission errors, and what is unknown of its excitation."""
@@ -121,34 +118,24 @@ def basis_of(
 
 def _motion(arm: "Arm", options: MovingOptions, log: "Log | None") -> "tuple[Motion, float]":
     """Return the stroke, or the path of a log, within the joint limits, and its speed in percent."""
-    from ident.vibrate.motion import beyond_limits
-
-    percent = options.speed if options.speed is not None else 10.0 if log is None else 100.0
-    motion = _stroke(arm, options, percent) if log is None else _replayed(options, log)
-    beyond_limits(arm, motion)
-    return motion, percent
-
-
-def _stroke(arm: "Arm", options: MovingOptions, percent: float) -> "Motion":
-    from ident.vibrate.motion import stroke
-
-    if arm.stroke is None:
-        raise refusal(arm.name, "no motion defined", "a stroke or a joint path", STROKE)
-    return stroke(arm.stroke, percent=percent, profile=options.profile, retract=options.retract, dwell=options.hold)
-
-
-def _replayed(options: MovingOptions, log: "Log") -> "Motion":
-    from math import radians
-
     import numpy as np
 
+    from ident.vibrate.motion import beyond_limits, stroke
     from ident.vibrate.replay import replay
 
-    angles = np.stack(list(log.angles.values()))
-    motion = replay(log.time, angles, smoothing=radians(options.smoothing), name=Path(log.path).name)
-    if options.speed is not None:
-        motion = motion.at_speed(options.speed)
-    return motion.dwell(options.hold)
+    percent = options.speed if options.speed is not None else 10.0 if log is None else 100.0
+    if log is not None:
+        angles = np.stack(list(log.angles.values()))
+        motion = replay(log.time, angles, smoothing=radians(options.smoothing), name=Path(log.path).name)
+        motion = motion if options.speed is None else motion.at_speed(percent)
+        motion = motion.dwell(options.hold)
+    elif arm.stroke is not None:
+        profile, retract = options.profile, options.retract
+        motion = stroke(arm.stroke, percent=percent, profile=profile, retract=retract, dwell=options.hold)
+    else:
+        raise refusal(arm.name, "no motion defined", "a stroke or a joint path", STROKE)
+    beyond_limits(arm, motion)
+    return motion, percent
 
 
 def _check(options: MovingOptions, replayed: bool) -> None:

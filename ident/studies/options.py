@@ -82,6 +82,11 @@ def option(default: Any, help: str, **more: Any) -> Any:
     return field(default=default, metadata=spec)
 
 
+def repeated(default: Any, help: str, **more: Any) -> Any:
+    """Return an option whose flag may be given several times; `read` makes the value out of all its texts."""
+    return option(default, help, repeated=True, **more)
+
+
 def seed_of_draws() -> Any:
     """Return the option that chooses draws of a posterior at random."""
     return option(None, "choose the draws at random; default: spread evenly over the chains", low=0, high=1e18)

@@ -10,7 +10,7 @@ from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions, fit
-from ident.studies.options import option
+from ident.studies.options import option, repeated
 from ident.studies.result import Progress, Result, check_place, silent
 
 if TYPE_CHECKING:
@@ -40,19 +40,17 @@ class PlanOptions(FitOptions):
     )
     step: float = option(30.0, "step of the grid of joint angles [deg]", above=0.0, high=360.0)
     modes: int = option(4, "frequencies that a hammer test gives, from the lowest", low=1, high=100)
-    load: tuple[str, ...] = option(
-        (), "load that can be mounted, as 'glass' or '5 kg @ tip'; may be repeated", repeated=True, read=reading.names
+    load: tuple[str, ...] = repeated(
+        (), "load that can be mounted, as 'glass' or '5 kg @ tip'; may be repeated", read=reading.names
     )
-    sigma: dict[str, float] = option(
+    sigma: dict[str, float] = repeated(
         {},
         "standard deviation as a share of the value, as frequency=0.005; default: the campaign's",
-        repeated=True,
         read=reading.numbers,
     )
-    cost: dict[str, float] = option(
+    cost: dict[str, float] = repeated(
         {},
         "minutes for a part of an experiment, as posture=10; also hammer, labels, dial and load",
-        repeated=True,
         read=reading.numbers,
     )
     common_share: float | None = option(
@@ -191,6 +189,7 @@ class RunPlanResult(Result):
 
     form = PlanResult.form
     shown = ("plan",)
+    made_from = ("arm", "runs")
 
     @property
     def name(self) -> str:
@@ -213,9 +212,6 @@ class RunPlanResult(Result):
         from ident.present.source import run_plan_rows
 
         return run_plan_rows(self.plan)
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.arm, "runs": self.runs}
 
 
 @study

@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import radians
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ident.errors import Problem, refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
-from ident.studies.options import option, seed_of_draws
+from ident.studies.options import option, repeated, seed_of_draws
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, is_angle, with_numbers
 from ident.text import did_you_mean, quoted
@@ -27,11 +27,10 @@ if TYPE_CHECKING:
 class PredictOptions(ArmOptions):
     """Options of `ident.predict`: where the arm is held, what it carries, and how many modes are asked for."""
 
-    posture: tuple[tuple[float, ...], ...] = option(
+    posture: tuple[tuple[float, ...], ...] = repeated(
         (),
         "joint angles in degrees, as 30,-60,30; may be repeated",
         short="-q",
-        repeated=True,
         read=reading.postures,
     )
     modes: int = option(6, "number of modes", low=1, high=1000)
@@ -69,6 +68,7 @@ class PredictResult(Result):
     form = "ident-predict/10"
     subject = "arm.name"
     shown = ("predictions", "fit", "posterior", "options.set")
+    made_from = ("arm", "fit", "posterior")
     numbers = ("frequencies", "deflections")
     summary = ("deflections", "deflection_bands")
 
@@ -129,9 +129,6 @@ class PredictResult(Result):
             remedy = did_you_mean(chosen, names, "correct the name")
             raise refusal("joint", quoted(chosen), f"one of {', '.join(names)}", remedy)
         return frequency_figure(self.predictions, names.index(chosen))
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.arm, "fit": self.fit, "posterior": self.posterior}
 
 
 @study

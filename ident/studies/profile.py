@@ -8,7 +8,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
-from ident.studies.options import option
+from ident.studies.options import option, repeated
 from ident.studies.result import Progress, Result, check_place, silent
 
 if TYPE_CHECKING:
@@ -24,9 +24,7 @@ class ProfileOptions(FitOptions):
 
     refuses: ClassVar[tuple[str, ...]] = ("no_explain",)
 
-    parameter: tuple[str, ...] = option(
-        (), "parameter to profile, default: all; may be repeated", repeated=True, read=reading.names
-    )
+    parameter: tuple[str, ...] = repeated((), "parameter to profile, default: all; may be repeated", read=reading.names)
     reach: float = option(
         1000.0, "factor on the fitted value beyond which a profile is called open", above=1.0, high=1e12
     )
@@ -53,6 +51,7 @@ class ProfileResult(Result):
     form = "ident-profile/10"
     subject = "fit.campaign.name"
     shown = ("fit", "profiles")
+    made_from = ("arm", "fit.campaign")
     numbers = ("fit.parameters",)
     summary = ("fit.doubts",)
 
@@ -77,9 +76,6 @@ class ProfileResult(Result):
     def short(self) -> bool:
         """Whether the fit that is profiled is no optimum."""
         return not self.fit.best.converged
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.arm, "campaign": self.fit.campaign}
 
 
 @study

@@ -38,7 +38,10 @@ def several(text: str, flag: str) -> tuple[float, ...]:
 
 def ties(texts: Sequence[str], flag: str) -> tuple[tuple[str, ...], ...]:
     """Read groups of names with = between."""
-    return tuple(_tied(text, flag) for text in texts)
+    for text in texts:
+        if "=" not in text:
+            raise refusal(f"{flag} {text}", "one parameter", "two or more with = between", "as a.k_tors=b.k_tors")
+    return tuple(tuple(text.split("=")) for text in texts)
 
 
 def numbers(texts: Sequence[str], flag: str) -> dict[str, float]:
@@ -52,6 +55,10 @@ def by_name(texts: Sequence[str], flag: str) -> dict[str, float]:
     parts = [part.strip() for text in texts for part in text.split(",")]
     alone = [("", number(part, f"{flag} {part}")) for part in parts if "=" not in part]
     return once(flag, [*alone, *numbers([part for part in parts if "=" in part], flag).items()])
+
+
+EACH: Any = {"repeated": True, "read": by_name}
+"""How an option is read that may differ between drives, or between joints."""
 
 
 def shares(texts: Sequence[str], flag: str) -> dict[str, float]:
@@ -142,10 +149,3 @@ def priors(texts: Sequence[str], flag: str) -> dict[str, Prior]:
 def postures(texts: Sequence[str], flag: str) -> tuple[tuple[float, ...], ...]:
     """Read joint angles with commas between, one posture a text."""
     return tuple(several(text, flag) for text in texts)
-
-
-def _tied(text: str, flag: str) -> tuple[str, ...]:
-    paths = tuple(text.split("="))
-    if len(paths) < 2:
-        raise refusal(f"{flag} {text}", "one parameter", "two or more with = between", "as a.k_tors=b.k_tors")
-    return paths

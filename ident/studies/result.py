@@ -250,6 +250,7 @@ SHARED_FILES: Mapping[str, Mapping[str, str]] = {
         **dict.fromkeys(("plan", "fleet"), "sample"),
         **dict.fromkeys(("compare", "validate", "profile"), "fit"),
         **dict.fromkeys(("simulate", "spectrum"), "vibration"),
+        "balance": "source",
         "predict": "modes",
     },
 }
@@ -269,6 +270,10 @@ class Reported:
 
     def sections(self) -> Report:
         """Return all that is said: verdict, tables, findings, details."""
+        raise NotImplementedError
+
+    def document(self) -> dict[str, Any]:
+        """Return the same for programs."""
         raise NotImplementedError
 
     def _repr_html_(self) -> str:
@@ -306,6 +311,8 @@ class Result(Reported):
     """Path to the name of what was studied."""
     shown: ClassVar[tuple[str, ...]]
     """The fields that its report, figure and table are made of."""
+    made_from: ClassVar[tuple[str, ...]]
+    """Paths to its inputs, each called as the path ends."""
     summary: ClassVar[tuple[str, ...]] = ()
     """What its file says in short, beside the table: paths to properties."""
 
@@ -410,14 +417,13 @@ class Result(Reported):
         from ident.files import together
 
         path = Path(path)
-        if path.suffix == self.suffix:
-            with together(), kept_in(path.parent):
-                return self._write(path, self.head)
-        if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not os.path.isdir(path):
-            remedy = "name the file so, or a folder"
-            raise refusal(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy)
-        with together(), kept_in(path):
-            return self._write(path / f"{self.name}{self.suffix}", self.head)
+        if path.suffix != self.suffix:
+            if path.suffix in (".json", ".nc", ".csv", ".txt", ".toml", ".html", ".png") and not os.path.isdir(path):
+                remedy = "name the file so, or a folder"
+                raise refusal(str(path), f"the ending {path.suffix}", f"a file *{self.suffix}", remedy)
+            path = path / f"{self.name}{self.suffix}"
+        with together(), kept_in(path.parent):
+            return self._write(path, self.head)
 
     def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
         """Write the figures as PNG into a folder, all or none, under the result's name, and return their paths.
@@ -463,7 +469,7 @@ class Result(Reported):
         return []
 
     def _inputs(self) -> Mapping[str, Any]:
-        raise NotImplementedError
+        return {path.rpartition(".")[2]: attrgetter(path)(self) for path in self.made_from}
 
     @property
     def head(self) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions, fit
-from ident.studies.options import option
+from ident.studies.options import option, repeated
 from ident.studies.result import Progress, check_place, silent
 from ident.studies.saved import FromFit
 
@@ -35,10 +35,9 @@ class SampleOptions(FitOptions):
 
     refuses: ClassVar[tuple[str, ...]] = ("robust", "no_explain")
 
-    noise: tuple[str, ...] = option(
+    noise: tuple[str, ...] = repeated(
         (),
         "kind of measurement whose sigma is known up to a factor only, as frequency; may be repeated",
-        repeated=True,
         read=reading.names,
     )
     weights: bool = option(False, "weigh several optima against each other, by nested sampling")
@@ -76,6 +75,7 @@ class SampleResult(FromFit):
     form, suffix = "ident-sample/10", ".nc"
     subject = "sample.fitted.campaign.name"
     shown = ("sample",)
+    made_from = ("arm", "sample.fitted.campaign")
     numbers = ("sample.sample.theta",)
     summary = ("doubts",)
 
@@ -159,9 +159,6 @@ class SampleResult(FromFit):
         from ident.identify.values import Draws
 
         return Draws.of_sample(self.sample.sample, self.arm.arm, self.arm.sha256).doubted(self.doubts)
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.arm, "campaign": self.sample.fitted.campaign}
 
 
 @study

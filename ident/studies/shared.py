@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ident.errors import InputError, Problem, refusal
 from ident.inference.priors import Prior
 from ident.studies import reading
-from ident.studies.options import Options, option
+from ident.studies.options import Options, option, repeated
 from ident.text import one_line
 from ident.units import STIFFNESS_UNITS, USUAL
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.identify.unknowns import Unknowns
     from ident.identify.values import Values
-    from ident.measure import Campaign
+    from ident.measure import Campaign, Log
 
 
 FARTHEST = 3600.0
@@ -55,53 +55,46 @@ class BaseOptions(UnitOptions):
 class ProblemOptions(BaseOptions):
     """What is unknown of an arm, and what is known of it before the data."""
 
-    fix: tuple[str, ...] = option(
+    fix: tuple[str, ...] = repeated(
         (),
         "parameter to keep at the arm file's value, as joint1.k_bend, or *.k_bend for all of them; may be repeated",
-        repeated=True,
         read=reading.names,
     )
-    tie: tuple[tuple[str, ...], ...] = option(
+    tie: tuple[tuple[str, ...], ...] = repeated(
         (),
         "parameters fitted as one, as joint2.k_tors=joint3.k_tors; may be repeated",
-        repeated=True,
         read=reading.ties,
     )
-    free: dict[str, float] = option(
+    free: dict[str, float] = repeated(
         {},
         "further unknown with the width of its prior, as link2.mass:0.1 (10 %) or "
         "joint2.offset.x:0.01 (m); without a width it has no prior",
-        repeated=True,
         read=reading.widths,
     )
-    uncertain: dict[str, str] = option(
+    uncertain: dict[str, str] = repeated(
         {},
         "number that is not exactly known, with its standard deviation, as link2.mass:5%, joint2.offset.x:2mm or, of "
         "all loads together, load:1%; commas between several",
-        repeated=True,
         read=reading.uncertain,
     )
     no_uncertain: bool = option(False, "take the numbers of the arm file as exact, whatever uncertainty it gives them")
     prior_sd: float = option(1.0, "width of the prior: standard deviation of ln(stiffness)", above=0.0, high=100.0)
     no_prior: bool = option(False, "no prior on stiffness and damping")
-    prior: dict[str, Prior] = option(
+    prior: dict[str, Prior] = repeated(
         {},
         "prior of one parameter in SI, as joint1.k_tors=catalogue:K1:K2:K3 (of its harmonic drive), "
         "=log-uniform:LOW:HIGH or =log-normal:MEDIAN:SD; may be repeated",
-        repeated=True,
         read=reading.priors,
     )
-    discrepancy: dict[str, float] = option(
+    discrepancy: dict[str, float] = repeated(
         {},
         "kind of measurement with a common model error, with the width of ln(factor), as deflection:0.1 (10 %); may be "
         "repeated",
-        repeated=True,
         read=reading.widths,
     )
-    trust_values: tuple[str, ...] = option(
+    trust_values: tuple[str, ...] = repeated(
         (),
         "row whose value is right though it looks implausible, as 7, its number in the file, or all; may be repeated",
-        repeated=True,
         read=reading.names,
     )
     seed: int = option(0, "seed of all that is drawn at random", low=0, high=1e18)
@@ -145,10 +138,9 @@ class ArmOptions(BaseOptions):
     """What an arm carries, and which of its numbers are changed."""
 
     load: str = option("", "load case, as 'glass' or '5 kg @ tip'")
-    set: dict[str, float] = option(
+    set: dict[str, float] = repeated(
         {},
         "number to change, in SI, as link2.mass=30 (inertia stays as it is); may be repeated",
-        repeated=True,
         read=reading.numbers,
     )
     force: bool = option(
@@ -188,7 +180,7 @@ def as_file(arm: "Arm | ArmFile | str | Path", soft_base: float | None = None) -
     Raises:
         InputError: it is no arm, its file is wrong, or it stands on a base that gives already.
     """
-    from ident.arm.arm import Arm, check_size
+    from ident.arm.arm import Arm, check_size, on_soft_base
     from ident.description.file import ArmFile, read_arm
 
     if isinstance(arm, str | Path):
@@ -198,7 +190,11 @@ def as_file(arm: "Arm | ArmFile | str | Path", soft_base: float | None = None) -
         arm = ArmFile(arm, "", "", {})
     if not isinstance(arm, ArmFile):
         raise refusal("arm", f"a {type(arm).__name__}", "an arm, or its file", "see ident.read_arm")
-    return arm if soft_base is None else _on_soft_base(arm, soft_base)
+    if soft_base is None:
+        return arm
+    based = on_soft_base(arm.arm, soft_base)
+    new = {path: "assumed" for path in based.paths() if path not in arm.origins} if arm.origins else {}
+    return replace(arm, arm=based, origins={**arm.origins, **new})
 
 
 def with_numbers(arm: "Arm", taken_over: "Values | None", changed: Mapping[str, float]) -> "Arm":
@@ -233,12 +229,11 @@ def _from(where: str, problem: Problem) -> Problem:
     return replace(problem, where=where, column="", got=f"{part}: {problem.got}")
 
 
-def _on_soft_base(arm: "ArmFile", height: float) -> "ArmFile":
-    from ident.arm.arm import on_soft_base
+def as_log(path: "Log | str | Path", arm: "Arm") -> "Log":
+    """Return a path of an arm's driven joints, read from its file if need be."""
+    from ident.measure import Log, read_log
 
-    based = on_soft_base(arm.arm, height)
-    new = {path: "assumed" for path in based.paths() if path not in arm.origins} if arm.origins else {}
-    return replace(arm, arm=based, origins={**arm.origins, **new})
+    return path if isinstance(path, Log) else read_log(path, [joint.name for joint in arm.driven])
 
 
 def as_campaign(campaign: "Campaign | str | Path") -> "Campaign":

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, Any
 from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
-from ident.studies.options import option
+from ident.studies.options import option, repeated
 from ident.studies.result import Progress, Result, check_place, silent
 from ident.studies.shared import ArmOptions, as_file, with_numbers
 from ident.studies.values import drawn_values
 from ident.text import one_line
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ident.assess.source import SourceStudy
     from ident.description.file import ArmFile
     from ident.identify.values import Values
@@ -35,15 +33,14 @@ class SourceOptions(ArmOptions):
     """Options of `ident.source`: how well the clocks agree, and which runs are kept to test with."""
 
     offset: float = option(0.05, "time [s] by which a recorder's clock may be off the motion's", above=0.0, high=1.0)
-    hold_out: tuple[str, ...] = option(
-        (), "file of a run to leave out and to predict; may be repeated", repeated=True, read=reading.names
+    hold_out: tuple[str, ...] = repeated(
+        (), "file of a run to leave out and to predict; may be repeated", read=reading.names
     )
     calibration: float = option(0.0, "standard error [%] of each sensor's calibration", low=0.0, high=50.0)
     peak: float | None = option(None, "frequency [Hz] of a peak: which cause makes it", above=0.0, high=1e3)
-    teeth: dict[str, float] = option(
+    teeth: dict[str, float] = repeated(
         {},
         "teeth of a belt's driving pulley, as belt1=40: its mesh as a cause; may be repeated",
-        repeated=True,
         read=reading.numbers,
     )
     draws: int = option(400, "draws of what was identified, for --posterior of other commands", low=1, high=10_000)
@@ -54,7 +51,8 @@ class SourceOptions(ArmOptions):
 class SourceResult(Result):
     """What excites the arm, as traces of its vibration tell it.
 
-    Its table has a row for each source: amplitude and its standard deviation [SI], phase [rad], whether it is told.
+    Its table has a row for each source: amplitude and its standard deviation [SI], phase [rad], whether it is told. Its
+    figure shows the traces, what the sources make of them, and what is left.
 
     Attributes:
         study: what was measured, what was identified, the runs that were predicted.
@@ -130,12 +128,6 @@ class SourceResult(Result):
     def doubtful(self) -> bool:
         """Whether runs contradict each other or the model."""
         return self.study.doubtful
-
-    def figures(self) -> "dict[str, Figure]":
-        """Return the traces, what the sources make of them, and what is left."""
-        from ident.present.figures.source import source_figure
-
-        return {"": source_figure(self.study)}
 
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm_file, "runs": self.runs, "posterior": self.posterior}

@@ -11,7 +11,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import WINDOWS, option
 from ident.studies.result import Result, check_place
-from ident.studies.shared import FARTHEST, BaseOptions, is_angle
+from ident.studies.shared import FARTHEST, BaseOptions, as_log, is_angle
 from ident.studies.simulate import SimulateResult
 
 if TYPE_CHECKING:
@@ -189,7 +189,7 @@ def spectrum(
     given, turning = _traces(trace, against, pulleys, options)
     directions, (traces, remark) = common_directions(given, options.direction), comparable(given)
     first, turning = next(iter(traces.values())), distinct(turning)
-    log = _given_path(arm, path)
+    log = None if arm is None or path is None else as_log(path, arm.arm)
     check_place(_name(traces), _inputs(traces, arm, log))
     orders, window = options.orders, options.window
     spectra = Spectra(
@@ -280,14 +280,6 @@ def _modes(
     if log is not None:
         return marked_along(arm, log, (float(first.time[0]), float(first.time[-1])), load)
     return marked_at(arm, tuple(map(radians, options.posture or (0.0,) * len(joints))), load)
-
-
-def _given_path(arm_file: "ArmFile | None", path: "Log | str | Path | None") -> "Log | None":
-    from ident.measure import Log, read_log
-
-    if path is None or arm_file is None:
-        return None
-    return path if isinstance(path, Log) else read_log(path, [joint.name for joint in arm_file.arm.driven])
 
 
 def _joint_path(trace: "Trace | SimulateResult | str | Path", first: "Trace", joints: list[str]) -> "Log | None":

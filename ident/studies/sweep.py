@@ -10,7 +10,7 @@ from ident.studies import ranges
 from ident.studies.amplitudes import AmplitudeOptions
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import basis_of
-from ident.studies.options import option, seed_of_draws
+from ident.studies.options import option, repeated, seed_of_draws
 from ident.studies.result import Progress, Result, check_place, silent
 
 if TYPE_CHECKING:
@@ -32,13 +32,12 @@ MOST_NAMED = 3
 class SweepOptions(AmplitudeOptions):
     """Options of `ident.sweep`: what is varied, over which motion, and how its vibration is measured."""
 
-    vary: dict[str, ranges.Limits] = option(
+    vary: dict[str, ranges.Limits] = repeated(
         {},
         "number to vary, with bounds in SI, or in multiples of the present value with an x behind, and a count: "
         "joint1.k_tors, bracket.com.x=0:0.29, speed=4:20:17 (percent), link1.mass=0.5x:2x; several by one common "
         "factor: a.k_tors=b.k_tors=0.5x:2x; may be repeated; default: torsional stiffness of every joint",
         argument="axes",
-        repeated=True,
         read=ranges.ranges,
     )
     grid: bool = option(False, "both of two parameters together, as a map")

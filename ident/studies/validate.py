@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
@@ -49,6 +49,7 @@ class ValidateResult(Result):
     form = "ident-validate/10"
     subject = "validation.fit.campaign.name"
     shown = ("validation",)
+    made_from = ("arm", "validation.fit.campaign")
     summary = ("validation.scopes", "validation.covered")
 
     @property
@@ -65,9 +66,6 @@ class ValidateResult(Result):
     def doubtful(self) -> bool:
         """Whether a part lies too far from its prediction, or the fit to all is in doubt."""
         return bool(self.validation.missed or self.validation.fit.doubts)
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.arm, "campaign": self.validation.fit.campaign}
 
 
 @study

@@ -25,7 +25,7 @@ from ident.arm.modes import (
 from ident.arm.rotations import matvec
 from ident.errors import ModelError, refusal
 from ident.programs import jit
-from ident.vibrate.motion import Motion, check_joints
+from ident.vibrate.motion import Motion, check_joints, lengths
 
 # -------- Tracking
 # Which mode at one posture is which at the next: matching by mass-weighted MAC, never by order of frequency.
@@ -209,8 +209,7 @@ def path_of(motion: Motion, time: Float[np.ndarray, "T"]) -> Path:
     inside = breaks[(breaks > time[0]) & (breaks < time[-1])]
     fine = np.unique(np.concatenate([np.linspace(time[0], time[-1], FINE), time, inside]))
     posture = np.asarray(motion(fine)[0])
-    steps = np.linalg.norm(np.diff(posture, axis=1), axis=0)
-    return Path(fine, np.concatenate([[0.0], np.cumsum(steps)]), posture)
+    return Path(fine, lengths(posture), posture)
 
 
 def tracked(arm: Arm, path: Path, loads: Loads | None, count: int, computed: int) -> tuple[ModesAlongPath, Track]:
@@ -254,9 +253,8 @@ def followed(
         flat_shape = shape.reshape((*shape.shape[:3], -1))
         place, mac = follow(track.shape[..., here], along.mass[..., here], flat_shape)
         place = place.reshape((*place.shape[:2], *batch))
-        columns.append(
-            (*(np.take_along_axis(x, place, 0) for x in (frequency, damping)), mac.reshape(place.shape)),
-        )
+        taken = (np.take_along_axis(x, place, 0) for x in (frequency, damping))
+        columns.append((*taken, mac.reshape(place.shape)))
         start = here.stop
     frequency, damping, mac = (np.concatenate(parts, 1) for parts in zip(*columns, strict=True))
     return frequency, damping, mac

@@ -289,17 +289,9 @@ def verify(
     evaluator = evaluator if evaluator.step else replace(evaluator, step=evaluator.step_for(changes))
     checks = side_by_side([partial(_exact, evaluator.alone, change) for change in changes])
     if fresh and limit is not None:
-        estimates = exceedances(replace(evaluator, draws=fresh), changes, limit, progress)
-        checks = [replace(check, exceedance=one) for check, one in zip(checks, estimates, strict=True)]
+        above = replace(evaluator, draws=fresh).amplitudes(changes, progress)[:, :, 1:].max(0) > limit
+        checks = [replace(check, exceedance=binomial_estimate(one)) for check, one in zip(checks, above, strict=True)]
     return Verification(*checks)
-
-
-def exceedances(
-    evaluator: Evaluator, changes: Float[np.ndarray, "G V"], limit: float, progress: Progress = iter
-) -> list[BinomialEstimate]:
-    """Count the draws of a evaluator that exceed a limit [m] in any direction, after each of some changes."""
-    above = np.asarray(evaluator.amplitudes(changes, progress)[:, :, 1:].max(0) > limit)
-    return [binomial_estimate(one) for one in above]
 
 
 def _exact(evaluator: Evaluator, change: Float[np.ndarray, "V"]) -> Check:

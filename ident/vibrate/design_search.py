@@ -173,21 +173,13 @@ class Constraint(NamedTuple):
 
 def constraints(objective: Objective, required: Requirements, change_norm: float = np.inf) -> list[Constraint]:
     """Return the requirements, and a largest change norm, as constraints, each relative to its bound."""
-    rows = []
+    rows, norm, state = list[Constraint](), objective.squared_norm, objective.end_state
     if np.isfinite(most := min(change_norm, required.change_norm)):
-        rows.append(
-            Constraint(
-                lambda u: 1 - objective.squared_norm(u)[0] / most**2, lambda u: -objective.squared_norm(u)[1] / most**2
-            )
-        )
+        rows.append(Constraint(lambda u: 1 - norm(u)[0] / most**2, lambda u: -norm(u)[1] / most**2))
     if (f := required.frequency) > 0:
-        rows.append(
-            Constraint(lambda u: objective.end_state(u)[0][0] / f - 1, lambda u: objective.end_state(u)[1][0] / f)
-        )
+        rows.append(Constraint(lambda u: state(u)[0][0] / f - 1, lambda u: state(u)[1][0] / f))
     if np.isfinite(d := required.deflection):
-        rows.append(
-            Constraint(lambda u: 1 - objective.end_state(u)[0][1] / d, lambda u: -objective.end_state(u)[1][1] / d)
-        )
+        rows.append(Constraint(lambda u: 1 - state(u)[0][1] / d, lambda u: -state(u)[1][1] / d))
     return rows
 
 
@@ -277,10 +269,6 @@ class Search:
         within = [below(self.objective, limit), *rows]
         u = self._minimize(self.objective.squared_norm, start, within, close=CLOSE_ENOUGH)
         return u if are_met(rows, u) and self.objective.largest(u) < limit * (1 + 1e-3) else None
-
-    def missed(self, u: Point) -> float:
-        """Return by which share of itself a requirement is missed at most, but for `SLACK`; below zero for none."""
-        return max((-float(np.min(row.value(u))) - SLACK for row in self._constraints()), default=-np.inf)
 
     def minimum_exceedance(self, start: Point, limit: float) -> Point:
         """Return the place of the least probability of exceeding the limit, from one of little amplitude on."""

@@ -440,13 +440,9 @@ class Evaluator:
         shape = len(changes), self.size
         return {path: np.broadcast_to(np.asarray(value), shape).ravel() for path, value in values.items()}
 
-    def changed(self, changes: Float[np.ndarray, "G V"]) -> Arm:
-        """Return the arms after changes, as a batch."""
-        return self.arm.replace({path: jnp.asarray(values) for path, values in self.batch(changes).items()})
-
     def changed_arm(self, change: Float[np.ndarray, "V"]) -> Arm:
         """Return the arm itself after a change."""
-        return self.arm.replace({path: jnp.asarray(value) for path, value in self.values(change).items()})
+        return self.arm.replace(self.values(change))
 
     def superposition(self, change: Float[np.ndarray, "V"]) -> Superposition:
         """Return the vibration of the arm itself after a change as a sum over its phases that are not known."""
@@ -538,7 +534,8 @@ class Evaluator:
         """Return the end states of the arm itself after changes, by one program for any number of them."""
         filled = np.pad(changes, ((0, -len(changes) % BATCH), (0, 0)), mode="edge")
         some = [filled[first : first + BATCH] for first in range(0, len(filled), BATCH)]
-        states = [worst_state(self.alone.changed(each), ends(self.motion), self.loads) for each in some]
+        arms = [self.arm.replace(self.alone.batch(each)) for each in some]
+        states = [worst_state(arm, ends(self.motion), self.loads) for arm in arms]
         return EndState(*(np.concatenate(part)[: len(changes)] for part in zip(*states, strict=True)))
 
     def values(self, changes: Float[np.ndarray, "V"]) -> dict[str, float]:

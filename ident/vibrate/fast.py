@@ -49,7 +49,7 @@ from ident.arm.multibody import (
 from ident.arm.parts import Spring
 from ident.arm.rotations import matvec
 from ident.errors import InputError, ModelError, Problem
-from ident.programs import LONG_LOOPS, AnyArray, concrete, cores, is_traced, jit
+from ident.programs import LONG_LOOPS, AnyArray, concrete, cores, is_traced, jit, library
 from ident.vibrate.linear import (
     ONCE,
     STAGES,
@@ -184,10 +184,10 @@ def step_for(arm: Arm, motion: Motion) -> float:
     highest order. Accelerations interpolated over a step h = 1/(n f) follow the free way under a force of that
     frequency within (2 pi/n)^5 / 13400 of it: 0.3 % for n = 3. ABSTRACT for an arm that `jit` traces.
     """
-    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arm)):
+    if library(arm) is jnp:
         return ABSTRACT
     ends = np.asarray(motion(np.asarray(motion.breaks)[[0, -1]])[0])
-    first = float(np.max(_first_frequency(arm, ends.reshape((*ends.shape, *(1,) * len(arm.batch))))))
+    first = float(np.max(lowest_frequencies(arm, ends.reshape((*ends.shape, *(1,) * len(arm.batch))), None, 1)))
     speed, names = fastest(motion) / (2 * np.pi), [joint.name for joint in arm.driven]
     orders = [each[-1] for each in orders_of(arm).values()]
     ratios = [np.abs(np.asarray(drive.ratio)).max() for drive in arm.drives]
@@ -197,8 +197,9 @@ def step_for(arm: Arm, motion: Motion) -> float:
 
 
 @jit
-def _first_frequency(arm: Arm, posture: AnyArray) -> Array:
-    return natural_frequencies(at_posture(arm, posture), 1)
+def lowest_frequencies(arm: Arm, posture: Float[AnyArray, "driven *t"], loads: Loads | None, count: int) -> Array:
+    """Return the lowest natural frequencies at some postures [Hz]."""
+    return natural_frequencies(at_posture(arm, posture, loads), count)
 
 
 def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeights, linear: Linear) -> Fast:

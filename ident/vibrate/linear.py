@@ -260,12 +260,17 @@ def time_intervals(motion: Motion, end: float, step: float, *, turn: float = TUR
     first = float(motion.breaks[0])
     within = jumps[(jumps > first + SHORTEST) & (jumps < end - SHORTEST)]
     edges = np.concatenate([[first], within, [end]])
-    speed = fastest(motion).max()
+    spans, speed = np.diff(edges), fastest(motion).max()
     longest = min(turn / max(speed, 1e-9), MOST_STEPS * step)
-    shares = np.outer(np.diff(edges), 1 / np.arange(1, FINER)).ravel()
+    shares = np.outer(spans, 1 / np.arange(1, FINER)).ravel()
     candidates = [longest, *shares[(shares < longest) & (shares > longest / FINER)]]
-    counts = min((_counts(edges, length) for length in candidates), key=lambda counts: _cost(edges, counts, step))
-    lengths = np.diff(edges) / counts
+
+    def cost(counts: np.ndarray) -> int:
+        """In steps: all intervals have as many as the longest asks for."""
+        return int(counts.sum()) * (_steps(spans / counts, step) + INTERVAL_COST)
+
+    counts = min((np.ceil(spans / length - 1e-9).astype(int) for length in candidates), key=cost)
+    lengths = spans / counts
     start = np.concatenate([low + n * np.arange(c) for low, n, c in zip(edges, lengths, counts, strict=False)])
     start, length = _halved(motion, start, np.repeat(lengths, counts), ROUGH * speed)
     steps = _steps(length, step)
@@ -290,17 +295,8 @@ def _halved(
     return start[order], length[order]
 
 
-def _counts(edges: np.ndarray, longest: float) -> np.ndarray:
-    return np.ceil(np.diff(edges) / longest - 1e-9).astype(int)
-
-
 def _steps(lengths: np.ndarray, step: float) -> int:
     return max(1, int(np.ceil(lengths.max() / step - 1e-9)))
-
-
-def _cost(edges: np.ndarray, counts: np.ndarray, step: float) -> int:
-    """Return the cost of intervals, in steps: all have as many as the longest asks for."""
-    return int(counts.sum()) * (_steps(np.diff(edges) / counts, step) + INTERVAL_COST)
 
 
 def fastest(motion: Motion) -> Float[np.ndarray, "driven"]:

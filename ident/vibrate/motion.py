@@ -177,6 +177,11 @@ def _faults(
         yield f"arrival at {arrival:g} s", f"a time from {breaks[0]:g} to {breaks[-1]:g} s", "correct the arrival"
 
 
+def lengths(angles: Float[np.ndarray, "driven T"]) -> Float[np.ndarray, "T"]:
+    """Return the length of a path in the space of joint angles up to each of its points [rad]."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(angles, axis=1), axis=0)))
+
+
 # -------- Command
 # The command of the motors at given times: a motion as the equations of motion take it.
 

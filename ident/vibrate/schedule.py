@@ -19,21 +19,19 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from jax import Array
 from jaxtyping import Float
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.optimize import linprog
 
 from ident.arm.arm import Arm
-from ident.arm.chain import Loads, at_posture
-from ident.arm.modes import natural_frequencies
 from ident.arm.multibody import orders_of
 from ident.arm.parts import Stroke
 from ident.errors import ModelError, refusal
-from ident.programs import AnyArray, Progress, jit
+from ident.programs import AnyArray, Progress
 from ident.vibrate.evaluator import Evaluator
-from ident.vibrate.motion import Motion
+from ident.vibrate.fast import lowest_frequencies
+from ident.vibrate.motion import Motion, lengths
 from ident.vibrate.replay import DEGREE
 from ident.vibrate.shaping import averaged
 from ident.vibrate.simulate import Superposition, superposition
@@ -169,11 +167,8 @@ class Path:
         first, second = self.angles(at, 1), self.angles(at, 2)
         q, v, a = self.angles(at).T, (first * rate).T, (second * rate**2 + first * change).T
         h = np.diff(t)[:, None]
-        d, e, f = (
-            q[1:] - q[:-1] - (v[:-1] + a[:-1] * h / 2) * h,
-            (v[1:] - v[:-1] - a[:-1] * h) * h,
-            (a[1:] - a[:-1]) * h**2 / 2,
-        )
+        d = q[1:] - q[:-1] - (v[:-1] + a[:-1] * h / 2) * h
+        e, f = (v[1:] - v[:-1] - a[:-1] * h) * h, (a[1:] - a[:-1]) * h**2 / 2
         highest = (6 * d - 3 * e + f) / h**5, (7 * e - 15 * d - 2 * f) / h**4, (10 * d - 4 * e + f) / h**3
         return Motion(alpha.name, t, np.stack([*highest, a[:-1] / 2, v[:-1], q[:-1]]))
 
@@ -197,11 +192,6 @@ class Path:
         mixed = np.abs(passed[:, None] - passed) <= sum(windows)
         v, a = (np.where(mixed, each, np.inf).min(1).reshape(-1, FINE).min(1) for each in (v, a))
         return Allowed(np.minimum(v[:-1], v[1:]), a)
-
-
-def lengths(angles: Float[np.ndarray, "driven T"]) -> Float[np.ndarray, "T"]:
-    """Return the length of a path in the space of joint angles up to each of its points [rad]."""
-    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(angles, axis=1), axis=0)))
 
 
 def _refuse_corners(
@@ -261,11 +251,6 @@ class Schedule:
         breaks = np.append(0.0, np.cumsum(self.times))
         evenly = Motion("speed along the path", breaks, alpha[..., None])
         return self.path.motion(averaged(averaged(evenly, self.windows[0]), self.windows[1]))
-
-
-@jit
-def _two_lowest(arm: Arm, posture: AnyArray, loads: Loads | None) -> Array:
-    return natural_frequencies(at_posture(arm, posture, loads), 2)
 
 
 @dataclass(frozen=True)
@@ -329,7 +314,7 @@ class Scheduling:
         """Return the two lowest natural frequencies along the path [Hz], of the evaluator's arm or another."""
         arm, loads = self.evaluator.arm if arm is None else arm, self.evaluator.loads
         posture = np.pad(self.path.angles(alpha), ((0, 0), (0, -len(alpha) % BATCH)), mode="edge")
-        some = [_two_lowest(arm, posture[:, k : k + BATCH], loads) for k in range(0, posture.shape[1], BATCH)]
+        some = [lowest_frequencies(arm, posture[:, k : k + BATCH], loads, 2) for k in range(0, posture.shape[1], BATCH)]
         return np.concatenate(some, 1)[:, : len(alpha)]
 
     def orders(self, alpha: Float[np.ndarray, "K"]) -> Float[np.ndarray, "orders K"]:

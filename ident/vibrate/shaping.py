@@ -108,9 +108,8 @@ def shaped(
     alpha = np.asarray(path(time))
     for shaper, frequency in steps:
         cycles = cumulative_trapezoid(frequency(alpha), time, initial=0.0)
-        whole = np.linspace(
-            0.0, cycles[-1] + shaper.cycles[-1], len(time) + int(len(time) * shaper.cycles[-1] / cycles[-1])
-        )
+        more = int(len(time) * shaper.cycles[-1] / cycles[-1])
+        whole = np.linspace(0.0, cycles[-1] + shaper.cycles[-1], len(time) + more)
         delayed = [np.interp(whole - c, cycles, alpha) for c in shaper.cycles]
         alpha = np.tensordot(shaper.amplitudes, np.stack(delayed), 1)
         time = cumulative_trapezoid(1 / frequency(alpha), whole, initial=0.0)

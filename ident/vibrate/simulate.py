@@ -90,8 +90,8 @@ def simulate(
 
 def _whole(arm: Arm, solve: FastMethod) -> Solution:
     """Solve for an arm, and for each of its batch `(*batch)`, whose axes come last."""
-    batch, numbers = arm.batch, numbers_of(arm)
-    flat = {path: library(x).broadcast_to(library(x).asarray(x), batch).reshape(-1) for path, x in numbers.items()}
+    batch, numbers, xp = arm.batch, numbers_of(arm), library(arm)
+    flat = {path: (xp.broadcast_to(x, batch) if batch else xp.asarray(x)).reshape(-1) for path, x in numbers.items()}
     solutions = each_of(nominal(arm) if batch else arm, flat, solve, FastMethod.solution)
     return jax.tree.map(lambda x: x.reshape((*x.shape[:-2], *batch)), solutions)
 

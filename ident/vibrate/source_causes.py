@@ -36,12 +36,11 @@ from jaxtyping import Float
 from scipy.interpolate import make_interp_spline
 from scipy.signal import cont2discrete, firwin, lfilter, upfirdn
 
-from ident.arm.fields import names_of
 from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders
-from ident.arm.parts import ORDER_MAX, Drive, ErrorOrder
+from ident.arm.parts import ORDER_MAX, ErrorOrder
 from ident.errors import refusal
 from ident.text import quoted
-from ident.vibrate.source_identification import RIDGE, whitened
+from ident.vibrate.source_identification import RIDGE, further_run, whitened
 from ident.vibrate.source_problem import Channel, Place, SourceProblem
 from ident.vibrate.sources import Response, Run, path_of
 
@@ -248,21 +247,11 @@ def _with_mesh(problem: SourceProblem, teeth: Mapping[str, float], peak: float) 
                     orders.setdefault(drive.name, []).append(own[drive.joint])
     if not orders:
         return problem, {"mesh": f"teeth mesh at {max(spans, default=0.0):.3g} Hz at most in these runs"}
-    drives = tuple(
-        Drive(
-            drive.name,
-            drive.joint,
-            errors=(*drive.errors, *(ErrorOrder(drive.name, order) for order in orders.get(drive.name, []))),
-            **{name: getattr(drive, name) for name in names_of("Drive")},
-        )
-        for drive in arm.drives
-    )
+    teething = {d.name: [ErrorOrder(d.name, order) for order in orders.get(d.name, [])] for d in arm.drives}
+    drives = tuple(replace(drive, errors=(*drive.errors, *teething[drive.name])) for drive in arm.drives)
     meshing = eqx.tree_at(lambda a: a.drives, arm, drives)
-    added = [
-        each
-        for each in possible_orders(meshing)
-        if each not in problem.sources and each.order in orders.get(each.drive, [])
-    ]
+    new = [each for each in possible_orders(meshing) if each not in problem.sources]
+    added = [each for each in new if each.order in orders.get(each.drive, [])]
     return replace(problem, arm=meshing, sources=(*problem.sources, *added)), {}
 
 
@@ -563,11 +552,9 @@ class _Contest:
         """
         own = [k for k, channel in enumerate(self.problem.channels) if channel.run == 0]
         rate = min(self.problem.channels[k].rate for k in own)
-        time = np.arange(float(run.motion.breaks[0]) + 0.1, float(run.motion.breaks[-1]) - 0.1, 1 / rate)
-        channels = tuple(Channel("", 0, self.problem.channels[k].sensor, time, np.zeros(len(time))) for k in own)
-        alone = replace(self.problem, runs=(run,), groups=(0,), channels=channels, trials=())
-        bands = tuple(Band(peak, WIDTH * peak, rate) for _ in channels)
-        if len(time) / rate < 2 * LENGTH / bands[0].half:
+        alone = further_run(self.problem, run, [self.problem.channels[k].sensor for k in own], rate)
+        bands = tuple(Band(peak, WIDTH * peak, rate) for _ in own)
+        if len(alone.channels[0].time) / rate < 2 * LENGTH / bands[0].half:
             return 0.0
         seen = [self._seen(alone, chosen, bands) for chosen in (true, rival)]
         score = 0.0

@@ -448,23 +448,18 @@ def _flat(place: Place) -> np.ndarray:
     return np.concatenate([part.ravel() for part in place])
 
 
-def _step(problem: SourceProblem, parts: Whitened, place: Place) -> tuple[np.ndarray, np.ndarray]:
-    """Return precision and Gauss-Newton step of all unknowns."""
+def _stepped(
+    problem: SourceProblem, rests: Sequence[np.ndarray], place: Place, whitenings: Sequence[Whitening]
+) -> tuple[Whitened, np.ndarray, np.ndarray]:
+    """Return whitened parts, precision and Gauss-Newton step; rests are residuals and slopes without the slow part."""
+    wholes = [whitening.filtered(rest) for whitening, rest in zip(whitenings, rests, strict=True)]
+    parts = Whitened(tuple(whole[:, 0] for whole in wholes), tuple(whole[:, 1:] for whole in wholes))
     precision, mean = (part.copy() for part in problem.priors)
     right = precision @ (mean - _flat(place))
     for residual, columns in zip(parts.residual, parts.columns, strict=True):
         precision += columns.T @ columns
         right += columns.T @ residual
-    return precision, _solved(precision, right)
-
-
-def _stepped(
-    problem: SourceProblem, rests: Sequence[np.ndarray], place: Place, whitenings: Sequence[Whitening]
-) -> tuple[Whitened, np.ndarray, np.ndarray]:
-    """Return whitened parts, their precision and step; of residuals and slopes (T, 1 + n) without the slow part."""
-    wholes = [whitening.filtered(rest) for whitening, rest in zip(whitenings, rests, strict=True)]
-    parts = Whitened(tuple(whole[:, 0] for whole in wholes), tuple(whole[:, 1:] for whole in wholes))
-    return parts, *_step(problem, parts, place)
+    return parts, precision, _solved(precision, right)
 
 
 def _small(step: np.ndarray, precision: np.ndarray, share: float) -> bool:

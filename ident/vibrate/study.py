@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -105,7 +104,7 @@ def draw(
     loads: Loads | None = None,
     elastic_belts: bool = False,
     rate: float = RATE,
-    measure: Callable[[Response], Sizes] | None = None,
+    measure: Callable[[Response], Sizes],
     progress: Progress = iter,
 ) -> Draws:
     """Simulate a motion by the fast method for draws of some of the arm's numbers.
@@ -117,7 +116,7 @@ def draw(
         loads: the load case.
         elastic_belts: whether belts stretch.
         rate: samples a second.
-        measure: gives the sizes of a response; `measures` with a tolerance of 0.1 mm when None.
+        measure: gives the sizes of a response, as `measures` does.
         progress: shows how far it is, over the batches of draws.
 
     Raises:
@@ -128,10 +127,10 @@ def draw(
     for first in progress(range(0, count, BATCH)):
         # the last batch is filled up by its last draw, so that one program serves all
         chosen = np.minimum(np.arange(first, first + min(BATCH, count)), count - 1)
-        drawn = arm.replace({path: jnp.asarray(column[chosen]) for path, column in values.items()})
+        drawn = arm.replace({path: column[chosen] for path, column in values.items()})
         response = simulate(drawn, motion, loads=loads, elastic_belts=elastic_belts, rate=rate)
         vibrations.append(np.asarray(response.vibration))
-        sizes.append(measure(response) if measure else measures(response, 1e-4))
+        sizes.append(measure(response))
     vibration = np.concatenate(vibrations, 2)[:, :, :count]
     names = [field.name for field in fields(Sizes)]
     whole = Sizes(*(np.concatenate([getattr(one, name) for one in sizes], 1)[:, :count] for name in names))

@@ -178,9 +178,8 @@ def _at_speeds(
 
 
 def _changes(evaluator: Evaluator, places: Float[np.ndarray, "G V"]) -> Float[np.ndarray, "G V"]:
-    columns = [
-        np.asarray(v.change(evaluator.arm, column)) for v, column in zip(evaluator.variables, places.T, strict=True)
-    ]
+    pairs = zip(evaluator.variables, places.T, strict=True)
+    columns = [np.asarray(variable.change(evaluator.arm, column)) for variable, column in pairs]
     return np.stack(columns, 1) if columns else np.zeros((len(places), 0))
 
 

@@ -187,18 +187,17 @@ def triage(arm: Arm, traces: Sequence[MovingTrace], *, orders: Sequence[int] = O
     Raises:
         InputError: a trace with gaps, uneven steps or few samples; a motion of other joints.
     """
-    arm, grids = nominal(arm), [_thinned(trace) for trace in traces]
+    arm, motions, grids = nominal(arm), [trace.motion for trace in traces], [_thinned(trace) for trace in traces]
     each = zip(traces, grids, strict=True)
     along = _numbered([branches(arm, t.motion, count=MODES, times=x, loads=t.loads) for t, (x, _) in each])
     records = [_record(*grid, LOWEST * float(a.natural.min())) for grid, a in zip(grids, along, strict=True)]
     along = _scaled(records, along)
     hypotheses = (
-        *_drives(arm, orders, [trace.motion for trace in traces], records),
+        *_drives(arm, orders, motions, records),
         *(Hypothesis("mode", (), k, tuple(a.natural[k] for a in along)) for k in range(len(along[0].natural))),
         Hypothesis("mode", (), None, ()),
         *_lines(records),
     )
-    motions = [trace.motion for trace in traces]
     every = enumerate(zip(records, along, motions, strict=True))
     fit = _Fit([_system(record, hypotheses, n, a, motion) for n, (record, a, motion) in every], hypotheses)
     loud = any(system.energy > STANDS_OUT * np.sqrt(2 * system.noise) for system in fit.systems)
@@ -341,10 +340,8 @@ def _lines(records: Sequence[_Record]) -> Iterator[Hypothesis]:
         often[(frequency < record.band[0]) | (frequency > record.band[1])] = 0
         places, _ = find_peaks(often, height=HEIGHT)
         count = 8 * len(record.time)
-        whole, fine = (
-            np.abs(np.fft.rfft(record.white * np.hanning(count // 8), count)),
-            np.fft.rfftfreq(count, record.step),
-        )
+        whole = np.abs(np.fft.rfft(record.white * np.hanning(count // 8), count))
+        fine = np.fft.rfftfreq(count, record.step)
         for rough in frequency[places[np.argsort(-often[places])][:LINES]]:
             about = np.flatnonzero(np.abs(fine - rough) < 1 / STEADY)
             exact = float(fine[about[whole[about].argmax()]])
@@ -416,11 +413,11 @@ def _envelopes(
     time, step = record.time, record.step
     decays = DAMPED * 2 * np.pi * step * along.natural * along.damping_ratio
     modes = list(enumerate(zip(along.natural, decays, strict=True)))
+    spacing = {"line": STEADY, "drive": TRACK}.get(each.kind, FREE)
+    bumps = _bumps(time, np.linspace(time[0], time[-1], max(2, round((time[-1] - time[0]) / spacing) + 1)))
     if each.kind == "line" or each.mode is not None:
-        spacing = STEADY if each.kind == "line" else FREE
-        yield -1, _bumps(time, np.linspace(time[0], time[-1], max(2, round((time[-1] - time[0]) / spacing) + 1)))
+        yield -1, bumps
     elif each.kind == "drive":
-        bumps = _bumps(time, np.linspace(time[0], time[-1], max(2, round((time[-1] - time[0]) / TRACK) + 1)))
         bumps = bumps * ((track > record.band[0] / 2) & (track < record.band[1]))[:, None]
         yield -1, bumps[:, (bumps**2).sum(0) > TRACK / step / 20]
         for k, (natural, decay) in modes:
@@ -473,7 +470,7 @@ class _Fit:
 
     def __init__(self, systems: Sequence[_System], hypotheses: Sequence[Hypothesis]):
         self.systems, self.hypotheses = systems, hypotheses
-        self._scores, self._explained = dict[tuple[int, ...], float](), dict[tuple[int, ...], np.ndarray]()
+        self._explained = dict[tuple[int, ...], np.ndarray]()
 
     def explained(self, chosen: Sequence[int]) -> np.ndarray:
         """Return the share of each trace's energy that a set explains."""
@@ -586,12 +583,10 @@ def _moves(fit: _Fit, each: Hypothesis, tracks: Sequence[np.ndarray], waves: Seq
 
     Of a line some drive's does, else it may be an order that nobody named; without drives some mode's.
     """
-    steps = [s.record.step for s in fit.systems]
     weight = np.concatenate([w**2 if each.kind == "drive" else np.ones(len(w)) for w in waves])
-    others = [h.frequency for h in fit.hypotheses if h.kind == "drive"] or [
-        h.frequency for h in fit.hypotheses if h.mode is not None
-    ]
-    resolution = (weight**2).sum() / weight.sum() ** 2 / steps[0]
+    drives = [h.frequency for h in fit.hypotheses if h.kind == "drive"]
+    others = drives or [h.frequency for h in fit.hypotheses if h.mode is not None]
+    resolution = (weight**2).sum() / weight.sum() ** 2 / fit.systems[0].record.step
     for track in others if each.kind == "line" else [tracks]:
         f = np.concatenate(track)
         mean = (weight * f).sum() / weight.sum()

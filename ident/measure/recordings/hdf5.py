@@ -2,7 +2,7 @@
 
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +10,6 @@ from ident.errors import InputError, refusal
 from ident.files import leads_away
 from ident.measure.recordings.recording import Contents, array_channels, damaged
 from ident.text import one_line
-
-if TYPE_CHECKING:
-    pass
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 UNITS = ("unit", "units")

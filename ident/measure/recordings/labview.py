@@ -60,8 +60,7 @@ class _Segment:
 
     def column(self, number: int) -> list[str]:
         """Return the cells of a column with a decimal point."""
-        cells = [row[number].strip() if number < len(row) else "" for row in self.rows]
-        return cells if self.mark == "." else [cell.replace(self.mark, ".") for cell in cells]
+        return [row[number].strip().replace(self.mark, ".") if number < len(row) else "" for row in self.rows]
 
 
 def read(path: Path, data: bytes) -> Contents:
@@ -73,9 +72,8 @@ def read(path: Path, data: bytes) -> Contents:
     if not segments:
         damaged(path, KIND, "no segment of samples in it")
     for each in segments:
-        promised = max(
-            (int(n) for i in range(len(each.names)) if np.isfinite(n := each.number("Samples", i))), default=0
-        )
+        counts = (each.number("Samples", i) for i in range(len(each.names)))
+        promised = max((int(count) for count in counts if np.isfinite(count)), default=0)
         if not each.rows or len(each.rows) < promised:
             damaged(path, KIND, f"{len(each.rows)} of {promised} samples")
     file = one_line(str(path))
@@ -278,11 +276,9 @@ def _joined(file: str, segments: list[list[Channel]]) -> Iterator[Channel]:
     """
     first = segments[0]
     for other in segments[1:]:
-        alike = [(each.name, each.unit, each.flaw, each.values.shape[1]) for each in first] == [
-            (each.name, each.unit, each.flaw, each.values.shape[1]) for each in other
-        ]
+        forms = [[(each.name, each.unit, each.flaw, each.values.shape[1]) for each in own] for own in (first, other)]
         steps = [(a.step or 0.0, b.step or 0.0) for a, b in zip(first, other, strict=False)]
-        if not alike or not all(np.isclose(a, b, rtol=1e-3, atol=0) for a, b in steps):
+        if forms[0] != forms[1] or not all(np.isclose(a, b, rtol=1e-3, atol=0) for a, b in steps):
             got, remedy = "segments that differ in channels, length, unit or step", "put them into files of their own"
             raise refusal(file, got, "segments that are alike", remedy)
     for i, each in enumerate(first):

@@ -171,22 +171,22 @@ def _group(name: str) -> str:
 
 def _responses(name: str, values: np.ndarray, unit: str, frequency: np.ndarray | None) -> Iterator[Channel]:
     """Yield frequency responses, or one channel that says what they lack."""
+    whole = Channel(name, values.reshape(1, -1), unit)
     if frequency is None:
         if values.size > 1:
             remedy = "save their frequencies in Hz beside them, as a vector freq of the same length"
-            yield Channel(name, values.reshape(1, -1), unit, flaw="complex values without frequencies", remedy=remedy)
+            yield replace(whole, flaw="complex values without frequencies", remedy=remedy)
         return
     try:
         step = even_step(frequency, name)
     except InputError:
-        got, remedy = "a frequency response at uneven frequencies", "export it at even steps"
-        yield Channel(name, values.reshape(1, -1), unit, flaw=got, remedy=remedy)
+        yield replace(whole, flaw="a frequency response at uneven frequencies", remedy="export it at even steps")
         return
     table = np.moveaxis(values, values.shape.index(frequency.size), -1)
     table = table.reshape([size for size in table.shape[:-1] if size > 1] + [frequency.size])
     if table.ndim > 3:
-        got, remedy = f"an array of {values.ndim} dimensions", "save it as lines, responses, forces"
-        yield Channel(name, values.reshape(1, -1), unit, flaw=got, remedy=remedy)
+        remedy = "save it as lines, responses, forces"
+        yield replace(whole, flaw=f"an array of {values.ndim} dimensions", remedy=remedy)
         return
     numerator, below = quotient(unit)
     for place in np.ndindex(table.shape[:-1]):
@@ -198,11 +198,8 @@ def _responses(name: str, values: np.ndarray, unit: str, frequency: np.ndarray |
 def quotient(unit: str) -> tuple[str, str]:
     """Return the unit of a frequency response as that of the response and that of the force, where it names one."""
     above, _, below = (part.strip(" ()") for part in unit.rpartition("/"))
-    return (
-        (above, below)
-        if above and below.lower().rstrip("s") in ("n", "kn", "mn", "lbf", "lb", "newton")
-        else (unit, "")
-    )
+    is_force = below.lower().rstrip("s") in ("n", "kn", "mn", "lbf", "lb", "newton")
+    return (above, below) if above and is_force else (unit, "")
 
 
 class LackingError(InputError):

@@ -96,17 +96,15 @@ class _Dataset:
         number: of the dataset in its file, from 1.
         kind: its type.
         head: the line that says its type.
+        binary: whether it is a function whose values are no text.
         body: what follows that line.
     """
 
     number: int
     kind: int
     head: str
+    binary: bool
     body: bytes
-
-    @property
-    def binary(self) -> bool:
-        return self.head[6:7].lower() == "b"
 
     @property
     def lines(self) -> list[str]:
@@ -136,7 +134,7 @@ def _datasets(path: Path, data: bytes) -> Iterator[_Dataset]:
         end = _binary_end(data, line.end(), head) if binary else _START.search(data, line.end())
         if end is None:
             damaged(path, KIND, "its last dataset has no end")
-        yield _Dataset(number, kind, head, data[line.end() : end.start()])
+        yield _Dataset(number, kind, head, binary, data[line.end() : end.start()])
         at = end.end()
     if not number:
         damaged(path, KIND, "no dataset in it")
@@ -475,13 +473,10 @@ def _nodal_values(lines: Sequence[str], count: int) -> tuple[list[int], np.ndarr
 
 def _places(dataset: _Dataset) -> dict[str, tuple[float, float, float]]:
     """Return the coordinates of nodes of a dataset 15, a line each, or 2411, two lines each."""
-    words = [
-        word
-        for line in dataset.lines
-        for word in (
-            line.split() if dataset.kind != 15 or len(line.split()) in (0, 7) else _cut(line, *4 * [10], *3 * [13])
-        )
-    ]
+    words = list[str]()
+    for line in dataset.lines:
+        has_blanks = dataset.kind != 15 or len(line.split()) in (0, 7)
+        words += line.split() if has_blanks else _cut(line, *4 * [10], *3 * [13])
     if len(words) % 7:
         raise ValueError(f"{len(words)} numbers, expected seven for each node")
     rows = np.array([_number(word) for word in words], float).reshape(-1, 7)

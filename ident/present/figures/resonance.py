@@ -146,19 +146,12 @@ def _numbers(axes: Axes, crossings: Sequence[ResonanceCrossing]) -> None:
         used = {row for time, row in taken if abs(time - crossing.time) < width}
         row = next(row for row in range(len(used) + 1) if row not in used)
         taken.append((crossing.time, row))
-        axes.annotate(
-            f"{number}",
-            (crossing.time, crossing.natural),
-            xycoords="data",
-            xytext=(crossing.time, 1.03 + 0.05 * row),
-            textcoords=axes.get_xaxis_transform(),
-            ha="center",
-            va="center",
-            fontsize=8,
-            bbox={"boxstyle": "circle,pad=0.2", "facecolor": SHADE, "edgecolor": GREY, "linewidth": 0.6},
-            arrowprops={"arrowstyle": "-", "color": GREY, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
-            zorder=2,
-        )
+        above = (crossing.time, 1.03 + 0.05 * row)
+        place: Any = {"textcoords": axes.get_xaxis_transform(), "ha": "center", "va": "center", "zorder": 2}
+        box = {"boxstyle": "circle,pad=0.2", "facecolor": SHADE, "edgecolor": GREY, "linewidth": 0.6}
+        line = {"arrowstyle": "-", "color": GREY, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0}
+        at = (crossing.time, crossing.natural)
+        note(axes, f"{number}", at, above, color="black", bbox=box, arrowprops=line, **place)
 
 
 def _postures(axes: Axes, branches: Branches) -> None:

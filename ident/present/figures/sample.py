@@ -444,8 +444,7 @@ def _map(axes: Axes, angles: np.ndarray, gain: np.ndarray, *, sampled: bool) -> 
 def _edges(centres: np.ndarray) -> np.ndarray:
     """Return the borders of cells about the centres."""
     half = np.diff(centres) / 2 if len(centres) > 1 else np.array([5.0])
-    inner = centres[:-1] + half if len(centres) > 1 else np.array([])
-    return np.array([centres[0] - half[0], *inner, centres[-1] + half[-1]])
+    return np.array([centres[0] - half[0], *(centres[:-1] + half), centres[-1] + half[-1]])
 
 
 def _ticks(angles: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from scipy.optimize import isotonic_regression
 from scipy.spatial import ConvexHull, QhullError
 
 from ident.present.figures.modes import swing_of
-from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, colour_of, plain
+from ident.present.figures.style import BLUE, GREEN, GREY, ORANGE, PINK, Style, colour_of, note, plain
 from ident.present.report import cut
 from ident.present.show import sums
 from ident.present.words import degrees
@@ -168,9 +168,7 @@ def _draw_frame(axes: Axes, origin: np.ndarray, frame: np.ndarray, seen: View, s
         if named:
             way = np.subtract(end, start)
             off = tuple((6 * way / max(float(np.linalg.norm(way)), 1e-12)).tolist())
-            axes.annotate(
-                letter, end, off, textcoords="offset points", color=BASE, fontsize=8, ha="center", va="center"
-            )
+            note(axes, letter, end, off, color=BASE, ha="center", va="center")
 
 
 # -------- Arm labels

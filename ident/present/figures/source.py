@@ -9,9 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ident.present.figures.style import BLUE, GREEN, ORANGE, PALE, PINK, Style, heading, key_below, note, plain, titled
-from ident.present.figures.vibration import draw_amplitudes
+from ident.present.figures.vibration import amplitude_figure
 from ident.present.report import cut
-from ident.present.words import TRACE_UNITS
 
 if TYPE_CHECKING:
     from ident.assess.balance import Balance, Rotor
@@ -48,14 +47,7 @@ def triage_figure(
         upto: [Hz] upper end of the axis.
         kind: `displacement`, drawn in mm, or `acceleration`.
     """
-    figure = titled(SIZE, cut(title, 70))
-    axes = figure.subplots()
-    draw_amplitudes(figure, axes, spectrogram, upto, False, *TRACE_UNITS[kind])
-    half = 0.5 / spectrogram.resolution
-    axes.set_xlim(spectrogram.time[0] - half, spectrogram.time[-1] + half)
-    axes.set_ylim(0, upto)
-    axes.set_xlabel("time [s]", fontsize=9)
-    axes.set_ylabel("frequency [Hz]", fontsize=9)
+    figure, axes = amplitude_figure(SIZE, spectrogram, title, upto, kind)
     found = {finding.track for finding in triage.findings}
     for number, each in enumerate(triage.hypotheses):
         if each.frequency and (each.kind != "line" or number in found):
@@ -147,8 +139,7 @@ def source_figure(study: "SourceStudy") -> Figure:
         axes.plot(channel.time, shown, **MEASURED)
         axes.plot(channel.time, shown - left, **COMPUTED)
         axes.plot(channel.time, left, **LEFT)
-        axes.set_xlim(channel.time[0], channel.time[-1])
-        axes.set_ylabel(unit, fontsize=9)
+        axes.set(xlim=(channel.time[0], channel.time[-1]), ylabel=unit)
         plain(axes, grid=True)
         heading(axes, f"{cut(channel.name, 60)}: {100 * found.explained[number]:.1f} % explained", {})
     grid[-1].set_xlabel("time from the start of the motion [s]", fontsize=9)
@@ -174,9 +165,7 @@ def balance_figure(balance: "Balance") -> Figure:
     way = int(np.abs(balance.before).max(1).argmax())
     axes.plot(balance.time, 1e3 * balance.before[way], **MEASURED)
     axes.plot(balance.time, 1e3 * balance.after[way], **COMPUTED)
-    axes.set_xlim(balance.time[0], balance.time[-1])
-    axes.set_ylabel(f"{'xyz'[way]} [mm]", fontsize=9)
-    axes.set_xlabel("time [s]", fontsize=9)
+    axes.set(xlim=(balance.time[0], balance.time[-1]), xlabel="time [s]", ylabel=f"{'xyz'[way]} [mm]")
     plain(axes, grid=True)
     middle, low, high = 100 * balance.left
     heading(axes, f"vibration: {middle:.0f} % is left (95 %: {low:.0f} to {high:.0f} %)", {})
@@ -203,16 +192,10 @@ def _draw_rotor(axes: Axes, rotor: "Rotor", *, mounted: bool) -> None:
     for body in rotor.bodies if mounted else ():
         axes.plot([body.angle], [1.15 * size], color=GREEN, marker="s", markersize=7, linestyle="")
         right, up = np.cos(body.angle), np.sin(body.angle)
-        axes.annotate(
-            f"{1e3 * body.mass:.1f} g",
-            (body.angle, 1.15 * size),
-            (-7 * right, -7 * up),  # towards the middle, clear of the square
-            textcoords="offset points",
-            ha="center" if abs(right) < 0.3 else "right" if right > 0 else "left",
-            va="center" if abs(up) < 0.3 else "top" if up > 0 else "bottom",
-            fontsize=8,
-            color=GREEN,
-        )
+        ha = "center" if abs(right) < 0.3 else "right" if right > 0 else "left"
+        va = "center" if abs(up) < 0.3 else "top" if up > 0 else "bottom"
+        inwards = (-7 * right, -7 * up)  # clear of the square
+        note(axes, f"{1e3 * body.mass:.1f} g", (body.angle, 1.15 * size), inwards, ha=ha, va=va, color=GREEN)
     axes.set_ylim(0, 1.35 * size)
     axes.set_yticks([])
     axes.set_xticks(np.pi / 2 * np.arange(4), ["0", "90", "180", "270 deg"], fontsize=7)

@@ -74,7 +74,7 @@ def drives_figure(simulation: Simulation) -> Figure:
     panels = list(_drive_panels(simulation))
     figure, grid = _panels(motion_title("Joints, belts and pulleys", simulation.basis), len(panels))
     for i, (axes, (label, lines)) in enumerate(zip(grid, panels, strict=True)):
-        for (name, values), style in zip(lines.items(), PARTS * (1 + len(lines) // len(PARTS)), strict=False):
+        for (name, values), style in zip(lines.items(), cycle(PARTS), strict=False):
             axes.plot(simulation.time, values, label=cut(name, 24), **style)
         axes.set(ylabel=label)
         key = axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8)
@@ -173,15 +173,12 @@ def _drive_panels(simulation: Simulation) -> Iterator[tuple[str, Mapping[str, np
     for axis, rotations in zip("xyz", np.degrees(simulation.phi), strict=True):
         yield f"rotation\nabout {axis} [deg]", dict(zip(names, rotations, strict=True))
     if simulation.arm.belts:
-        belts = [belt.name for belt in simulation.arm.belts]
-        yield (
-            "belt tension\n[N]",
-            {
-                f"{name}, {span}": simulation.tension[s, b]
-                for b, name in enumerate(belts)
-                for s, span in enumerate(("upper", "lower"))
-            },
-        )
+        tensions = {
+            f"{belt.name}, {span}": simulation.tension[s, b]
+            for b, belt in enumerate(simulation.arm.belts)
+            for s, span in enumerate(("upper", "lower"))
+        }
+        yield "belt tension\n[N]", tensions
     if simulation.pulleys:
         yield "pulleys turn\n[Hz]", alike({name: frequency for name, (_, frequency) in simulation.pulleys.items()})
 
@@ -289,16 +286,11 @@ def spectrogram_figure(
         decibel: colours by 20 log10(amplitude / 1 unit), down to 60 dB below the largest, instead of the unit.
         kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
     """
-    figure = titled((SPECTRUM_PANEL[0], 4.9), cut(title, 70))
-    axes = figure.subplots()
-    draw_amplitudes(figure, axes, spectrogram, upto, decibel, *TRACE_UNITS[kind])
+    figure, axes = amplitude_figure((SPECTRUM_PANEL[0], 4.9), spectrogram, title, upto, kind, decibel)
     handles = []
     for (name, (time, frequency)), style in zip((lines or {}).items(), cycle(LINES), strict=False):
         axes.plot(time, frequency, **style)
         handles.append(Line2D([], [], label=cut(name, 40), **style))
-    half = 0.5 / spectrogram.resolution
-    axes.set(xlim=(spectrogram.time[0] - half, spectrogram.time[-1] + half), ylim=(0, upto), xlabel="time [s]")
-    axes.set(ylabel="frequency [Hz]")
     note = f"{spectrogram.description()}\ngrey: less than half a segment from an end of the trace"
     key_below(figure, handles, note, columns=3)
     return figure
@@ -350,10 +342,13 @@ def _flags(axes: Axes, flags: Sequence[_Flag], *, labelled: bool) -> None:
             note(axes, f" {text}", (low, 1.0), (0, 2 + LINE * row), **place)
 
 
-def draw_amplitudes(
-    figure: Figure, axes: Axes, spectrogram: "Spectrogram", upto: float, decibel: bool, factor: float, unit: str
-) -> None:
+def amplitude_figure(
+    size: tuple[float, float], spectrogram: "Spectrogram", title: str, upto: float, kind: str, decibel: bool = False
+) -> tuple[Figure, Axes]:
     """Draw the amplitudes, straight between bins and segments, and the bar that tells them."""
+    factor, unit = TRACE_UNITS[kind]
+    figure = titled(size, cut(title, 70))
+    axes = figure.subplots()
     inside = spectrogram.frequency <= upto + spectrogram.resolution
     shown = factor * spectrogram.amplitude[inside]
     top, bottom = float(shown.max()), 0.0
@@ -368,7 +363,11 @@ def draw_amplitudes(
     )
     colour_bar(figure, axes, mesh, f"amplitude, 0-peak [{unit}]", extend="min" if decibel else "neither")
     axes.set_facecolor("#E4E4E4")
+    half = 0.5 / spectrogram.resolution
+    axes.set(xlim=(spectrogram.time[0] - half, spectrogram.time[-1] + half), ylim=(0, upto))
+    axes.set(xlabel="time [s]", ylabel="frequency [Hz]")
     plain(axes)
+    return figure, axes
 
 
 def _descriptions(series: Mapping[str, "Spectrum"]) -> Iterator[str]:
@@ -437,16 +436,12 @@ def joint_figure(joints: "Sequence[JointTwist]") -> Figure:
         axes.plot(each.torque, 1e3 * each.twist, color=PALE_BLUE, marker=".", markersize=2, linestyle="")
         ends = np.array([each.torque.min(), each.torque.max()])
         middle = float(each.torque.mean()), float(each.twist.mean())
-        for compliance, style in (
-            (each.compliance.value, "-"),
-            (each.compliance.low, "--"),
-            (each.compliance.high, "--"),
-        ):
+        slope = each.compliance
+        for compliance, style in ((slope.value, "-"), (slope.low, "--"), (slope.high, "--")):
             line = middle[1] - compliance * (ends - middle[0])
             axes.plot(ends, 1e3 * line, color=ORANGE, linestyle=style, linewidth=1.2)
         axes.set_title(cut(each.name, 24), fontsize=10, parse_math=False)
-        axes.set_xlabel("torque [N m]")
-        axes.set_ylabel("twist [mrad]")
+        axes.set(xlabel="torque [N m]", ylabel="twist [mrad]")
         plain(axes, grid=True)
     samples = Line2D([], [], label="samples", color=PALE_BLUE, marker=".", linestyle="")
     handles = [samples, Line2D([], [], label="stiffness, with its 95 % interval (broken)", color=ORANGE)]

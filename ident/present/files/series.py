@@ -33,8 +33,7 @@ def write_csv(simulation: "Simulation", head: Mapping[str, Any], path: Path) -> 
         f"motion: {one_line(simulation.response.motion.name)}; load: {simulation.basis.load}",
         f"x, y, z: vibration of {simulation.point}: {LESS}; rotations include that",
     ]
-    header = ",".join(columns)
-    top = "".join(f"# {note}\n" for note in notes) + header + "\n"
+    top = "".join(f"# {note}\n" for note in notes) + ",".join(columns) + "\n"
 
     def write(file: Any) -> None:
         file.write(top.encode("utf-8"))
@@ -63,11 +62,14 @@ def csv_columns(simulation: "Simulation") -> Iterator[tuple[str, np.ndarray]]:
         yield f"{name}.angle [rad]", angle
 
 
-def dataset(simulation: "Simulation", head: Mapping[str, Any]) -> "xarray.Dataset":
-    """Return all series with their dimensions, units and origin; SI."""
+def simulate_groups(simulation: "Simulation", head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
+    """Return all series as the root of a netCDF file, compressed, with their dimensions, units and origin; SI."""
     import xarray
 
-    variables = dict(_variables(simulation))
+    variables = {
+        name: (dims, np.asarray(values, float), {"units": units, "long_name": words}, PACKED)
+        for name, dims, values, units, words in _variables(simulation)
+    }
     coordinates: dict[str, Any] = {
         "time": ("time", simulation.time, {"units": "s"}),
         "direction": list(DIRECTIONS),
@@ -83,54 +85,35 @@ def dataset(simulation: "Simulation", head: Mapping[str, Any]) -> "xarray.Datase
         coordinates["parameter"] = list(simulation.draws.values)
     attributes = {name: json.dumps(part) for name, part in head.items()}
     attributes |= {"motion": simulation.response.motion.name, "method": simulation.response.method}
-    return xarray.Dataset(variables, coordinates, attributes | {"arrival": simulation.response.motion.arrival})
+    whole = attributes | {"arrival": simulation.response.motion.arrival}
+    return {"/": xarray.Dataset(variables, coordinates, whole)}
 
 
-def simulate_groups(simulation: "Simulation", head: Mapping[str, Any]) -> "dict[str, xarray.Dataset]":
-    """Return all series as the root of a netCDF file, compressed."""
-    data = dataset(simulation, head)
-    for part in data.data_vars.values():
-        part.encoding = PACKED if part.dtype == float else {}
-    return {"/": data}
-
-
-def _variables(simulation: "Simulation") -> Iterator[tuple[str, tuple[Any, ...]]]:
+def _variables(simulation: "Simulation") -> Iterator[tuple[str, tuple[str, ...], Any, str, str]]:
+    """Yield name, dimensions, values, unit and meaning of each series."""
     response, other = simulation.response, simulation.other
     moved = ("direction", "time")
-    yield (
-        "vibration",
-        _variable(moved, simulation.vibration, "m", LESS),
-    )
+    yield "vibration", moved, simulation.vibration, "m", LESS
     if other is not None:
-        yield "vibration_fast", _variable(moved, other.vibration, "m", "the same by the fast method")
+        yield "vibration_fast", moved, other.vibration, "m", "the same by the fast method"
     if simulation.phases is not None:
         words = "largest magnitude of the vibration over the phases that are not known"
-        yield "vibration_worst_phases", _variable(moved, simulation.phases.envelope, "m", words)
-    yield "displacement", _variable(moved, response.displacement, "m", "of the end point from the rigid arm's")
-    yield (
-        "quasi_static_deflection",
-        _variable(moved, response.quasi_static, "m", "of the end point, part of the displacement"),
-    )
-    yield "path", _variable(moved, response.path, "m", "where the end point would be with rigid joints")
-    yield "posture", _variable(("driven", "time"), response.posture, "rad", "commanded angles")
+        yield "vibration_worst_phases", moved, simulation.phases.envelope, "m", words
+    yield "displacement", moved, response.displacement, "m", "of the end point from the rigid arm's"
+    yield "quasi_static_deflection", moved, response.quasi_static, "m", "of the end point, part of the displacement"
+    yield "path", moved, response.path, "m", "where the end point would be with rigid joints"
+    yield "posture", ("driven", "time"), response.posture, "rad", "commanded angles"
     by_joint = ("axis", "joint", "time")
-    yield (
-        "rotation",
-        _variable(by_joint, simulation.phi, "rad", "rotation vectors of the bushings, quasi-static part included"),
-    )
-    yield "moment", _variable(by_joint, response.moment, "N m", "moments of the bushings, weight included")
+    yield "rotation", by_joint, simulation.phi, "rad", "rotation vectors of the bushings, quasi-static part included"
+    yield "moment", by_joint, response.moment, "N m", "moments of the bushings, weight included"
     if simulation.arm.belts:
-        yield "tension", _variable(("span", "belt", "time"), simulation.tension, "N", "tension of the belts' spans")
+        yield "tension", ("span", "belt", "time"), simulation.tension, "N", "tension of the belts' spans"
     if simulation.pulleys:
         angles, frequencies = zip(*simulation.pulleys.values(), strict=True)
-        yield "pulley_angle", _variable(("drive", "time"), np.stack(angles), "rad", "angle of the pulleys")
-        yield "pulley_frequency", _variable(("drive", "time"), np.stack(frequencies), "Hz", "turning frequency")
+        yield "pulley_angle", ("drive", "time"), np.stack(angles), "rad", "angle of the pulleys"
+        yield "pulley_frequency", ("drive", "time"), np.stack(frequencies), "Hz", "turning frequency"
     if simulation.draws:
         drawn = np.moveaxis(simulation.draws.vibration, 2, 0)
-        yield "vibration_draws", _variable(("draw", *moved), drawn, "m", "vibration by draws of the posterior")
+        yield "vibration_draws", ("draw", *moved), drawn, "m", "vibration by draws of the posterior"
         values = np.stack(list(simulation.draws.values.values()), 1)
-        yield "parameter_draws", _variable(("draw", "parameter"), values, "SI", "the draws of the arm's numbers")
-
-
-def _variable(dims: tuple[str, ...], values: Any, units: str, name: str) -> tuple[Any, ...]:
-    return dims, np.asarray(values, float), {"units": units, "long_name": name}
+        yield "parameter_draws", ("draw", "parameter"), values, "SI", "the draws of the arm's numbers"

@@ -26,7 +26,7 @@ from matplotlib.text import Text
 
 from ident.files import replace_file
 from ident.present.figures.modes import swing_of
-from ident.present.figures.show import View, most_seen, views
+from ident.present.figures.show import MODES, View, most_seen, views
 from ident.present.figures.style import colour_of
 from ident.text import one_line
 
@@ -133,16 +133,17 @@ class Page:
 def render(page: Page) -> str:
     """Return a page as HTML; the same page gives the same text."""
     scripts = [section.frame.script for section in page.sections if section.frame]
-    return _template().render(page=page, scripts=scripts) + "\n"
+    return template_of("ident.present.html").render(page=page, scripts=scripts) + "\n"
 
 
 @cache
-def _template() -> Template:
+def template_of(package: str) -> Template:
+    """Return the template `page.html.jinja` of a package."""
     environment = Environment(
         autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {"columns": columns, "data_uri": data_uri, "whole": escape}
-    return environment.from_string((files("ident.present.html") / "page.html.jinja").read_text("utf-8"))
+    return environment.from_string((files(package) / "page.html.jinja").read_text("utf-8"))
 
 
 def write_page(page: Page, path: Path) -> None:
@@ -184,8 +185,6 @@ def data_uri(svg: str) -> str:
 # -------- Moving modes
 # The first modes of an arm as a picture that moves: SVG without a script, still for who wants no motion.
 
-MODES = 4
-"""Modes that are shown."""
 WIDTH, HEIGHT, MODE_WORDS, ROOM = 340.0, 150.0, 44.0, 18.0
 """Size of a mode's picture, the height of its words, and the room about the arm [px]."""
 PERIOD = 2.0

@@ -15,14 +15,13 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from ident.arm.multibody import orders_of
 from ident.assess.explore import Carried, Exploration, added, mass_of
 from ident.measure.load import DIFFERENCES
 from ident.present.basis import changes_in_words, values_in_words
-from ident.present.html.page import shown
+from ident.present.html.page import template_of
 from ident.text import one_line
 from ident.units import stiffness_unit
 
@@ -222,11 +221,8 @@ def explore_page(
         "command": list(_arguments(arm_file, start, sources)),
         "set": dict(start.changed),
     }
-    environment = Environment(
-        autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
     # data as JSON in which nothing ends a script or begins a comment
-    text = environment.from_string(_source("page.html.jinja")).render(
+    text = template_of("ident.present.html.explore").render(
         title=exploration.arm.name,
         remarks=[line.strip() for line in _remarks(exploration, start, fit, posterior)],
         version=version("ident-arm"),
