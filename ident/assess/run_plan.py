@@ -196,8 +196,11 @@ def _candidates(problem: SourceProblem) -> Iterator[tuple[Run, tuple[float, str]
     derivative = first.sensors[0].derivative
     sensors = tuple(Sensor(p.name, way, False, derivative) for p in problem.arm.points for way in WAYS.values())
     middle = (path.folded + path.unfolded) / 2
-    folded_half = eqx.tree_at(lambda s: s.unfolded, path, middle)
-    unfolded_half = eqx.tree_at(lambda s: s.folded, path, middle)
-    for name, part in zip(PARTS, (path, folded_half, unfolded_half), strict=True):
+    parts = {
+        "whole stroke": path,
+        "folded half": eqx.tree_at(lambda s: s.unfolded, path, middle),
+        "unfolded half": eqx.tree_at(lambda s: s.folded, path, middle),
+    }
+    for name in PARTS:
         for speed in FURTHER:
-            yield replace(first, motion=stroke(part, percent=speed, dwell=1.0), sensors=sensors), (speed, name)
+            yield replace(first, motion=stroke(parts[name], percent=speed, dwell=1.0), sensors=sensors), (speed, name)

@@ -45,8 +45,8 @@ def test_a_model_without_answer_has_a_table_too(tmp_path):
 
 
 def test_a_remedy_names_the_option_as_python_does(result):
-    one = result.check.campaign.measurements[2]
-    campaign = ident.Campaign(measurements=(one, replace(one, value=10 * one.value)))
+    rows = result.check.campaign.measurements
+    campaign = ident.Campaign(measurements=(*rows, replace(rows[2], value=10 * rows[2].value)))
     with pytest.raises(ident.InputError, match=r"\(`trust_values` 7\)"):
         check(result.arm, campaign)
 

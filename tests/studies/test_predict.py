@@ -7,6 +7,7 @@ from reports import assert_one_screen
 from results import assert_comes_back, assert_plain
 
 import ident
+from ident.arm.arm import stiffness_paths
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.values import Values
 from ident.present.report import Table
@@ -44,8 +45,9 @@ def test_without_options_all_angles_are_zero():
 
 @pytest.fixture(scope="module")
 def drawn():
+    """Of all stiffnesses, as where modes are named: one program serves both."""
     rng = np.random.default_rng(0)
-    values = {path: lcd_arm().get(path) * np.exp(0.1 * rng.normal(size=8)) for path in ("joint1.k_tors", "link2.mass")}
+    values = {path: lcd_arm().get(path) * np.exp(0.1 * rng.normal(size=8)) for path in stiffness_paths(lcd_arm())}
     return Values("", "", {path: np.asarray(own) for path, own in values.items()})
 
 
@@ -56,7 +58,7 @@ def test_a_posterior_gives_medians_and_bands(drawn, tmp_path):
     low, high = result.frequency_bands[0]
     assert np.all((low <= result.frequencies[0]) & (result.frequencies[0] <= high))
     assert np.isnan(own.frequency_bands[0]).all()
-    assert "8 draws of the posterior of 2 numbers" in result.report()
+    assert "8 draws of the posterior of 6 numbers" in result.report()
     assert result.sections().answer[-2].head[3] == "5 to 95 %"
     assert_one_screen(result.report())
     assert result.table()[0]["frequency_q05"] == low[0]
@@ -64,7 +66,7 @@ def test_a_posterior_gives_medians_and_bands(drawn, tmp_path):
 
 
 def test_what_is_set_is_not_drawn(drawn):
-    both = PredictOptions(set={"joint1.k_tors": 5e4, "link2.mass": 30.0})
+    both = PredictOptions(set=dict.fromkeys(stiffness_paths(lcd_arm()), 5e4))
     with pytest.raises(ident.InputError, match="set: got every number of the posterior"):
         predict(lcd_arm(), both, posterior=drawn)
 

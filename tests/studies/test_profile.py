@@ -14,7 +14,7 @@ PARAMETERS = ("joint3.k_bend", "joint1.k_tors")
 
 @pytest.fixture(scope="module")
 def result():
-    options = ProfileOptions(parameter=PARAMETERS, starts=4, no_prior=True, reach=100.0)
+    options = ProfileOptions(parameter=PARAMETERS, starts=1, no_prior=True, reach=100.0)
     folder = DATA / "lcd_arm"
     return profile(ident.read_arm(folder / "arm.toml"), ident.read_campaign(folder / "table1.csv"), options)
 

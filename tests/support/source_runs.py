@@ -1,13 +1,16 @@
 """Runs of a moving arm as a recorder would write them, with masses that were added to its drives."""
 
 import numpy as np
+import pytest
 from arms import DATA
 from scipy.interpolate import make_interp_spline
+from threadpoolctl import threadpool_limits
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.description.file import read_arm
 from ident.identify.binding import loads_of
 from ident.measure.load import Load
+from ident.vibrate import fast
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 
@@ -20,6 +23,15 @@ TRUTH = {
     **{f"drive{k}.phase": phase for k, phase in ((1, 0.5), (2, 3.1), (3, -2.0))},
     **{f"drive{k}.error_phase": phase for k, phase in ((1, -1.0), (2, 2.5), (3, 0.2))},
 }
+
+
+@pytest.fixture(autouse=True, scope="module")
+def one_core():
+    """Solve as on one core: all sets of an arm by one program, the same on every machine; BLAS without threads."""
+    fast._pool()  # which stays as it is, for others
+    with pytest.MonkeyPatch.context() as patch, threadpool_limits(1):
+        patch.setattr(fast, "cores", lambda: 1)
+        yield
 
 
 def measure(folder, arm, speed, load="", offset=0.01, seed=0, name=""):

@@ -8,10 +8,12 @@ import pytest
 from arms import lcd_arm
 from scipy.integrate import solve_ivp
 
+from ident.arm.multibody import possible_orders
 from ident.errors import InputError
 from ident.vibrate.motion import stroke
 from ident.vibrate.source_causes import Band, _swinging, _with_mesh, check_peak
-from ident.vibrate.sources import Response
+from ident.vibrate.source_problem import Channel, Prior, SourceProblem
+from ident.vibrate.sources import Response, Run
 
 
 def test_a_band_keeps_what_lies_in_it():
@@ -34,13 +36,21 @@ def test_white_noise_stays_nearly_white_in_a_band():
     assert real.std() == pytest.approx(imaginary.std(), rel=0.05)
 
 
+def posed() -> SourceProblem:
+    """A run of the paper's arm of which motion, sensors and times matter: nothing is simulated."""
+    arm = lcd_arm()
+    run = Run("15 %", stroke(arm.stroke, percent=15.0, dwell=2.0), None, peaks.SENSORS)
+    time = np.arange(0.2, float(run.motion.breaks[-1]) - 0.2, 1 / peaks.RATE)
+    channels = tuple(Channel(f"15 % {'yz'[k]}", 0, k, time, np.zeros(len(time))) for k in range(len(run.sensors)))
+    return SourceProblem(arm, (run,), (0,), channels, tuple(possible_orders(arm)), Prior.of(arm, {}), 0.05)
+
+
 def test_a_finger_swings_as_an_integrator_has_it():
-    posed, time = peaks.problem("line", 0, speeds=(15.0,)), np.arange(0.0, 10.0, 0.004)
-    run = posed.runs[0]
-    response = Response(run, time, {}, ())
+    problem, time = posed(), np.arange(0.0, 10.0, 0.004)
+    response = Response(problem.runs[0], time, {}, ())
     pushed = np.sin(2 * np.pi * 9.0 * time) * np.exp(-((time - 4) ** 2))
-    channel = replace(posed.channels[0], time=time[10:-10], values=0 * time[10:-10])
-    seen = _swinging(posed, posed.start, response, channel, pushed, (2 * np.pi * 9.5, 0.01))
+    channel = replace(problem.channels[0], time=time[10:-10], values=0 * time[10:-10])
+    seen = _swinging(problem, problem.start, response, channel, pushed, (2 * np.pi * 9.5, 0.01))
 
     def rate(t, y):
         omega = 2 * np.pi * 9.5
@@ -50,21 +60,12 @@ def test_a_finger_swings_as_an_integrator_has_it():
     assert np.abs(seen - expected).max() < 0.01 * np.abs(expected).max()
 
 
-def test_a_fixed_frequency_is_told_and_belt_mesh_is_not_tested_without_teeth():
-    found = peaks.causes(peaks.problem("line", 0, speeds=(15.0,)), teeth=None)
-    assert found.told
-    assert found.causes[0].kind == "line"
-    assert found.causes[0].frequency == pytest.approx(peaks.frequency_of("line", 0), abs=0.01)
-    assert found.causes[0].predicted > 0.9
-    assert found.causes[0].share == pytest.approx(found.causes[0].explained, abs=0.05), "hardly anything else is there"
-    assert "not given" in found.untested["mesh"]
-
-
-def test_teeth_that_mesh_elsewhere_are_not_tested():
-    posed = peaks.problem("line", 0, speeds=(15.0,))
-    meshed, untested = _with_mesh(posed, {"belt1": 1.0}, peaks.PEAK)
-    assert meshed is posed
-    assert "Hz at most" in untested["mesh"]
+def test_belt_mesh_is_not_tested_without_teeth_nor_where_they_mesh_elsewhere():
+    problem = posed()
+    for teeth, why in (({}, "not given"), ({"belt1": 1.0}, "Hz at most")):
+        meshed, untested = _with_mesh(problem, teeth, peaks.PEAK)
+        assert meshed is problem
+        assert why in untested["mesh"]
 
 
 @pytest.mark.parametrize(
@@ -80,17 +81,18 @@ def test_teeth_that_mesh_elsewhere_are_not_tested():
 )
 def test_a_peak_that_the_traces_do_not_show_is_refused(peak, teeth, complaint):
     with pytest.raises(InputError) as refused:
-        check_peak(peaks.problem("line", 0, speeds=(15.0,)), peak, teeth)
+        check_peak(posed(), peak, teeth)
     assert complaint in str(refused.value)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
-    ("kind", "speeds"), [("imbalance", (15.0,)), ("error", (15.0,)), ("mesh", (7.0, 15.0)), ("finger", (15.0,))]
+    ("kind", "speeds"),
+    [("imbalance", (15.0,)), ("error", (15.0,)), ("mesh", (7.0, 15.0)), ("finger", (15.0,)), ("line", (15.0,))],
 )
 def test_each_cause_is_told_where_it_is_true(kind, speeds):
-    """A line is in the quick test."""
+    """Of the paper's arm, with belts that mesh; the quick test has one joint: `test_one_joint.py`."""
     found = peaks.causes(peaks.problem(kind, 1, speeds=speeds))
     assert (found.causes[0].kind, found.told) == (kind, True)
 

@@ -18,8 +18,8 @@ OFF = 1.015
 
 
 @cache
-def run(percent: float = 10.0, profile: str = "cycloid") -> tuple[Motion, np.ndarray, Branches]:
-    motion = stroke(lcd_arm().stroke, percent=percent, profile=profile, dwell=4.0)
+def run(percent: float = 16.0, profile: str = "cycloid") -> tuple[Motion, np.ndarray, Branches]:
+    motion = stroke(lcd_arm().stroke, percent=percent, profile=profile, dwell=4.0 if profile == "trapezoid" else 2.0)
     time = np.arange(int(float(motion.duration) * RATE)) / RATE
     return motion, time, branches(lcd_arm(), motion, count=5, times=time)
 
@@ -36,7 +36,7 @@ def oscillator(force: np.ndarray, natural: np.ndarray, damping: float) -> np.nda
 
 
 @cache
-def driven(percent: float = 10.0, order: int = 1) -> np.ndarray:
+def driven(percent: float = 16.0, order: int = 1) -> np.ndarray:
     """Of two modes under a force that turns with drive 2."""
     motion, time, along = run(percent)
     turn = order * 160 * motion(time)[0][1]
@@ -59,7 +59,7 @@ def noisy(values: np.ndarray, seed: int = 0) -> np.ndarray:
     return values + 0.05 * np.abs(values).max() * np.random.default_rng(seed).normal(size=len(values))
 
 
-def told(values: np.ndarray, percent: float = 10.0, profile: str = "cycloid", offset: float = 0.02) -> Triage:
+def told(values: np.ndarray, percent: float = 16.0, profile: str = "cycloid", offset: float = 0.02) -> Triage:
     motion, time, _ = run(percent, profile)
     return triage(lcd_arm(), [MovingTrace(time + offset, noisy(values), motion)])
 
@@ -95,7 +95,7 @@ def test_modes_rung_by_the_command_and_a_line_are_told_apart():
 
 def test_traces_at_several_speeds_are_explained_together():
     traces = []
-    for percent in (10.0, 13.0):
+    for percent in (16.0, 20.0):
         motion, time, _ = run(percent)
         values = driven(percent)
         traces.append(MovingTrace(time, noisy(values + values.std() * line(time), int(percent)), motion))
@@ -128,7 +128,7 @@ def test_noise_alone_is_no_finding():
 
 def test_a_shock_from_outside_is_a_mode_that_nothing_known_rings():
     _, time, along = run()
-    shock = np.where(np.abs(time - 10.0) < 0.02, 1.0, 0.0)
+    shock = np.where(np.abs(time - 7.0) < 0.02, 1.0, 0.0)
     values = sum(oscillator(shock, OFF * along.median[k], 0.005) for k in (0,))
     found = told(values).findings[0]
     assert (found.kind, found.by_command) == ("mode", False)
