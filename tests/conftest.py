@@ -21,6 +21,7 @@ from typecheck import ROOMS, sparingly
 CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("IDENT_PROGRAMS", "on")  # shapes and types are checked where a program is traced first
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # each worker has a core; their threads would wait for each other
 os.environ.setdefault("EQX_ON_ERROR", "nan")  # as the command line sets it: one set of programs for all
 # as `ident.programs` for its programs, and less still: of the thousands of single operations here none runs for long
 QUICKLY = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"

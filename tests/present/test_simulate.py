@@ -96,7 +96,7 @@ def test_a_slack_belt_is_told_with_its_time():
 def test_bands_and_probability_follow_from_the_draws(plain):
     rng = np.random.default_rng(0)
     values = {"joint1.k_tors": float(FILE.arm.get("joint1.k_tors")) * np.exp(0.1 * rng.normal(size=5))}
-    draws = draw(FILE.arm, MOTION, values, rate=100)
+    draws = draw(FILE.arm, MOTION, values, rate=100, measure=lambda response: measures(response, 1e-4))
     assert isinstance(draws, Draws)
     one = simulate(FILE.arm.replace({"joint1.k_tors": values["joint1.k_tors"][3]}), MOTION, rate=100)
     np.testing.assert_allclose(draws.vibration[:, :, 3], one.vibration, atol=1e-9)
