@@ -150,7 +150,7 @@ class Programs:
             more: the named ones.
             flat: the leaves of both, and their structure, where these are known; what is returned takes such leaves.
         """
-        if not cache_folder():
+        if not are_kept():
             return None
         leaves, tree = flat or jax.tree.flatten((args, more))
         arrays = tuple(aval(leaf) for leaf in leaves if eqx.is_array(leaf))
@@ -226,18 +226,17 @@ class Programs:
         return call
 
 
-def cache_folder() -> Path | None:
-    """Return where programs are kept, if they are."""
-    folder = jax.config.values["jax_compilation_cache_dir"]
-    if not folder or os.environ.get("IDENT_PROGRAMS", "").strip().lower() in OFF:
-        return None
-    return Path(folder) / "ident-programs"
+def are_kept() -> bool:
+    """Tell whether programs are kept beside jax's compilation cache."""
+    switched_off = os.environ.get("IDENT_PROGRAMS", "").strip().lower() in OFF
+    return bool(jax.config.values["jax_compilation_cache_dir"]) and not switched_off
 
 
 def own_folder() -> Path | None:
     """Return the folder for programs under these circumstances; None where there is none, or others can write it."""
-    if not (above := cache_folder()):
+    if not are_kept():
         return None
+    above = Path(jax.config.values["jax_compilation_cache_dir"]) / "ident-programs"
     folder = above / environment()
     try:
         above.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -246,6 +246,8 @@ def at_confidence(task: Task) -> Task:
 
     So the arm itself stands for what is unknown of its excitation; where all is known it stays as it is.
     """
+    if not task.basis.unknown.phases:
+        return task
     excitation = likely_excitation(task, task.evaluator(), np.zeros(0))
     return replace(task, basis=replace(task.basis, arm=task.basis.arm.replace(excitation)))
 
