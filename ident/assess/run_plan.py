@@ -30,7 +30,7 @@ from ident.vibrate.source_identification import (
     shared_unknowns,
 )
 from ident.vibrate.source_problem import Place, Prior, SourceProblem
-from ident.vibrate.sources import UNITS, Run, Sensor
+from ident.vibrate.sources import Run, Sensor, unit_of
 
 RATE = 100.0
 """Samples a second: twelve of a vibration of 8 Hz; assumed."""
@@ -167,7 +167,7 @@ def _further(
 def _as_it_is(problem: SourceProblem) -> Place:
     """Return the point with the sources that the arm has."""
     arm = problem.arm
-    sizes = np.array([float(arm.get(each.amplitude)) / UNITS[each.kind] for each in problem.sources])
+    sizes = np.array([float(arm.get(each.amplitude)) / unit_of(each) for each in problem.sources])
     for k, source in enumerate(problem.sources):
         if not source.of_error and float(arm.get(f"{source.drive}.eccentric_mass")) == 0:
             sizes[k] = 0.0

@@ -210,8 +210,8 @@ def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
     yield from (Finding(remark) for remark in fit.remarks if remark not in said)
     if not fit.doubts and (trades := fit.information.trade_offs()):
         known = fit.information
-        known_all = np.isfinite(known.sd).all()
-        filler = "the prior fills the rest" if known_all else "the rest stays where the search stopped"
+        every = np.isfinite(known.sd).all()
+        filler = "the prior fills the rest" if every else "the rest stays where the search stopped"
         text = f"the data do not determine {len(trades)} of {len(known.directions)} combinations; {filler}"
         yield Finding(text, "see ident plan")
 

@@ -8,7 +8,7 @@ import numpy as np
 from ident.arm.multibody import IMBALANCE, ExcitingOrder
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut
 from ident.present.words import MM, counted
-from ident.vibrate.sources import UNITS
+from ident.vibrate.sources import unit_of
 
 if TYPE_CHECKING:
     from ident.assess.run_plan import RunPlan
@@ -329,9 +329,9 @@ def run_plan_rows(plan: "RunPlan") -> list[dict[str, Any]]:
             "drive": source.drive,
             "kind": source.kind,
             "order": source.order,
-            "amplitude": float(plan.amplitude[k]) * UNITS[source.kind],
-            "sd": float(plan.sd[k]) * UNITS[source.kind],
-            "least": float(plan.least[k]) * UNITS[source.kind],
+            "amplitude": float(plan.amplitude[k]) * unit_of(source),
+            "sd": float(plan.sd[k]) * unit_of(source),
+            "least": float(plan.least[k]) * unit_of(source),
             "told": source in plan.told,
         }
         for k, source in enumerate(plan.problem.sources)
@@ -345,8 +345,8 @@ def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:
             "drive": each.source.drive,
             "kind": each.source.kind,
             "order": each.source.order,
-            "amplitude": each.amplitude * UNITS[each.source.kind],
-            "sd": each.sd * UNITS[each.source.kind] if study.usable else np.nan,
+            "amplitude": each.amplitude * unit_of(each.source),
+            "sd": each.sd * unit_of(each.source) if study.usable else np.nan,
             "phase": each.phase[0],
             "phase_sd": each.phase_sd[0] if study.usable else np.nan,
             "told": each.told and study.usable,

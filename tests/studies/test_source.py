@@ -388,7 +388,7 @@ def test_planned_runs_say_what_they_would_tell(folder, result, tmp_path, monkeyp
 def test_an_accelerometer_s_noise_is_not_that_of_a_displacement(tmp_path, monkeypatch):
     """A further trace of acceleration takes nothing from what a further displacement would tell.
 
-    No quick test plans a run with an accelerometer, nor one of the unfolded half alone.
+    No quick test plans a run with an accelerometer, nor one but over the folded half.
     """
     monkeypatch.setattr(run_plan, "FURTHER", (14.0,))
     best = []

@@ -58,7 +58,9 @@ def test_the_exact_method_is_of_sixth_order():
     assert np.log2(first / second) == pytest.approx(6, abs=0.2)
 
 
-def test_the_sum_over_phases_is_the_simulation_with_them():
+def test_the_sum_over_phases_is_the_simulation_with_them(monkeypatch):
+    """Its sets are divided between cores."""
+    monkeypatch.setattr("ident.vibrate.fast.cores", lambda: 2)
     whole = superposition(ARM, SWING, PHASES, step=2e-3)
     assert off(whole.at(np.array([0.4, 2.0])), shaken("fast").vibration) < 1e-4
     peaks = whole.peaks(np.random.default_rng(0).uniform(0, 2 * np.pi, (2, 400)))
@@ -172,6 +174,7 @@ def with_peak(kind: str) -> SourceProblem:
 def test_a_fixed_frequency_is_told():
     found = peaks.causes(with_peak("line"), teeth=None)
     assert found.told
+    assert "not given" in found.untested["mesh"]
     assert found.causes[0].kind == "line"
     assert found.causes[0].frequency == pytest.approx(LINE, abs=0.01)
     assert found.causes[0].predicted > 0.9

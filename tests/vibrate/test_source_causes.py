@@ -95,6 +95,8 @@ def test_each_cause_is_told_where_it_is_true(kind, speeds):
     """Of the paper's arm, with belts that mesh; the quick test has one joint: `test_one_joint.py`."""
     found = peaks.causes(peaks.problem(kind, 1, speeds=speeds))
     assert (found.causes[0].kind, found.told) == (kind, True)
+    if kind == "line":
+        assert found.causes[0].frequency == pytest.approx(peaks.frequency_of("line", 1), abs=0.01)
 
 
 @pytest.mark.slow
