@@ -254,7 +254,7 @@ def test_numbers_are_those_with_which_the_sources_were_identified(file, tmp_path
     other.write_text(json.dumps(record))
     with pytest.raises(InputError, match=r"30.*35, as ident source was given"):
         ident.balance(other, set={"link2.mass": 30.0})
-    taken = ident.balance(other, speed=24.0, draws=22)  # some are left over by arms
+    taken = ident.balance(other, speed=24.0, draws=22)  # no multiple of `ARMS`
     assert taken.options.set == {"link2.mass": 35.0}
     assert float(taken.found.basis.arm.get("link2.mass")) == 35.0
 

@@ -27,7 +27,10 @@ TRUTH = {
 
 @pytest.fixture(autouse=True, scope="module")
 def one_core():
-    """Solve as on one core: all sets of an arm by one program, the same on every machine; BLAS without threads."""
+    """Solve as on one core: all sets of an arm by one program, the same on every machine; BLAS without threads.
+
+    It holds in each module that imports it.
+    """
     fast._pool()  # which stays as it is, for others
     with pytest.MonkeyPatch.context() as patch, threadpool_limits(1):
         patch.setattr(fast, "cores", lambda: 1)
