@@ -40,6 +40,11 @@ The first name that is used switches jax to double precision, for the whole proc
 has single precision otherwise. Arrays that the process has made before stay as they are.
 """
 
+import sys
+
+if sys.argv[:1] == ["-m"] and sys.orig_argv[-len(sys.argv)] in ("ident", "-mident") and not sys.flags.safe_path:
+    del sys.path[0]  # `python -m ident` looks for modules in the current folder first: nothing there is executed
+
 import difflib
 import importlib
 from typing import TYPE_CHECKING, Any

@@ -23,7 +23,7 @@ by_name = pytest.mark.parametrize("name", ident.__all__)
 
 
 def names_for_type_checkers():
-    block = next(node for node in SOURCE.body if isinstance(node, ast.If))
+    block = next(node for node in SOURCE.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
     return {alias.name: node.module for node in block.body for alias in node.names}
 
 

@@ -259,6 +259,8 @@ QUIET, ANSWER = 5.0, 15.0
 OF_JAX = ("jax_enable_x64", "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
 OF_SYSTEM = ("IDENT_PROGRAMS", "EQX_ON_ERROR", "TF_CPP_MIN_LOG_LEVEL")
 """What workers take over of jax's settings, and of the environment."""
+SAFE_PATH = "PYTHONSAFEPATH"
+"""Variable of the environment by which Python leaves the current folder out where it looks for modules."""
 ONE = threading.Lock()
 """Held while a cluster's worker does a task: jax uses all cores, and folder and settings are the process's."""
 
@@ -359,9 +361,11 @@ def _handed_out(
     while waiting or running:
         while waiting and len(running) < most:
             (task, times), idle = waiting.popleft(), bool(free)
-            executor = free.pop() if idle else fresh()
+            with _safe_path():
+                executor = free.pop() if idle else fresh()
             try:
-                future = executor.submit(work, task)
+                with _safe_path():
+                    future = executor.submit(work, task)
             except Exception as error:
                 if idle:  # killed while it had nothing to do, which is no fault of this task
                     waiting.appendleft((task, times))
@@ -394,6 +398,18 @@ def _handed_out(
             yield task, KILLED if isinstance(wrong, BrokenExecutor) else f"{type(wrong).__name__}: {wrong}"
 
 
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Let processes that start within look for no modules in the current folder, which anybody may have filled."""
+    own = SAFE_PATH not in os.environ
+    os.environ.setdefault(SAFE_PATH, "1")
+    try:
+        yield
+    finally:
+        if own:
+            del os.environ[SAFE_PATH]
+
+
 def _begin_process(settings: dict[str, dict[str, Any]]) -> None:
     """Set a process up; it ends when the one that has started it is gone, and says nothing when both are stopped."""
     signal.signal(signal.SIGINT, lambda *_: sys.exit(1))
@@ -408,6 +424,7 @@ def _end_with(parent: Any) -> None:
 
 def _begin(settings: dict[str, dict[str, Any]]) -> None:
     """Set a worker up like the process that has these settings; jax and equinox read some of them when imported."""
+    sys.path[:] = filter(None, sys.path)  # an empty one is the current folder: of a cluster's worker the client's
     for name in OF_SYSTEM:
         os.environ.pop(name, None)
     os.environ.update(settings["system"])

@@ -62,11 +62,16 @@ def pass_on(source: IO[bytes], target: IO[bytes]) -> None:
 def _aside(data: bytes) -> Vectors:
     """Read a file in a process of its own: of one whose bits have flipped, scipy's reader may crash.
 
+    It looks for modules where this process does, but not in the current folder, in which recordings of others may lie.
+
     Raises:
         ValueError: it does, or can't read it.
     """
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    done = subprocess.run([sys.executable, "-c", ASIDE], input=data, capture_output=True, env=environment, check=False)
+    here = os.path.realpath(os.curdir)
+    path = [*(each for each in sys.path if os.path.realpath(each) != here), str(Path(__file__).parents[3])]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path)}
+    words = [sys.executable, "-P", "-c", ASIDE]
+    done = subprocess.run(words, input=data, capture_output=True, env=environment, check=False)
     if done.returncode:
         said = done.stderr.decode("utf-8", "replace").strip().splitlines()
         raise ValueError(said[-1][:100] if said and done.returncode > 0 else "scipy's reader crashes")

@@ -1,0 +1,94 @@
+"""Nothing of a folder that somebody hands over is executed; a lab's own `select.py` does not break what reads there."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arms import DATA
+from scipy.io import savemat
+
+import ident
+
+IDENT = str(Path(sys.executable).with_name("ident"))
+MODULES = ("numpy", "json", "select", "multiprocessing", "difflib", "scipy", "jax")
+WAYS = {"ident": ([IDENT], True), "-P -m": ([sys.executable, "-P", "-m", "ident"], True)}
+WAYS["-m"] = ([sys.executable, "-m", "ident"], False)  # Python itself imports a package of that name before anything
+
+
+def planted(folder, package=True):
+    """A recording of SciPy's default, with modules beside it that leave a mark where they are executed."""
+    folder.mkdir()
+    savemat(folder / "hit.mat", {"hammer": np.sin(np.arange(64.0)), "tip": np.cos(np.arange(64.0))})
+    (folder / "ident").mkdir()
+    places = [folder / f"{name}.py" for name in MODULES] + [folder / "ident" / "__init__.py"] * package
+    for place in places:
+        place.write_text(f"open({str(folder / 'executed')!r}, 'a').write(__name__)\nraise SystemExit(5)\n")
+
+
+def called(words, folder):
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=240)
+    assert not (folder / "executed").exists(), (folder / "executed").read_text()
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_recording_is_read_in_a_folder_of_planted_modules(tmp_path, way):
+    """An uncompressed MATLAB file is read by a process of its own."""
+    words, package = WAYS[way]
+    planted(tmp_path / "handed", package)
+    code, out, err = called([*words, "modal", ".", "--init"], tmp_path / "handed")
+    assert (code, err) == (0, "")
+    assert "2 channels to fill in" in out
+
+
+@pytest.mark.slow
+def test_workers_of_a_fleet_execute_nothing_planted(tmp_path):
+    planted(tmp_path / "handed")
+    for name in ("one", "two"):
+        (tmp_path / "handed" / f"{name}.csv").write_text("kind,value\n")
+    words = [IDENT, "fleet", ".", "--workers=2", "--no-figure", "--details", f"--arm={DATA / 'lcd_arm' / 'arm.toml'}"]
+    code, out, err = called(words, tmp_path / "handed")
+    assert code == 3, err
+    assert "0 in the population, 2 failed" in out
+    assert "killed" not in out
+
+
+STARTS = (
+    r"\b(subprocess|multiprocessing|distributed|pickle|shelve|runpy|os\.system|import_module|__import__|eval|exec)\b"
+)
+KNOWN = {
+    "__init__.py": {"import_module"},  # names of its own table
+    "codec.py": {"import_module"},  # modules of ident alone, and classes of these
+    "measure/__init__.py": {"import_module"},
+    "measure/recordings/__init__.py": {"import_module"},  # by the file's ending, one of a table
+    "measure/recordings/matlab.py": {"subprocess"},
+    "studies/arm.py": {"import_module"},
+    "studies/fleet_tasks.py": {"multiprocessing", "distributed"},
+    "studies/rerun.py": {"import_module"},  # studies: what `load` has read names one of them
+    "studies/result.py": {"import_module"},
+    "studies/saved.py": {"import_module"},
+}
+"""Where processes start and modules are found by name: each keeps out of the current folder. Nothing is unpickled."""
+
+
+def test_a_new_place_that_starts_something_is_looked_at():
+    root = Path(ident.__file__).parent
+    found = {}
+    for path in sorted(root.rglob("*.py")):
+        tree = ast.parse(path.read_text())
+        code = [node for node in ast.walk(tree) if isinstance(node, ast.Call | ast.Import | ast.ImportFrom)]
+        words = {word for node in code for word in re.findall(STARTS, _named(node))}
+        if words:
+            found[str(path.relative_to(root))] = words
+    assert found == KNOWN
+
+
+def _named(node):
+    """What is imported, or called."""
+    if isinstance(node, ast.Call):
+        return ast.unparse(node.func)
+    return " ".join([*(each.name for each in node.names), getattr(node, "module", None) or ""])
