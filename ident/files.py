@@ -1,6 +1,11 @@
 """Files that are written whole or not at all, alone and in sets, and folders that one run at a time has to itself."""
 
+import glob
+import hashlib
+import itertools
+import json
 import os
+import platform
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -19,6 +24,12 @@ CLAIM = "run.lock"
 """File in a folder that a run has to itself: it holds the number of its process."""
 
 
+PART = f".ident-{platform.node()}-"
+"""How the names of unfinished files begin; the number of the process follows."""
+WRITTEN = ".ident-written"
+"""File next to results with their hashes as ident wrote them: they show what somebody has changed since."""
+
+
 class _Set:
     """The files of one set: they are written under other names, then all are moved to their places."""
 
@@ -30,7 +41,9 @@ class _Set:
 
     def part(self, folder: Path) -> Path:
         """Return a name for a file that is removed at the end, if it is still there."""
-        self.spare.append(folder / f".ident-{uuid4().hex}.part")
+        if all(part.parent != folder for part in self.spare):
+            _remove_left(folder)
+        self.spare.append(folder / f"{PART}{os.getpid()}-{uuid4().hex}.part")
         return self.spare[-1]
 
     def put(self) -> None:
@@ -137,6 +150,61 @@ def remove_file(path: Path) -> None:
     with together() as files:
         if os.path.lexists(path):
             files.moves.append((path, files.part(path.parent)))
+
+
+def _remove_left(folder: Path) -> None:
+    """Remove what processes of this machine that are gone have left unfinished in a folder."""
+    for part in folder.glob(".ident-*.part") if os.name == "posix" else ():
+        with suppress(OSError, ValueError, OverflowError):  # another user's process is one; the number of none
+            try:
+                os.kill(int(part.name.removeprefix(PART).partition("-")[0]), 0)
+            except ProcessLookupError:
+                part.unlink()
+
+
+def digest(path: Path) -> str:
+    """Return a hash of a file's bytes; empty where it can't be read."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return ""
+
+
+def keep_earlier(files: _Set, folder: Path, name: str, keep: bool | None = None) -> str:
+    """Give what a set would replace in a folder a number, where it is to be kept; and note what ident writes there.
+
+    Args:
+        files: the set.
+        folder: where its files go.
+        name: how the names of all begin.
+        keep: whether the earlier files are kept; None where one of them is not as ident wrote it.
+
+    Returns:
+        How the names of what is kept begin; empty where nothing is.
+    """
+    written, kept = _written(folder), ""
+    places = [source if target in files.spare else target for source, target in files.moves]
+    there = {path: path.relative_to(folder).as_posix() for path in places if os.path.lexists(path)}
+    if there and (any(written.get(key) != digest(path) for path, key in there.items()) if keep is None else keep):
+        names = (f"{name}.{number}" for number in itertools.count(1))
+        kept = next(each for each in names if not any(folder.glob(f"{glob.escape(each)}.*")))
+        moves = {path: folder / (kept + key.removeprefix(name)) for path, key in there.items()}
+        for target in moves.values():
+            files.folders += _missing(target.parent)
+            target.parent.mkdir(parents=True, exist_ok=True)
+        files.moves = [*moves.items(), *(move for move in files.moves if move[0] not in moves)]
+    written |= {target.relative_to(folder).as_posix(): digest(source) for source, target in files.moves}
+    replace_file(folder / WRITTEN, lambda file: file.write(json.dumps(written, indent=1).encode("utf-8")))
+    return kept
+
+
+def _written(folder: Path) -> dict[str, str]:
+    """Return the hashes of what ident has written into a folder, by name; of what is still there."""
+    try:
+        noted = dict(json.loads((folder / WRITTEN).read_text("utf-8")))
+    except (OSError, ValueError, TypeError, RecursionError):
+        return {}
+    return {name: hashed for name, hashed in noted.items() if os.path.lexists(folder / str(name))}
 
 
 def _missing(folder: Path) -> list[Path]:

@@ -10,7 +10,7 @@ import pytest
 import xarray
 
 from ident.errors import InputError
-from ident.files import CLAIM, claimed, remove_file, replace_file, together
+from ident.files import CLAIM, PART, claimed, remove_file, replace_file, together
 from ident.present.files.document import read_record, write_json, write_netcdf
 
 
@@ -172,6 +172,16 @@ def test_a_folder_in_the_place_of_one_file_stops_the_set(folder):
     assert contents(folder) == BEFORE
 
 
+WRITES = """
+import sys
+from pathlib import Path
+from ident.files import replace_file, together
+
+with together():
+    replace_file(Path(sys.argv[1]) / "a", lambda file: file.write(b"half"))
+    print("written", flush=True)
+    sys.stdin.read()
+"""
 HOLD = """
 import sys
 from pathlib import Path
@@ -202,6 +212,27 @@ while won < 100:
 
 def python(text, folder):
     return subprocess.Popen([sys.executable, "-c", text, folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+
+
+def test_what_a_killed_process_has_left_goes_with_the_next_file_and_a_running_ones_stays(folder):
+    others = "another machine, another user's process, names of no number"
+    foreign = [
+        f".ident-elsewhere-1-{'0' * 32}.part",
+        f"{PART}1-{'0' * 32}.part",
+        f"{PART}x.part",
+        f"{PART}{9**99}-.part",
+    ]
+    for name in foreign:
+        (folder / name).write_text(others)
+    with python(WRITES, folder) as running, python(WRITES, folder) as killed:
+        assert running.stdout.readline() == killed.stdout.readline() == b"written\n"
+        killed.kill()
+        killed.wait()
+        left = {process: list(folder.glob(f"{PART}{process.pid}-*.part")) for process in (running, killed)}
+        assert list(map(len, left.values())) == [1, 1]
+        write(folder / "d")
+        assert sorted(folder.glob(".ident-*")) == sorted([*left[running], *(folder / name for name in foreign)])
+    assert (folder / "a").read_text() == "half"
 
 
 def test_a_folder_that_another_process_has_is_refused_until_that_is_killed(tmp_path):

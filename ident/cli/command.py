@@ -29,9 +29,9 @@ from ident.cli.output import (
     tell,
 )
 from ident.errors import InputError, Problem, refusal
-from ident.files import together
+from ident.files import keep_earlier, together
 from ident.studies.options import Options, Spec, flag_of, renamed, specs
-from ident.studies.result import Result, kept_in, written_to
+from ident.studies.result import Result, kept_in, other_inputs
 from ident.text import decode, did_you_mean, one_line, quoted, read_bytes
 
 # -------- Defaults
@@ -183,7 +183,7 @@ PathOption = Annotated[
     typer.Option(help="joint path to follow instead of the stroke: CSV with time [s], joint1 [deg], ..."),
 ]
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="folder for what is written")]
-ForceOption = Annotated[bool, typer.Option("--force", help="replace a result of other inputs that has the same name")]
+ForceOption = Annotated[bool, typer.Option("--force", help="keep no earlier result of the same name")]
 NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="write no figure")]
 StrictOption = Annotated[bool, typer.Option("--strict", help="exit with status 3 where the data are contradictory")]
 MAIN: Mapping[str, str] = {
@@ -262,8 +262,7 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
                     running.check_folder(inputs["out"])
                 if inputs.get("campaign") is None:
                     running.start()
-                with written_to(None if values.get("force") else inputs.get("out")):
-                    function(**inputs, options=options)
+                function(**inputs, options=options)
             except InputError as error:
                 raise InputError(renamed(kind, problem) for problem in error.problems) from None
 
@@ -286,7 +285,7 @@ def register(name: str, function: Callable[..., None], parameters: list[inspect.
     def call(context: typer.Context, **values: Any) -> None:
         values.pop("help_all", None)
         how = {name: values.pop(name) for name in ("quiet", "details", "verbose")}
-        with speaking(as_json=values.pop("json"), **how):
+        with speaking(as_json=values.pop("json"), force=bool(values.get("force")), **how):
             function(**with_defaults(context, values, kinds))
 
     common = {"details": DetailsOption, "json": JsonOption, "quiet": QuietOption, "verbose": VerboseOption}
@@ -385,16 +384,24 @@ def finish(result: Result, out: Path, no_figure: bool) -> None:
 
 
 def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path, ...]]] = ()) -> None:
-    """Write a result's files into a folder, all or none, and say which; files of the same name are replaced.
+    """Write a result's files into a folder, all or none, and say which.
+
+    Files of the same name are replaced, unless somebody has changed them, or they took long and have other inputs: then
+    they get a number.
 
     Args:
         result: what was computed.
         out: the folder.
         more: what else is written there.
     """
-    with together():
+    with together() as files:
+        other = other_inputs(result, out)
         paths = result.save(out / f"{result.name}{result.suffix}")
         paths = (*paths, *(path for each in more for path in each(out)))
+        kept = keep_earlier(files, out, result.name, False if output().force else bool(other) or None)
+    if kept:
+        reason = f"a result of other inputs ({other})" if other else "not as ident wrote it"
+        output().say(f"kept what was there as {out / kept}.*: {reason}")
     for path in paths:
         output().wrote(path)
 

@@ -55,7 +55,6 @@ from ident.studies.plan import PlanOptions, plan
 from ident.studies.predict import predict
 from ident.studies.profile import profile
 from ident.studies.resonance import resonance
-from ident.studies.result import written_to
 from ident.studies.sample import SampleOptions, discard_checkpoints, sample
 from ident.studies.simulate import simulate
 from ident.studies.source import SourceOptions, source
@@ -330,7 +329,7 @@ def rerun(
 
     folder = (out or file.parent) / f"{file.name}.rerun.part"
     try:
-        with written_to(None if force else out), running.kept(folder):
+        with running.kept(folder):
             repeated = repeat(file, folder=folder, progress=running.progress)
     except InputError as error:
         raise InputError(renamed(Options, problem) for problem in error.problems) from None

@@ -78,6 +78,7 @@ class Output:
         json: whether a document is printed at the end.
         quiet: whether there are no words.
         details: whether reports are printed with their details.
+        force: whether earlier files are replaced, whatever they are.
         document: the result for programs, made when it is asked for.
         written: files.
     """
@@ -85,6 +86,7 @@ class Output:
     json: bool = False
     quiet: bool = False
     details: bool = False
+    force: bool = False
     document: Callable[[], Mapping[str, Any]] = dict
     written: list[str] = field(default_factory=list)
 
@@ -109,7 +111,9 @@ def output() -> Output:
 
 
 @contextmanager
-def speaking(*, as_json: bool, quiet: bool, details: bool = False, verbose: bool = False) -> Iterator[None]:
+def speaking(
+    *, as_json: bool, quiet: bool, details: bool = False, verbose: bool = False, force: bool = False
+) -> Iterator[None]:
     """Speak so within; at the end, whatever the exit status, print the document if that was asked for."""
     log, lines = logging.getLogger("ident"), logging.StreamHandler()
     level = log.level
@@ -117,7 +121,7 @@ def speaking(*, as_json: bool, quiet: bool, details: bool = False, verbose: bool
     if verbose:
         log.addHandler(lines)
         log.setLevel(logging.INFO)
-    spoken = Output(as_json, quiet, details)
+    spoken = Output(as_json, quiet, details, force)
     token = SPOKEN.set(spoken)
     end: typer.Exit | None = None
     try:

@@ -94,7 +94,7 @@ def _findings(motions: "MotionStudy") -> Iterator[Finding]:
         text = f"speed along the path keeps the limit with {low} to {high} % of {checked.keeps.draws} fresh draws"
         yield Finding(text, "measure the stiffnesses better (ident plan), or give it more time (--time)")
     if not motions.basis.posterior:
-        yield Finding("the stiffnesses count as exact", "add --posterior of ident sample; --force replaces this result")
+        yield Finding("the stiffnesses count as exact", "add --posterior of ident sample")
     yield from all_findings(motions.basis)
 
 

@@ -133,7 +133,7 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
         what = hidden[0] if len(hidden) == 1 else f"{len(hidden)} sources"
         yield Finding(f"{what} cannot be told: at most {most:.2g} mm{' each' * (len(hidden) > 1)}", remedy)
     if not study.known:
-        remedy = "add --posterior of ident sample; --force replaces this result"
+        remedy = "add --posterior of ident sample"
         yield Finding("before these runs the stiffnesses are taken as known to 10 % (assumed)", remedy)
 
 

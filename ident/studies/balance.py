@@ -12,7 +12,7 @@ from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import MovingOptions, basis_of
 from ident.studies.options import option
 from ident.studies.reading import EACH
-from ident.studies.result import Result, check_place, input_of
+from ident.studies.result import Result, input_of
 from ident.studies.saved import files_of, load
 from ident.studies.shared import as_file, as_log
 from ident.text import LARGEST_BINARY, did_you_mean, one_line, read_bytes
@@ -152,7 +152,6 @@ def balance(
     options.check_drives(drives)
     log = None if path is None else as_log(path, arm.arm)
     basis = basis_of(arm, options, path=log, posterior=values)
-    check_place(f"{basis.name}.balance", {"arm": arm, "source": values, "path": log})
     rows = [row for row in record.table() if row["kind"] == IMBALANCE]
     tried = [tried_in(each, options.draws) for each in record.trials]
     if not any(row["told"] for row in rows):

@@ -10,7 +10,7 @@ from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import repeated
-from ident.studies.result import Result, check_place
+from ident.studies.result import Result
 from ident.studies.shared import ProblemOptions, UnitOptions, as_campaign, as_file
 from ident.text import one_line, quoted, study_of
 
@@ -84,7 +84,10 @@ class CompareResult(Result):
     @property
     def name(self) -> str:
         """Both campaigns' names, or both folders'."""
-        return _name(self.comparison.names, self.files, self.unpaired)
+        if len(self.files) == 1 and not self.unpaired:
+            return f"{'-'.join(dict.fromkeys(self.comparison.names))}.compare"
+        first, second = (Path(file.path).absolute().parent.name for file in self.files[0])
+        return f"{first}-{second}.compare"
 
     @property
     def changed(self) -> Mapping[str, bool]:
@@ -100,7 +103,8 @@ class CompareResult(Result):
         return {"" if one else each.name: compare_figure(each) for each in self.comparisons}
 
     def _inputs(self) -> Mapping[str, Any]:
-        return _inputs(self.files)
+        one, pairs = len(self.files) == 1, enumerate(self.files, 1)
+        return {f"{word}{'' if one else i}": file for i, pair in pairs for word, file in zip(WORDS, pair, strict=True)}
 
     @classmethod
     def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -110,19 +114,6 @@ class CompareResult(Result):
 
 
 WORDS = ("first", "second")
-Files: TypeAlias = "tuple[tuple[ComparedFile, ComparedFile], ...]"
-
-
-def _name(names: tuple[str, str], files: Files, unpaired: tuple[str, ...]) -> str:
-    if len(files) == 1 and not unpaired:
-        return f"{'-'.join(dict.fromkeys(names))}.compare"
-    first, second = (Path(file.path).absolute().parent.name for file in files[0])
-    return f"{first}-{second}.compare"
-
-
-def _inputs(files: Files) -> Mapping[str, Any]:
-    one, pairs = len(files) == 1, enumerate(files, 1)
-    return {f"{word}{'' if one else i}": file for i, pair in pairs for word, file in zip(WORDS, pair, strict=True)}
 
 
 @study
@@ -147,12 +138,9 @@ def compare(
         InputError: other results, folders without a result of one name, no stiffness that both have fitted, or a name
             that is none of them.
     """
-    from ident.identify.compare import names_of
-
     pairs, unpaired = _pairs(first, second)
     found = [tuple(_known(each, word) for each, word in zip(pair, WORDS, strict=True)) for pair in pairs]
     files = tuple((one, other) for (_, one), (_, other) in found)
-    check_place(_name(names_of(*(known for known, _ in found[0])), files, unpaired), _inputs(files))
     comparisons = tuple(_compared(one, other, options.same) for (one, _), (other, _) in found)
     return CompareResult(comparisons, unpaired, files, options)
 

@@ -12,7 +12,7 @@ from ident.studies.amplitudes import AmplitudeOptions
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import basis_of
 from ident.studies.options import option, repeated
-from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.result import Progress, Result, silent
 from ident.studies.values import drawn_groups
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class DesignResult(Result):
     @property
     def name(self) -> str:
         """The arm's name, its motion and what was computed."""
-        return _name(self.study.basis, self.options)
+        return f"{self.study.basis.name}.{'sensitivities' if self.options.sensitivities else 'design'}"
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -192,7 +192,6 @@ def design(
 
     searched, fresh = drawn_groups(posterior, arm, options.draws, options.fresh, options.seed, options)
     basis = basis_of(arm, options, path=path, fit=fit, posterior=searched)
-    check_place(_name(basis, options), basis.sources)
     evaluator = _evaluator(basis, options)
     if options.sensitivities:
         each = sensitivities(evaluator, progress=progress("sensitivities"))
@@ -221,10 +220,6 @@ def design(
         checks = verify(evaluator, best.best, best.limit, unseen, progress("verification"))
     study = DesignStudy(basis, evaluator, each, best, checks, options.starts)
     return DesignResult(study, _updated(text, basis, best.best.values) if text else "", options)
-
-
-def _name(basis: "Basis", options: DesignOptions) -> str:
-    return f"{basis.name}.{'sensitivities' if options.sensitivities else 'design'}"
 
 
 def _evaluator(basis: "Basis", options: DesignOptions) -> "Evaluator":

@@ -16,7 +16,7 @@ from ident.studies.fit import FitOptions
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option, specs
 from ident.studies.reading import EACH
-from ident.studies.result import Progress, check_place, silent
+from ident.studies.result import Progress, silent
 from ident.studies.sample import SampleOptions, sample
 from ident.studies.saved import FromFit
 from ident.studies.shared import with_numbers
@@ -430,7 +430,6 @@ def diagnose(
     BalanceOptions(radius=options.radius).check_drives([drive.name for drive in basis.arm.drives])
     if runs is not None:
         posed(basis.arm, runs, offset=SourceOptions().offset)
-    check_place(_name(campaign), {"arm": arm, "campaign": campaign, "path": path, "runs": runs})
     job = Job(arm, campaign, options, path, runs, folder, progress)
     if restart and folder is not None:
         discard_stages(folder)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
-from ident.studies.result import Progress, check_place, silent
+from ident.studies.result import Progress, silent
 from ident.studies.saved import FromFit
 from ident.studies.shared import ProblemOptions
 
@@ -188,7 +188,6 @@ def fit(
     """
     from ident.identify.fit import fit_campaign
 
-    check_place(f"{campaign.name}.fit", {"arm": arm, "campaign": campaign})
     unknowns = options.unknowns_of(arm)
     fitted = fit_campaign(
         arm.arm,

@@ -12,7 +12,7 @@ from ident.errors import InputError, Problem, refusal
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.options import option
-from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.result import Progress, Result, silent
 from ident.text import one_line
 
 if TYPE_CHECKING:
@@ -210,9 +210,6 @@ def fleet(
         label = label or Path(robots).absolute().name
     with TemporaryDirectory() as passing, Engine(options) as engine:
         tasks = [One(*each, options, Path(folder or passing)) for each in sorted(files)]
-        read = {one.name: dict(zip(("campaign", "arm"), one.sources, strict=True)) for one in tasks}
-        inputs = {f"{word} of {name}": file for name, own in read.items() for word, file in own.items()}
-        check_place(f"{label or 'fleet'}.fleet", inputs)
         steps = progress("robots", len(tasks))(range(len(tasks)))
         done = [robot for _, robot in zip(steps, outcomes(tasks, engine, options.batch), strict=True)]
         found = {task.name: task for task in tasks}

@@ -27,7 +27,7 @@ from uuid import uuid4
 
 from ident.codec import CodecError, decode, encode
 from ident.errors import IdentError, InputError, Problem, refusal
-from ident.files import replace_file
+from ident.files import digest, replace_file
 from ident.text import one_line
 from ident.units import USUAL
 
@@ -233,14 +233,6 @@ def _given(member: One, arms: "dict[str, Arm]") -> "Given | None":
 def hashed(parts: list[Any]) -> str:
     """Return a hash of plain data, as a name for a file."""
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
-
-
-def digest(path: Path) -> str:
-    """Return a hash of a file's bytes; empty where it can't be read."""
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return ""
 
 
 # -------- Fleet engine

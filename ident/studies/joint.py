@@ -9,7 +9,7 @@ from ident.errors import InputError, Problem, refusal
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.reading import EACH
-from ident.studies.result import Result, check_place
+from ident.studies.result import Result
 from ident.studies.shared import UnitOptions
 from ident.text import did_you_mean, one_line
 
@@ -78,7 +78,7 @@ class JointResult(Result):
     @property
     def name(self) -> str:
         """The logs, and the study."""
-        return _name(self.logs)
+        return f"{'-'.join(Path(log.path).stem for log in self.logs[:NAMED])}.joint"
 
     @property
     def doubtful(self) -> bool:
@@ -92,15 +92,7 @@ class JointResult(Result):
         return {"": joint_figure(self.joints)}
 
     def _inputs(self) -> Mapping[str, Any]:
-        return _inputs(self.logs)
-
-
-def _name(logs: "Sequence[JointLog]") -> str:
-    return f"{'-'.join(Path(log.path).stem for log in logs[:NAMED])}.joint"
-
-
-def _inputs(logs: "Sequence[JointLog]") -> Mapping[str, Any]:
-    return {f"log{i}": log for i, log in enumerate(logs, 1)}
+        return {f"log{i}": log for i, log in enumerate(self.logs, 1)}
 
 
 @study
@@ -123,7 +115,6 @@ def joint(
     if not given:
         raise refusal("logs", "none", "at least one log", "give its file")
     read = [each if isinstance(each, JointLog) else read_joint_log(each, locked=options.locked) for each in given]
-    check_place(_name(read), _inputs(read))
     names, channels = [*read[0].columns], {name: {*columns} for name, columns in read[0].columns.items()}
     expected, remedy = f"those of {one_line(read[0].path)}", "give logs of the same joints"
     problems = [

@@ -10,7 +10,7 @@ from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
-from ident.studies.result import Result, check_place
+from ident.studies.result import Result
 from ident.studies.shared import ProblemOptions, as_file
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ class ModalResult(Result):
     @property
     def name(self) -> str:
         """The folder of the recordings, and what was done with it."""
-        return _name(self.files["channels"].path)
+        return f"{Path(self.files['channels'].path).absolute().parent.name}.modal"
 
     @property
     def hits(self) -> int:
@@ -233,7 +233,6 @@ def modal_test(
     table = channels if isinstance(channels, ChannelTable) else read_channels(channels or folder / CHANNELS)
     recordings = recordings_of(folder, table)
     arm = arm or as_file(folder / ARM, options.soft_base)
-    check_place(_name(table.path), {"arm": arm, "channels": table, **recordings})
     placed = with_places(arm.arm, table)
     based = in_base_frame(placed, table)
     measured = measured_tests(based, recordings, options.processing)
@@ -252,10 +251,6 @@ def modal_test(
     shown, name = observed_reproducibility(every, modes, reproducibility), f"{folder.absolute().name}.modal"
     campaign = modal_campaign(name, every, modes, shapes=options.shapes, reproducibility=shown)
     return replace(result, campaign=campaign, reproducibility=shown)
-
-
-def _name(channels: str) -> str:
-    return f"{Path(channels).absolute().parent.name}.modal"
 
 
 def _identified(

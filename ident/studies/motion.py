@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option
-from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.result import Progress, Result, silent
 from ident.studies.values import drawn_groups
 
 if TYPE_CHECKING:
@@ -142,7 +142,6 @@ def motion(
 
     judging, fresh = drawn_groups(posterior, arm, options.draws, options.fresh, options.seed, options)
     basis = basis_of(arm, options, path=path, fit=fit, posterior=judging)
-    check_place(f"{basis.name}.motion", basis.sources)
     refuse_jumps(basis.arm, basis.motion)
     stroke = None if path else basis.arm.stroke
     found = motions(

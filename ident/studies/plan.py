@@ -11,7 +11,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import option, repeated
-from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.result import Progress, Result, silent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -120,7 +120,7 @@ class PlanResult(Result):
     @property
     def name(self) -> str:
         """The campaign's name, or the arm's, and what was done with it."""
-        return _name(self.arm, self.plan.fit.campaign if self.plan.fit else None)
+        return f"{(self.plan.fit.campaign if self.plan.fit else self.arm).name}.plan"
 
     def sections(self) -> "Report":
         """Return all that is said of the plan, with where to measure in its hammer tests if that was asked for."""
@@ -244,7 +244,6 @@ def plan(
 
     if runs is not None:
         return _of_runs(arm, campaign, runs, options, progress)
-    check_place(_name(arm, campaign), {"arm": arm, "campaign": campaign})
     settings = options.settings
     all_postures(arm.arm, settings.step, settings.seed)  # what is wrong with a step is said before the fit
     fitted = fit(arm, campaign, options, progress=progress).fit if campaign is not None else None
@@ -254,10 +253,6 @@ def plan(
     sought = {path: best[path] for item in made.sought for path in item.paths if path in arm.arm.paths()}
     hammer = hammer_plans(arm.arm.replace(sought), made.batch, *places) if options.sensors else ()
     return PlanResult(arm, made, hammer, options)
-
-
-def _name(arm: "ArmFile", campaign: "Campaign | None") -> str:
-    return f"{(arm if campaign is None else campaign).name}.plan"
 
 
 def _of_runs(
@@ -270,6 +265,5 @@ def _of_runs(
     if campaign is not None:
         raise refusal("runs", f"the campaign {campaign.name} too", "one of them", "plan them one after the other")
     table = runs if isinstance(runs, Runs) else planned_runs(runs)
-    check_place(f"{Path(table.path).stem}.plan", {"arm": arm, "runs": table})
     made = planned(arm.arm, table, noise=options.run_noise / 100, progress=progress("further runs"))
     return RunPlanResult(arm, made, table, options)

@@ -9,7 +9,7 @@ from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
 from ident.studies.options import option, repeated
-from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.result import Progress, Result, silent
 
 if TYPE_CHECKING:
     from ident.description.file import ArmFile
@@ -103,7 +103,6 @@ def profile(
     from ident.identify.problem import pose
     from ident.inference import profile as likelihood
 
-    check_place(f"{campaign.name}.profile", {"arm": arm, "campaign": campaign})
     problem = pose(arm.arm, campaign, options.unknowns_of(arm)).problem
     likelihood.check(problem.parameters, options.parameter)
     fit = fit_study(arm, campaign, options, progress=progress).fit

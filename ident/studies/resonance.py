@@ -9,7 +9,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import MovingOptions, basis_of
 from ident.studies.options import option, seed_of_draws
-from ident.studies.result import Result, check_place
+from ident.studies.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -120,7 +120,6 @@ def resonance(
     from ident.vibrate.resonance import excitation, resonance_crossings, with_amplitudes
 
     basis = basis_of(arm, options, path=path, fit=fit, posterior=posterior)
-    check_place(f"{basis.name}.resonance", basis.sources)
     turning = excitation(basis.arm, basis.motion, orders=options.orders)
     followed = branches(basis.arm.replace(basis.draws), basis.motion, count=options.count, loads=basis.loads)
     near = resonance_crossings(followed, turning, margin=options.margin / 100)

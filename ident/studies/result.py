@@ -97,50 +97,26 @@ def kept_in(folder: Path) -> Iterator[None]:
         FOLDER.reset(token)
 
 
-_PLACE: ContextVar[Path | None] = ContextVar("_PLACE", default=None)
-"""The folder that the study which begins next will be written to."""
+LONG = ("sample", "diagnose", "fleet")
+"""Studies that take long: a result of other inputs is kept."""
 
 
-@contextmanager
-def written_to(folder: Path | None) -> Iterator[None]:
-    """Let the first study within be refused by `check_place`, where this folder holds what it must not replace."""
-    token = _PLACE.set(folder)
-    try:
-        yield
-    finally:
-        _PLACE.reset(token)
+def other_inputs(result: "Result", folder: Path) -> str:
+    """Say how a result of the same name, which takes long to make again, differs in its inputs; empty where none does.
 
-
-def check_place(name: str, inputs: Mapping[str, Any]) -> None:
-    """Refuse to compute what would replace a result of other inputs, where it is known where the result will go.
-
-    Each study calls this when its inputs are read, before it computes. Inputs are the same by their contents; what
-    ident itself has written, with its date, also by its path.
-
-    Args:
-        name: of the study's result.
-        inputs: what came from files, each with `path` and `sha256`, by name; those that either result lacks are not
-            compared, so that a fleet can grow.
-
-    Raises:
-        InputError: the folder holds a result of this name and of other inputs.
+    Inputs are the same by their contents; what ident itself has written, with its date, also by its path. Those that
+    either result lacks are not compared, so that a fleet can grow.
     """
-    folder = _PLACE.get()
-    _PLACE.set(None)  # studies that this one calls write nothing
-    if folder is None:
-        return
-    places = [folder / f"{_file_name(name)}{end}" for end in (".json", ".nc")]
-    there = next(filter(os.path.exists, places), None)
-    old, new = {} if there is None else _inputs_of(there), _with_what_lies_beside(inputs)
+    there = folder / f"{result.name}{result.suffix}"
+    if study_of(result.form) not in LONG or not os.path.exists(there):
+        return ""
+    old, new = _inputs_of(there), result.inputs
     common = [each for each in new if each in old]
-    differing = [each for each in common if not _same(old[each], new[each])]
-    if differing or (old and not common):
-        which = (differing or [*old])[0]
-        was, now = _origin(old[which]), _origin(new.get(which))
-        got = f"a result of other inputs ({which}: {was}{', since changed' * (was == now)})"
-        remedy = "choose another folder (`folder`), or replace it (`force`)"
-        expected = "no result, or one of the same inputs" + f" ({which}: {now})" * (was != now)
-        raise refusal(one_line(str(there)), got, expected, remedy)
+    differing = [each for each in common if not _same(old[each], new[each])] or [*old][: not common]
+    if not differing:
+        return ""
+    was, now = _origin(old[differing[0]]), _origin(new.get(differing[0]))
+    return f"{differing[0]}: {was}{', since changed' * (was == now)}"
 
 
 def _file_name(text: str) -> str:

@@ -10,7 +10,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import option, repeated
-from ident.studies.result import Progress, check_place, silent
+from ident.studies.result import Progress, silent
 from ident.studies.saved import FromFit
 
 if TYPE_CHECKING:
@@ -198,7 +198,6 @@ def sample(
     from ident.inference.sample import ANEW, BLOCK, Settings
 
     folder = Path(folder) if folder is not None else None
-    check_place(f"{campaign.name}.sample", {"arm": arm, "campaign": campaign})
     if options.weights:
         check_installed()
     with claimed(folder):

@@ -145,8 +145,7 @@ class ArmOptions(BaseOptions):
     )
     force: bool = option(
         False,
-        "go on though inputs differ: take over values that were identified on another arm, replace a result of other"
-        " inputs that has the same name",
+        "take over values that were identified on another arm, and keep no earlier result of the same name",
     )
 
     def problems(self) -> list[Problem]:

@@ -11,7 +11,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option, seed_of_draws
-from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.result import Progress, Result, silent
 
 if TYPE_CHECKING:
     import numpy as np
@@ -202,7 +202,6 @@ def simulate(
 
     basis = basis_of(arm, options, path=path, fit=fit, posterior=posterior)
     _check_time(options.at, basis)
-    check_place(f"{basis.name}.simulate", {**basis.sources, "trace": trace})
     response, other = simulate_motion(
         basis.arm,
         basis.motion,

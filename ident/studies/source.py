@@ -10,7 +10,7 @@ from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
-from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.result import Progress, Result, silent
 from ident.studies.shared import ArmOptions, as_file, with_numbers
 from ident.studies.values import drawn_values
 from ident.text import one_line
@@ -184,7 +184,6 @@ def source(
     arm = arm or arm_beside(runs, options.soft_base)
     drawn = drawn_values(posterior, arm, MOST_DRAWS, None, options)
     described = with_numbers(arm.arm, drawn, options.set)
-    check_place(f"{Path(runs.path).stem}.source", {"arm": arm, "runs": runs, "posterior": drawn})
     draws = drawn.without(options.set) if drawn else {}
     found = studied(
         described,

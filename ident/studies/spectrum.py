@@ -10,7 +10,7 @@ from ident.errors import Problem, refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import WINDOWS, option
-from ident.studies.result import Result, check_place
+from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, BaseOptions, as_log, is_angle
 from ident.studies.simulate import SimulateResult
 
@@ -96,7 +96,7 @@ class SpectrumResult(Result):
     @property
     def name(self) -> str:
         """The trace's name and what was done with it."""
-        return _name(self.spectra.traces)
+        return f"{next(iter(self.spectra.traces)).removesuffix('.simulate')}.spectrum"
 
     @property
     def frequency(self) -> 'Float[np.ndarray, "F"]':
@@ -147,7 +147,8 @@ class SpectrumResult(Result):
         return {"": spectra_figure(self.spectra), **orders, **spectrograms}
 
     def _inputs(self) -> Mapping[str, Any]:
-        return _inputs(self.spectra.traces, self.arm, self.path)
+        files = dict(zip(("trace", "against"), self.spectra.traces.values(), strict=False))
+        return {"arm": self.arm, "path": self.path, "trace": None, "against": None} | files
 
 
 @study
@@ -190,7 +191,6 @@ def spectrum(
     directions, (traces, remark) = common_directions(given, options.direction), comparable(given)
     first, turning = next(iter(traces.values())), distinct(turning)
     log = None if arm is None or path is None else as_log(path, arm.arm)
-    check_place(_name(traces), _inputs(traces, arm, log))
     orders, window = options.orders, options.window
     spectra = Spectra(
         directions,
@@ -205,15 +205,6 @@ def spectrum(
         remark,
     )
     return SpectrumResult(spectra, arm, log, options)
-
-
-def _name(traces: "Mapping[str, Trace]") -> str:
-    return f"{next(iter(traces)).removesuffix('.simulate')}.spectrum"
-
-
-def _inputs(traces: "Mapping[str, Trace]", arm: "ArmFile | None", path: "Log | None") -> Mapping[str, Any]:
-    files = dict(zip(("trace", "against"), traces.values(), strict=False))
-    return {"arm": arm, "path": path, "trace": None, "against": None} | files
 
 
 def _traces(

@@ -11,7 +11,7 @@ from ident.studies.amplitudes import AmplitudeOptions
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import basis_of
 from ident.studies.options import option, repeated, seed_of_draws
-from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.result import Progress, Result, silent
 
 if TYPE_CHECKING:
     import numpy as np
@@ -139,7 +139,6 @@ def sweep(
 
     basis = basis_of(arm, options, path=path, fit=fit, posterior=posterior)
     axes, shown = _axes(basis, options), progress("simulations")
-    check_place(_name(basis, axes, options.grid), basis.sources)
     evaluator = options.evaluator(basis)
     swept = (sweep(evaluator, axes, shown),) if options.grid else sweeps(evaluator, axes, shown)
     return SweepResult(SweepStudy(basis, swept, options.rate, options.elastic_belts, options.limit_si), options)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
-from ident.studies.result import Result, check_place
+from ident.studies.result import Result
 from ident.studies.shared import ArmOptions, with_numbers
 
 if TYPE_CHECKING:
@@ -95,6 +95,5 @@ def triage(runs: "Runs | str | Path", arm: "ArmFile | None" = None, options: Tri
 
     runs = as_runs(runs)
     arm = arm or arm_beside(runs, options.soft_base)
-    check_place(f"{Path(runs.path).stem}.triage", {"arm": arm, "runs": runs})
     described = with_numbers(arm.arm, None, options.set)
     return TriageResult(found(described, moving_traces(described, runs), orders=options.orders), runs, arm, options)

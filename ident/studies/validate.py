@@ -8,7 +8,7 @@ from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
 from ident.studies.options import option
-from ident.studies.result import Progress, Result, check_place, silent
+from ident.studies.result import Progress, Result, silent
 
 if TYPE_CHECKING:
     from ident.description.file import ArmFile
@@ -92,6 +92,5 @@ def validate(
     """
     from ident.identify.compare import validate_fit
 
-    check_place(f"{campaign.name}.validate", {"arm": arm, "campaign": campaign})
     fit = fit_study(arm, campaign, options, progress=progress).fit
     return ValidateResult(arm, validate_fit(fit, options.leave, options.seed, progress("parts")), options)

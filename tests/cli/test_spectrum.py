@@ -21,7 +21,7 @@ def test_spectrum_measures_a_sine_and_sets_acceleration_beside_displacement(run,
     code, out, err = run("spectrum", "a.csv", "--no-figure")
     assert (code, err) == (0, "")
     assert re.search(r"^  x +5\.000 +0\.4000$", out, re.M)
-    code, out, err = run("spectrum", "a.csv", "--against=b.csv", "--force")
+    code, out, err = run("spectrum", "a.csv", "--against=b.csv")
     assert (code, err) == (0, "")
     assert "a: a displacement, differentiated twice" in out
     assert re.search(rf"^  x +5\.000 +{0.4e-3 * (10 * np.pi) ** 2:.4f}", out, re.M)

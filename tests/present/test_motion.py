@@ -3,15 +3,10 @@
 from types import SimpleNamespace
 
 import numpy as np
-from arms import DATA
 
-import ident
 from ident.assess.motion import Candidate, MotionVerification
-from ident.assess.scenario import Basis
-from ident.present.motion import _candidates, _findings
-from ident.vibrate.motion import Motion, stroke
-
-FILE = ident.read_arm(DATA / "lcd_arm" / "arm.toml")
+from ident.present.motion import _candidates
+from ident.vibrate.motion import Motion
 
 
 def candidate(arrival):
@@ -25,10 +20,3 @@ def test_added_time_is_the_difference_of_the_times_beside_it():
     every = (candidate(3.14), candidate(4.46))
     table = _candidates(SimpleNamespace(candidates=every, recommended=None, limit=5e-4), every)
     assert [row[1:3] for row in table.texts] == [("3.1", "+0.0"), ("4.5", "+1.4")]
-
-
-def test_a_posterior_comes_with_what_replaces_the_result_without_one():
-    """A result of other inputs is refused: the advice has to work in the same folder."""
-    every, basis = (candidate(3.14),), Basis(FILE, FILE.arm, stroke(FILE.arm.stroke, percent=10.0), 10.0)
-    found = SimpleNamespace(candidates=every, verification=every[0].verification, limit=5e-4, basis=basis)
-    assert "add --posterior of ident sample; --force replaces this result" in [each.remedy for each in _findings(found)]

@@ -1,6 +1,7 @@
-"""Results of one name: the same inputs again replace them, other inputs are refused before anything is computed."""
+"""Results of one name: what ident wrote is replaced, what somebody has changed or what took long is kept."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,16 +9,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray
-from arms import DATA
-from commands import ARM, files, log, posterior
+from commands import ARM, files
 
 import ident
+from ident.cli.command import write
 from ident.errors import InputError
-from ident.studies.result import Result, check_place, kept_in, written_to
+from ident.files import WRITTEN, replace_file
+from ident.studies.result import Result, kept_in, other_inputs
+from ident.text import study_of
 
-CAMPAIGN, TABLE = ARM.with_name("campaign.csv"), ARM.with_name("table1.csv")
 OTHER = {"path": "elsewhere/file", "sha256": "0" * 64}
-SHORT = ("--path=teach.csv", "--rate=100")
 
 
 def sine(path, amplitude=1.0):
@@ -41,82 +42,94 @@ def left_behind(path, *names):
         path.write_text(json.dumps({"format": "ident-x/1", "inputs": inputs}))
 
 
-COMMANDS = {
-    "campaign.fit.json": ("campaign", "fit", CAMPAIGN),
-    "campaign.profile.json": ("arm", "profile", CAMPAIGN),
-    "campaign.sample.nc": ("campaign", "sample", CAMPAIGN),
-    "campaign.validate.json": ("campaign", "validate", CAMPAIGN),
-    "campaign.plan.json": ("campaign", "plan", CAMPAIGN),
-    "arm.plan.json": ("arm", "plan", f"--arm={ARM}"),
-    "campaign.diagnose.json": ("campaign", "diagnose", CAMPAIGN),
-    "robots.fleet.json": ("campaign of one", "fleet", "robots", f"--arm={ARM}"),
-    "draws-later.compare.json": ("second", "compare", "draws.nc", "later.nc"),
-    "hammer.modal.json": ("channels", "modal", DATA / "lcd_arm" / "hammer"),
-    "arm.extend-10.resonance.json": ("fit", "resonance", ARM),
-    "arm.teach.simulate.json": ("path", "simulate", ARM, *SHORT),
-    "arm.extend-10.joint1.k_tors-by-speed.sweep.json": (
-        "arm",
-        "sweep",
-        ARM,
-        "--vary=joint1.k_tors",
-        "--vary=speed",
-        "--grid",
-    ),
-    "arm.extend-10.joint1.k_tors+speed.sweep.json": ("arm", "sweep", ARM, "--vary=joint1.k_tors", "--vary=speed"),
-    "arm.extend-10.design.json": ("arm", "design", ARM),
-    "arm.extend-10.sensitivities.json": ("arm", "design", ARM, "--sensitivities"),
-    "sine.spectrum.json": ("trace", "spectrum", "sine.csv"),
-}
-"""By the file that is in the way: the input in which it differs, and the command."""
+def spectrum(run, *more):
+    """Run a command of a second; return the line about what is kept."""
+    code, out, err = run("spectrum", "sine.csv", *more)
+    assert (code, err) == (0, "")
+    return "".join(line for line in out.splitlines() if line.startswith("kept"))
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_a_result_of_other_inputs_is_refused_before_anything_is_computed(run, tmp_path, name):
-    differing, *words = COMMANDS[name]
+def test_what_ident_wrote_is_replaced_also_after_an_edit_of_its_input(run, tmp_path):
+    """An edit and the same command again is how people work."""
     sine(tmp_path / "sine.csv")
-    log(tmp_path / "teach.csv")
-    posterior(tmp_path / "draws.nc")
-    posterior(tmp_path / "later.nc")
-    (tmp_path / "robots").mkdir()
-    shutil.copy(CAMPAIGN, tmp_path / "robots" / "one.csv")
-    left_behind(tmp_path / "out" / name, differing)
-    before = files(tmp_path)
-    code, out, err = run(*words)
-    assert (code, out, err.count("\n")) == (2, "", 1), err
-    assert err.startswith(
-        f"ident: out/{name}: got a result of other inputs ({differing}: elsewhere/file), expected no re"
-    )
-    assert err.endswith("choose another folder (--out), or replace it (--force)\n")
-    assert files(tmp_path) == before
-
-
-def test_the_same_inputs_replace_a_result_and_others_only_if_forced(run, tmp_path):
-    def spectrum(*more):
-        code, _, err = run("spectrum", "sine.csv", "--no-figure", "--quiet", *more)
-        assert code == 0 or "got a result of other inputs (trace: sine.csv, since changed)" in err
-        return code
-
-    def options():
-        return ident.load("out/sine.spectrum.json").options
-
-    sine(tmp_path / "sine.csv")
-    assert spectrum() == 0
+    for amplitude in (1.0, 2.0):
+        sine(tmp_path / "sine.csv", amplitude)
+        assert spectrum(run) == ""
+        assert ident.load("out/sine.spectrum.json").table()[0]["amplitude"] == pytest.approx(1e-3 * amplitude, rel=0.1)
     shutil.copytree(tmp_path / "out", tmp_path / "first")
-    assert spectrum("--upto=10") == 0
-    assert options().upto == 10
+    sine(tmp_path / "sine.csv", 3.0)
+    assert spectrum(run) == ""
     sine(tmp_path / "sine.csv", 2.0)
-    assert spectrum("--upto=30") == 2
-    assert options().upto == 10
-    assert spectrum("--upto=30", "--out=other") == 0
-    assert spectrum("--upto=30", "--force") == 0
-    assert options().upto == 30
-    assert files(tmp_path / "out") == ["sine.spectrum.json"]
+    assert run("rerun", "first/sine.spectrum.json", "--out=out")[0] == 0
+    assert files(tmp_path / "out") == ["sine.spectrum.json", "sine.spectrum.png"]
+
+
+def test_what_somebody_has_changed_gets_a_number_and_so_do_all_files_of_that_result(run, tmp_path):
     sine(tmp_path / "sine.csv")
-    code, _, err = run("rerun", "first/sine.spectrum.json", "--out=out")
-    assert (code, err.count("\n")) == (2, 1)
-    assert err.endswith("choose another folder (--out), or replace it (--force)\n")
-    assert run("rerun", "first/sine.spectrum.json", "--out=out", "--force")[0] == 0
-    assert options().upto == 20
+    assert spectrum(run) == ""
+    out = tmp_path / "out"
+    for number in (1, 2):
+        (out / "sine.spectrum.png").write_bytes(b"drawn by hand")
+        before = (out / "sine.spectrum.json").read_bytes()
+        assert spectrum(run) == f"kept what was there as out/sine.spectrum.{number}.*: not as ident wrote it"
+        assert (out / f"sine.spectrum.{number}.png").read_bytes() == b"drawn by hand"
+        assert (out / f"sine.spectrum.{number}.json").read_bytes() == before
+    assert len(files(out)) == 6
+    assert spectrum(run) == ""
+    (out / "sine.spectrum.json").write_text("mine")
+    assert spectrum(run, "--force") == ""
+    assert len(files(out)) == 6
+
+
+@pytest.mark.parametrize("damage", ["{", "[1]", '{"sine.spectrum.json": {}}', "\x00"])
+def test_without_knowledge_of_what_was_written_it_is_kept(run, tmp_path, damage):
+    sine(tmp_path / "sine.csv")
+    assert spectrum(run, "--no-figure") == ""
+    (tmp_path / "out" / WRITTEN).write_text(damage)
+    assert "sine.spectrum.1.*" in spectrum(run, "--no-figure")
+    assert files(tmp_path / "out") == ["sine.spectrum.1.json", "sine.spectrum.json"]
+
+
+def saved(folder, form, name, inputs):
+    """A result as `write` sees it: what it was made of, and what it saves."""
+
+    def save(path):
+        replace_file(path, lambda file: file.write(b"new"), make_folders=True)
+        return (path,)
+
+    end = ".nc" if form.startswith("ident-sample") else ".json"
+    return SimpleNamespace(form=form, name=name, suffix=end, inputs=inputs, save=save)
+
+
+@pytest.mark.parametrize("form", ["ident-sample/10", "ident-diagnose/10", "ident-fleet/10"])
+def test_what_took_long_is_kept_where_its_inputs_are_others(tmp_path, capsys, form):
+    name = f"a.{study_of(form)}"
+    result = saved(tmp_path, form, name, {"campaign": Source("a.csv", "1")})
+    there = tmp_path / f"{name}{result.suffix}"
+    left_behind(there, "campaign")
+    before = there.read_bytes()
+    write(result, tmp_path)
+    kept = tmp_path / f"{name}.1{result.suffix}"
+    assert (kept.read_bytes(), there.read_bytes()) == (before, b"new")
+    words = f"kept what was there as {tmp_path / name}.1.*: a result of other inputs (campaign: elsewhere/file)\n"
+    assert capsys.readouterr().out == f"{words}wrote {there}\n"
+
+
+def test_a_failure_leaves_all_as_it_was(tmp_path, monkeypatch):
+    result = saved(tmp_path, "ident-fit/10", "a.fit", {})
+    (tmp_path / "a.fit.json").write_text("changed")
+
+    def fails(source, target):
+        if Path(target).name == WRITTEN:
+            raise OSError
+        return rename(source, target)
+
+    rename = os.replace
+    monkeypatch.setattr(os, "replace", fails)
+    with pytest.raises(InputError):
+        write(result, tmp_path)
+    assert files(tmp_path) == ["a.fit.json"]
+    assert (tmp_path / "a.fit.json").read_text() == "changed"
 
 
 class Source:
@@ -152,33 +165,9 @@ class Source:
 def test_which_inputs_are_the_same(tmp_path, there, now, fine):
     """By contents; what ident has written carries its date, and is the same at its place, too."""
     inputs = {name: each and dict(zip(("path", "sha256"), each, strict=True)) for name, each in there.items()}
-    (tmp_path / "x.fit.json").write_text(json.dumps({"format": "ident-fit/1", "inputs": inputs}))
+    (tmp_path / "x.fleet.json").write_text(json.dumps({"format": "ident-fleet/1", "inputs": inputs}))
     own = {name: each and Source(*each) for name, each in now.items()}
-    with written_to(tmp_path):
-        if fine:
-            check_place("x.fit", own)
-        else:
-            with pytest.raises(InputError, match="got a result of other inputs"):
-                check_place("x.fit", own)
-        check_place("x.fit", {"arm": Source("z", "z")})  # a study within: it writes nothing
-    check_place("x.fit", {"arm": Source("z", "z")})  # called from Python, which writes where and when it likes
-
-
-@pytest.mark.parametrize("end", [".json", ".nc"])
-@pytest.mark.parametrize("text", ["{", "[]", '{"format": "x"}', '{"format": "x", "inputs": 3}', ""])
-def test_what_is_no_result_is_replaced(tmp_path, text, end):
-    (tmp_path / f"x.fit{end}").write_text(text)
-    with written_to(tmp_path):
-        check_place("x.fit", {"arm": Source("z", "z")})
-
-
-def test_a_covariance_and_bushings_that_lie_beside_an_input_count(tmp_path):
-    campaign = Source("a.csv", "1")
-    campaign.covariance = Source("a.covariance.csv", "2")
-    inputs = {"campaign": {"path": "a.csv", "sha256": "1"}, "campaign's covariance": OTHER}
-    (tmp_path / "x.fit.json").write_text(json.dumps({"format": "ident-fit/1", "inputs": inputs}))
-    with written_to(tmp_path), pytest.raises(InputError, match=r"campaign's covariance: elsewhere/file"):
-        check_place("x.fit", {"campaign": campaign})
+    assert (other_inputs(saved(tmp_path, "ident-fleet/10", "x.fleet", own), tmp_path) == "") is fine
 
 
 def test_python_replaces(tmp_path):

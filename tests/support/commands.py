@@ -4,13 +4,18 @@ import arviz
 import numpy as np
 from arms import DATA, lcd_arm
 
+from ident.files import WRITTEN
+
 ARM = DATA / "lcd_arm" / "arm.toml"
 TABLE_1 = ("ident", "fit", "data/lcd_arm/table1.csv")
 """A command of the manual that `tests/cli/test_fit.py` runs for all."""
 
 
 def files(folder):
-    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    """The files in a folder, but for the hashes of what was written."""
+    return sorted(
+        str(each.relative_to(folder)) for each in folder.rglob("*") if each.is_file() and each.name != WRITTEN
+    )
 
 
 def log(path, angles=(60, -120, 60)):
