@@ -30,7 +30,7 @@ from ident.cli.output import (
 )
 from ident.errors import InputError, Problem, refusal
 from ident.files import keep_earlier, together
-from ident.studies.options import Options, Spec, flag_of, renamed, specs
+from ident.studies.options import ADDRESSES, Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result, kept_in, other_inputs
 from ident.text import decode, did_you_mean, one_line, quoted, read_bytes
 
@@ -56,8 +56,8 @@ TYPES: dict[type, tuple[Any, str]] = {
 """What a flag of each type takes from the file, and how that is said."""
 LONGEST_SHOWN = 90
 """Characters of a value that are repeated."""
-NO_DEFAULTS = ("help_all", "help", "json", "quiet", "verbose", "restart", "force")
-"""Flags that a file can't set: they are said once."""
+NO_DEFAULTS = ("help_all", "help", "json", "quiet", "verbose", "restart", "force", *ADDRESSES)
+"""Flags that a file can't set: they are said once, or connect with whoever wrote the file."""
 
 
 def with_defaults(context: typer.Context, values: dict[str, Any], kinds: Mapping[str, Any]) -> dict[str, Any]:
@@ -152,6 +152,7 @@ def _unknown(context: typer.Context, document: Mapping[str, Any], where: str) ->
 
 def _no_such(where: str, place: str, key: str, known: list[str]) -> Problem:
     remedy = did_you_mean(_plain(key), known, "remove it").replace("_", "-")
+    remedy = "give it on the command line" if _plain(key) in NO_DEFAULTS else remedy
     return Problem(where, f"unknown key {quoted(key)}", "a flag of a command, without its dashes", remedy, place)
 
 

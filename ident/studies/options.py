@@ -16,6 +16,8 @@ from ident.text import did_you_mean
 
 INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart", "force")
 """Inputs of studies that the command line takes as flags, too."""
+ADDRESSES = ("dask",)
+"""Options that connect: the command line and Python give them, no file does."""
 
 
 WORDS: dict[Any, tuple[type, str]] = {
@@ -139,7 +141,7 @@ class Options:
 
     @classmethod
     def restored(cls, recorded: Mapping[str, Any]) -> Self:
-        """Return options as a result file has recorded them; those that came later have their default.
+        """Return options as a result file has recorded them; those that came later have their default, as addresses do.
 
         Raises:
             InputError: they are of no such study, or out of their range.
@@ -147,7 +149,8 @@ class Options:
         types = {each.name: each.type for each, _ in specs(cls)}
         if unknown := [name for name in recorded if name not in types]:
             raise refusal("options", f"the option {unknown[0]}", f"one of {cls.__name__}", "correct it")
-        return cls(**{name: _restored(value, types[name]) for name, value in recorded.items()})
+        own = {name: value for name, value in recorded.items() if name not in ADDRESSES}
+        return cls(**{name: _restored(value, types[name]) for name, value in own.items()})
 
 
 def _restored(value: Any, kind: Any) -> Any:

@@ -1,17 +1,23 @@
 """Nothing of a folder that somebody hands over is executed; a lab's own `select.py` does not break what reads there."""
 
 import ast
+import inspect
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 from arms import DATA
 from scipy.io import savemat
+from typer.models import OptionInfo
 
 import ident
+from ident.cli.command import NO_DEFAULTS, WITHOUT
+from ident.cli.output import app
+from ident.studies.options import specs
 
 IDENT = str(Path(sys.executable).with_name("ident"))
 MODULES = ("numpy", "json", "select", "multiprocessing", "difflib", "scipy", "jax")
@@ -92,3 +98,51 @@ def _named(node):
     if isinstance(node, ast.Call):
         return ast.unparse(node.func)
     return " ".join([*(each.name for each in node.names), getattr(node, "module", None) or ""])
+
+
+READ = {"arm", "fit", "posterior", "path", "trace", "against", "runs", "channels", "measured"}
+WRITTEN_TO = {"out"}
+NAMES = {"load", "payload", "criterion"}
+"""What `ident.toml` may set of flags with a path or free text: files that are read, the folder that is written to and
+that a line says, names of parts. Nothing else opens, writes or connects; a new flag of this kind is put here or into
+`ADDRESSES`."""
+
+
+def flags_of_all_commands():
+    for each in app.registered_commands:
+        own = {} if each.name in WITHOUT else inspect.signature(each.callback).parameters
+        for name in own.keys() - {*NO_DEFAULTS, "context"}:
+            kind, info = get_args(own[name].annotation)
+            if isinstance(info, OptionInfo):
+                yield name, {kind, *get_args(kind)}
+
+
+def test_what_may_stand_in_ident_toml_connects_with_nobody():
+    """What is parsed, as postures are, comes as a text or none."""
+    flags = list(flags_of_all_commands())
+    chosen = {each.name for kind in every_kind_of_options() for each, spec in specs(kind) if spec.choices}
+    assert {name for name, kinds in flags if Path in kinds} == READ | WRITTEN_TO
+    assert {name for name, kinds in flags if kinds == {str}} - chosen == NAMES
+
+
+def every_kind_of_options():
+    return [getattr(ident, name) for name in ident.__all__ if name.endswith("Options")]
+
+
+@pytest.mark.parametrize("kind", every_kind_of_options())
+def test_what_a_result_has_recorded_connects_with_nobody(kind):
+    """Of options with free text only names of parts are taken over: as an address each would be refused as such."""
+    texts = [each.name for each, spec in specs(kind) if each.type is str and not (spec.choices or spec.read)]
+    restored = kind.restored(kind().recorded() | dict.fromkeys(texts, "tcp://127.0.0.1:1"))
+    assert {name for name in texts if getattr(restored, name)} <= NAMES
+
+
+@pytest.mark.parametrize("text", ["dask = 'tcp://127.0.0.1:1'", "[fleet]\ndask = 'tcp://127.0.0.1:1'"])
+def test_an_address_in_ident_toml_is_refused(run, tmp_path, text):
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "ident.toml").write_text(text)
+    code, out, err = run("fleet", "robots")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert (
+        "got unknown key 'dask', expected a flag of a command, without its dashes; give it on the command line" in err
+    )
