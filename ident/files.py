@@ -54,7 +54,7 @@ class _Set:
                 os.replace(source, target)
             except OSError as error:
                 raise _not_written(target, error) from None
-            LOG.info("wrote %s", target)
+            LOG.info("wrote %s", one_line(str(target)))
             self.done.append((source, target, old))
 
     def _kept(self, path: Path) -> Path:

@@ -2,6 +2,7 @@
 
 import difflib
 import logging
+import shlex
 import stat
 from collections.abc import Iterable, Sequence
 from os import PathLike
@@ -35,6 +36,12 @@ def quoted(text: str) -> str:
     """Quote a user's text for a message: escaped, and cut when it is long."""
     cut = text if len(text) <= LONGEST_QUOTE else text[:LONGEST_QUOTE] + "…"
     return f"'{one_line(cut)}'" if text else "nothing"
+
+
+def as_word(name: str | PathLike[str]) -> str:
+    """Return a name as one word of a command that is proposed: on one line, quoted for a shell, and never an option."""
+    text = one_line(str(name))
+    return shlex.quote(f"./{text}" if text.startswith("-") else text)
 
 
 def study_of(form: str) -> str:

@@ -12,7 +12,7 @@ import typer
 from ident.cli import commands  # noqa: F401  (they hang on the app)
 from ident.cli.command import app
 from ident.cli.output import FOLDED, status_of
-from ident.errors import IdentError
+from ident.errors import IdentError, one_line
 
 
 def main() -> None:
@@ -21,6 +21,6 @@ def main() -> None:
         app()
     except IdentError as error:
         for line in str(error).splitlines():
-            words = f"ident: {line}"  # folded for a terminal; for a script, a problem is one line
+            words = f"ident: {one_line(line)}"  # folded for a terminal; for a script, a problem is one line
             typer.echo(textwrap.fill(words, 100, **FOLDED) if sys.stderr.isatty() else words, err=True)
         sys.exit(status_of(error))

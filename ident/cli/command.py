@@ -402,7 +402,7 @@ def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path,
         kept = keep_earlier(files, out, result.name, False if output().force else bool(other) or None)
     if kept:
         reason = f"a result of other inputs ({other})" if other else "not as ident wrote it"
-        output().say(f"kept what was there as {out / kept}.*: {reason}")
+        output().say(f"kept what was there as {one_line(str(out / kept))}.*: {reason}")
     for path in paths:
         output().wrote(path)
 

@@ -62,7 +62,7 @@ from ident.studies.spectrum import spectrum
 from ident.studies.sweep import sweep
 from ident.studies.triage import triage
 from ident.studies.validate import validate
-from ident.text import read_bytes
+from ident.text import as_word, one_line, read_bytes
 
 if TYPE_CHECKING:
     from ident.studies.diagnose import StageReport
@@ -120,7 +120,7 @@ def sample_command(
     if result.enough:
         running.discard_unless_taken(folder, discard_checkpoints)
     else:
-        output().say(f"kept {folder}: the same command with more --steps goes on from there")
+        output().say(f"kept {one_line(str(folder))}: the same command with more --steps goes on from there")
     leave(result, strict=strict)
 
 
@@ -263,8 +263,8 @@ def source_command(
         path = runs / "runs.csv"
         rows = write_runs(runs, path)
         output().wrote(path)
-        beside = "" if (runs / "arm.toml").exists() else f" --arm {arm or 'ARM'}"
-        output().say(f"{rows} channels to fill in; then: ident source {path}{beside}")
+        beside = "" if (runs / "arm.toml").exists() else f" --arm {as_word(arm or 'ARM')}"
+        output().say(f"{rows} channels to fill in; then: ident source {as_word(path)}{beside}")
         return
     result = source(runs, arm, options, posterior=posterior, progress=running.progress)
     finish(result, out, no_figure)
@@ -348,7 +348,7 @@ NEXT = {
     "show {arm}": "the arm drawn, its numbers checked",
     "show {arm} --names": "the names that commands and campaigns take",
     "check {campaign}": "what the measurements can tell",
-    "fit {campaign} --out {folder}/out": "the stiffnesses",
+    "fit {campaign} --out {folder}": "the stiffnesses",
 }
 """What to do with a new arm, and what it shows."""
 RESULTS = (".json", ".nc")
@@ -461,7 +461,7 @@ def new(
     for path in made.paths:
         output().wrote(path)
     output().say("Example numbers: every one is marked as assumed, or simulated. Next:")
-    names = {"arm": made.paths[0], "campaign": made.paths[1], "folder": folder}
+    names = {"arm": as_word(made.paths[0]), "campaign": as_word(made.paths[1]), "folder": as_word(folder / "out")}
     lines = {f"ident {words.format(**names)}": shown for words, shown in NEXT.items()}
     for words, shown in lines.items():
         output().say(f"  {words:{max(map(len, lines))}}  {shown}")
@@ -614,7 +614,7 @@ def fleet_command(
     with running.kept(folder):
         result = fleet(robots, arm, options, folder=folder, progress=running.progress)
     finish(result, out, no_figure)
-    output().say(f"kept {folder}: fits of robots whose files have not changed are taken from there")
+    output().say(f"kept {one_line(str(folder))}: fits of robots whose files have not changed are taken from there")
     leave(result, strict=strict)
 
 
@@ -647,7 +647,7 @@ def modal_command(
     if init:
         path, rows = new_channels(tests, channels, arm)
         output().wrote(path)
-        output().say(f"{rows} channels to fill in; then: ident modal {tests}")
+        output().say(f"{rows} channels to fill in; then: ident modal {as_word(tests)}")
         return
     result = modal_test(tests, channels, arm, options)
     finish(result, out, no_figure)

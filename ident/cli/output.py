@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ident import __version__
-from ident.errors import ConvergenceError, IdentError, InputError
+from ident.errors import ConvergenceError, IdentError, InputError, one_line
 
 if TYPE_CHECKING:
     from ident.studies.result import Reported
@@ -98,7 +98,7 @@ class Output:
     def wrote(self, path: Path) -> None:
         """Say that a file was written."""
         self.written.append(str(path))
-        self.say(f"wrote {path}")
+        self.say(f"wrote {one_line(str(path))}")
 
 
 SPOKEN: ContextVar[Output] = ContextVar("SPOKEN")
@@ -154,7 +154,7 @@ def tell(result: "Reported") -> None:
     shown = result.notes if spoken.details else result.notes[:1]
     more = f" (and {len(result.notes) - 1} more: --details)" if len(shown) < len(result.notes) else ""
     for note in shown:
-        spoken.say(textwrap.fill(f"NOTE: {note}{more}", width, **FOLDED))
+        spoken.say(textwrap.fill(f"NOTE: {one_line(note)}{more}", width, **FOLDED))
     colour = terminal and not os.environ.get("NO_COLOR")
     spoken.say(result.report(details=spoken.details, width=width, colour=colour), nl=False)
     spoken.document = result.document

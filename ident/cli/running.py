@@ -114,7 +114,7 @@ def kept(folder: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        typer.echo(f"stopped; kept {folder}: the same command goes on from there", err=True)
+        typer.echo(f"stopped; kept {one_line(str(folder))}: the same command goes on from there", err=True)
         raise typer.Exit(130) from None
 
 

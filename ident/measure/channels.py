@@ -21,6 +21,7 @@ from ident.measure.table import (
     csv_text,
     decimal_mark,
     fitting,
+    guarded,
     header_problems,
     name_and_unit,
     parse_number,
@@ -366,7 +367,7 @@ def write_template(folder: Path, path: Path, joints: int) -> int:
         raise refusal(one_line(str(path)), "a file that is there", "none", remedy)
     recordings = recordings_of(folder)
     rows = [row for name, recording in recordings.items() for row in _rows(name, recording)]
-    passed = [f"Passed over: {one_line(name)}, {each.holds}." for name, each in recordings.items() if each.holds]
+    passed = [f"Passed over: {guarded(name)}, {each.holds}." for name, each in recordings.items() if each.holds]
     angles = [f"q{i} [deg]" for i in range(1, joints + 1)]
     write_blank(path, [*COMMENTS, *passed], [*HEAD, *angles, "load", "note"], rows)
     return len(rows)
@@ -374,7 +375,7 @@ def write_template(folder: Path, path: Path, joints: int) -> int:
 
 def write_blank(path: Path, comments: Iterable[str], columns: Sequence[str], rows: Iterable[Mapping[str, str]]) -> None:
     """Write a table to fill in, below lines that say how."""
-    text = "".join(f"# {line}\n" for line in comments) + csv_text(columns, rows)
+    text = csv_text(columns, rows, comments)
     replace_file(path, lambda file: file.write(text.encode()), make_folders=True)
 
 

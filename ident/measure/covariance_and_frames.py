@@ -9,7 +9,7 @@ from typing import Any
 
 from ident.errors import InputError, Problem, refusal, refuse
 from ident.measure.load import Vector
-from ident.measure.table import Findings, fitting, parse_number, records_of
+from ident.measure.table import Findings, csv_text, fitting, guarded, parse_number, records_of
 from ident.text import did_you_mean, nearest, quoted
 from ident.units import si_factor
 
@@ -233,16 +233,15 @@ def _correlation(text: str) -> float:
 
 def covariance_text(groups: Sequence[Group], campaign: str) -> str:
     """Return correlations as CSV text; pairs that are not correlated are left out."""
-    columns = ",".join(COVARIANCE_COLUMNS)
-    head = f"# {campaign}: rows i and j of each group, counted from 1; sigma stands there\n{columns}\n"
-    pairs = [
-        f"{group.name},{i},{j},{value!r}\n"
+    pairs = (
+        dict(zip(COVARIANCE_COLUMNS, (group.name, str(i), str(j), repr(value)), strict=True))
         for group in groups
         for i, row in enumerate(group.correlation, 1)
         for j, value in enumerate(row, 1)
         if j > i and value
-    ]
-    return head + "".join(pairs)
+    )
+    head = f"{guarded(campaign)}: rows i and j of each group, counted from 1; sigma stands there"
+    return csv_text(COVARIANCE_COLUMNS, pairs, [head])
 
 
 # -------- Setups
@@ -374,11 +373,11 @@ def _in(column: str, read: Callable[..., float], *args: Any) -> float:
 
 def setups_text(setups: Collection[Setup], campaign: str) -> str:
     """Return setups as CSV text."""
-    lines = [f"# {campaign}: frames of its setups, in the base frame", ",".join(SETUP_COLUMNS)]
+    rows = []
     for setup in setups:
         cells = [setup.name]
         for vector, unit, sigma in ((setup.origin, "m", setup.sigma), (setup.turn, "rad", setup.turn_sigma)):
             cells += [*(["", "", ""] if vector is None else map(repr, vector)), unit]
             cells += [FREE if math.isinf(sigma) else repr(sigma)]
-        lines.append(",".join(cells))
-    return "\n".join([*lines, ""])
+        rows.append(dict(zip(SETUP_COLUMNS, cells, strict=True)))
+    return csv_text(SETUP_COLUMNS, rows, [f"{guarded(campaign)}: frames of its setups, in the base frame"])

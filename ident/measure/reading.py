@@ -407,18 +407,23 @@ def _write_beside(path: Path, content: bytes | None) -> None:
 
 def campaign_text(campaign: Campaign, *, header_comments: Iterable[str] = (), relative_sigma: bool = False) -> str:
     """Return a campaign as CSV text under comment lines; see `write_campaign`."""
-    comments = [f"# {line}".rstrip() for comment in header_comments for line in comment.splitlines() or [""]]
-    return "\n".join([*comments, format_campaign(campaign, relative_sigma=relative_sigma)])
+    comments = [line for comment in header_comments for line in comment.splitlines() or [""]]
+    return csv_text(*campaign_rows(campaign, relative_sigma=relative_sigma), comments)
 
 
 def format_campaign(campaign: Campaign, *, relative_sigma: bool = False) -> str:
     """Return a campaign as CSV text, with the columns that are in use."""
+    return campaign_text(campaign, relative_sigma=relative_sigma)
+
+
+def campaign_rows(campaign: Campaign, *, relative_sigma: bool = False) -> tuple[list[str], list[dict[str, str]]]:
+    """Return the columns of a campaign that are in use, and its rows."""
     angles = [f"q{joint} [deg]" for joint in range(1, campaign.joints + 1)]
     degree = si_factor("deg", "angle")
     postures = [dict(zip(angles, (_written(angle, degree) for angle in m.posture), strict=True)) for m in campaign]
     rows = [posture | _cells(m, relative_sigma) for posture, m in zip(postures, campaign, strict=True)]
     used = [name for name in COLUMNS if name in ("kind", "value", "unit") or any(row.get(name) for row in rows)]
-    return csv_text(["kind", *angles, *used[1:]], rows)
+    return ["kind", *angles, *used[1:]], rows
 
 
 def _cells(m: Measurement, relative_sigma: bool) -> dict[str, str]:

@@ -125,6 +125,9 @@ FOREIGN = {
 }
 """What a file is by its ending, if that is no table."""
 
+_FORMULA = re.compile(r"""(^|[;,\t\r\n])(?=[\s'"]*[=+\-@])""")
+_GUARDED = re.compile(r"""(^|[;,\t\r\n])'(?=[\s'"]*[=+\-@])""")
+"""Where a cell, or a part of it, begins that a spreadsheet program would compute; and where that is prevented."""
 _DECIMAL_MARK = re.compile(r"(?<![\w.,])[+-]?[0-9]*([.,])[0-9]")
 
 Record = tuple[str, list[str]]
@@ -197,13 +200,25 @@ def name_and_unit(cell: str) -> tuple[str, str]:
     return (match[1], (match[2] or "").strip()) if match else (cell, "")
 
 
-def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, str]]) -> str:
-    """Return rows as CSV under their columns; cells of other columns are left out."""
+def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, str]], comments: Iterable[str] = ()) -> str:
+    """Return rows as CSV under their columns, below comments; cells of other columns are left out.
+
+    Names come from files of others: no cell is left as a formula.
+    """
     text = io.StringIO()
+    text.writelines(f"# {one_line(line)}".rstrip() + "\n" for line in comments)
     writer = csv.DictWriter(text, columns, restval="", extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows({name: guarded(cell) for name, cell in row.items()} for row in rows)
     return text.getvalue()
+
+
+def guarded(cell: str) -> str:
+    """Return a cell that no spreadsheet program takes for a formula, also where it splits it at another delimiter.
+
+    An apostrophe stands before what it would compute; `read_records` removes it.
+    """
+    return cell if re.fullmatch(NUMBER, cell) else _FORMULA.sub(r"\1'", cell)
 
 
 def sniff_delimiter(text: str, is_column: Callable[[str], bool]) -> str:
@@ -223,7 +238,7 @@ def read_records(text: str, delimiter: str, file: str, findings: Findings) -> It
         where = f"{file}:{number}"
         reader = csv.reader(chain([line], following), delimiter=delimiter, skipinitialspace=True, strict=True)
         try:
-            yield where, [cell.strip() for cell in next(reader)]
+            yield where, [_GUARDED.sub(r"\1", cell.strip()) for cell in next(reader)]
         except csv.Error as error:
             remedy = 'close every quoted cell, and double the quotes within one: "a ""b"" c"'
             findings.append(Problem(where, f"a broken row ({error})", "well-formed CSV", remedy))

@@ -1,7 +1,6 @@
 """What was simulated and what that rests on: motion, values taken over or set, and assumed numbers."""
 
 import math
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,7 @@ from ident.arm.multibody import has_transmission_error
 from ident.arm.plausibility import belt_mismatches
 from ident.present.report import Finding, Section, cut
 from ident.present.words import counted, degrees, sentence, unit_of
-from ident.text import one_line
+from ident.text import as_word
 
 if TYPE_CHECKING:
     from ident.assess.scenario import Basis
@@ -40,11 +39,11 @@ def subject(basis: "Basis") -> str:
 def same_motion(basis: "Basis") -> str:
     """Return the options with which another command takes the same motion, load and values; each after a space."""
     values = [("--fit", basis.fit), ("--posterior", basis.posterior), ("--path", basis.log)]
-    words = [f"{option} {shlex.quote(one_line(given.path))}" for option, given in values if given and given.path]
+    words = [f"{option} {as_word(given.path)}" for option, given in values if given and given.path]
     if not basis.log and basis.percent != 10.0:  # full speed is 100, without `--speed` it is 10
         words.append(f"--speed {basis.percent:g}")
     words += ["--retract"] * (not basis.log and basis.motion.name.startswith("retraction"))
-    words += [f"--load {shlex.quote(one_line(str(basis.load)))}"] * bool(basis.load)
+    words += [f"--load {as_word(str(basis.load))}"] * bool(basis.load)
     return "".join(f" {word}" for word in words).replace("{", "{{").replace("}", "}}")
 
 

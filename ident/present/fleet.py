@@ -1,6 +1,5 @@
 """A fleet: its population and who stands out, as its report says it; its rows and priors for programs."""
 
-import shlex
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -12,7 +11,7 @@ from ident.inference.population import FALSE_ALARM, LARGEST_K, LEAST_EFFECTIVE, 
 from ident.present.compare import ratio_words, stiffness_words
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut, without_empty_columns
 from ident.present.words import counted, in_shown_unit, percent, sentence, some, span, unit_of
-from ident.text import one_line
+from ident.text import as_word
 
 LISTED = 20
 """Robots of a kind that are listed; the result's file has all."""
@@ -134,8 +133,8 @@ def _advice(fleet: Fleet, population: Population) -> Iterator[Finding]:
 def _next(fleet: Fleet) -> str:
     odd = [member(fleet, r) for r in fleet.standing_out] or [*fleet.failed, *fleet.doubted]
     if odd:
-        files = one_line(odd[0].campaign.path), "--arm", one_line(odd[0].arm.path)
-        return shlex.join(["ident", "fit", *files]).replace("{", "{{").replace("}", "}}")
+        command = f"ident fit {as_word(odd[0].campaign.path)} --arm {as_word(odd[0].arm.path)}"
+        return command.replace("{", "{{").replace("}", "}}")
     return "ident fit CAMPAIGN $(cat {result}.prior)" if fleet.population else ""
 
 

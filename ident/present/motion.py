@@ -10,10 +10,10 @@ import numpy as np
 from ident.assess.motion import LIMITS, TOUCHED, Candidate
 from ident.assess.remedies import CONFIDENT
 from ident.files import replace_file
+from ident.measure.table import csv_text, guarded
 from ident.present.basis import all_findings, assumed_section, motion_section, same_motion, subject
 from ident.present.report import Finding, Report, Section, Table, Verdict
 from ident.present.words import MM, counted
-from ident.text import one_line
 
 if TYPE_CHECKING:
     from ident.assess.motion import MotionStudy
@@ -156,11 +156,11 @@ def write_path(motions: "MotionStudy", rate: float, head: Mapping[str, Any], pat
     motion, arm = motions.schedule.motion, motions.basis.arm
     time = np.append(np.arange(0.0, motion.arrival - 0.5 / rate, 1 / rate), motion.arrival)
     columns = np.column_stack([time, *np.degrees(np.asarray(motion(time)[0]))])
-    top = f"# {head['format']} {head['created']} ident {head['software']['ident']}: {one_line(motions.basis.name)}\n"
-    names = ",".join(["time [s]", *(f"{joint.name} [deg]" for joint in arm.driven)])
+    note = f"{head['format']} {head['created']} ident {head['software']['ident']}: {guarded(motions.basis.name)}"
+    top = csv_text(["time [s]", *(f"{joint.name} [deg]" for joint in arm.driven)], (), [note])
 
     def write(file: Any) -> None:
-        file.write(f"{top}{names}\n".encode())
+        file.write(top.encode())
         np.savetxt(file, columns, fmt="%.10g", delimiter=",")
 
     replace_file(path, write, make_folders=True)

@@ -1,7 +1,6 @@
 """A plan: the batch, what it will give, what it assumes; its rows, and the campaign to fill in."""
 
 import csv
-import io
 import math
 import re
 from collections.abc import Collection, Iterator, Sequence
@@ -15,7 +14,9 @@ from ident.errors import refusal
 from ident.files import replace_file
 from ident.identify.candidates import CLOSE, PARTS, RESOLUTION, Experiment, HammerPlan
 from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
-from ident.measure import Measurement, format_campaign
+from ident.measure import Measurement
+from ident.measure.reading import campaign_rows
+from ident.measure.table import csv_text
 from ident.present.fit import why_no_interval
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, kept, without_empty_columns
 from ident.present.warnings import drive_states
@@ -368,23 +369,21 @@ def write_form(plan: "CampaignPlan", path: Path) -> None:
     """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes."""
     _refuse_filled(path)
     campaign = plan.campaign()
-    table = list(csv.DictReader(io.StringIO(format_campaign(campaign, relative_sigma=True))))
+    columns, table = campaign_rows(campaign, relative_sigma=True)
     measured = set(plan.fit.campaign.postures) if plan.fit else set()
-    text = io.StringIO()
-    text.write("# Made by `ident plan`. Fill in `value`; `expected` in the notes is a prediction, not a measurement.\n")
+    comments = ["Made by `ident plan`. Fill in `value`; `expected` in the notes is a prediction, not a measurement."]
     if not any(experiment.labelled for experiment in plan.batch):
-        text.write("# Rows without mode are matched in ascending order within one posture and load: ")
-        text.write("enter them all, or fill in `mode`.\n")
-    names = list(dict.fromkeys([name for row in table for name in row] + ["note"]))
+        comments += ["Rows without mode are matched in ascending order within one posture and load: "]
+        comments[-1] += "enter them all, or fill in `mode`."
+    names = list(dict.fromkeys([*columns, "note"]))
     if "mode" not in names:
         names.insert(names.index("value"), "mode")
-    writer = csv.DictWriter(text, names, lineterminator="\n")
-    writer.writeheader()
     for row, m in zip(table, campaign, strict=True):
         note = "; ".join(filter(None, (f"expected {float(row['value']):.4g} {row['unit']}", row.get("note"))))
         sigma = f"{float(row['relative_sigma']):.4g}"
-        writer.writerow({**row, **_angles(plan, m, measured), "value": "", "note": note, "relative_sigma": sigma})
-    replace_file(path, lambda file: file.write(text.getvalue().encode()), make_folders=True)
+        row |= {**_angles(plan, m, measured), "value": "", "note": note, "relative_sigma": sigma}
+    text = csv_text(names, table, comments)
+    replace_file(path, lambda file: file.write(text.encode()), make_folders=True)
 
 
 def plan_rows(plan: "CampaignPlan") -> list[dict[str, Any]]:

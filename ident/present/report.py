@@ -172,21 +172,23 @@ def text_of(report: Report, *, details: bool = False, width: int = WIDTH, colour
         width: columns.
         colour: whether the verdict's word is coloured, as a terminal can.
     """
-    lines = list(_screen(report, details, width, colour))
+    lines = list(_screen(report, details, width))
     for section in report.details if details else ():
         lines += ["", *folded(section.title, width).splitlines()]
         for part in section.parts:
             lines += _part(part, width, wrap=True)
-    return "\n".join(line.rstrip() for line in lines) + "\n"
+    text = "\n".join(one_line(line).rstrip() for line in lines) + "\n"  # what a result file says may hold anything
+    if report.verdict and colour:
+        word = report.verdict.word
+        text = text.replace(f"RESULT: {word}", f"RESULT: \x1b[1;{COLOURS[report.verdict.kind]}m{word}\x1b[0m", 1)
+    return text
 
 
-def _screen(report: Report, details: bool, width: int, colour: bool) -> Iterator[str]:
+def _screen(report: Report, details: bool, width: int) -> Iterator[str]:
     yield from (line for part in report.subject.splitlines() for line in folded(part, width).splitlines())
     if report.verdict:
         word, hang = report.verdict.word, " " * len("RESULT: ")
-        shown = folded(f"RESULT: {word}{'.' * (word[-1] != '.')} {report.verdict.reason}", width, hang)
-        paint = f"\x1b[1;{COLOURS[report.verdict.kind]}m{word}\x1b[0m"
-        yield from (shown.replace(word, paint, 1) if colour else shown).splitlines()
+        yield from folded(f"RESULT: {word}{'.' * (word[-1] != '.')} {report.verdict.reason}", width, hang).splitlines()
     parts = [part for part in report.answer if not (details and isinstance(part, Table) and part.brief)]
     for part in parts:
         yield from _part(part, width, wrap=width < WIDTH or (isinstance(part, Table) and part.brief))

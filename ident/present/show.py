@@ -1,7 +1,6 @@
 """What is said of an arm: numbers that look wrong, masses and reach, first modes, every number; and its names."""
 
 import math
-import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -11,7 +10,7 @@ import numpy as np
 from ident.arm.fields import fields_in
 from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut, kept
 from ident.present.words import counted, degrees, sentence
-from ident.text import one_line
+from ident.text import as_word
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -37,7 +36,7 @@ def show_sections(view: "ArmView") -> Report:
         tuple(_modes(view)),
         (*failed, *(Finding(_with_line(view.arm_file, each)) for each in odd)),
         sag,
-        "" if odd or failed else f"ident plan --arm {shlex.quote(one_line(view.arm_file.path or 'ARM'))}",
+        "" if odd or failed else f"ident plan --arm {as_word(view.arm_file.path or 'ARM')}",
         (_joints(view), numbers),
     )
 

@@ -1,7 +1,5 @@
 """A sweep: what is said of amplitudes against what is varied; the amplitudes as rows and as CSV."""
 
-import csv
-import io
 from collections.abc import Iterator, Mapping
 from itertools import pairwise, product
 from pathlib import Path
@@ -11,6 +9,7 @@ import numpy as np
 
 from ident.arm.fields import field_of
 from ident.files import replace_file
+from ident.measure.table import csv_text, guarded
 from ident.present.basis import (
     all_findings,
     assumed_section,
@@ -20,7 +19,6 @@ from ident.present.basis import (
 )
 from ident.present.report import Cell, Part, Report, Section, Table, Verdict, cut, short_power
 from ident.present.words import MM, counted, in_shown_unit, percent, unit_of, value_in_words
-from ident.text import one_line
 from ident.vibrate.simulate import MEASURES
 from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import LINES, NOTABLE, Axis, Sweep, Trend, below, curve, trends
@@ -361,16 +359,13 @@ def write_csv(study: "SweepStudy", head: Mapping[str, Any], path: Path) -> None:
     basis, rows = study.basis, sweep_rows(study)
     notes = [
         f"{head['format']} {head['created']} ident {head['software']['ident']}",
-        f"arm: {one_line(basis.arm_file.path)} sha256 {basis.arm_file.sha256}",
-        f"motion: {one_line(basis.motion.name)}; load: {basis.load}; draws: {study.draws}",
+        f"arm: {guarded(basis.arm_file.path)} sha256 {basis.arm_file.sha256}",
+        f"motion: {guarded(basis.motion.name)}; load: {guarded(str(basis.load))}; draws: {study.draws}",
         f"amplitude: {study.measure} of the vibration of {basis.point}; bands: 5 and 95 % quantiles of the draws",
     ]
-    text = io.StringIO()
-    text.writelines(f"# {note}\n" for note in notes)
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(rows[0])
-    writer.writerows(map(_cell, row.values()) for row in rows)
-    replace_file(path, lambda file: file.write(text.getvalue().encode("utf-8")), make_folders=True)
+    cells = ({name: _cell(value) for name, value in row.items()} for row in rows)
+    text = csv_text(list(rows[0]), cells, notes)
+    replace_file(path, lambda file: file.write(text.encode("utf-8")), make_folders=True)
 
 
 def _cell(value: Any) -> str:

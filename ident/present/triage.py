@@ -1,12 +1,10 @@
 """What makes the vibration of a moving arm: what is said of it, and its rows for programs."""
 
-import shlex
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut
 from ident.present.words import counted
-from ident.text import one_line
 
 if TYPE_CHECKING:
     from ident.measure.runs import Runs
@@ -29,8 +27,7 @@ REMEDIES = {
 def triage_sections(triage: "Triage", runs: "Runs") -> Report:
     """Return all that is said of what makes a vibration."""
     found = triage.findings
-    path = shlex.quote(one_line(runs.path)).replace("{", "{{").replace("}", "}}")
-    following = f"ident source {path} --arm {{arm}}" if any(part.next == "source" for part in found) else ""
+    following = "ident source {runs} --arm {arm}" if any(part.next == "source" for part in found) else ""
     return Report(
         f"What vibrates in {counted(len(runs.traces), 'trace')} of {counted(len(runs.names), 'run')}",
         _verdict(triage),

@@ -4,7 +4,6 @@ import hashlib
 import json
 import os
 import re
-import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -19,7 +18,7 @@ from ident.errors import InputError, ModelError, refusal
 from ident.present.report import WIDTH, Report, html_of, text_of
 from ident.studies import STUDIES
 from ident.studies.options import Options
-from ident.text import one_line, study_of
+from ident.text import as_word, one_line, study_of
 from ident.units import USUAL, stiffness_in
 
 if TYPE_CHECKING:
@@ -353,10 +352,10 @@ class Result(Reported):
         arm, campaign, trace, runs = (getattr(inputs.get(name), "path", "") for name in kinds)
         beside = not (arm and campaign) or Path(arm) == Path(campaign).parent / "arm.toml"
         files = (arm or "ARM", campaign or "CAMPAIGN", trace or "TRACE", runs or "RUNS")
-        arm, campaign, trace, runs = (shlex.quote(one_line(path)) for path in files)
+        arm, campaign, trace, runs = map(as_word, files)
         campaign = campaign if beside else f"{campaign} --arm {arm}"
         ends = dict.fromkeys(re.findall(r"(?<!\{)\{result\}([.\w]*)", words))
-        results = {end: shlex.quote(one_line(str(FOLDER.get() / self.name)) + end) for end in ends}
+        results = {end: as_word(f"{FOLDER.get() / self.name}{end}") for end in ends}
         named = re.sub(r"(?<!\{)\{result\}([.\w]*)", r"{results[\1]}", words)
         filled = named.format(arm=arm, campaign=campaign, trace=trace, runs=runs, results=results)
         posed = any(getattr(vars(self)["options"], name, None) for name in SAME_PROBLEM)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.files import replace_file
+from ident.measure.table import csv_text, guarded
 from ident.present.files.document import PACKED
 from ident.present.words import MM
-from ident.text import one_line
 from ident.vibrate.study import DIRECTIONS
 
 if TYPE_CHECKING:
@@ -29,11 +29,11 @@ def write_csv(simulation: "Simulation", head: Mapping[str, Any], path: Path) -> 
     columns = dict(csv_columns(simulation))
     notes = [
         f"{head['format']} {head['created']} ident {head['software']['ident']}",
-        f"arm: {one_line(simulation.basis.arm_file.path)} sha256 {simulation.basis.arm_file.sha256}",
-        f"motion: {one_line(simulation.response.motion.name)}; load: {simulation.basis.load}",
+        f"arm: {guarded(simulation.basis.arm_file.path)} sha256 {simulation.basis.arm_file.sha256}",
+        f"motion: {guarded(simulation.response.motion.name)}; load: {guarded(str(simulation.basis.load))}",
         f"x, y, z: vibration of {simulation.point}: {LESS}; rotations include that",
     ]
-    top = "".join(f"# {note}\n" for note in notes) + ",".join(columns) + "\n"
+    top = csv_text(list(columns), (), notes)
 
     def write(file: Any) -> None:
         file.write(top.encode("utf-8"))

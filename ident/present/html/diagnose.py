@@ -1,6 +1,5 @@
 """A diagnosis as a page: verdict, stages, the arm, inputs, assumptions, provenance."""
 
-import shlex
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from ident.present.html.page import READABLE, Frame, Page, Picture, Section, mov
 from ident.present.report import Report, Table, cut
 from ident.present.show import sums
 from ident.present.words import MM, sentence
+from ident.text import as_word
 
 if TYPE_CHECKING:
     from ident.assess.diagnose import Diagnosis
@@ -142,11 +142,12 @@ def _captions(diagnosis: "Diagnosis", stage: str) -> tuple[str, str]:
 def _by_hand(diagnosis: "Diagnosis", options: Mapping[str, Any]) -> str:
     """Name the command that makes the explorer by itself."""
     arm, campaign = diagnosis.task.basis.arm_file, diagnosis.identification.sampled.fitted.campaign
-    words = ["ident", "explore", arm.path or "arm.toml", f"--posterior={campaign.name}.diagnose.nc"]
-    words += [f"--campaign={campaign.path}"] if campaign.path else []
-    words += [f"--{name.replace('_', '-')}={options[name]}" for name in ("soft_base", "load") if options[name]]
-    words += [f"--set={path}={value}" for path, value in options["set"].items()]
-    return f"The explorer as a page of its own, whose address keeps its settings: {shlex.join(words)}"
+    given = {"posterior": f"{campaign.name}.diagnose.nc", "campaign": campaign.path}
+    given |= {name.replace("_", "-"): options[name] for name in ("soft_base", "load")}
+    words = [f"--{name}={as_word(value)}" for name, value in given.items() if value]
+    words += [f"--set={as_word(f'{path}={value}')}" for path, value in options["set"].items()]
+    command = " ".join(["ident explore", as_word(arm.path or "arm.toml"), *words])
+    return f"The explorer as a page of its own, whose address keeps its settings: {command}"
 
 
 def _assumptions(arm_file: "ArmFile") -> Iterator[str]:

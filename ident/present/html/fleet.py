@@ -1,7 +1,6 @@
 """A fleet as pages: one at a glance, a robot a row, and one for each robot."""
 
 import re
-import shlex
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -27,6 +26,7 @@ from ident.present.html.diagnose import arm_section
 from ident.present.html.page import Page, Section, picture, provenance
 from ident.present.report import Table, Verdict, cut
 from ident.present.words import in_shown_unit, percent, sentence
+from ident.text import as_word
 
 if TYPE_CHECKING:
     from ident.assess.show import ArmView
@@ -123,7 +123,7 @@ def robot_page(fleet: "Fleet", i: int, label: str, head: Mapping[str, Any], abov
     """
     robot, r = fleet.robots[i], fleet.members.index(i) if i in fleet.members else None
     files = {"campaign": robot.campaign, "arm": robot.arm}
-    command = shlex.join(["ident", "fit", robot.campaign.path, "--arm", robot.arm.path])
+    command = f"ident fit {as_word(robot.campaign.path)} --arm {as_word(robot.arm.path)}"
     sections = [_stiffnesses(fleet, robot, r)] if not robot.failed else []
     findings = tuple(robot.error.splitlines()) or (f"{robot.measurements} measurements.", *map(sentence, robot.doubts))
     sections += [Section("Data", (*findings, f"Its own fit, with all residuals: {command}"))]
