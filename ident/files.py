@@ -186,8 +186,7 @@ def keep_earlier(files: _Set, folder: Path, name: str, keep: bool | None = None)
     places = [source if target in files.spare else target for source, target in files.moves]
     there = {path: path.relative_to(folder).as_posix() for path in places if os.path.lexists(path)}
     if there and (any(written.get(key) != digest(path) for path, key in there.items()) if keep is None else keep):
-        names = (f"{name}.{number}" for number in itertools.count(1))
-        kept = next(each for each in names if not any(folder.glob(f"{glob.escape(each)}.*")))
+        kept = numbered(folder, name)
         moves = {path: folder / (kept + key.removeprefix(name)) for path, key in there.items()}
         for target in moves.values():
             files.folders += _missing(target.parent)
@@ -196,6 +195,12 @@ def keep_earlier(files: _Set, folder: Path, name: str, keep: bool | None = None)
     written |= {target.relative_to(folder).as_posix(): digest(source) for source, target in files.moves}
     replace_file(folder / WRITTEN, lambda file: file.write(json.dumps(written, indent=1).encode("utf-8")))
     return kept
+
+
+def numbered(folder: Path, name: str) -> str:
+    """Return how names in a folder may begin that are to be kept: behind this name a number that is free."""
+    names = (f"{name}.{number}" for number in itertools.count(1))
+    return next(each for each in names if not any(folder.glob(f"{glob.escape(each)}.*")))
 
 
 def _written(folder: Path) -> dict[str, str]:

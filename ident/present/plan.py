@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.arm.arm import ANYWHERE
-from ident.errors import refusal
-from ident.files import replace_file
+from ident.files import numbered, replace_file, together
 from ident.identify.candidates import CLOSE, PARTS, RESOLUTION, Experiment, HammerPlan
 from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
 from ident.measure import Measurement
@@ -21,7 +20,6 @@ from ident.present.fit import why_no_interval
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, kept, without_empty_columns
 from ident.present.warnings import drive_states
 from ident.present.words import counted, degrees, lowered, percent, scatter, unit_of
-from ident.text import one_line
 
 if TYPE_CHECKING:
     from ident.identify.plan import CampaignPlan
@@ -366,8 +364,10 @@ def _assumptions(plan: "CampaignPlan") -> Section:
 
 
 def write_form(plan: "CampaignPlan", path: Path) -> None:
-    """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes."""
-    _refuse_filled(path)
+    """Write the batch as a campaign whose values are left to be filled in, the expected ones in the notes.
+
+    A form that has been filled in gets a number.
+    """
     campaign = plan.campaign()
     columns, table = campaign_rows(campaign, relative_sigma=True)
     measured = set(plan.fit.campaign.postures) if plan.fit else set()
@@ -383,7 +383,10 @@ def write_form(plan: "CampaignPlan", path: Path) -> None:
         sigma = f"{float(row['relative_sigma']):.4g}"
         row |= {**_angles(plan, m, measured), "value": "", "note": note, "relative_sigma": sigma}
     text = csv_text(names, table, comments)
-    replace_file(path, lambda file: file.write(text.encode()), make_folders=True)
+    with together() as files:
+        if _is_filled(path):
+            files.moves.append((path, path.with_name(numbered(path.parent, path.stem) + path.suffix)))
+        replace_file(path, lambda file: file.write(text.encode()), make_folders=True)
 
 
 def plan_rows(plan: "CampaignPlan") -> list[dict[str, Any]]:
@@ -415,11 +418,9 @@ def _angles(plan: "CampaignPlan", m: Measurement, measured: Collection[tuple[flo
     return cells
 
 
-def _refuse_filled(path: Path) -> None:
+def _is_filled(path: Path) -> bool:
     try:
         lines = [line for line in path.read_text("utf-8").splitlines() if not line.startswith("#")]
     except (OSError, UnicodeDecodeError):
-        return
-    if any((row.get("value") or "").strip() for row in csv.DictReader(lines)):
-        got, remedy = "a form that has been filled in", "move it away, or choose another folder (`folder`)"
-        raise refusal(one_line(str(path)), got, "none, or an empty one", remedy)
+        return False
+    return any((row.get("value") or "").strip() for row in csv.DictReader(lines))

@@ -28,10 +28,11 @@ def test_plan_says_what_to_measure_next(run, tmp_path):
     filled = form.read_text().replace(",,Hz", ",4.2,Hz")
     assert filled != form.read_text()
     form.write_text(filled)
-    code, _, err = run("plan", DATA / "table1.csv", *options)
-    assert code == 2
-    assert "a form that has been filled in" in err
-    assert form.read_text() == filled
+    code, out, _ = run("plan", DATA / "table1.csv", *options)
+    assert code == 0
+    assert "kept what was there as out/table1.plan.1.*: not as ident wrote it" in out
+    assert form.with_name("table1.plan.1.csv").read_text() == filled
+    assert files(tmp_path) == sorted([*PLANNED, *(name.replace(".plan", ".plan.1") for name in PLANNED)])
 
 
 def test_plan_starts_from_nothing_and_ends_at_a_target(run, tmp_path):

@@ -84,13 +84,14 @@ def test_its_files_are_a_document_and_a_campaign_to_fill_in(measured, tmp_path):
     assert rows[0].split(",")[4] == "mode"
 
 
-def test_a_form_that_was_filled_in_is_left_alone_and_so_is_the_document(measured, tmp_path):
-    document, form = measured.save(tmp_path)
-    form.write_text(form.read_text().replace(",,Hz", ",4.2,Hz"))
-    before = document.read_text(), form.read_text()
-    with pytest.raises(ident.InputError, match="a form that has been filled in"):
+def test_a_form_that_was_filled_in_gets_a_number(measured, tmp_path):
+    _, form = measured.save(tmp_path)
+    empty, filled = form.read_text(), form.read_text().replace(",,Hz", ",4.2,Hz")
+    for number in (1, 2):
+        form.write_text(filled)
         measured.save(tmp_path)
-    assert (document.read_text(), form.read_text()) == before
+        assert form.read_text() == empty
+        assert form.with_name(f"{form.stem}.{number}.csv").read_text() == filled
 
 
 def test_an_empty_batch_has_no_form(arm_file, tmp_path):
