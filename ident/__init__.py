@@ -42,7 +42,11 @@ has single precision otherwise. Arrays that the process has made before stay as 
 
 import sys
 
-if sys.argv[:1] == ["-m"] and sys.orig_argv[-len(sys.argv)] in ("ident", "-mident") and not sys.flags.safe_path:
+if (
+    sys.argv[:1] == ["-m"]
+    and sys.orig_argv[-len(sys.argv) :][:1] in (["ident"], ["-mident"])
+    and not sys.flags.safe_path
+):
     del sys.path[0]  # `python -m ident` looks for modules in the current folder first: nothing there is executed
 
 import difflib

@@ -401,7 +401,7 @@ def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path,
         paths = (*paths, *(path for each in more for path in each(out)))
         kept = keep_earlier(files, out, result.name, False if output().force else bool(other) or None)
     if kept:
-        reason = f"a result of other inputs ({other})" if other else "not as ident wrote it"
+        reason = f"a result of other inputs ({other})" if other else "not known to be as ident wrote it"
         output().say(f"kept what was there as {one_line(str(out / kept))}.*: {reason}")
     for path in paths:
         output().wrote(path)

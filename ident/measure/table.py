@@ -238,7 +238,8 @@ def read_records(text: str, delimiter: str, file: str, findings: Findings) -> It
         where = f"{file}:{number}"
         reader = csv.reader(chain([line], following), delimiter=delimiter, skipinitialspace=True, strict=True)
         try:
-            yield where, [_GUARDED.sub(r"\1", cell.strip()) for cell in next(reader)]
+            cells = [cell.strip() for cell in next(reader)]
+            yield where, [_GUARDED.sub(r"\1", cell) if "'" in cell else cell for cell in cells]
         except csv.Error as error:
             remedy = 'close every quoted cell, and double the quotes within one: "a ""b"" c"'
             findings.append(Problem(where, f"a broken row ({error})", "well-formed CSV", remedy))

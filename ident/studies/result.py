@@ -111,11 +111,9 @@ def other_inputs(result: "Result", folder: Path) -> str:
         return ""
     old, new = _inputs_of(there), result.inputs
     common = [each for each in new if each in old]
-    differing = [each for each in common if not _same(old[each], new[each])] or [*old][: not common]
-    if not differing:
-        return ""
-    was, now = _origin(old[differing[0]]), _origin(new.get(differing[0]))
-    return f"{differing[0]}: {was}{', since changed' * (was == now)}"
+    which = next((each for each in common or old if each not in new or not _same(old[each], new[each])), "")
+    was, now = _origin(old.get(which)), _origin(new.get(which))
+    return f"{which}: {was}{', since changed' * (was == now)}" if which else ""
 
 
 def _file_name(text: str) -> str:

@@ -30,7 +30,7 @@ def test_plan_says_what_to_measure_next(run, tmp_path):
     form.write_text(filled)
     code, out, _ = run("plan", DATA / "table1.csv", *options)
     assert code == 0
-    assert "kept what was there as out/table1.plan.1.*: not as ident wrote it" in out
+    assert "kept what was there as out/table1.plan.1.*: not known to be as ident wrote it" in out
     assert form.with_name("table1.plan.1.csv").read_text() == filled
     assert files(tmp_path) == sorted([*PLANNED, *(name.replace(".plan", ".plan.1") for name in PLANNED)])
 

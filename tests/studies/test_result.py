@@ -18,6 +18,7 @@ from ident.files import WRITTEN, replace_file
 from ident.studies.result import Result, kept_in, other_inputs
 from ident.text import study_of
 
+UNKNOWN = "not known to be as ident wrote it"
 OTHER = {"path": "elsewhere/file", "sha256": "0" * 64}
 
 
@@ -71,7 +72,9 @@ def test_what_somebody_has_changed_gets_a_number_and_so_do_all_files_of_that_res
     for number in (1, 2):
         (out / "sine.spectrum.png").write_bytes(b"drawn by hand")
         before = (out / "sine.spectrum.json").read_bytes()
-        assert spectrum(run) == f"kept what was there as out/sine.spectrum.{number}.*: not as ident wrote it"
+        assert (
+            spectrum(run) == f"kept what was there as out/sine.spectrum.{number}.*: not known to be as ident wrote it"
+        )
         assert (out / f"sine.spectrum.{number}.png").read_bytes() == b"drawn by hand"
         assert (out / f"sine.spectrum.{number}.json").read_bytes() == before
     assert len(files(out)) == 6
