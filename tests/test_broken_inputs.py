@@ -5,8 +5,8 @@ They are drawn from a seed, so that a failure comes back. What is accepted stops
 
 import gc
 import json
-from contextlib import suppress
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ from ident.measure.recordings import read_recording
 from ident.measure.series import parse_log, parse_trace
 from ident.studies.motion_options import basis_of
 from ident.studies.options import flag_of, specs
-from ident.studies.result import check_place, written_to
+from ident.studies.result import other_inputs
 from ident.studies.shared import as_file
 from ident.studies.values import drawn_values, fitted_values
 from ident.vibrate.simulate import sample_times
@@ -214,10 +214,10 @@ def test_results(tmp_path):
 
     assert 0.1 < share_refused(broken_documents(np.random.default_rng(6), whole, 30), read) < 1
     heads = broken_documents(np.random.default_rng(17), {key: whole[key] for key in ("options", "inputs")}, 30)
+    long = SimpleNamespace(form="ident-fleet/10", name=result.name, suffix=".json", inputs=result.inputs)
     for head in heads:
         (tmp_path / f"{result.name}.json").write_text(json.dumps({"format": result.form, **head}))
-        with suppress(InputError), written_to(tmp_path):
-            check_place(result.name, result.inputs)
+        other_inputs(long, tmp_path)
 
 
 @pytest.mark.parametrize("command", ["fit", "check", "predict", "show", "spectrum", "rerun", "modal", "sample"])
