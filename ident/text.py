@@ -95,8 +95,13 @@ def read_bytes(path: str | PathLike[str], expected: str, largest: int = LARGEST_
         raise refusal(where, reason, expected, "check the path and its permissions") from None
 
 
-def decode(data: bytes, file: str) -> str:
-    """Return bytes as text, with or without a byte order mark; no encoding but UTF-8 is guessed.
+def decode(data: bytes, file: str, *, by_instrument: bool = False) -> str:
+    """Return bytes as text, with or without a byte order mark; in what people write no encoding but UTF-8 is guessed.
+
+    Args:
+        data: the bytes.
+        file: its name, for messages.
+        by_instrument: whether bytes that are not UTF-8 are Latin-1, in which equipment writes degrees and micro.
 
     Raises:
         InputError: the bytes are not UTF-8.
@@ -107,6 +112,8 @@ def decode(data: bytes, file: str) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        if by_instrument:
+            return data.decode("latin-1")
         before, byte = error.object[: error.start], error.object[error.start]
         line = len((before + b".").splitlines())
         got, remedy = f"the byte 0x{byte:02x}, which is no UTF-8", "save the file as UTF-8"

@@ -138,6 +138,8 @@ _LABELS = {
 }
 """Labels of equipment that are no units by pint's rules: m/s2, m/s/s, ms-2, which is never per square millisecond."""
 _NEWTONS = ("newton", "newtons", "newton(s)")
+_RATES = {"hz": "Hz", "khz": "kHz", "cps": "Hz", "cpm": "rpm"}
+"""Labels of frequencies in lower case, cycles per second and minute; no MHZ, which may be milli or mega."""
 _AMBIGUOUS = {
     "acceleration": dict.fromkeys(GRAVITIES, STANDARD_GRAVITY),
     "force": dict.fromkeys(POUNDS, _POUND_FORCE),
@@ -242,9 +244,12 @@ def _factor(text: str, quantity: str) -> float | None:
 
 
 def _labelled(text: str, quantity: str) -> float | None:
-    """Return SI units in what equipment writes for a unit of a quantity, None where it is none."""
+    """Return SI units in what equipment writes for a unit of a quantity, in capitals too; None where it is none."""
     if quantity == "force":
         return 1.0 if text.lower() in _NEWTONS else None
+    if quantity in ("time", "frequency"):
+        spelt = _RATES.get(text.lower(), text.lower())
+        return _factor(spelt, quantity) if spelt != text else None
     label = _LABELS[quantity].fullmatch(text) if quantity in _LABELS else None
     return _LENGTHS[label["length"]] if label else None
 

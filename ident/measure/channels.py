@@ -14,6 +14,7 @@ from ident.files import replace_file
 from ident.measure.campaign import word_problems
 from ident.measure.load import DRIVE_STATES, OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, LackingError, NoChannelError, Recording, is_recording, read_recording
+from ident.measure.recordings.recording import ONE_NAME
 from ident.measure.series import Speed, parse_speeds
 from ident.measure.table import (
     Findings,
@@ -40,7 +41,7 @@ QUANTITIES = {FORCE: ("force",), RESPONSE: _MOTION, REFERENCE: _MOTION, TIME: ("
 """What a channel of each role may measure; a length is a displacement."""
 FRAMES = ("base", "body")
 """In which frame a direction has its components: the base's, or that of the body which carries the point."""
-REQUIRED = ("file", "channel", "role", "point", "direction", "unit", "q1")
+REQUIRED = ("file", "channel", "role", "point", "direction", "q1")
 _ANGLE = re.compile(r"q[1-9][0-9]{0,2}")
 
 
@@ -201,7 +202,7 @@ def _fields(
         return {"file": cell["file"], "channel": cell["channel"], "role": IGNORED, "posture": ()}
     direction, position, quantity = cell["direction"], cell.get("position", ""), cell.get("quantity", "").lower()
     volts = VOLTS.fullmatch(cell.get("sensitivity", ""))
-    sensitivity, unit = (None, cell["unit"]) if volts else (number("sensitivity"), cell["unit"])
+    sensitivity, unit = None if volts else number("sensitivity"), cell.get("unit", "")
     if volts:
         sensitivity, unit = mine.attempt(where, "sensitivity", _volts, volts, unit, decimal) or (None, unit)
     return {
@@ -316,6 +317,12 @@ def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, 
             continue
         try:
             found[path.name] = read_recording(path)
+            again = [each for each in found[path.name].channels if table is None and ONE_NAME in each.flaw]
+            expected = "a name for each channel"
+            problems += {
+                each.name: Problem(one_line(str(path)), each.flaw, expected, each.remedy, one_line(each.name))
+                for each in again
+            }.values()
         except LackingError:  # said once, not for each file
             raise
         except InputError as error:
@@ -399,9 +406,14 @@ def _is_taken(unit: str, role: str) -> bool:
     return any(sensor_factor(unit, quantity) is not None for quantity in quantities)
 
 
+def unusable(channel: Channel) -> str:
+    """Say why a channel cannot be used, empty where it can."""
+    return f"not to be used: {channel.flaw}; {channel.remedy}" if channel.flaw else ""
+
+
 def _note(channel: Channel) -> str:
     if channel.flaw:
-        return f"not to be used: {channel.flaw}; {channel.remedy}"
+        return unusable(channel)
     blocks, samples = channel.values.shape
     step = f" at {1 / channel.step:.6g} Hz" if channel.step and not channel.reference else ""
     return f"{blocks} x {samples} {'lines' if channel.reference else 'samples'}{step}"

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import InputError, Problem, noted, refusal, refuse
-from ident.measure.channels import FRAMES, check_folder, recordings_of, write_blank
+from ident.measure.channels import FRAMES, check_folder, recordings_of, unusable, write_blank
 from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, read_recording
 from ident.measure.recordings.recording import SourceFile
@@ -53,6 +53,8 @@ FASTEST = 200.0
 """Speed [%] at most: an override may exceed the file's full speed, a typing error exceeds it by more; assumed."""
 SLOWEST = 50.0
 """Least samples a second: six of a vibration of 8 Hz."""
+SHORTEST = 0.125
+"""Least duration [s] of a record: one period of a vibration of 8 Hz."""
 CLIPPED = 4
 """Samples in a row at the largest value, and how many times those elsewhere, that count as clipped; assumed."""
 _PART = r"([+-]?[0-9.,]+(?:[eE][+-]?[0-9]+)?)\s*([^\W\d_]+)"
@@ -361,6 +363,9 @@ def _trace(row: RunRow, channels: Mapping[str, Channel]) -> Trace:
         if 1e3 * rate >= SLOWEST:
             remedy += "; or are its times in ms? then write time [ms]"
         raise refusal("", got, f"at least {SLOWEST:g}", remedy, "channel")
+    if (duration := len(values) * channel.step) < SHORTEST:
+        remedy = "record the whole motion, or check the unit of the times"
+        raise refusal("", f"{duration:.3g} s in {one_line(row.file)}", f"at least {SHORTEST:g} s", remedy, "channel")
     start = channel.start[0] if isinstance(channel.start, tuple) else channel.start
     values, step = _slower(values, channel.step)
     return Trace(row, derivative, row.delay + start + step * np.arange(len(values)), values * factor)
@@ -421,7 +426,7 @@ def write_runs(folder: str | Path, path: str | Path) -> int:
         raise refusal(one_line(str(path)), "a file that is there", "none", remedy)
     recordings = recordings_of(Path(folder))
     rows = [
-        {"file": name, "channel": channel.name, "unit": channel.unit}
+        {"file": name, "channel": channel.name, "unit": channel.unit, "note": unusable(channel)}
         for name, recording in recordings.items()
         for channel in recording.channels
     ]

@@ -163,20 +163,68 @@ def read_table(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
 
 
 def records_of(
-    data: bytes, path: str | Path, is_column: Callable[[str], bool], findings: Findings
+    data: bytes | str, path: str | Path, is_column: Callable[[str], bool], findings: Findings
 ) -> tuple[str, str, list[Record]]:
     """Return a table's name for messages, its delimiter and its records; what is no record is noted.
 
+    A header may stand behind # or %, as NumPy and MATLAB write it.
+
     Args:
-        data: the bytes of the file: CSV, or an `.xlsx` file, whose first sheet counts.
+        data: the bytes of the file: CSV, or an `.xlsx` file, whose first sheet counts; or the text of a CSV file.
         path: names it.
         is_column: whether a column may have a name, by which the delimiter is found.
         findings: where problems are put.
+
+    Raises:
+        InputError: it is no text, or has numbers without a header.
     """
     file = one_line(str(path))
-    text = sheet_text(data, file) if file.lower().endswith(".xlsx") else decode(data, file)
+    if isinstance(data, bytes):
+        data = sheet_text(data, file) if file.lower().endswith(".xlsx") else decode(data, file)
+    text, behind = _uncommented(data)
     delimiter = sniff_delimiter(text, is_column)
-    return file, delimiter, list(read_records(text, delimiter, file, findings))
+    records = list(read_records(text, delimiter, file, findings))
+    where, header = records[0] if records else ("", [])
+    counts = [[*map(str, range(first, first + len(header)))] for first in (0, 1)]  # as pandas heads what has no names
+    if _is_numeric(" ".join(header)) and not (len(header) > 2 and header in counts):
+        remedy = f"line {behind} looks like a header behind #: give it" if behind else "write a line above with"
+        got = f"numbers only: {quoted(delimiter.join(header))}"
+        raise refusal(where, got, "a header", f"{remedy} a name for each column")
+    return file, delimiter, records
+
+
+def _uncommented(text: str) -> tuple[str, int]:
+    """Return text with a header that stands behind # or % above numbers in the clear, and the line that may be one."""
+    at, last, line = 0, (0, 0, ""), ""
+    for number, line in enumerate(io.StringIO(text, newline=""), 1):
+        if line.lstrip().startswith(("#", "%")):
+            last = at, number, line
+        elif line.strip(DELIMITERS + " \r\n"):
+            break
+        at += len(line)
+    start, number, marked = last
+    header = marked.lstrip(" \t#%")
+    if not _is_numeric(line) or not header or _is_numeric(header):
+        return text, 0
+    delimiter = max(DELIMITERS, key=header.count)
+    if header.count(delimiter) == line.count(delimiter):
+        text = text[:start].replace("%", "#") + header + text[start + len(marked) :]
+    return text, number
+
+
+def _is_numeric(line: str) -> bool:
+    """Tell whether a line has numbers only."""
+    cells = [cell for cell in re.split(r'[,;\s"]+', line) if cell]
+    return bool(cells) and all(map(is_number, cells))
+
+
+def is_number(text: str) -> bool:
+    """Tell whether a text is a number; nan is one."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def fitting(records: list[Record], columns: int, delimiter: str, findings: Findings) -> list[Record]:

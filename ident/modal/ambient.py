@@ -316,7 +316,8 @@ def _test(group: list[Record], processing: Processing) -> AmbientTest:
     _check_alike(group)
     low, high = processing.band or (LOWEST, 1 / (first.step * OVERSAMPLED))
     high = min(high, 1 / (first.step * ANTI_ALIAS))
-    factor = max(int(1 / (first.step * OVERSAMPLED * high)), 1)
+    shortest = min(each.responses[0].values.shape[1] for each in group)
+    factor = max(min(int(1 / (first.step * OVERSAMPLED * high)), shortest), 1)
     step = first.step * factor
     parts = [(each, part) for each in group for part in _parts(each, factor)]
     _check_length(first, parts, step)

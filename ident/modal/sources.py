@@ -1,6 +1,5 @@
 """A file of a modal test in SI: force and responses, each with its place, as the channel table says."""
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
@@ -541,7 +540,7 @@ _USABLE = "samples over time, or complex frequency responses with their frequenc
 
 
 def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None:
-    """Refuse rows of channels that a file has not, or that stand twice."""
+    """Refuse rows of channels that a file has not, that are flawed, or that stand twice."""
     problems = []
     for row in rows:
         if row.channel not in recording.names and row.role != IGNORED:
@@ -550,19 +549,13 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
     by_name: dict[str, list[ChannelRow]] = {}
     for row in rows:
         by_name.setdefault(row.channel, []).append(row)
-    counts = Counter((channel.name, channel.reference) for channel in recording.channels)
-    twice = {channel for (channel, _), count in counts.items() if count > 1}
     sound = {channel.name for channel in recording.channels if not channel.flaw}
     flawed = {channel.name: channel for channel in recording.channels if channel.flaw and channel.name not in sound}
     for channel, (row, *more) in by_name.items():
         if more:
             got = f"{quoted(channel)} {'twice' if len(more) == 1 else f'{1 + len(more)} times'}"
             problems.append(Problem(more[0].where, got, "each channel once", "keep one", "channel"))
-        if channel in twice and row.role != IGNORED:
-            got = f"{quoted(channel)} twice in {quoted(name)}"
-            remedy = "give each channel of the file a name of its own"
-            problems.append(Problem(row.where, got, "one channel of this name", remedy, "channel"))
-        elif channel in flawed and row.role != IGNORED:
+        if channel in flawed and row.role != IGNORED:
             got = f"{quoted(channel)} of {quoted(name)}: {flawed[channel].flaw}"
             remedy = flawed[channel].remedy or "give the channel the role ignore"
             problems.append(Problem(row.where, got, _USABLE, remedy, "channel"))

@@ -11,6 +11,7 @@ from recording_files import dataset, dataset_58
 from ident.errors import InputError
 from ident.measure.channels import read_channels, recordings_of, write_template
 from ident.measure.recordings import read_recording
+from ident.measure.runs import write_runs
 from ident.modal.sources import sources
 
 HEAD = "file,channel,role,point,joint,position [mm],direction,frame,quantity,unit,sensitivity,q1 [deg],load"
@@ -200,6 +201,26 @@ def test_the_table_to_fill_in_says_what_cannot_be_used(tmp_path):
     row = (tmp_path / "channels.csv").read_text().splitlines()[-1]
     assert row.startswith("a.csv,acceleration,,")
     assert "not to be used: values over frequency without an imaginary part; export the real" in row
+
+
+def test_two_channels_of_one_name_have_no_row_to_fill_in(tmp_path):
+    rows = "".join(f"{k},{k % 7},{k % 5},{k % 3}\n" for k in range(9))
+    (tmp_path / "a.csv").write_text("time [s],a [N],a [mm],b [mm]\n" + rows)
+    flaw, remedy = "2 channels of one name, in 'N', 'mm'", "give each channel of the file a name of its own"
+    for write in (lambda path: write_template(tmp_path, path, 1), lambda path: write_runs(tmp_path, path)):
+        with pytest.raises(InputError) as caught:
+            write(tmp_path / "channels.csv")
+        assert str(caught.value) == f"{tmp_path}/a.csv, a: got {flaw}, expected a name for each channel; {remedy}"
+        assert not (tmp_path / "channels.csv").exists()
+    named = table(tmp_path, "a.csv,b,force,tip,,,z,,,N,1,0,", "a.csv,a,response,tip,,,z,,,mm,,0,")
+    with pytest.raises(InputError, match=f"channels.csv:3, channel: got 'a' of 'a.csv': {flaw}, expected .*; {remedy}"):
+        sources(named, recordings_of(tmp_path, named))
+
+
+def test_the_unit_of_a_channel_needs_no_column(tmp_path):
+    """Finished modes have none, and files mostly say theirs."""
+    (row,) = table(tmp_path, "a.uff,1:+Z,response,tip,z,30", head="file,channel,role,point,direction,q1 [deg]").rows
+    assert (row.unit, row.counts) == ("", True)
 
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t"])

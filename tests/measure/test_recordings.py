@@ -260,6 +260,19 @@ def test_an_abscissa_is_even_to_its_last_printed_digit(tmp_path):
     assert channel.step == pytest.approx(1 / 51200, rel=1e-5)
 
 
+@pytest.mark.parametrize("form", [2, 4, 6])
+def test_zeros_that_fill_the_last_line_are_no_values(tmp_path, form):
+    data = ANSWER[:13] if form < 5 else ANSWER[:13] + 1j * FORCE[:13]
+    padded = np.append(data, np.zeros(2 if form < 5 else 1))
+    function = 1 if form < 5 else 4
+    (channel,) = read_recording(written(tmp_path, dataset_58(padded, form=form, count=13, function=function))).channels
+    np.testing.assert_allclose(channel.values, [data], rtol=1e-5)
+    padded[-1] = 1.0
+    assert "its header says 13" in refused(
+        written(tmp_path, dataset_58(padded, form=form, count=13, function=function))
+    )
+
+
 def test_a_file_of_nodes_passes_and_one_of_other_functions_is_named(tmp_path):
     node = dataset(15, f"{7:10d}{0:10d}{0:10d}{0:10d}{0.5:13.5E}{0:13.5E}{1:13.5E}")
     recording = read_recording(written(tmp_path, node))
@@ -357,6 +370,134 @@ def test_csv_with_lines_above_its_header_says_which_line_was_taken_for_it(tmp_pa
     assert words in line
     assert "line 1 was taken for the header: 'DAQ" in line
     assert "begin lines above the header with #" in line
+
+
+@pytest.mark.parametrize(
+    ("head", "last"),
+    [
+        ("# time [s],hammer [N],tip [g_0]", ","),
+        ("#time [s];hammer [N];tip [g_0]", ";"),
+        ("% run 5\n%time [ms]\thammer [N]\ttip [g_0]", "\t"),
+    ],
+)
+def test_a_header_behind_a_mark_of_comments_is_one(tmp_path, head, last):
+    """As NumPy's savetxt and MATLAB write it: no name is a number, and no sample is lost."""
+    table = np.column_stack([TIME * (1e3 if "ms" in head else 1), FORCE, ANSWER])
+    np.savetxt(tmp_path / "a.txt", table, header=head, comments="", delimiter=last)
+    hammer, tip = read_recording(tmp_path / "a.txt").channels
+    assert (hammer.name, hammer.unit, tip.name, tip.unit) == ("hammer", "N", "tip", "g_0")
+    assert (hammer.step, hammer.start) == (pytest.approx(0.005, rel=1e-9), 0.0)
+    np.testing.assert_allclose([hammer.values[0], tip.values[0]], [FORCE, ANSWER], rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("0,1\n1,2\n2,4\n", "a.csv:1: got numbers only: '0,1', expected a header; write a line above with a name"),
+        (
+            "# by X\n0;1,5\n1;2\n2;4\n",
+            "a.csv:2: got numbers only: '0;1,5', expected a header; line 1 looks like a head",
+        ),
+        ("# a,b\n0,1,5\n1,2,2\n", "line 1 looks like a header behind #: give it a name for each column"),
+    ],
+)
+def test_numbers_without_a_header_are_refused(tmp_path, text, words):
+    (tmp_path / "a.csv").write_text(text)
+    assert words in refused(tmp_path / "a.csv")
+
+
+def test_columns_that_are_counted_are_named_by_their_numbers(tmp_path):
+    """As pandas writes a table without names."""
+    (tmp_path / "a.csv").write_text("0,1,2\n0.5,1,2\n1.5,2,2\n2.5,4,4\n")
+    assert [(each.name, each.values.size) for each in read_recording(tmp_path / "a.csv").channels] == [
+        ("0", 3), ("1", 3), ("2", 3)
+    ]  # fmt: skip
+
+
+def test_columns_of_one_name_are_not_taken_for_each_other(tmp_path):
+    rows = "".join(f"{t},{i % 7},{i % 5},{t}\n" for i, t in enumerate(TIME))
+    (tmp_path / "a.csv").write_text("time [s],a [N],a [mm],time [s]\n" + rows)
+    first, second = read_recording(tmp_path / "a.csv").channels
+    assert first.flaw == second.flaw == "2 channels of one name, in 'N', 'mm'"
+    (tmp_path / "a.csv").write_text("time [s],a [N],b [mm],b [mm]\n" + rows.replace(",0.", ",9."))
+    assert [each.flaw for each in read_recording(tmp_path / "a.csv").channels][1:] == 2 * [
+        "2 channels of one name, in 'mm', 'mm'"
+    ]
+    (tmp_path / "a.csv").write_text("Time,a [N],b [mm],Time\n" + rows)
+    assert [(each.name, each.flaw) for each in read_recording(tmp_path / "a.csv").channels] == [
+        ("Time", ""), ("a", ""), ("b", "")
+    ], "the same column twice is one"  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        (
+            "time [s],a [N],time [ms],b",
+            "a.csv:1, time: got 2 columns of different times, expected one; put the channels",
+        ),
+        ("time [mm],a,b,c", "a.csv:1, time: got 'mm', expected a time unit such as s or ms"),
+        ("freq [GHertz*s],a,b,c", "a.csv:1, frequency: got 'GHertz*s', expected a frequency unit"),
+        ("freq [Hz],real a,imag a,Re(a)", "a.csv:1, a: got 'real a' and 'Re(a)', expected one column for each part"),
+        ("frequency [Hz],damping_ratio [%],a,a", "a.csv:1, a: got the column twice, expected it once"),
+        ("frequency [order],damping_ratio [%],a,b", "a.csv:1, frequency: got 'order', expected a frequency unit"),
+    ],
+)
+def test_headers_that_contradict_themselves(tmp_path, header, words):
+    (tmp_path / "a.csv").write_text(header + "\n" + "".join(f"{i + 1},{i + 2},{i},{i**2}\n" for i in range(9)))
+    assert words in refused(tmp_path / "a.csv")
+
+
+AXES = [
+    ("time", unit, factor)
+    for factor, units in (
+        (1.0, ("", "NONE", "s", "S", "sec", "Seconds", "[s]")),
+        (1e-3, ("ms", "msec", "MSEC")),
+        (0, ("mm",)),
+    )
+    for unit in units
+]
+AXES += [
+    ("frequency", unit, factor)
+    for factor, units in (
+        (1.0, ("", "Hz", "HZ", "Hertz", "cps")),
+        (1e3, ("kHz", "KHZ")),
+        (1 / 60, ("rpm", "RPM", "CPM")),
+        (0.5 / np.pi, ("rad/s",)),
+        (0, ("orders", "MHZ")),
+    )
+    for unit in units
+]
+
+
+@pytest.mark.parametrize(("quantity", "unit", "factor"), AXES)
+def test_the_axis_of_a_recording_is_in_its_unit(tmp_path, quantity, unit, factor):
+    """With a factor of 0 the unit is none of the quantity: nothing is made of the numbers."""
+    of_time = quantity == "time"
+    data = ANSWER if of_time else ANSWER + 1j * FORCE
+    (tmp_path / "a.uff").write_text(
+        dataset_58(data, function=1 if of_time else 4, step=0.25, start=0.5, axis=unit)
+        + dataset_58(
+            data, 0.5 + 0.25 * np.arange(64), function=1 if of_time else 4, step=0.25, axis=unit, end=("", 8, 3)
+        )
+    )
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["freq"] = 0.5 + 0.25 * np.arange(64)
+        file["freq"].attrs["unit"] = unit.replace("NONE", "")
+        file["H"] = ANSWER + 1j * FORCE
+    header = {"Delta_X": ("0.25",), "X0": ("0.5",), "X_Unit_Label": (unit.replace("NONE", ""),)}
+    (tmp_path / "a.lvm").write_text(lvm(["X_Value", "a"], [("0.5", 1), ("0.75", 2)], **header))
+    tdms(
+        tmp_path / "a.tdms", {"wf_increment": 0.25, "wf_start_offset": 0.5, "wf_xunit_string": unit.replace("NONE", "")}
+    )
+    files = ("a.uff", "a.lvm", "a.tdms") if of_time else ("a.uff", "a.h5")
+    for each in (channel for name in files for channel in read_recording(tmp_path / name).channels):
+        if each.name == "hits/tip":
+            continue
+        words = "times" if of_time else "frequencies"
+        assert each.flaw == ("" if factor else f"{words} in '{unit}'")
+        if factor:
+            assert (each.step, each.start) == (pytest.approx(0.25 * factor), pytest.approx(0.5 * factor))
 
 
 def test_csv_without_units_keeps_its_times_as_a_channel(tmp_path):
@@ -471,6 +612,47 @@ def test_magnitudes_over_frequencies_are_no_samples_but_samples_over_times_are(t
     assert not any(each.flaw for each in read_recording(path).channels)
 
 
+@each_array_file
+@pytest.mark.parametrize(
+    ("real", "imaginary", "name"), [("H_real", "H_imag", "H"), ("real", "imag", "H"), ("t_re", "t_im", "t")]
+)
+def test_real_and_imaginary_part_in_two_arrays_are_a_frequency_response(tmp_path, write, real, imaginary, name):
+    both = np.stack([RESPONSE, 2 * RESPONSE], 1)
+    path = write(tmp_path / "a.h5", {"freq": LINES, real: both.real, imaginary: both.imag})
+    assert_responses(read_recording(path).channels, [f"{name}:1", f"{name}:2"], (RESPONSE, 2 * RESPONSE))
+    (half,) = read_recording(write(tmp_path / "b.h5", {"freq": LINES, real: RESPONSE.real})).channels
+    assert half.remedy == "export the real and the imaginary part of the frequency response"
+
+
+@each_array_file
+def test_arrays_of_three_dimensions_are_named_as_unused(tmp_path, write):
+    hits = np.arange(2 * 64 * 3.0).reshape(2, 64, 3)
+    force, several = read_recording(write(tmp_path / "a.h5", {"force": FORCE, "hits": hits})).channels
+    assert (force.flaw, several.flaw) == ("", "an array of 2 x 64 x 3")
+    assert several.remedy.startswith("save each channel as a vector of its own")
+
+
+def test_what_matlab_holds_vectors_in_is_named_as_unused(tmp_path):
+    cells, names, hits = (np.empty(2, object) for _ in range(3))
+    cells[:], names[:], hits[:] = [FORCE, ANSWER], ["force", "tip"], [{"force": FORCE}, {"force": ANSWER}]
+    savemat(tmp_path / "a.mat", {"names": names, "cells": cells, "hits": hits, "set": {"f": FORCE, "c": cells}})
+    with h5py.File(tmp_path / "b.mat", "w") as file:
+        file["#refs#/a"], file["#refs#/b"] = FORCE, np.frombuffer(b"m\0", np.uint16)
+        file["#refs#/b"].attrs["MATLAB_class"] = b"char"
+        for name, target in (("names", "b"), ("cells", "a"), ("hits/force", "a"), ("set/c", "a")):
+            file[name] = np.array(2 * [file[f"#refs#/{target}"].ref], h5py.ref_dtype)
+        file["set/f"], file["none"], file["table"] = FORCE, np.zeros(2, "u8"), np.zeros(6, "u4")
+        file["none"].attrs["MATLAB_empty"], file["table"].attrs["MATLAB_object_decode"] = 1, 3
+        file["records"] = np.zeros(4, [("t", float), ("f", float)])
+    flaws = [{c.name: c.flaw for c in read_recording(tmp_path / f"{name}.mat").channels} for name in "ab"]
+    held = "a cell array, a structure array or an object such as a table"
+    assert flaws[0] == {"cells": held, "hits": held, "set.f": "", "set.c": held}
+    assert flaws[1] == dict.fromkeys(("cells", "hits/force", "set/c", "table"), held) | {
+        "set/f": "",
+        "records": "a table of records",
+    }
+
+
 def other_file(file, path):
     with h5py.File(path.with_name("other.h5"), "w") as other:
         other["secret"] = ANSWER
@@ -539,6 +721,19 @@ def test_lvm(tmp_path):
     assert (hammer.name, hammer.unit, tip.unit, tip.step) == ("hammer", "N", "m/s^2", 0.005)
     np.testing.assert_array_equal(tip.values, [[-0.5, -0.25, 0.125]])
     np.testing.assert_array_equal(lvm_read.read_str(LVM)[0]["data"][:, 2], tip.values[0])
+
+
+@pytest.mark.parametrize("end", ["lvm", "csv", "uff"])
+def test_what_equipment_writes_may_be_in_latin_1(tmp_path, end):
+    text = {
+        "lvm": LVM.replace("m/s^2", "°").replace("tip", "Trägheit"),
+        "csv": "time [s],Trägheit [°]\n0,-0.5\n0.005,-0.25\n0.010,0.125\n",
+        "uff": dataset_58(np.array([-0.5, -0.25, 0.125]), end=("Trägheit", 7, 3), code=0, unit="°"),
+    }[end]
+    (tmp_path / f"a.{end}").write_bytes(text.encode("latin-1"))
+    *_, channel = read_recording(tmp_path / f"a.{end}").channels
+    assert (channel.name, channel.unit) == ("7:+Z" if end == "uff" else "Trägheit", "°")
+    np.testing.assert_array_equal(channel.values, [[-0.5, -0.25, 0.125]])
 
 
 def lvm_channels(tmp_path, text):

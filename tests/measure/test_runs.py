@@ -53,6 +53,22 @@ def test_milliseconds_called_seconds(tmp_path):
     assert refused(tmp_path, over_time(lambda time: 1e6 * time)).endswith("sampled faster"), "nor would ms be"
 
 
+def test_a_record_shorter_than_any_vibration(tmp_path):
+    for unit, duration in (("us", "4.69e-05"), ("ns", "4.69e-08")):
+        assert refused(tmp_path, RECORDED.replace("time [s]", f"time [{unit}]")) == (
+            f"runs.csv:2, channel: got {duration} s in run7.csv, expected at least 0.125 s; "
+            "record the whole motion, or check the unit of the times"
+        )
+
+
+def test_a_column_of_one_name_with_another_is_neither(tmp_path):
+    said = refused(tmp_path, RECORDED.replace("z [mm]", "y [um]"), "run7.csv,y,y,7\n")
+    assert said == (
+        "runs.csv:2, channel: got 2 channels of one name, in 'mm', 'um', expected samples over time; "
+        "give each channel of the file a name of its own"
+    )
+
+
 def test_a_gap_is_cut_out_and_an_uneven_clock_resampled(tmp_path):
     said = refused(tmp_path, over_time(lambda time: time + 3 * (np.arange(len(time)) >= 998)))
     assert "got an interval of 3.01 s before sample 999, from 10.07 s, expected 0.01 s within 1 %, the median" in said

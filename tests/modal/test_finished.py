@@ -14,10 +14,10 @@ from ident.measure import read_campaign
 from ident.studies.result import kept_in
 
 POSTURE = tuple(np.radians([30.0, -60.0, 30.0]))
-TABLE = """file,channel,role,point,direction,q1 [deg],q2 [deg],q3 [deg],unit,load
-modes.*,1:+X,response,tip,x,30,-60,30,,
-modes.*,1:+Y,response,tip,y,30,-60,30,,
-modes.*,1:+Z,response,tip,z,30,-60,30,,
+TABLE = """file,channel,role,point,direction,q1 [deg],q2 [deg],q3 [deg],load
+modes.*,1:+X,response,tip,x,30,-60,30,
+modes.*,1:+Y,response,tip,y,30,-60,30,
+modes.*,1:+Z,response,tip,z,30,-60,30,
 """
 SIGMA = {"frequency": 0.002, "damping_ratio": 0.05, "shape": 0.02}
 
@@ -168,7 +168,7 @@ def test_a_table_of_modes_without_a_mode_is_refused(folder, known):
 
 def test_a_sensitivity_has_no_meaning_there(folder, known):
     csv_file(folder, known)
-    text = TABLE.replace("unit,load", "unit,sensitivity").replace("30,,\n", "30,,2\n")
+    text = TABLE.replace("load", "sensitivity").replace("30,\n", "30,2\n")
     (folder / "channels.csv").write_text(text)
     with pytest.raises(InputError, match="a sensitivity"):
         modal(folder, frequency_is="pole")

@@ -208,6 +208,13 @@ def test_short_records_are_refused_and_one_reference_is_said(record):
     assert any("one response only" in remark for remark in single.remarks)
 
 
+def test_a_record_of_microseconds_is_refused_before_it_is_sampled_down():
+    """By 50 samples a second of 25 million: a filter of gigabytes, of no use to 3000 samples."""
+    noise = np.random.default_rng(3).normal(size=(2, 3000))
+    with pytest.raises(InputError, match="e-05 s of responses without a force"):
+        ambient_tests([replace(as_record(noise), step=1e-8)], Processing(band=(1.0, 12.0)))
+
+
 @pytest.mark.slow
 def test_noise_without_a_mode_is_refused():
     noise = np.random.default_rng(3).normal(size=(3, 20000))

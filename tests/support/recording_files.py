@@ -64,7 +64,12 @@ def dataset_58(values, x=None, ids=(), end=("", 7, 3), code=12, label="", unit="
     fields = ["".join(number(f"{v:.{w - 8}E}").rjust(w) for v, w in zip(p, widths, strict=True)) for p in points]
     dof = "".join(f" {entity or 'NONE':<10}{node:10d}{direction:4d}" for entity, node, direction in (end, force))
     reals = "".join(number(f"{value:.5E}").rjust(13) for value in (start, step, 0.0))
-    axes = [(17, "", "s"), (code, label, unit), (13, "", "N") if function == 4 else (0, "", ""), (0, "", "")]
+    axes = [
+        (17, "", more.get("axis", "s")),
+        (code, label, unit),
+        (13, "", "N") if function == 4 else (0, "", ""),
+        (0, "", ""),
+    ]
     lines = [*ids, *["NONE"] * (5 - len(ids)), f"{function:5d}{0:10d}{0:5d}{0:10d}{dof}"]
     lines += [f"{form:10d}{more.get('count', len(values)):10d}{int(x is None):10d}{reals}"]
     lines += [f"{c:10d}{0:5d}{0:5d}{0:5d} {word or 'NONE':<20} {u or 'NONE':<20}" for c, word, u in axes]

@@ -7,18 +7,29 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.errors import InputError, Problem, refusal
-from ident.measure.recordings.recording import EXPORT, FORCE, REAL, Channel, Contents, Shape, quotient
+from ident.errors import InputError, Problem, refusal, refuse
+from ident.measure.recordings.recording import (
+    EXPORT,
+    FORCE,
+    REAL,
+    Channel,
+    Contents,
+    Shape,
+    quotient,
+    response_and_part,
+)
 from ident.measure.recordings.sampling import even_step
 from ident.measure.table import (
     Findings,
     Record,
     decimal_mark,
+    header_problems,
+    is_number,
     misfit,
     parse_number,
     records_of,
 )
-from ident.text import one_line, quoted
+from ident.text import decode, one_line, quoted
 from ident.units import si_factor
 
 TIME = "time"
@@ -26,34 +37,31 @@ MODE = frozenset({"frequency", "damping_ratio"})
 """Columns by which a table is one of finished modes."""
 SIGMA, IMAGINARY = "sigma ", "imag "
 _FREQUENCY = re.compile(r"freq(?:s|uency|uencies)?\.?\s*(?:[\[(](?P<unit>[^\])]*)[\])])?", re.IGNORECASE)
-_PART = re.compile(
-    r"(?P<lead>real|imag(?:inary)?|re|im)(?:\s+part)?(?:\s+of)?[\s_:(]+(?P<named>.+?)\)?"
-    r"|(?P<name>.+?)[\s_:.(-]+(?P<trail>real|imag(?:inary)?|re|im)(?:\s+part)?\)?"
-    r"|(?P<alone>real|imag(?:inary)?)(?:\s+part)?",
-    re.IGNORECASE,
-)
-"""Names of the real and the imaginary part of a response, as `real H`, `H_imag`, `Re(H)`."""
 
 
 def read(path: Path, data: bytes) -> Contents:
     """Return the columns of a CSV file: samples over `time [s]`, or frequency responses over `frequency [Hz]`."""
     findings = Findings()
-    file, delimiter, records = records_of(data, path, lambda name: True, findings)
+    text = decode(data, one_line(str(path)), by_instrument=True)
+    file, delimiter, records = records_of(text, path, lambda name: True, findings)
     if not findings and records and {_name(cell) for cell in records[0][1]} >= MODE:
         return (), modes(records, delimiter), {}
     if findings or len(records) < 3:
         few = Problem(file, "no header with two rows of numbers below", "columns of samples", "export it again")
         raise InputError([*findings] or few)
-    header, table = records[0][1], _numbers(records, delimiter)
+    (where, header), table = records[0], _numbers(records, delimiter)
     named = [(_name(cell), _unit(cell)) for cell in header]
     frequency = _frequency(header, table)
     if frequency is not None:
-        return tuple(_over_frequency(file, header, table, frequency)), (), {}
-    step, start = None, 0.0
+        return tuple(_over_frequency(where, header, table, frequency)), (), {}
+    step, start, clocks = None, 0.0, list[np.ndarray]()
     for (name, unit), column in zip(named, table.T, strict=True):
         if name.lower() == TIME and unit:
-            time = column * si_factor(unit, "time")
-            step, start = even_step(time, file), float(time[0])
+            clocks.append(column * _si_factor(where, name, unit, "time"))
+            step, start = even_step(clocks[0], file), float(clocks[0][0])
+    if not all(np.allclose(each, clocks[0], rtol=1e-6, atol=1e-9) for each in clocks):
+        remedy = "put the channels of each into a file of their own"
+        raise refusal(where, f"{len(clocks)} columns of different times", "one", remedy, TIME)
     kept = [each for each in zip(named, table.T, strict=True) if not (step and each[0][0].lower() == TIME)]
     channels = tuple(Channel(name, column[None].copy(), unit, step, start) for (name, unit), column in kept)
     return channels, (), {}
@@ -68,19 +76,20 @@ def _frequency(header: Sequence[str], table: np.ndarray) -> int | None:
     return next((i for i in (*named, *first) if (np.diff(table[:, i]) > 0).all()), None)
 
 
-def _over_frequency(file: str, header: Sequence[str], table: np.ndarray, frequency: int) -> Iterator[Channel]:
+def _over_frequency(where: str, header: Sequence[str], table: np.ndarray, frequency: int) -> Iterator[Channel]:
     """Yield frequency responses of which both parts are there; what lacks one is no response, and says so."""
     parts: dict[str, dict[str, int]] = {}
     for i, cell in enumerate(header):
-        name, part = _part(_name(cell))
-        if i != frequency:
-            parts.setdefault(name, {}).setdefault(part, i)
+        name, part = response_and_part(_name(cell))
+        if i != frequency and parts.setdefault(name, {}).setdefault(part, i) != i:
+            both = " and ".join(quoted(header[each]) for each in (parts[name][part], i))
+            raise refusal(where, both, "one column for each part of a response", "remove or rename one", name)
     said = _FREQUENCY.fullmatch(header[frequency])
     unit = _unit(header[frequency]) or (said["unit"] or "" if said else "")
     step, start, flaw, remedy = None, 0.0, "", ""
     if unit:
-        scaled = table[:, frequency] * si_factor(unit.strip(), "frequency")
-        step, start = even_step(scaled, file, "frequency"), float(scaled[0])
+        scaled = table[:, frequency] * _si_factor(where, "frequency", unit.strip(), "frequency")
+        step, start = even_step(scaled, where.rpartition(":")[0], "frequency"), float(scaled[0])
     else:
         flaw, remedy = "values over frequencies without a unit", "write it into the header, as in 'frequency [Hz]'"
     more = f"{EXPORT}, as 'real NAME' and 'imag NAME' in one unit"
@@ -96,15 +105,6 @@ def _over_frequency(file: str, header: Sequence[str], table: np.ndarray, frequen
                 yield Channel(_name(header[i]), table[:, i][None].copy(), _unit(header[i]), flaw=REAL, remedy=more)
 
 
-def _part(name: str) -> tuple[str, str]:
-    """Return the response that a column is of, and `r` or `i` for its real or imaginary part, empty for neither."""
-    found = _PART.fullmatch(name)
-    if not found:
-        return name, ""
-    word = found["lead"] or found["trail"] or found["alone"]
-    return found["named"] or found["name"] or "H", word[0].lower()
-
-
 def modes(records: list[Record], delimiter: str) -> tuple[Shape, ...]:
     """Return finished modes, one a row.
 
@@ -113,11 +113,12 @@ def modes(records: list[Record], delimiter: str) -> tuple[Shape, ...]:
     `sigma frequency [Hz]`.
     """
     (where, header), rows = records[0], records[1:]
+    names = [_name(cell) for cell in header]
+    refuse(header_problems(where, names, ()))
     factors = [_factor(where, cell) for cell in header]
     if not rows:
         raise refusal(where, "a header without a row", "a row for each mode", "add the modes")
     table = _numbers(records, delimiter) * factors
-    names = [_name(cell) for cell in header]
     found = []
     for (place, _), row in zip(rows, table, strict=True):
         if not np.isfinite(row).all():
@@ -156,7 +157,15 @@ def _factor(where: str, cell: str) -> float:
     if not _unit(cell):
         expected = f"a unit, as in '{quantity} [{'Hz' if quantity == 'frequency' else '%'}]'"
         raise refusal(where, "no unit", expected, "write it in square brackets", _name(cell))
-    return si_factor(_unit(cell), quantity)
+    return _si_factor(where, _name(cell), _unit(cell), quantity)
+
+
+def _si_factor(where: str, column: str, unit: str, quantity: str) -> float:
+    """Return SI units per unit of a column; what is wrong with it names its place."""
+    findings = Findings()
+    factor = findings.attempt(where, column, si_factor, unit, quantity)
+    refuse(findings)
+    return factor or 1.0
 
 
 def _unit(cell: str) -> str:
@@ -187,7 +196,7 @@ def _numbers(records: list[Record], delimiter: str) -> np.ndarray:
         (where, cell)
         for (where, cells), numbers in zip(rows, texts, strict=True)
         for cell, number in zip(cells, numbers, strict=True)
-        if not _is_number(number)
+        if not is_number(number)
     )
     findings = Findings()
     where, cell = next(every, (place, ""))
@@ -196,11 +205,3 @@ def _numbers(records: list[Record], delimiter: str) -> np.ndarray:
         raise InputError(findings[0])
     remedy = f"{findings[0].remedy}; or begin lines above the header with #"
     raise InputError(replace(findings[0], expected=f"{findings[0].expected} ({above})", remedy=remedy))
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

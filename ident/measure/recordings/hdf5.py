@@ -8,12 +8,14 @@ import numpy as np
 
 from ident.errors import InputError, refusal
 from ident.files import leads_away
-from ident.measure.recordings.recording import Contents, array_channels, damaged
+from ident.measure.recordings.recording import Array, Contents, array_channels, damaged
 from ident.text import one_line
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 UNITS = ("unit", "units")
 """Attributes that say the unit of a dataset."""
+CONTAINER = "a cell array, a structure array or an object such as a table"
+"""What MATLAB holds vectors in."""
 COMPLEX = (("real", "imag"), ("r", "i"))
 """Names of the parts of a complex number, as MATLAB and others write it."""
 
@@ -26,11 +28,11 @@ def read(path: Path, data: bytes) -> Contents:
     """
     import h5py
 
-    found: list[tuple[str, np.ndarray, str]] = []
+    found: list[Array] = []
 
     def visit(name: str, item: Any) -> None:
-        text = _said(item, "MATLAB_class") in ("char", "cell")
-        if isinstance(item, h5py.Dataset) and not text and "#refs#" not in name:
+        text = _said(item, "MATLAB_class") == "char"
+        if isinstance(item, h5py.Dataset) and not text and not name.startswith("#"):  # what cells and objects refer to
             values, unit = _values(item), next(filter(None, (_said(item, unit) for unit in UNITS)), "")
             found.extend([(name, values, unit)] if values is not None else [])
 
@@ -49,7 +51,15 @@ def read(path: Path, data: bytes) -> Contents:
 
 
 def _values(item: Any) -> np.ndarray | None:
-    """Return the numbers of a dataset, real or complex ones; None where it holds others."""
+    """Return the numbers of a dataset, real or complex ones, or what else it holds as a text; None for names."""
+    references = item.dtype.kind == "O" and "ref" in (item.dtype.metadata or {})
+    words = references and all(
+        not each or _said(item.file[each], "MATLAB_class") == "char" for each in np.ravel(item[()])
+    )
+    if words or "MATLAB_empty" in item.attrs:
+        return None
+    if references or "MATLAB_object_decode" in item.attrs:
+        return np.array(CONTAINER)
     if item.dtype.kind in "iufc":
         values = np.asarray(item[()])
     elif item.dtype.names in COMPLEX:
@@ -57,8 +67,8 @@ def _values(item: Any) -> np.ndarray | None:
         pairs = item[()]
         values = np.asarray(pairs[real] + 1j * pairs[imaginary])
     else:
-        return None
-    return values.T if values.dtype.kind == "c" and "MATLAB_class" in item.attrs else values  # MATLAB's axes, reversed
+        return np.array("a table of records") if item.dtype.names else None
+    return values.T if "MATLAB_class" in item.attrs else values  # MATLAB's axes, reversed
 
 
 def _said(item: Any, name: str) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.errors import refusal
-from ident.measure.recordings.recording import Channel, Contents, damaged
+from ident.measure.recordings.recording import Channel, Contents, damaged, over
 from ident.measure.recordings.sampling import rounded_step
 from ident.text import decode, one_line
 
@@ -65,7 +65,7 @@ class _Segment:
 
 def read(path: Path, data: bytes) -> Contents:
     """Return the channels of an LVM file."""
-    text = decode(data, one_line(str(path)))
+    text = decode(data, one_line(str(path)), by_instrument=True)
     if not text.endswith("\n"):
         damaged(path, KIND, "its last line has no end")
     segments = list(_segments(text))
@@ -151,15 +151,16 @@ def _channels(file: str, segment: _Segment) -> Iterator[Channel]:
             step = segment.number("Delta_X", label)
         quantity = segment.label("X_Dimension", label).lower()
         flaw = "" if quantity in ("", "time") else f"values over {one_line(quantity)}"
-        yield Channel(
+        channel = Channel(
             segment.names[place],
             np.array(blocks),
             segment.label("Y_Unit_Label", label),
             step if step > 0 else None,
-            start + _later(segment, label, labels[0]),
+            start,
             flaw=flaw,
             remedy="export the samples over time" if flaw else "",
         )
+        yield over(channel, segment.label("X_Unit_Label", label), "time", _later(segment, label, labels[0]))
 
 
 def _labels(segment: _Segment, places: Sequence[int]) -> Sequence[int]:

@@ -33,7 +33,7 @@ def read(path: Path, data: bytes) -> Contents:
 
 
 def vectors(data: bytes) -> Vectors:
-    """Return the arrays of numbers in a file of version 5.
+    """Return the arrays of numbers in a file of version 5; of what holds others, a text says what it is.
 
     Raises:
         ValueError: scipy can't read it.
@@ -97,3 +97,5 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
             yield from _leaves(f"{name}.{key}", inner)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "iufc":
         yield name, value
+    elif not np.isscalar(value) and not all(isinstance(each, str) for each in np.ravel(np.array(value, object))):
+        yield name, np.array(hdf5.CONTAINER)

@@ -10,7 +10,8 @@ import numpy as np
 
 from ident.errors import InputError, Problem, refusal
 from ident.measure.recordings.sampling import even_step
-from ident.text import one_line
+from ident.text import one_line, quoted
+from ident.units import sensor_factor
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,23 @@ class SourceFile:
     sha256: str
 
 
+ONE_NAME = "channels of one name"
+
+
+def told_apart(channels: Iterable[Channel]) -> Iterator[Channel]:
+    """Yield channels, those that share a name as flawed: none is taken for another. One that is there twice is one."""
+    by_name: dict[tuple[str, str], list[Channel]] = {}
+    for each in channels:
+        by_name.setdefault((each.name, each.reference), []).append(each)
+    for first, *more in by_name.values():
+        if all(np.array_equal(each.values, first.values) and each.unit == first.unit for each in more):
+            yield first
+            continue
+        units = ", ".join(quoted(each.unit) if each.unit else "no unit" for each in (first, *more))
+        flaw, remedy = f"{1 + len(more)} {ONE_NAME}, in {units}", "give each channel of the file a name of its own"
+        yield from (replace(each, flaw=flaw, remedy=remedy) for each in (first, *more))
+
+
 Contents = tuple[tuple[Channel, ...], tuple[Shape, ...], dict[str, tuple[float, float, float]]]
 """What a reader returns: channels, finished modes, places of nodes."""
 
@@ -121,6 +139,24 @@ def columns(name: str, values: Any, **more: Any) -> list[Channel]:
     return [Channel(f"{name}:{i}", row[None], **more) for i, row in enumerate(table, 1)]
 
 
+def over(channel: Channel, unit: str, quantity: str, later: float = 0.0) -> Channel:
+    """Return a channel whose step and start are in a unit, as its file says it, in SI; flawed where that is unknown.
+
+    Args:
+        channel: of one block.
+        unit: empty for s or Hz.
+        quantity: `time` or `frequency`.
+        later: [s or Hz] to add to its start.
+    """
+    unit = unit.strip(" []()")
+    factor = sensor_factor(unit, quantity) if unit else 1.0
+    assert isinstance(channel.start, float), "of one block"
+    if not factor:
+        words, si = ("times", "s") if quantity == "time" else ("frequencies", "Hz")
+        return replace(channel, flaw=f"{words} in {quoted(unit)}", remedy=f"export them in {si}")
+    return replace(channel, step=channel.step and channel.step * factor, start=channel.start * factor + later)
+
+
 class NoChannelError(InputError):
     """A sound file holds nothing that a test could take."""
 
@@ -131,37 +167,75 @@ FREQUENCY = re.compile(r"(?:.*[./])?(?:f|f_?hz|hz|freqs?(?:_?hz)?|frequency(?:_?
 """Names of arrays of frequencies [Hz]."""
 TIMES = re.compile(r"(?:.*[./])?(?:t|times?|time_?s|seconds|sec)", re.IGNORECASE)
 """Names of arrays of times."""
+_PART = re.compile(
+    r"(?P<lead>real|imag(?:inary)?|re|im)(?:\s+part)?(?:\s+of)?[\s_:(]+(?P<named>.+?)\)?"
+    r"|(?P<name>.+?)[\s_:./(-]+(?P<trail>real|imag(?:inary)?|re|im)(?:\s+part)?\)?"
+    r"|(?P<alone>real|imag(?:inary)?)(?:\s+part)?",
+    re.IGNORECASE,
+)
+"""Names of the real and the imaginary part of a response, as `real H`, `H_imag`, `Re(H)`."""
+Array = tuple[str, np.ndarray, str]
+"""An array of a file: its name, values and unit."""
+NOTHING: Array = ("", np.zeros(0), "")
+VECTORS = "save each channel as a vector of its own, and each hit in a file of its own"
 REAL = "values over frequency without an imaginary part"
 EXPORT = "export the real and the imaginary part of the frequency response"
 
 
-def array_channels(arrays: Iterable[tuple[str, np.ndarray, str]]) -> Iterator[Channel]:
+def response_and_part(name: str) -> tuple[str, str]:
+    """Return the response that values are of, and `r` or `i` for its real or imaginary part, empty for neither."""
+    found = _PART.fullmatch(name)
+    if not found:
+        return name, ""
+    word = found["lead"] or found["trail"] or found["alone"]
+    return found["named"] or found["name"] or "H", word[0].lower()
+
+
+def array_channels(arrays: Iterable[Array]) -> Iterator[Channel]:
     """Yield arrays of a file as channels, those of complex numbers as frequency responses.
 
     Args:
         arrays: name, values and unit of each. Complex ones are `(F,)`, `(F, O)` or `(F, O, I)`, of O responses to I
             forces, in any order of the axes with F first of those of that length; a vector of F frequencies is called
-            `freq`, `frequency` or `f`, and increases.
+            `freq`, `frequency` or `f`, and increases. Real and imaginary part may be two arrays. A text says of what is
+            no array what it is.
     """
     every = list(arrays)
-    vectors = [(name, np.ravel(a).astype(float)) for name, a, _ in every if a.dtype.kind != "c" and a.size in a.shape]
-    axes = {name: v for name, v in vectors if FREQUENCY.fullmatch(name) and v.size > 1 and (np.diff(v) > 0).all()}
-    clocks = {v.size for name, v in vectors if TIMES.fullmatch(name) and v.size > 1}
+    vectors = [(n, np.ravel(a).astype(float), u) for n, a, u in every if a.dtype.kind in "iuf" and a.size in a.shape]
+    axes = {n: (v, u) for n, v, u in vectors if FREQUENCY.fullmatch(n) and v.size > 1 and (np.diff(v) > 0).all()}
+    clocks = {v.size for name, v, _ in vectors if TIMES.fullmatch(name) and v.size > 1}
     used: set[str] = set()
     made: list[tuple[str, list[Channel]]] = []
-    for name, values, unit in every:
-        near = sorted(axes, key=lambda axis: _group(axis) != _group(name))
-        if values.dtype.kind == "c":
-            axis = next((axis for axis in near if axes[axis].size in values.shape), None)
-            made.append((name, list(_responses(name, values, unit, None if axis is None else axes[axis]))))
+    for name, values, unit in _complex(every, {v.size for v, _ in axes.values()}):
+        near, axis, sizes = sorted(axes, key=lambda axis: _group(axis) != _group(name)), None, np.squeeze(values).shape
+        if values.dtype.kind == "U" or (values.dtype.kind != "c" and len(sizes) > 2):
+            flaw = str(values) if values.dtype.kind == "U" else f"an array of {' x '.join(map(str, sizes))}"
+            made.append((name, [Channel(name, np.zeros((1, 1)), flaw=flaw, remedy=VECTORS)]))
+        elif values.dtype.kind == "c":
+            axis = next((axis for axis in near if axes[axis][0].size in values.shape), None)
+            made.append((name, list(_responses(name, values, unit, *axes.get(axis or "", (None, ""))))))
         else:
-            found = columns(name, values, unit=unit)
-            lines = found[0].values.shape[1] if found and name not in axes and values.ndim < 3 else 0
-            axis = next((axis for axis in near if axes[axis].size == lines and lines not in clocks), None)
+            found = columns(name, np.squeeze(values), unit=unit)
+            lines = found[0].values.shape[1] if found and name not in axes else 0
+            axis = next((axis for axis in near if axes[axis][0].size == lines and lines not in clocks), None)
             made.append((name, [replace(each, flaw=REAL, remedy=EXPORT) for each in found] if axis else found))
         used |= {axis} if axis else set()
     for name, channels in made:
         yield from channels if name not in used else ()
+
+
+def _complex(every: list[Array], sizes: set[int]) -> list[Array]:
+    """Return arrays, the real and imaginary parts of a response over so many lines as one."""
+    pairs: dict[str, dict[str, Array]] = {}
+    for each in every:
+        response, part = response_and_part(each[0])
+        pairs.setdefault(response, {})[part] = each
+    for response, parts in pairs.items():
+        (real, a, unit), (imaginary, b, below) = parts.get("r", NOTHING), parts.get("i", NOTHING)
+        alike = real and imaginary and a.shape == b.shape and below in ("", unit) and sizes & {*a.shape}
+        if alike and {a.dtype.kind, b.dtype.kind} <= {*"iuf"}:
+            every = [(response, a + 1j * b, unit) if e[0] == real else e for e in every if e[0] != imaginary]
+    return every
 
 
 def _group(name: str) -> str:
@@ -169,7 +243,9 @@ def _group(name: str) -> str:
     return re.sub(r"[^./]*$", "", name)
 
 
-def _responses(name: str, values: np.ndarray, unit: str, frequency: np.ndarray | None) -> Iterator[Channel]:
+def _responses(
+    name: str, values: np.ndarray, unit: str, frequency: np.ndarray | None, of_frequency: str
+) -> Iterator[Channel]:
     """Yield frequency responses, or one channel that says what they lack."""
     whole = Channel(name, values.reshape(1, -1), unit)
     if frequency is None:
@@ -192,7 +268,8 @@ def _responses(name: str, values: np.ndarray, unit: str, frequency: np.ndarray |
     for place in np.ndindex(table.shape[:-1]):
         own = f"{name}:{place[0] + 1}" if place else name
         force = f"{FORCE}:{place[1] + 1}" if len(place) > 1 else FORCE
-        yield Channel(own, table[place][None], numerator, step, float(frequency[0]), force, below)
+        made = Channel(own, table[place][None], numerator, step, float(frequency[0]), force, below)
+        yield over(made, of_frequency, "frequency")
 
 
 def quotient(unit: str) -> tuple[str, str]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.measure.recordings.recording import Channel, Contents, damaged, lacking
+from ident.measure.recordings.recording import Channel, Contents, damaged, lacking, over
 
 UNITS = ("unit_string", "NI_UnitDescription", "Unit")
 """Properties that say the unit of a channel."""
@@ -53,7 +53,9 @@ def _channel(group: str, channel: Any, values: np.ndarray, first: np.datetime64 
     """Return a channel, whose start counts from the earliest clock of the file."""
     said = channel.properties
     unit = next((str(said[name]) for name in UNITS if said.get(name)), "")
-    step, start = said.get("wf_increment"), float(said.get("wf_start_offset") or 0.0)
+    step, start, later = said.get("wf_increment"), float(said.get("wf_start_offset") or 0.0), 0.0
     if first is not None:
-        start += float((said["wf_start_time"].astype("datetime64[us]") - first) / np.timedelta64(1, "s"))
-    return Channel(f"{group}/{channel.name}", values[None].astype(float), unit, float(step) if step else None, start)
+        later = float((said["wf_start_time"].astype("datetime64[us]") - first) / np.timedelta64(1, "s"))
+    name, samples = f"{group}/{channel.name}", values[None].astype(float)
+    made = Channel(name, samples, unit, float(step) if step else None, start)
+    return over(made, str(said.get("wf_xunit_string") or ""), "time", later)

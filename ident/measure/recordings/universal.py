@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.errors import Problem, refusal
-from ident.measure.recordings.recording import Channel, Contents, NoChannelError, Shape, damaged
+from ident.measure.recordings.recording import Channel, Contents, NoChannelError, Shape, damaged, over
 from ident.text import one_line, quoted
 
 KIND = "a universal file (UFF)"
@@ -42,6 +42,8 @@ NODES, SHAPE, FUNCTION = (15, 2411), 55, 58
 """Types of the datasets that are read."""
 HEADER = 11
 """Lines of a dataset 58 before its values."""
+FIELDS = 6
+"""Most numbers on a line of values: some writers fill the last line with zeros."""
 ROUNDED = 1e-5
 """Share of the largest abscissa by which E13.5 rounds two of them apart at most."""
 _TAG = rb" {4}-1 *(?=[\r\n]|\Z)"
@@ -226,12 +228,16 @@ def _function(path: Path, dataset: _Dataset) -> _Function | str:
         raise refusal(file, got, "2 or 4 (real), 5 or 6 (complex)", "export it again in single or double precision")
     width = (1 if form in REAL else 2) + (not even)
     table = _table(dataset, at, form, even).copy()
+    padding = table[_whole(count) * width :]
+    if not dataset.binary and len(padding) < FIELDS and not padding.any():
+        table = table[: _whole(count) * width]
     if len(table) != _whole(count) * width:  # more where the header says another precision than the numbers have
         raise ValueError(f"{len(table) / width:g} values of {name}, its header says {_whole(count)}")
     table = table.reshape(-1, width)
     start, step = map(_real, abscissa)
     if not even:
         start, step = _even(table[:, 0], step, f"{file}, dataset {dataset.number}", name)
+    *_, of_axis = map(_label, _cut(header[7], 10, 5, 5, 5, 21, 21))
     if not (np.isfinite(start) and 0 <= step < np.inf):
         raise ValueError(f"an abscissa from {start:g} in steps of {step:g}")
     values = table[:, -1] if form in REAL else table[:, -2] + 1.0j * table[:, -1]
@@ -239,11 +245,12 @@ def _function(path: Path, dataset: _Dataset) -> _Function | str:
     identity = tuple(_label(each) for each in header[:5])
     labels, has_node = (_label(entity), label), bool(_whole(node))
     if function == TIME:
-        channel = Channel(name, values.real[None].astype(float), unit, step or None, start)
+        channel = over(Channel(name, values.real[None].astype(float), unit, step or None, start), of_axis, "time")
         return _Function(channel, place, labels, "", identity, has_node)
     _, reference = _degree_of_freedom(force_node, force_direction, force_code)
     numerator = unit.removesuffix(f"/{below}") if below else unit
     channel = Channel(name, values[None].astype(complex), numerator, step or None, start, reference, below)
+    channel = over(channel, of_axis, "frequency")
     return _Function(channel, place, labels, _label(force_entity), identity, has_node)
 
 
