@@ -318,11 +318,8 @@ def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, 
         try:
             found[path.name] = read_recording(path)
             again = [each for each in found[path.name].channels if table is None and ONE_NAME in each.flaw]
-            expected = "a name for each channel"
-            problems += {
-                each.name: Problem(one_line(str(path)), each.flaw, expected, each.remedy, one_line(each.name))
-                for each in again
-            }.values()
+            for name, each in {each.name: each for each in again}.items():
+                problems.append(Problem(one_line(str(path)), each.flaw, "a name for each channel", each.remedy, name))
         except LackingError:  # said once, not for each file
             raise
         except InputError as error:
@@ -396,7 +393,7 @@ def _rows(name: str, recording: Recording) -> Iterator[dict[str, str]]:
         said = channel.unit if channel else next(of_force, "")
         unit = said if _is_taken(said, role) else ""
         hint = "" if unit == said or flawed else f"in {one_line(said)!r}: write unit and sensitivity"
-        note = [_note(channel) if channel else "", hint, _place(recording, each)]
+        note = [note_of(channel) if channel else "", hint, _place(recording, each)]
         yield {"file": name, "channel": each, "role": role, "unit": unit, "note": "; ".join(filter(None, note))}
 
 
@@ -406,14 +403,10 @@ def _is_taken(unit: str, role: str) -> bool:
     return any(sensor_factor(unit, quantity) is not None for quantity in quantities)
 
 
-def unusable(channel: Channel) -> str:
-    """Say why a channel cannot be used, empty where it can."""
-    return f"not to be used: {channel.flaw}; {channel.remedy}" if channel.flaw else ""
-
-
-def _note(channel: Channel) -> str:
+def note_of(channel: Channel) -> str:
+    """Say what a file holds of a channel, or why it cannot be used."""
     if channel.flaw:
-        return unusable(channel)
+        return f"not to be used: {channel.flaw}; {channel.remedy}"
     blocks, samples = channel.values.shape
     step = f" at {1 / channel.step:.6g} Hz" if channel.step and not channel.reference else ""
     return f"{blocks} x {samples} {'lines' if channel.reference else 'samples'}{step}"

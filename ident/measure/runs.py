@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import InputError, Problem, noted, refusal, refuse
-from ident.measure.channels import FRAMES, check_folder, recordings_of, unusable, write_blank
+from ident.measure.channels import FRAMES, check_folder, note_of, recordings_of, write_blank
 from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, read_recording
 from ident.measure.recordings.recording import SourceFile
@@ -426,7 +426,7 @@ def write_runs(folder: str | Path, path: str | Path) -> int:
         raise refusal(one_line(str(path)), "a file that is there", "none", remedy)
     recordings = recordings_of(Path(folder))
     rows = [
-        {"file": name, "channel": channel.name, "unit": channel.unit, "note": unusable(channel)}
+        {"file": name, "channel": channel.name, "unit": channel.unit, "note": note_of(channel)}
         for name, recording in recordings.items()
         for channel in recording.channels
     ]

@@ -181,35 +181,31 @@ def records_of(
     file = one_line(str(path))
     if isinstance(data, bytes):
         data = sheet_text(data, file) if file.lower().endswith(".xlsx") else decode(data, file)
-    text, behind = _uncommented(data)
+    text = _uncommented(data)
     delimiter = sniff_delimiter(text, is_column)
     records = list(read_records(text, delimiter, file, findings))
     where, header = records[0] if records else ("", [])
     counts = [[*map(str, range(first, first + len(header)))] for first in (0, 1)]  # as pandas heads what has no names
     if _is_numeric(" ".join(header)) and not (len(header) > 2 and header in counts):
-        remedy = f"line {behind} looks like a header behind #: give it" if behind else "write a line above with"
         got = f"numbers only: {quoted(delimiter.join(header))}"
-        raise refusal(where, got, "a header", f"{remedy} a name for each column")
+        raise refusal(where, got, "a header", "write a line above with a name for each column")
     return file, delimiter, records
 
 
-def _uncommented(text: str) -> tuple[str, int]:
-    """Return text with a header that stands behind # or % above numbers in the clear, and the line that may be one."""
-    at, last, line = 0, (0, 0, ""), ""
-    for number, line in enumerate(io.StringIO(text, newline=""), 1):
+def _uncommented(text: str) -> str:
+    """Return text with a header that stands behind # or % above numbers, in as many columns, in the clear."""
+    at, start, marked, line = 0, 0, "", ""
+    for line in io.StringIO(text, newline=""):
         if line.lstrip().startswith(("#", "%")):
-            last = at, number, line
+            start, marked = at, line
         elif line.strip(DELIMITERS + " \r\n"):
             break
         at += len(line)
-    start, number, marked = last
     header = marked.lstrip(" \t#%")
-    if not _is_numeric(line) or not header or _is_numeric(header):
-        return text, 0
     delimiter = max(DELIMITERS, key=header.count)
-    if header.count(delimiter) == line.count(delimiter):
-        text = text[:start].replace("%", "#") + header + text[start + len(marked) :]
-    return text, number
+    if header.count(delimiter) != line.count(delimiter) or not _is_numeric(line) or not header or _is_numeric(header):
+        return text
+    return text[:start].replace("%", "#") + header + text[start + len(marked) :]
 
 
 def _is_numeric(line: str) -> bool:

@@ -192,16 +192,10 @@ def _numbers(records: list[Record], delimiter: str) -> np.ndarray:
         return np.array(texts).astype(float)
     except ValueError:
         pass
-    every = (
-        (where, cell)
-        for (where, cells), numbers in zip(rows, texts, strict=True)
-        for cell, number in zip(cells, numbers, strict=True)
-        if not is_number(number)
-    )
-    findings = Findings()
-    where, cell = next(every, (place, ""))
+    every = ((where, cell) for where, cells in rows for cell in cells if not is_number(cell.replace(mark, ".")))
+    findings, (where, cell) = Findings(), next(every, (place, ""))
     findings.attempt(where, "", parse_number, cell, mark)
-    if where != rows[0][0]:
-        raise InputError(findings[0])
-    remedy = f"{findings[0].remedy}; or begin lines above the header with #"
-    raise InputError(replace(findings[0], expected=f"{findings[0].expected} ({above})", remedy=remedy))
+    if where == rows[0][0]:
+        remedy = f"{findings[0].remedy}; or begin lines above the header with #"
+        findings[0] = replace(findings[0], expected=f"{findings[0].expected} ({above})", remedy=remedy)
+    raise InputError(findings)

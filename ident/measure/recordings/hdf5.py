@@ -51,14 +51,10 @@ def read(path: Path, data: bytes) -> Contents:
 
 
 def _values(item: Any) -> np.ndarray | None:
-    """Return the numbers of a dataset, real or complex ones, or what else it holds as a text; None for names."""
-    references = item.dtype.kind == "O" and "ref" in (item.dtype.metadata or {})
-    words = references and all(
-        not each or _said(item.file[each], "MATLAB_class") == "char" for each in np.ravel(item[()])
-    )
-    if words or "MATLAB_empty" in item.attrs:
+    """Return the numbers of a dataset, real or complex ones, or what else it holds as a text; None for words."""
+    if "MATLAB_empty" in item.attrs:
         return None
-    if references or "MATLAB_object_decode" in item.attrs:
+    if "MATLAB_object_decode" in item.attrs or "ref" in (item.dtype.metadata or ()):
         return np.array(CONTAINER)
     if item.dtype.kind in "iufc":
         values = np.asarray(item[()])

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 
@@ -126,17 +126,15 @@ Contents = tuple[tuple[Channel, ...], tuple[Shape, ...], dict[str, tuple[float, 
 """What a reader returns: channels, finished modes, places of nodes."""
 
 
-def columns(name: str, values: Any, **more: Any) -> list[Channel]:
-    """Return an array as channels: each column one; the longer side of an array is time."""
-    table = np.asarray(values, float)
-    if table.ndim == 2 and 1 in table.shape:
-        table = table.ravel()
-    if table.ndim == 1:
-        return [Channel(name, table[None], **more)] if table.size > 1 else []
-    if table.ndim != 2 or not table.size:
+def columns(name: str, values: np.ndarray, unit: str) -> list[Channel]:
+    """Return a vector or matrix as channels: each column one; the longer side of an array is time."""
+    table = np.squeeze(values).astype(float)
+    if table.size < 2:
         return []
+    if table.ndim == 1:
+        return [Channel(name, table[None], unit)]
     table = table.T if table.shape[0] > table.shape[1] else table
-    return [Channel(f"{name}:{i}", row[None], **more) for i, row in enumerate(table, 1)]
+    return [Channel(f"{name}:{i}", row[None], unit) for i, row in enumerate(table, 1)]
 
 
 def over(channel: Channel, unit: str, quantity: str, later: float = 0.0) -> Channel:
@@ -176,7 +174,6 @@ _PART = re.compile(
 """Names of the real and the imaginary part of a response, as `real H`, `H_imag`, `Re(H)`."""
 Array = tuple[str, np.ndarray, str]
 """An array of a file: its name, values and unit."""
-NOTHING: Array = ("", np.zeros(0), "")
 VECTORS = "save each channel as a vector of its own, and each hit in a file of its own"
 REAL = "values over frequency without an imaginary part"
 EXPORT = "export the real and the imaginary part of the frequency response"
@@ -213,9 +210,9 @@ def array_channels(arrays: Iterable[Array]) -> Iterator[Channel]:
             made.append((name, [Channel(name, np.zeros((1, 1)), flaw=flaw, remedy=VECTORS)]))
         elif values.dtype.kind == "c":
             axis = next((axis for axis in near if axes[axis][0].size in values.shape), None)
-            made.append((name, list(_responses(name, values, unit, *axes.get(axis or "", (None, ""))))))
+            made.append((name, list(_responses(name, values, unit, axes.get(axis or "")))))
         else:
-            found = columns(name, np.squeeze(values), unit=unit)
+            found = columns(name, values, unit)
             lines = found[0].values.shape[1] if found and name not in axes else 0
             axis = next((axis for axis in near if axes[axis][0].size == lines and lines not in clocks), None)
             made.append((name, [replace(each, flaw=REAL, remedy=EXPORT) for each in found] if axis else found))
@@ -226,14 +223,10 @@ def array_channels(arrays: Iterable[Array]) -> Iterator[Channel]:
 
 def _complex(every: list[Array], sizes: set[int]) -> list[Array]:
     """Return arrays, the real and imaginary parts of a response over so many lines as one."""
-    pairs: dict[str, dict[str, Array]] = {}
-    for each in every:
-        response, part = response_and_part(each[0])
-        pairs.setdefault(response, {})[part] = each
-    for response, parts in pairs.items():
-        (real, a, unit), (imaginary, b, below) = parts.get("r", NOTHING), parts.get("i", NOTHING)
-        alike = real and imaginary and a.shape == b.shape and below in ("", unit) and sizes & {*a.shape}
-        if alike and {a.dtype.kind, b.dtype.kind} <= {*"iuf"}:
+    parts = {response_and_part(each[0]): each for each in every}
+    for (response, part), (imaginary, b, below) in parts.items():
+        real, a, unit = parts.get((response, "r"), ("", np.zeros(0), ""))
+        if part == "i" and a.shape == b.shape and below in ("", unit) and sizes & {*a.shape}:
             every = [(response, a + 1j * b, unit) if e[0] == real else e for e in every if e[0] != imaginary]
     return every
 
@@ -243,16 +236,15 @@ def _group(name: str) -> str:
     return re.sub(r"[^./]*$", "", name)
 
 
-def _responses(
-    name: str, values: np.ndarray, unit: str, frequency: np.ndarray | None, of_frequency: str
-) -> Iterator[Channel]:
+def _responses(name: str, values: np.ndarray, unit: str, axis: tuple[np.ndarray, str] | None) -> Iterator[Channel]:
     """Yield frequency responses, or one channel that says what they lack."""
     whole = Channel(name, values.reshape(1, -1), unit)
-    if frequency is None:
+    if axis is None:
         if values.size > 1:
             remedy = "save their frequencies in Hz beside them, as a vector freq of the same length"
             yield replace(whole, flaw="complex values without frequencies", remedy=remedy)
         return
+    frequency, of_frequency = axis
     try:
         step = even_step(frequency, name)
     except InputError:
