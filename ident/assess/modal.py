@@ -162,6 +162,23 @@ def observed_reproducibility(
     return known
 
 
+def with_effect(identified: Sequence[IdentifiedModes], known: Reproducibility) -> tuple[IdentifiedModes, ...]:
+    """Return modes with what the scatter of the hits does to the standard errors of all that have a name."""
+    effects, share = [], np.array([[known.share[kind]] for kind in REPRODUCIBILITY])
+    for each in identified:
+        if isinstance(each.modes, Modes):
+            named, unscaled = [*_named(each)], math.sqrt(max(each.modes.ratio.value, 1e-12))
+            added, sigma = share * [each.modes.frequency[named], each.modes.damping[named]], each.modes.sigma[:, named]
+            effects += np.abs(np.log(np.hypot(sigma, added) / np.hypot(sigma / unscaled, added))).ravel().tolist()
+    effect = max(effects, default=math.inf)
+    return tuple(
+        replace(each, modes=replace(each.modes, ratio=replace(each.modes.ratio, effect=effect)))
+        if isinstance(each.modes, Modes)
+        else each
+        for each in identified
+    )
+
+
 def _repeated(tests: Sequence[Labelled], label: str, kind: int) -> tuple[Float[np.ndarray, "n"], ...]:
     """Return the logarithms of a mode's frequencies, or damping ratios, in several tests, and their sds in each."""
     found = []

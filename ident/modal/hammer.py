@@ -214,6 +214,7 @@ FALLEN = 0.1
 """Share of its largest value to which the force's spectrum may fall within the band: 20 dB."""
 BEFORE = 0.05
 """Largest share of a record that is kept from before the hit: the offset is taken there."""
+MOVING = "the arm was still moving before"
 CALM = 0.1
 """Motion before a hit, as a share of that after it, beyond which the arm had not calmed down; assumed."""
 
@@ -416,8 +417,10 @@ def _moving(every: Iterable[Spectra]) -> Iterator[str]:
     """Yield before which hits the arm still moved."""
     for each in every:
         if each.moving:
-            hits = f"hit{'s' * (len(each.moving) > 1)} {', '.join(map(str, each.moving))}"
-            yield f"{each.source.file}: the arm still moved before {hits}; wait for longer"
+            first, last = each.moving[0], each.moving[-1]
+            in_turn = len(each.moving) > 2 and last - first == len(each.moving) - 1
+            numbers = f"{first} to {last}" if in_turn else ", ".join(map(str, each.moving))
+            yield f"{each.source.file}: {MOVING} hit{'s' * (last > first)} {numbers}"
 
 
 def _assembled(

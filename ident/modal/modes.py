@@ -137,6 +137,8 @@ def _cost(mean: Complex[np.ndarray, "K F"], noise: Noise, model: ModalModel, s: 
 # -------- Jackknife
 # What the hits themselves say of the covariance: leave-one-hit-out, beside maximum likelihood.
 
+NOTICED = 0.1
+"""Change of a standard error, as a share of it, beyond which the scatter of the hits is doubted; assumed."""
 BAND = 0.99
 """Probability of the band that a ratio lies in, where the covariance is right."""
 
@@ -148,10 +150,12 @@ class Ratio:
     Attributes:
         value: [-] pooled over poles (and postures).
         freedom: degrees of freedom: numbers of the poles times one less than hits.
+        effect: logarithm by which it changes a standard error that is reported, at most; infinite where none is.
     """
 
     value: float
     freedom: int
+    effect: float = math.inf
 
     @property
     def band(self) -> tuple[float, float]:
@@ -160,10 +164,15 @@ class Ratio:
         return float(low) / self.freedom, float(high) / self.freedom
 
     @property
-    def doubtful(self) -> bool:
+    def outside(self) -> bool:
         """Whether it lies outside this band."""
         low, high = self.band
         return not low <= self.value <= high
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it lies outside this band, and changes what is reported."""
+        return self.outside and self.effect > NOTICED
 
     @property
     def scale(self) -> float:
@@ -404,7 +413,7 @@ class Modes(ModalParameters):
 
     @property
     def doubtful(self) -> bool:
-        """Whether the scatter of the hits contradicts the covariance by maximum likelihood."""
+        """Whether the scatter of the hits contradicts the covariance by maximum likelihood, and matters."""
         return self.ratio.doubtful
 
     @property

@@ -12,6 +12,7 @@ from ident.measure import Campaign
 from ident.measure.covariance_and_frames import Reproducibility
 from ident.modal.ambient import AmbientTest
 from ident.modal.frf import Check, ModalTest
+from ident.modal.hammer import MOVING
 from ident.modal.modes import Modes, Ratio
 from ident.modal.operational import DECAYS, OperationalModes
 from ident.modal.sources import POLE, FinishedTest
@@ -117,7 +118,8 @@ def _places(check: Check) -> str:
 
 def _band(ratio: Ratio) -> str:
     low, high = ratio.band
-    return f"{'outside' if ratio.doubtful else 'within'} {low:.2f} to {high:.2f}"
+    effect = ", without effect on the std. errors" * (ratio.outside and not ratio.doubtful)
+    return f"{'outside' if ratio.outside else 'within'} {low:.2f} to {high:.2f}{effect}"
 
 
 def _all_converged(identified: Sequence[IdentifiedModes]) -> bool:
@@ -131,18 +133,20 @@ def _findings(
     modes: Sequence[Labelled],
     reproducibility: Reproducibility | None,
 ) -> Iterator[Finding]:
-    """Yield what bears on the verdict, the weightiest first."""
-    if not _all_converged(identified):
+    """Yield what bears on the verdict, the weightiest first; what an arm that still moved explains is left out."""
+    remarks = _remarks(tests, identified)
+    moving = {remark: remarks.pop(remark) for remark in [*remarks] if MOVING in remark}
+    yield from (Finding(where + remark, "wait longer between hits") for remark, where in moving.items())
+    if not moving and not _all_converged(identified):
         yield Finding("the search for the most probable modes has not ended", "narrow the --band, or choose --modes")
     for number, test in enumerate(tests, 1):
         for check in test.checks if isinstance(test, ModalTest) else ():
             if not check.good:
                 size = f"{100 * check.value:.1f} % (at most {100 * check.limit:.0f} %)"
                 yield Finding(f"posture {number}: {check.name}, {_places(check)}: {size}", check.remedy)
-    if any(isinstance(each.modes, Modes) and each.modes.doubtful for each in identified):
+    if not moving and any(isinstance(each.modes, Modes) and each.modes.doubtful for each in identified):
         text = "the hits scatter otherwise than their noise says, so the std. errors are in doubt"
         yield Finding(text, "hit at the same place and in the same direction each time; look for loose sensors")
-    remarks = _remarks(tests, identified)
     for remark, where in remarks.items():
         if remark.startswith(WARNING):
             yield Finding(where + remark.removeprefix(WARNING))

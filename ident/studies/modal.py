@@ -221,7 +221,7 @@ def modal_test(
     """
     from dataclasses import replace
 
-    from ident.assess.modal import in_base_frame, modal_campaign, observed_reproducibility, with_places
+    from ident.assess.modal import in_base_frame, modal_campaign, observed_reproducibility, with_effect, with_places
     from ident.measure.channels import ChannelTable, check_folder, read_channels, recordings_of
     from ident.measure.recordings.recording import SourceFile
     from ident.modal.ambient import measured_tests
@@ -250,7 +250,7 @@ def modal_test(
     modes: tuple[IdentifiedModes | NamedModes, ...] = (*identified, *named)
     shown, name = observed_reproducibility(every, modes, reproducibility), f"{folder.absolute().name}.modal"
     campaign = modal_campaign(name, every, modes, shapes=options.shapes, reproducibility=shown)
-    return replace(result, campaign=campaign, reproducibility=shown)
+    return replace(result, identified=with_effect(identified, shown), campaign=campaign, reproducibility=shown)
 
 
 def _identified(

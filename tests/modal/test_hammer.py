@@ -98,7 +98,7 @@ def test_an_arm_that_still_moves_before_a_hit_is_said():
     force, answer = blocks(3)
     swing = 1.0 * np.sin(2 * np.pi * FREQUENCY * STEP * np.arange(COUNT))
     (test,) = modal_tests(table(), recording(force, answer + swing * np.array([[0], [1], [0]])))
-    assert test.remarks == ("a.uff: the arm still moved before hit 2; wait for longer",)
+    assert test.remarks == ("a.uff: the arm was still moving before hit 2",)
 
 
 def test_an_offset_of_the_sensors_is_taken_off():
@@ -248,7 +248,7 @@ def test_a_channel_that_cannot_be_used_is_refused_where_it_counts_and_nowhere_el
 def test_two_channels_of_one_name_are_refused():
     force, answer = blocks()
     made = recording(force, answer, more=(Channel("z", 2 * answer, "m/s^2", STEP),))
-    assert "got 'z' twice in 'a.uff', expected one channel of this name" in refused(table(), made)
+    assert "got 'z' of 'a.uff': 2 channels of one name, in 'm/s^2', 'm/s^2', expected samples" in refused(table(), made)
 
 
 def test_frequency_responses_beside_samples_do_not_hide_them():

@@ -6,7 +6,7 @@ import warnings
 from pathlib import Path
 
 from ident.errors import Problem, refusal
-from ident.measure.recordings.recording import Channel, LackingError, NoChannelError, Recording, Shape, told_apart
+from ident.measure.recordings.recording import Channel, LackingError, NoChannelError, Recording, Shape
 from ident.text import LARGEST_BINARY, LARGEST_SAMPLES, one_line, read_bytes
 
 __all__ = [
@@ -74,4 +74,4 @@ def read_recording(path: str | Path) -> Recording:
         if not channel.values.size:
             got, remedy = f"no sample of {one_line(channel.name)}", "export it again"
             raise refusal(file, got, "at least one sample of each channel", remedy)
-    return Recording(str(path), hashlib.sha256(data).hexdigest(), tuple(told_apart(channels)), shapes, places)
+    return Recording(str(path), hashlib.sha256(data).hexdigest(), channels, shapes, places)

@@ -70,7 +70,7 @@ class Recording:
     Attributes:
         path: the file.
         sha256: hash of its bytes.
-        channels: in the order of the file.
+        channels: in the order of the file; those that share a name are flawed, as one could be taken for another.
         shapes: finished modes.
         places: (3,) [as the file] coordinates of nodes, by node, in a frame that only the test knows.
         holds: what is in it instead of channels, for messages; empty where nothing is to be said.
@@ -82,6 +82,9 @@ class Recording:
     shapes: tuple[Shape, ...] = ()
     places: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     holds: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", tuple(_told_apart(self.channels)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -108,8 +111,8 @@ class SourceFile:
 ONE_NAME = "channels of one name"
 
 
-def told_apart(channels: Iterable[Channel]) -> Iterator[Channel]:
-    """Yield channels, those that share a name as flawed: none is taken for another. One that is there twice is one."""
+def _told_apart(channels: Iterable[Channel]) -> Iterator[Channel]:
+    """Yield channels, those that share a name as flawed. One that is there twice is one."""
     by_name: dict[tuple[str, str], list[Channel]] = {}
     for each in channels:
         by_name.setdefault((each.name, each.reference), []).append(each)

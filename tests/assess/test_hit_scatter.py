@@ -1,0 +1,63 @@
+"""The scatter of hits is judged by what it does to the errors that are reported, and an arm in motion explains it."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ident.assess.modal import IdentifiedModes, with_effect
+from ident.measure.covariance_and_frames import Reproducibility
+from ident.modal.frf import Frf, Place
+from ident.modal.hammer import MOVING
+from ident.modal.modes import Modes, Ratio
+from ident.modal.poles import Diagram, ModalModel
+from ident.present.modal import _findings, _verdict
+
+FREQUENCY = 5.0
+
+
+def identified(sigma, ratio=15.0, label="vertical bending 1", converged=True):
+    """One mode at 5 Hz, damped by 1 %, whose scatter within the test is a share of both."""
+    covariance = np.diag([(sigma * FREQUENCY) ** 2, (sigma * 0.01) ** 2, 1e-6, 1e-6])
+    one, none, tip = np.ones((1, 1), complex), np.zeros(0, int), (Place("tip", (0.0, 0.0, 1.0)),)
+    diagram = Diagram(none, np.zeros(0, complex), np.zeros((1, 0), complex), none, none, none)
+    model = ModalModel(np.array([-0.3 + 31j]), one, one, np.zeros((0, 1, 1)))
+    frf = Frf(np.array([4.0, 5.0]), np.ones((2, 1, 1, 2), complex), tip, tip, 0.0)
+    poles = np.array([FREQUENCY]), np.array([0.01]), one, covariance, diagram, ()
+    modes = Modes(*poles, one, Ratio(ratio, 56), 1.0, converged, model, frf)
+    return IdentifiedModes(modes, SimpleNamespace(given=(label,), why=("",)))
+
+
+@pytest.mark.parametrize(
+    ("sigma", "share", "label", "word"),
+    [
+        (3e-5, {}, "vertical bending 1", "GOOD"),
+        (5e-3, {}, "vertical bending 1", "DOUBTFUL"),
+        (3e-5, {"frequency": 0.0, "damping_ratio": 0.0}, "vertical bending 1", "DOUBTFUL"),
+        (3e-5, {}, None, "DOUBTFUL"),
+    ],
+    ids=["quiet", "loud", "alone", "without a name"],
+)
+def test_scatter_counts_by_what_it_does_to_the_reported_errors(sigma, share, label, word):
+    """15 times the expected variance, of 0.003 % beside an assumed 0.2 %: hypot(3e-5, 2e-3) is 1.0001 times 2e-3."""
+    (each,) = with_effect([identified(sigma, label=label)], Reproducibility.of(share))
+    verdict = _verdict([], [each])
+    assert verdict.word == word
+    assert ("without effect on the std. errors" in verdict.reason) == (word == "GOOD")
+    assert [finding.text[:16] for finding in _findings([], [each], [], [], None)] == ["the hits scatter"] * (
+        word != "GOOD"
+    )
+
+
+def test_scatter_within_its_band_is_said_as_before():
+    (each,) = with_effect([identified(5e-3, ratio=0.97)], Reproducibility())
+    assert _verdict([], [each]).reason == "Hit scatter 0.97 times the expected variance, within 0.57 to 1.56."
+
+
+def test_an_arm_that_still_moves_is_the_first_finding_and_explains_the_others():
+    remark = f"a.uff: {MOVING} hits 2 to 5"
+    test = SimpleNamespace(checks=(), remarks=(remark, "outside"))
+    found = list(_findings([test], [identified(5e-3, converged=False)], [], [], None))
+    assert [(each.text, each.remedy) for each in found] == [(remark, "wait longer between hits"), ("outside", "")]
+    still = SimpleNamespace(checks=(), remarks=())
+    assert len(list(_findings([still], [identified(5e-3, converged=False)], [], [], None))) == 2
