@@ -162,21 +162,15 @@ def observed_reproducibility(
     return known
 
 
-def with_effect(identified: Sequence[IdentifiedModes], known: Reproducibility) -> tuple[IdentifiedModes, ...]:
-    """Return modes with what the scatter of the hits does to the standard errors of all that have a name."""
-    effects, share = [], np.array([[known.share[kind]] for kind in REPRODUCIBILITY])
-    for each in identified:
-        if isinstance(each.modes, Modes):
-            named, unscaled = [*_named(each)], math.sqrt(max(each.modes.ratio.value, 1e-12))
-            added, sigma = share * [each.modes.frequency[named], each.modes.damping[named]], each.modes.sigma[:, named]
-            effects += np.abs(np.log(np.hypot(sigma, added) / np.hypot(sigma / unscaled, added))).ravel().tolist()
-    effect = max(effects, default=math.inf)
-    return tuple(
-        replace(each, modes=replace(each.modes, ratio=replace(each.modes.ratio, effect=effect)))
-        if isinstance(each.modes, Modes)
-        else each
-        for each in identified
-    )
+def with_effect(each: IdentifiedModes, known: Reproducibility) -> IdentifiedModes:
+    """Return modes with what the scatter of the hits does to the standard errors of those that have a name, if any."""
+    modes, of = each.modes, _named(each) or slice(None)
+    if not isinstance(modes, Modes):
+        return each
+    unscaled = modes.sigma[:, of] / math.sqrt(max(modes.ratio.value, 1e-12))
+    added = np.array([modes.frequency, modes.damping])[:, of] * [[known.share[kind]] for kind in REPRODUCIBILITY]
+    effect = np.abs(np.log(np.hypot(modes.sigma[:, of], added) / np.hypot(unscaled, added))).max()
+    return replace(each, modes=replace(modes, ratio=replace(modes.ratio, effect=float(effect))))
 
 
 def _repeated(tests: Sequence[Labelled], label: str, kind: int) -> tuple[Float[np.ndarray, "n"], ...]:

@@ -211,16 +211,7 @@ def _uncommented(text: str) -> str:
 def _is_numeric(line: str) -> bool:
     """Tell whether a line has numbers only."""
     cells = [cell for cell in re.split(r'[,;\s"]+', line) if cell]
-    return bool(cells) and all(map(is_number, cells))
-
-
-def is_number(text: str) -> bool:
-    """Tell whether a text is a number; nan is one."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return bool(cells) and all(map(IS_NUMBER, cells))
 
 
 def fitting(records: list[Record], columns: int, delimiter: str, findings: Findings) -> list[Record]:
@@ -321,6 +312,8 @@ BARE = 0.2
 """Fraction of a frequency from which, without a sign, percent is meant: 0.5 for 0.5 %; assumed."""
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 """Regular expression of a plain number with a decimal point."""
+IS_NUMBER = re.compile(rf"{NUMBER}|[+-]?(?:nan|inf|infinity)", re.IGNORECASE).fullmatch
+"""Whether a text is a number; nan is one."""
 
 
 def format_number(value: float) -> str:

@@ -417,10 +417,8 @@ def _moving(every: Iterable[Spectra]) -> Iterator[str]:
     """Yield before which hits the arm still moved."""
     for each in every:
         if each.moving:
-            first, last = each.moving[0], each.moving[-1]
-            in_turn = len(each.moving) > 2 and last - first == len(each.moving) - 1
-            numbers = f"{first} to {last}" if in_turn else ", ".join(map(str, each.moving))
-            yield f"{each.source.file}: {MOVING} hit{'s' * (last > first)} {numbers}"
+            hits = f"hit{'s' * (len(each.moving) > 1)} {', '.join(map(str, each.moving))}"
+            yield f"{each.source.file}: {MOVING} {hits}"
 
 
 def _assembled(

@@ -98,7 +98,7 @@ def _verdict(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[Iden
         fail = f"{len(failed)} of {counted(len(checks), 'check')} fail{'s' * (len(failed) == 1)}, most of all "
         parts.append(f"{fail}{worst.name}, {_places(worst)}: {size} ({limit})" if failed else passed)
     if ratios:
-        ratio = max(ratios, key=lambda ratio: abs(math.log(max(ratio.value, 1e-300))))
+        ratio = max(ratios, key=lambda ratio: (ratio.doubtful, abs(math.log(max(ratio.value, 1e-300)))))
         parts.append(f"hit scatter {ratio.value:.2f} times the expected variance, {_band(ratio)}")
     if short:
         fewest = min(short, key=lambda modes: modes.decays)

@@ -250,7 +250,8 @@ def modal_test(
     modes: tuple[IdentifiedModes | NamedModes, ...] = (*identified, *named)
     shown, name = observed_reproducibility(every, modes, reproducibility), f"{folder.absolute().name}.modal"
     campaign = modal_campaign(name, every, modes, shapes=options.shapes, reproducibility=shown)
-    return replace(result, identified=with_effect(identified, shown), campaign=campaign, reproducibility=shown)
+    identified = tuple(with_effect(each, shown) for each in identified)
+    return replace(result, identified=identified, campaign=campaign, reproducibility=shown)
 
 
 def _identified(

@@ -20,11 +20,11 @@ from ident.measure.recordings.recording import (
 )
 from ident.measure.recordings.sampling import even_step
 from ident.measure.table import (
+    IS_NUMBER,
     Findings,
     Record,
     decimal_mark,
     header_problems,
-    is_number,
     misfit,
     parse_number,
     records_of,
@@ -192,7 +192,7 @@ def _numbers(records: list[Record], delimiter: str) -> np.ndarray:
         return np.array(texts).astype(float)
     except ValueError:
         pass
-    every = ((where, cell) for where, cells in rows for cell in cells if not is_number(cell.replace(mark, ".")))
+    every = ((where, cell) for where, cells in rows for cell in cells if not IS_NUMBER(cell.replace(mark, ".")))
     findings, (where, cell) = Findings(), next(every, (place, ""))
     findings.attempt(where, "", parse_number, cell, mark)
     if where == rows[0][0]:

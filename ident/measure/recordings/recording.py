@@ -117,12 +117,13 @@ def _told_apart(channels: Iterable[Channel]) -> Iterator[Channel]:
     for each in channels:
         by_name.setdefault((each.name, each.reference), []).append(each)
     for first, *more in by_name.values():
-        if all(np.array_equal(each.values, first.values) and each.unit == first.unit for each in more):
-            yield first
-            continue
-        units = ", ".join(quoted(each.unit) if each.unit else "no unit" for each in (first, *more))
-        flaw, remedy = f"{1 + len(more)} {ONE_NAME}, in {units}", "give each channel of the file a name of its own"
-        yield from (replace(each, flaw=flaw, remedy=remedy) for each in (first, *more))
+        same = (
+            first,
+            *(each for each in more if each.unit != first.unit or not np.array_equal(each.values, first.values)),
+        )
+        units = ", ".join(quoted(each.unit or "no unit") for each in same)
+        flaw, remedy = f"{len(same)} {ONE_NAME}, in {units}", "give each channel of the file a name of its own"
+        yield from (replace(each, flaw=flaw, remedy=remedy) for each in same) if same[1:] else same
 
 
 Contents = tuple[tuple[Channel, ...], tuple[Shape, ...], dict[str, tuple[float, float, float]]]
