@@ -8,16 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.errors import InputError, Problem, refusal, refuse
-from ident.measure.recordings.recording import (
-    EXPORT,
-    FORCE,
-    REAL,
-    Channel,
-    Contents,
-    Shape,
-    quotient,
-    response_and_part,
-)
+from ident.measure.recordings.recording import Channel, Contents, Shape, array_channels, response_and_part
 from ident.measure.recordings.sampling import even_step
 from ident.measure.table import (
     IS_NUMBER,
@@ -78,31 +69,17 @@ def _frequency(header: Sequence[str], table: np.ndarray) -> int | None:
 
 def _over_frequency(where: str, header: Sequence[str], table: np.ndarray, frequency: int) -> Iterator[Channel]:
     """Yield frequency responses of which both parts are there; what lacks one is no response, and says so."""
-    parts: dict[str, dict[str, int]] = {}
-    for i, cell in enumerate(header):
-        name, part = response_and_part(_name(cell))
-        if i != frequency and parts.setdefault(name, {}).setdefault(part, i) != i:
-            both = " and ".join(quoted(header[each]) for each in (parts[name][part], i))
-            raise refusal(where, both, "one column for each part of a response", "remove or rename one", name)
+    parts = [response_and_part(_name(cell)) for cell in header]
+    for i, part in enumerate(parts):
+        if part in parts[:i]:
+            both = f"{quoted(header[parts.index(part)])} and {quoted(header[i])}"
+            raise refusal(where, both, "one column for each part of a response", "remove or rename one", part[0])
     said = _FREQUENCY.fullmatch(header[frequency])
     unit = _unit(header[frequency]) or (said["unit"] or "" if said else "")
-    step, start, flaw, remedy = None, 0.0, "", ""
-    if unit:
-        scaled = table[:, frequency] * _si_factor(where, "frequency", unit.strip(), "frequency")
-        step, start = even_step(scaled, where.rpartition(":")[0], "frequency"), float(scaled[0])
-    else:
-        flaw, remedy = "values over frequencies without a unit", "write it into the header, as in 'frequency [Hz]'"
-    more = f"{EXPORT}, as 'real NAME' and 'imag NAME' in one unit"
-    for name, columns in parts.items():
-        real, imaginary = columns.get("r", columns.get("")), columns.get("i")
-        whole = real is not None and imaginary is not None and _unit(header[imaginary]) in ("", _unit(header[real]))
-        if real is not None and imaginary is not None and whole:
-            above, below = quotient(_unit(header[real]))
-            values = table[:, real] + 1j * table[:, imaginary]
-            yield Channel(name, values[None], above, step, start, FORCE, below, flaw=flaw, remedy=remedy)
-        for i in columns.values():
-            if not (whole and i in (real, imaginary)):
-                yield Channel(_name(header[i]), table[:, i][None].copy(), _unit(header[i]), flaw=REAL, remedy=more)
+    axis, others = ("frequency", table[:, frequency], unit), [i for i in range(len(header)) if i != frequency]
+    for each in array_channels([axis, *((_name(header[i]), table[:, i], _unit(header[i])) for i in others)]):
+        remedy = "write it into the header, as in 'frequency [Hz]'"
+        yield each if unit else replace(each, flaw="values over frequencies without a unit", remedy=remedy)
 
 
 def modes(records: list[Record], delimiter: str) -> tuple[Shape, ...]:

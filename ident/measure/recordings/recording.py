@@ -229,8 +229,8 @@ def _complex(every: list[Array], sizes: set[int]) -> list[Array]:
     """Return arrays, the real and imaginary parts of a response over so many lines as one."""
     parts = {response_and_part(each[0]): each for each in every}
     for (response, part), (imaginary, b, below) in parts.items():
-        real, a, unit = parts.get((response, "r"), ("", np.zeros(0), ""))
-        if part == "i" and a.shape == b.shape and below in ("", unit) and sizes & {*a.shape}:
+        real, a, unit = parts.get((response, "r"), parts.get((response, ""), ("", np.zeros(0), "")))
+        if part == "i" and a.dtype.kind != "c" and a.shape == b.shape and below in ("", unit) and sizes & {*a.shape}:
             every = [(response, a + 1j * b, unit) if e[0] == real else e for e in every if e[0] != imaginary]
     return every
 
