@@ -38,6 +38,7 @@ def test_a_log_is_read_in_si_units():
     np.testing.assert_allclose(log.time, [0.0, 0.1, 0.2, 0.3, 0.4], rtol=1e-15)
     np.testing.assert_allclose(log.angles["joint1"], np.deg2rad([10, 11, 12, 13, 14]), rtol=1e-15)
     np.testing.assert_allclose(log.angles["joint2"], [0.1, 0.2, 0.3, 0.4, 0.5], rtol=1e-15)
+    np.testing.assert_array_equal(parse("# 12 May\n# " + text).time, log.time, "a header behind # is one")
     assert (log.path, log.sha256, log.ignored) == ("log.csv", hashlib.sha256(text.encode()).hexdigest(), ())
     with pytest.raises(dataclasses.FrozenInstanceError):
         log.path = "other.csv"

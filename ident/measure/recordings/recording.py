@@ -109,6 +109,7 @@ class SourceFile:
 
 
 ONE_NAME = "channels of one name"
+"""What is wrong with channels that share a name."""
 
 
 def _told_apart(channels: Iterable[Channel]) -> Iterator[Channel]:
@@ -117,10 +118,7 @@ def _told_apart(channels: Iterable[Channel]) -> Iterator[Channel]:
     for each in channels:
         by_name.setdefault((each.name, each.reference), []).append(each)
     for first, *more in by_name.values():
-        same = (
-            first,
-            *(each for each in more if each.unit != first.unit or not np.array_equal(each.values, first.values)),
-        )
+        same = [first, *(m for m in more if m.unit != first.unit or not np.array_equal(m.values, first.values))]
         units = ", ".join(quoted(each.unit or "no unit") for each in same)
         flaw, remedy = f"{len(same)} {ONE_NAME}, in {units}", "give each channel of the file a name of its own"
         yield from (replace(each, flaw=flaw, remedy=remedy) for each in same) if same[1:] else same
