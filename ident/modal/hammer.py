@@ -215,6 +215,7 @@ FALLEN = 0.1
 BEFORE = 0.05
 """Largest share of a record that is kept from before the hit: the offset is taken there."""
 MOVING = "the arm was still moving before"
+"""What is said of a hit before which the arm had not calmed down."""
 CALM = 0.1
 """Motion before a hit, as a share of that after it, beyond which the arm had not calmed down; assumed."""
 
