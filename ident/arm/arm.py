@@ -19,6 +19,7 @@ from ident.arm.fields import DAMPING, EXPECTED, FIELDS, LOSS, STIFFNESS, fields_
 from ident.arm.parts import (
     DIRECTIONS,
     PROFILES,
+    STIFFNESS_OF,
     Belt,
     Body,
     CubicSpring,
@@ -213,6 +214,9 @@ def _of_spring(arm: "Arm", spring: Spring | CubicSpring) -> Iterator[Problem]:
     if same[0] != spring.name:
         got = f"a second spring of {spring.joint} in {direction}"
         yield Problem(spring.name, got, "one for each joint and direction", f"remove it or {same[0]}", "joint")
+    if getattr(arm.joints[names.index(spring.joint)], STIFFNESS_OF[direction]) is None:
+        remedy = f"take it out, or give {STIFFNESS_OF[direction]} a value"
+        yield Problem(spring.name, f"{spring.joint} rigid in {direction}", "a stiffness there", remedy, "joint")
     if getattr(arm.joints[names.index(spring.joint)], LOSS_OF[direction]) is not None:
         got = f"{spring.joint} with a loss factor in {direction}, too"
         remedy = f"take {LOSS_OF[direction]} out: loss factors hold for straight springs"
@@ -287,6 +291,9 @@ class Arm(eqx.Module):
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise refusal(self.name, f"{twice[0]} twice", "unique names", "rename one of them")
+        if not self.degrees_of_freedom:
+            remedy = "give one of them a stiffness"
+            raise refusal(self.name, "every stiffness rigid", "an arm that gives somewhere", remedy, "joint")
         check_drives(self)
         refuse(_spring_problems(self))
         self._check_workspace()
@@ -300,7 +307,8 @@ class Arm(eqx.Module):
         for joint in self.joints:
             vectors = (np.asarray(vector).round(9) + 0.0 for vector in (joint.axis, joint.offset))
             axis, offset = (" ".join(f"{x:.4g}" for x in vector) for vector in vectors)
-            stiffness = ", ".join(f"{float(k) / size:.4g}" for k in (joint.k_bend, joint.k_tors))
+            both = (joint.k_bend, joint.k_tors)
+            stiffness = ", ".join("rigid" if k is None else f"{float(k) / size:.4g}" for k in both)
             mass = sum(float(body.mass) for body in joint.shaft + joint.link)
             name = one_line(joint.name) + ("" if joint.driven else " (no pin)")
             rows.append((name, axis, offset, stiffness, f"{mass:.4g}"))
@@ -325,6 +333,11 @@ class Arm(eqx.Module):
         """Batch axes `(*batch)` that the arm's numbers carry, as posterior draws given by `replace`; none as a rule."""
         pairs = ((part, field) for part in self.parts() for field in fields_in(part))
         return np.broadcast_shapes(*{np.shape(getattr(part, field.name))[field.rank :] for part, field in pairs})
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Number of elastic coordinates, and of modes: two of a bushing that bends, one of one that twists."""
+        return sum(2 * (joint.k_bend is not None) + (joint.k_tors is not None) for joint in self.joints)
 
     @property
     def bodies(self) -> tuple[Body, ...]:
@@ -432,6 +445,9 @@ class Arm(eqx.Module):
     def _found(self, path: str) -> tuple[NamedPart, str, tuple[int, ...]]:
         name, _, rest = path.partition(".")
         for part in (part for part in self.parts() if part.name == name):
+            if rest in (*STIFFNESS, *DAMPING) and getattr(part, rest, 0.0) is None:
+                remedy = "give it a value in the arm file, or leave it out here"
+                raise refusal("", f"{path}, which is rigid", "a number of the arm", remedy)
             for field in fields_in(part):
                 for end, component in field.ends.items():
                     if rest == field.name + end:
@@ -441,8 +457,15 @@ class Arm(eqx.Module):
 
 
 def stiffness_paths(arm: Arm) -> tuple[str, ...]:
-    """Paths of all bushing stiffnesses: bending of every joint, then torsion of every joint."""
-    return tuple(f"{joint.name}.{field}" for field in STIFFNESS for joint in arm.joints)
+    """Paths of all bushing stiffnesses, without rigid ones: bending of every joint, then torsion of every joint."""
+    pairs = ((joint, field) for field in STIFFNESS for joint in arm.joints)
+    return tuple(f"{joint.name}.{field}" for joint, field in pairs if getattr(joint, field) is not None)
+
+
+def stiffness_or_stiffest(arm: Arm, joint: Joint, field: str) -> AnyArray:
+    """Return a stiffness of a joint [N m/rad]; where it is rigid, the largest one of the arm, to compare with."""
+    k: AnyArray | None = getattr(joint, field)
+    return max(map(arm.get, stiffness_paths(arm)), key=float) if k is None else k
 
 
 def _component(value: AnyArray, component: tuple[int, ...]) -> AnyArray:
@@ -518,8 +541,9 @@ def on_soft_base(arm: Arm, height: float) -> Arm:
     mass = float(sum(body.mass for body in arm.bodies)) / len(arm.joints)
     square = (height / 4) ** 2
     inertia = mass * np.diag([square / 4 + height**2 / 12] * 2 + [square / 2])
-    numbers: dict[str, Any] = {field: STIFFER * getattr(first, field) for field in STIFFNESS}
-    numbers |= {field: getattr(first, field) for field in (*DAMPING, *LOSS)}
+    numbers: dict[str, Any] = {field: STIFFER * stiffness_or_stiffest(arm, first, field) for field in STIFFNESS}
+    numbers |= {field: getattr(first, field) for field in LOSS}
+    numbers |= {field: 0.0 if (tau := getattr(first, field)) is None else tau for field in DAMPING}
     pedestal = Body(PEDESTAL, mass, up / 2, inertia)
     base = Joint(BASE, offset=first.offset - up, link=(pedestal,), driven=False, **numbers)
     raised = eqx.tree_at(lambda joint: joint.offset, first, up)
@@ -551,17 +575,23 @@ def massless_joints(joints: Sequence[Joint]) -> Iterator[tuple[int, str, str]]:
     """Yield the joints whose equation would be singular, the last one first: its place, why, and what it lacks.
 
     Turning a bushing moves the joint's own bodies and the bushing after it, for what that one carries may stay as it
-    is, by turning back; turning the last one moves its own bodies alone.
+    is, by turning back, but about its rigid directions; turning the last one moves its own bodies alone.
     """
+    held, beyond, carried = np.zeros((3, 3)), np.zeros((3, 3)), 0.0  # rigid directions of the next one, what it carries
     for place in reversed(range(len(joints))):
-        last, inertia, mass = place == len(joints) - 1, np.zeros((3, 3)), 0.0
-        for body in (*joints[place].shaft, *joints[place].link):
+        joint, last = joints[place], place == len(joints) - 1
+        inertia, mass = held @ beyond @ held, carried if held.any() else 0.0
+        for body in (*joint.shaft, *joint.link):
             inertia += np.asarray(body.inertia) + inertia_of_mass(float(body.mass), np.asarray(body.com))
             mass += float(body.mass)
         if not last:
             inertia += inertia_of_mass(mass or 1.0, np.asarray(joints[place + 1].offset))
-        moments = np.linalg.eigvalsh(inertia)
-        if mass and moments[0] > 1e-12 * moments[2]:
+        along = np.outer(joint.axis, joint.axis)
+        held = (joint.k_bend is None) * (np.eye(3) - along) + (joint.k_tors is None) * along
+        beyond, carried = inertia, mass
+        turns = np.linalg.eigh(held)[1][:, : 3 - round(np.trace(held))]
+        moments = np.linalg.eigvalsh(turns.T @ inertia @ turns)
+        if not moments.size or (mass and moments[0] > 1e-12 * np.linalg.eigvalsh(inertia)[2]):
             continue
         if mass:
             yield place, "a rotation that moves no mass", "inertia about every axis"

@@ -116,22 +116,37 @@ def bushings(arm: Arm, axis: Float[Array, "3 N *#batch"]) -> tuple[Square, Squar
 
     Their components are along the frame in which the pins have these axes.
     """
-    rank = axis.ndim - 2
-    k_bend, k_tors, tau_bend, tau_tors = (
-        stack([getattr(joint, field) for joint in arm.joints], 0, rank) for field in (*STIFFNESS, *DAMPING)
-    )
-    along = outer(axis, axis)
-    bend, tors = (-along + identity(3, rank + 1)) * k_bend, along * k_tors
+    k_bend, k_tors, tau_bend, tau_tors = (_of_bushings(arm, field, axis.ndim - 2) for field in (*STIFFNESS, *DAMPING))
+    across, along = _projectors(axis)
+    bend, tors = across * k_bend, along * k_tors
     return bend, tors, bend * tau_bend + tors * tau_tors
+
+
+def rigid_directions(arm: Arm, axis: Float[Array, "3 N *#batch"]) -> Square | None:
+    """Return the projectors on the directions in which bushings are rigid, likewise; None if none is."""
+    if arm.degrees_of_freedom == 3 * len(arm.joints):
+        return None
+    rigid = ([float(getattr(joint, field) is None) for joint in arm.joints] for field in STIFFNESS)
+    across, along = (P * stack(row, 0, axis.ndim - 2) for P, row in zip(_projectors(axis), rigid, strict=True))
+    return across + along
+
+
+def _projectors(axis: Float[Array, "3 N *#batch"]) -> tuple[Square, Square]:
+    along = outer(axis, axis)
+    return -along + identity(3, axis.ndim - 1), along
+
+
+def _of_bushings(arm: Arm, field: str, rank: int) -> Float[Array, "N *#batch"]:
+    """Return a number of all bushings, zero where it is None."""
+    return stack([0.0 if (x := getattr(joint, field)) is None else x for joint in arm.joints], 0, rank)
 
 
 def losses(arm: Arm, bend: Square, tors: Square) -> Square | None:
     """Return what bushings of these stiffnesses lose by their loss factors [N m/rad]; None if none has any."""
     if all(getattr(joint, field) is None for joint in arm.joints for field in LOSS):
         return None
-    rank = bend.ndim - 3
-    eta = (stack([0.0 if (x := getattr(j, field)) is None else x for j in arm.joints], 0, rank) for field in LOSS)
-    return bend * next(eta) + tors * next(eta)
+    eta_bend, eta_tors = (_of_bushings(arm, field, bend.ndim - 3) for field in LOSS)
+    return bend * eta_bend + tors * eta_tors
 
 
 def curved_springs(arm: Arm, axis: Float[Array, "3 N *#batch"]) -> CurvedSprings | None:
@@ -148,6 +163,7 @@ def _curves(arm: Arm, direction: str, rank: int) -> Curves | None:
     rises, angles, cubics = [], [], []
     for joint in arm.joints:
         k, spring = getattr(joint, STIFFNESS_OF[direction]), by_joint.get(joint.name)
+        k = 1.0 if k is None else k  # no spring bends there
         broken = spring if isinstance(spring, Spring) else Spring("", joint.name, direction, **STRAIGHT)
         rises.append([k * (broken.ratio2 - 1), k * (broken.ratio3 - broken.ratio2)])
         angles.append(bends(broken, k))
@@ -221,6 +237,8 @@ class Chain(eqx.Module):
         motors: those that servos hold, where some do; else the pins are fixed.
         couple: (3, P, *batch) [N m] moment at phi = 0 on the body of each named point, see `potential_energy`; None
             where there is none.
+        rigid: (3, 3, N, *batch) projectors on the directions in which bushings are rigid; None where all give.
+        modes: number of elastic coordinates: 3 N less those directions.
     """
 
     offset: Float[Array, "3 N *#batch"]
@@ -239,6 +257,8 @@ class Chain(eqx.Module):
     curved: CurvedSprings | None = None
     motors: "Motors | None" = None
     couple: Float[Array, "3 P *#batch"] | None = None
+    rigid: Float[Array, "3 3 N *#batch"] | None = None
+    modes: int = eqx.field(static=True, default=0)
 
     @property
     def stiffness(self) -> Float[Array, "3 3 N *#batch"]:
@@ -321,6 +341,8 @@ def at_posture(
         loss=losses(arm, bend, tors),
         couple=loads.moment,
         curved=curved_springs(arm, axis),
+        rigid=rigid_directions(arm, axis),
+        modes=arm.degrees_of_freedom,
     )
     if servo is None or not arm.servos:
         return held
@@ -354,6 +376,7 @@ def _unpinned(held: Chain, shaft: Moments, link: Moments) -> Chain:
         tors=at_bushings(held.tors, 2),
         damping=at_bushings(held.damping, 2),
         frame=both(held.frame, held.frame, 2),
+        rigid=None if held.rigid is None else at_bushings(held.rigid, 2),
         carrier=tuple(2 * body + 1 for body in held.carrier),
     )
 

@@ -1,6 +1,8 @@
 """Exact mechanics of a chain at a posture: forward kinematics, energies, mass matrix, derivatives of the potential.
 
-Coordinates are the bushings' rotation vectors phi `(3, N, *batch)`; no angle is taken as small.
+Coordinates are the bushings' rotation vectors phi `(3, N, *batch)`; no angle is taken as small. Of a rigid direction
+phi is zero: with the projectors R on these and P = 1 - R, gradient, Hessian and mass matrix are P grad V, P H P + R k
+and P M P. That is the limit of ever stiffer springs itself, without their numbers in any matrix.
 
 Flat vectors and matrices run joint by joint: entry 3 j + a is component a of joint j.
 
@@ -162,9 +164,8 @@ def mass_matrix(chain: Chain, phi: Phi) -> Float[Array, "n n *#batch"]:
     moment = total(moved, chain.mass * at.centre + arm, 1)
     p_j, p_i = at.centre[:, :, None], at.centre[:, None]
     S = total(moved, second, 2) - outer(moment, p_j) - outer(p_i, moment) + mass * outer(p_i, p_j)
-    return flatten_blocks(
-        matmul(matmul(transpose(at.rate)[:, :, :, None], inertia_from_second_moment(S)), at.rate[:, :, None])
-    )
+    blocks = matmul(matmul(transpose(at.rate)[:, :, :, None], inertia_from_second_moment(S)), at.rate[:, :, None])
+    return flatten_blocks(_between_elastic(chain, blocks))
 
 
 def potential_gradient(chain: Chain, phi: Phi) -> Float[Array, "n *#batch"]:
@@ -192,7 +193,11 @@ def potential_derivatives(chain: Chain, phi: Phi) -> tuple[Float[Array, "n *#bat
     blocks = matmul(matmul(transpose(at.rate)[:, :, :, None], D), at.rate[:, :, None])
 
     own = curvature(phi, matvec(transpose(at.before), moment)) + tangent(chain, phi)
-    return _gradient(chain, phi, at, moment), flatten_blocks(blocks + jnp.where(j == i, own[:, :, :, None], 0.0))
+    blocks = _between_elastic(chain, blocks + jnp.where(j == i, own[:, :, :, None], 0.0))
+    if chain.rigid is not None:
+        k = jnp.trace(chain.stiffness).sum(0)  # any stiffness of the matrix's size makes it regular
+        blocks = blocks + jnp.where(j == i, (k * chain.rigid)[:, :, :, None], 0.0)
+    return _gradient(chain, phi, at, moment), flatten_blocks(blocks)
 
 
 def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#batch"], Float[Array, "*#batch"]]:
@@ -201,7 +206,7 @@ def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#b
     While phi runs along v at unit rate, points move with velocities dr and accelerations ddr. Then v' M v is the
     integral of |dr|^2 dm, twice the kinetic energy, and v' H v = v' K v - sum f.ddr over all weights and forces.
     """
-    at, outwards = forward_kinematics(chain, phi), inboard(phi.shape[1])
+    at, outwards, v = forward_kinematics(chain, phi), inboard(phi.shape[1]), elastic(chain.rigid, v)
     rate, change = left_jacobian_rate(phi, v)
     u = matvec(at.before, rate)
     w = total(outwards, u, 1)
@@ -230,7 +235,19 @@ def second_variations(chain: Chain, phi: Phi, v: Phi) -> tuple[Float[Array, "*#b
 
 def _gradient(chain: Chain, phi: Phi, at: ForwardKinematics, moment: Phi) -> Float[Array, "n *#batch"]:
     straight = matvec(transpose(at.rate), moment) + matvec(chain.stiffness, phi)
-    return flat(straight if chain.curved is None else straight + chain.curved.torque(phi))
+    return flat(elastic(chain.rigid, straight if chain.curved is None else straight + chain.curved.torque(phi)))
+
+
+def elastic(rigid: Float[Array, "3 3 N *#batch"] | None, x: Phi) -> Phi:
+    """Return the part of rotations, or moments, of the bushings in the directions that are not rigid."""
+    return x if rigid is None else x - matvec(rigid, x)
+
+
+def _between_elastic(chain: Chain, blocks: Float[Array, "3 3 N N *batch"]) -> Float[Array, "3 3 N N *batch"]:
+    if chain.rigid is None:
+        return blocks
+    P = -chain.rigid + identity(3, chain.rigid.ndim - 2)
+    return matmul(matmul(P[:, :, :, None], blocks), P[:, :, None])
 
 
 def tangents(chain: Chain, phi: Phi) -> tuple[Float[Array, "3 3 N *#batch"], Float[Array, "3 3 N *#batch"]]:
@@ -383,20 +400,34 @@ def system(chain: Chain, phi: Phi) -> tuple[Matrix, Matrix, Matrix]:
     Where brakes hold the motors nothing is coupled with them, and each is a mode of its own above all others.
     """
     M, H = mass_matrix(chain, phi), potential_derivatives(chain, phi)[1]
-    C = flatten_blocks(chain.damping[:, :, :, None] * identity(phi.shape[1], phi.ndim - 2))
+    C = _block_diagonal(chain.damping)
+    if chain.rigid is not None:  # what is rigid is a mode of its own, too
+        R = _block_diagonal(chain.rigid)
+        M = M + R
+        H = H + _above_all(M, H) * R
     return (M, C, H) if chain.motors is None else _with_motors(chain.motors, phi, M, C, H)
 
 
-def coordinates(chain: Chain) -> int:
-    """Return the number of coordinates of a chain: three of each bushing, one of each motor that a servo holds."""
-    return 3 * chain.offset.shape[1] + (len(chain.motors.joint) if chain.motors else 0)
+def _block_diagonal(blocks: Float[Array, "3 3 N *#batch"]) -> Matrix:
+    return flatten_blocks(blocks[:, :, :, None] * identity(blocks.shape[2], blocks.ndim - 3))
+
+
+def _above_all(M: Matrix, H: Matrix) -> Float[Array, "*#batch"]:
+    """Return an eigenvalue above all of H and M, a constant to differentiation."""
+    W = inverse_cholesky_factor(jax.lax.stop_gradient(M))
+    return ABOVE * (matmul(W, jax.lax.stop_gradient(H)) * W).sum((0, 1))
+
+
+def mode_count(chain: Chain) -> int:
+    """Return the number of modes of a chain: of its elastic coordinates, and one of each motor that a servo holds."""
+    return chain.modes + (len(chain.motors.joint) if chain.motors else 0)
 
 
 def structural(chain: Chain) -> Matrix | None:
     """Return L of structural damping in the same coordinates; servos have none. None without any."""
     if chain.loss is None:
         return None
-    L = flatten_blocks(chain.loss[:, :, :, None] * identity(chain.loss.shape[2], chain.loss.ndim - 3))
+    L = _block_diagonal(chain.loss)
     return L if chain.motors is None else _beside(L, jnp.zeros_like(chain.motors.stiffness))
 
 
@@ -433,7 +464,7 @@ def motion_of(places: Callable[[Chain, Phi], Array], chain: Chain, phi: Phi, v: 
     """
     motors = chain.motors
     if motors is None:
-        return jax.jvp(lambda p: places(chain, p), (phi,), (unflatten(v),))
+        return jax.jvp(lambda p: places(chain, p), (phi,), (elastic(chain.rigid, unflatten(v)),))
     return jax.jvp(lambda p: places(motors.free, p), (_between(phi),), (_ways(motors, v),))
 
 
@@ -457,9 +488,10 @@ def _with_motors(motors: Motors, phi: Phi, M: Matrix, C: Matrix, H: Matrix) -> t
     squares = matmul(transpose(spins), motors.rotor[:, None] * spins)
     whole = matmul(matmul(transpose(ways), mass_matrix(free, rest)), ways) + cross + transpose(cross) + squares
     stiffness = matmul(matmul(transpose(ways), potential_derivatives(free, rest)[1]), ways)
-    # an eigenvalue above all of M and H
-    W = inverse_cholesky_factor(jax.lax.stop_gradient(M))
-    apart = ABOVE * (matmul(W, jax.lax.stop_gradient(H)) * W).sum((0, 1))
+    apart = _above_all(M, H)
+    if free.rigid is not None:
+        R = _beside(_block_diagonal(free.rigid[:, :, ::2]), jnp.zeros_like(motors.stiffness))
+        whole, stiffness = whole + R, stiffness + apart * R
     mass = jnp.where(motors.on > 0, whole, _beside(M, jnp.ones_like(motors.stiffness)))
     servos = _beside(jnp.zeros_like(H), motors.stiffness)
     return (
@@ -482,7 +514,9 @@ def _ways(motors: Motors, v: Vector) -> Float[Array, "3 N2 *#batch"]:
     """Return a direction of all coordinates as that of the bushings and pins, in turn."""
     count = len(motors.joint)
     pins = motors.axis * (motors.share * v[None, -count:]).sum(1)
-    pairs = jnp.stack(jnp.broadcast_arrays(unflatten(v[:-count]), pins), 2)
+    rigid = motors.free.rigid
+    bushings = elastic(None if rigid is None else rigid[:, :, ::2], unflatten(v[:-count]))
+    pairs = jnp.stack(jnp.broadcast_arrays(bushings, pins), 2)
     return pairs.reshape((3, -1, *pairs.shape[3:]))
 
 

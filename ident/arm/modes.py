@@ -15,8 +15,8 @@ from ident.arm.linalg import Square, inverse_cholesky_factor, lowest_modes, lowe
 from ident.arm.mechanics import (
     Phi,
     StaticEquilibrium,
-    coordinates,
     mass_matrix,
+    mode_count,
     point_motion,
     servo_energy,
     static_equilibrium,
@@ -136,7 +136,7 @@ def modes_about(chain: Chain, at: StaticEquilibrium, count: int | None = None) -
 
     The frequencies are differentiable; shapes, shares and motions are constants to differentiation.
     """
-    own, m = at.W.shape[0], coordinates(chain) if count is None else count
+    own, m = at.W.shape[0], mode_count(chain) if count is None else count
     values, vectors = lowest_eigenpairs(chain, at, count=m)
     still, phi = jax.lax.stop_gradient((chain, at.phi))
     shapes = jnp.moveaxis(vectors, 1, -1)
@@ -335,7 +335,7 @@ def _turning_shapes_jvp(primals: tuple[Array, ...], tangents: tuple[Array, ...])
     dH, dM = (matmul(transpose(V), matmul(dA, V)) for dA in tangents[:2])
     gap = eigenvalues[None] - eigenvalues[:, None]
     turn = (dH - eigenvalues[None] * dM) * gap / (gap**2 + (APART * eigenvalues[None]) ** 2)
-    own = jnp.eye(len(V)).reshape(V.shape[:2] + (1,) * (V.ndim - 2))
+    own = jnp.eye(V.shape[1]).reshape((V.shape[1],) * 2 + (1,) * (V.ndim - 2))
     return V, matmul(V, turn - own * dM / 2)
 
 

@@ -49,10 +49,11 @@ from ident.arm.chain import (
     no_loads,
     offsets,
     positions,
+    rigid_directions,
     stack,
 )
 from ident.arm.fields import LOSS
-from ident.arm.mechanics import Phi, flat, inboard, unflatten
+from ident.arm.mechanics import Phi, elastic, flat, inboard, unflatten
 from ident.arm.parts import CurvedSprings, Drive, ErrorOrder
 from ident.arm.rotations import (
     acceleration_map,
@@ -163,6 +164,8 @@ class Multibody(eqx.Module):
         drives: what turns on the shafts.
         belts: what ties the pulleys.
         curved: where springs are no straight lines, along the shaft's axes; None where all are.
+        rigid: (3, 3, N, *batch) projectors on the directions in which bushings are rigid, likewise; None where all
+            give. Coordinates in them stay zero, as of springs of mass and stiffness 1 that nothing moves.
         carrier: joint that carries each named point.
         driven: joints that have a pin.
         elastic: whether the belts stretch, so that the pins that they drive deviate from the command.
@@ -181,6 +184,7 @@ class Multibody(eqx.Module):
     drives: Drives
     belts: Belts
     curved: CurvedSprings | None
+    rigid: Float[Array, "3 3 N *#batch"] | None
     carrier: tuple[int, ...] = eqx.field(static=True)
     driven: tuple[int, ...] = eqx.field(static=True)
     elastic: bool = eqx.field(static=True)
@@ -301,6 +305,7 @@ def multibody(
         drives=_drives(arm, axis, rank),
         belts=_belts(arm, rank),
         curved=curved_springs(arm, axis),
+        rigid=rigid_directions(arm, axis),
         carrier=carriers(arm),
         driven=tuple(n for n, joint in enumerate(arm.joints) if joint.driven),
         elastic=elastic_belts and bool(arm.belts),
@@ -507,7 +512,7 @@ def transmission_error(model: Multibody, turning: Pins) -> Turning:
 
 def bushing_rotations(model: Multibody, y: Array) -> Phi:
     """Return the bushings' part of the coordinates as `(3, N, *batch)`."""
-    return unflatten(y[: 3 * model.joints])
+    return elastic(model.rigid, unflatten(y[: 3 * model.joints]))
 
 
 def deviations(model: Multibody, y: Array) -> Joints:
@@ -659,14 +664,17 @@ def residual_of(model: Multibody, turning: Pins, y: Array, yd: Array, ydd: Array
     forces = _sum(_of_bodies(model, at, turning.pulley), imbalance(model, at, turning.pulley))
     moved = equations(model, at, turning.slope, forces)
     phi, v = bushing_rotations(model, y), bushing_rotations(model, yd)
-    spring = flat(spring_moments(model, phi) + matvec(model.damping, v))
+    spring = spring_moments(model, phi) + matvec(model.damping, v)
+    if model.rigid is not None:
+        spring = spring + matvec(model.rigid, unflatten((y + ydd)[: 3 * model.joints]))
     if not model.belt_driven:
-        return moved + spring
+        return moved + flat(spring)
     error = transmission_error(model, turning)
     position, rate = (phi, deviations(model, y), error.angle), (v, deviations(model, yd), error.rate)
     on_bushings, on_pins, on_errors = belt_forces(model, *(_alike(*parts) for parts in (position, rate)))
     on_pins = on_pins + (turning.slope - 1) * on_errors
-    return moved + jnp.concatenate([spring + flat(on_bushings), on_pins[np.asarray(model.belt_driven)]])
+    on_bushings = elastic(model.rigid, on_bushings)
+    return moved + jnp.concatenate([flat(spring + on_bushings), on_pins[np.asarray(model.belt_driven)]])
 
 
 def spring_moments(model: Multibody, phi: Phi) -> Phi:
@@ -719,7 +727,7 @@ class Forces(NamedTuple):
 def equations(model: Multibody, at: Kinematics, slope: Joints, forces: Forces) -> Float[Array, "n *#batch"]:
     """Return what forces on the bodies ask of bushings and of the pins that elastic belts drive [N m]."""
     moment = _outboard_moment(model, at, forces)
-    on_bushings = flat(matvec(at.project, moment))
+    on_bushings = flat(elastic(model.rigid, matvec(at.project, moment)))
     if not model.belt_driven:
         return on_bushings
     on_pins = _on_pins(model, at, slope, forces, moment)

@@ -67,10 +67,10 @@ class Joint(eqx.Module):
         name: unique in its arm.
         axis: (3,) unit vector of the pin.
         offset: (3,) [m] bushing centre in the frame of the link before (the base frame for the first joint).
-        k_bend: () [N m/rad] bushing stiffness across the axis.
-        k_tors: () [N m/rad] bushing stiffness about the axis.
-        tau_bend: () [s] damping per stiffness across the axis.
-        tau_tors: () [s] damping per stiffness about the axis.
+        k_bend: () [N m/rad] bushing stiffness across the axis; None where it is rigid.
+        k_tors: () [N m/rad] bushing stiffness about the axis; None where it is rigid.
+        tau_bend: () [s] damping per stiffness across the axis; None where it is rigid.
+        tau_tors: () [s] damping per stiffness about the axis; None where it is rigid.
         loss_bend: () [-] loss factor across the axis; None, as most arms have it, for none.
         loss_tors: () [-] loss factor about the axis; None for none.
         shaft: bodies before the pin.
@@ -83,10 +83,10 @@ class Joint(eqx.Module):
     name: str = eqx.field(static=True)
     axis: Float[Array, "3"]
     offset: Float[Array, "3"]
-    k_bend: Float[Array, ""]
-    k_tors: Float[Array, ""]
-    tau_bend: Float[Array, ""]
-    tau_tors: Float[Array, ""]
+    k_bend: Float[Array, ""] | None
+    k_tors: Float[Array, ""] | None
+    tau_bend: Float[Array, ""] | None
+    tau_tors: Float[Array, ""] | None
     loss_bend: Float[Array, ""] | None
     loss_tors: Float[Array, ""] | None
     shaft: tuple[Body, ...]
@@ -114,10 +114,12 @@ class Joint(eqx.Module):
         rates: tuple[float, float, float] = (np.inf, np.inf, np.inf),
     ):
         self.name, self.driven, self.limits, self.rates = name, driven, limits, rates
-        self.axis, self.offset, self.k_bend, self.k_tors, self.tau_bend, self.tau_tors = (
-            jnp.asarray(x, float) for x in (axis, offset, k_bend, k_tors, tau_bend, tau_tors)
+        self.axis, self.offset = jnp.asarray(axis, float), jnp.asarray(offset, float)
+        across, about = (k_bend, tau_bend, loss_bend), (k_tors, tau_tors, loss_tors)
+        (self.k_bend, self.tau_bend, self.loss_bend), (self.k_tors, self.tau_tors, self.loss_tors) = (
+            tuple(None if x is None or k is None else jnp.asarray(x, float) for x in (k, *lost))
+            for k, *lost in (across, about)
         )
-        self.loss_bend, self.loss_tors = (None if x is None else jnp.asarray(x, float) for x in (loss_bend, loss_tors))
         self.shaft, self.link = tuple(shaft), tuple(link)
 
 

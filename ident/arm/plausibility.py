@@ -443,7 +443,7 @@ def _giving(arm: Arm) -> Iterator[Oddity]:
         moment = g * beyond.mass * beyond.distance
         level = level and bool(g) and abs(float(np.asarray(joint.axis) @ np.asarray(arm.gravity))) > 0.999 * g
         for field in STIFFNESS[: 1 if level else 2]:
-            k = float(getattr(joint, field))
+            k = np.inf if (k := getattr(joint, field)) is None else float(k)
             if moment > MOST_GIVING * k:
                 angle = moment / k
                 much = f"{np.degrees(angle):.2g} deg" if angle < 0.5 else "over"

@@ -177,6 +177,10 @@ def _check(arm: Arm, payload: str, measured: Campaign | None) -> None:
     if arm.springs:
         got, remedy = f"a curved spring ({arm.springs[0].name})", "take its table out: k_bend and k_tors stay"
         raise refusal(arm.name, got, "straight springs, as the page computes with no others", remedy)
+    for joint in arm.joints:
+        if joint.k_bend is None or joint.k_tors is None:
+            got, expected = f"{joint.name}, which is rigid", "stiffnesses, as the page computes with no others"
+            raise refusal(arm.name, got, expected, "give it a value in the arm file")
     names = [*(each.body.name for each in arm.payloads if float(each.body.mass) > 0), *(p.name for p in arm.points)]
     if payload and payload not in names:
         expected = f"one of {', '.join(names)}"

@@ -66,7 +66,7 @@ class Task:
     @cached_property
     def torsion(self) -> tuple[Variable, ...]:
         """The torsional stiffnesses."""
-        present = {f"{joint.name}.k_tors": float(joint.k_tors) for joint in self.basis.arm.joints}
+        present = {f"{j.name}.k_tors": float(j.k_tors) for j in self.basis.arm.joints if j.k_tors is not None}
         soft = {path: k for path, k in present.items() if 0 < k < np.inf}
         return tuple(Variable((path,), k / STIFFER, k * STIFFER) for path, k in soft.items())
 

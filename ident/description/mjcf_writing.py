@@ -8,7 +8,7 @@ where nothing bends the arm, and under its weight but for a share below the angl
 posture they are the same under weight as well, where its tangent springs (`mjcf_tangents`) stand in their place.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -59,6 +59,9 @@ def tendons(turns: Mapping[str, Any], arm: Arm, posture: tuple[float, ...]) -> A
         raise refusal("posture", got, expected, "choose another one")
     section = ElementTree.Element("tendon")
     for n, joint in enumerate(arm.joints):
+        if joint.k_bend is None or joint.k_tors is None:
+            got, remedy = f"springs tangent at a posture, and {joint.name} rigid", "leave the posture out"
+            raise refusal("posture", got, "stiffnesses at every joint", remedy)
         k = np.array([joint.k_tors, joint.k_bend, joint.k_bend])
         own = turns[joint.name].T @ frame[:, :, n].T @ phi[:, n]
         at = own.copy()  # the angles of the hinges there
@@ -174,14 +177,15 @@ def mjcf_with_bushings(
         turns = {arm.base.name: _put_base(tree, arm, straight=posture is None)} | turns
     if posture is not None:
         tree.root.append(tendons(turns, arm, posture))
+    added = {joint.name: "0 " * sum(1 for _ in _elastic_hinges(joint)) for joint in arm.joints}
     own = {joint.name for joint in before.joints}
     for key in tree.root.iter("key"):
         for name, starts in (("qpos", tree.model.jnt_qposadr), ("qvel", tree.model.jnt_dofadr)):
             if name in key.attrib:
-                driven = {int(start) for n, start in enumerate(starts) if tree.model.joint(n).name in own}
+                named = {int(start): tree.model.joint(n).name for n, start in enumerate(starts)}
                 words = enumerate(key.attrib[name].split())
-                each = " ".join(f"0 0 0 {word}" if place in driven else word for place, word in words)
-                key.set(name, each if arm.base is None else f"0 0 0 {each}")
+                each = " ".join(added.get(named.get(n, ""), "") * (named.get(n) in own) + word for n, word in words)
+                key.set(name, each if arm.base is None else added[arm.base.name] + each)
     return data[: root_start(data)] + comment(lines) + ElementTree.tostring(tree.root, encoding="utf-8") + b"\n"
 
 
@@ -272,13 +276,19 @@ def _triad(axis: Any) -> Any:
 
 def _hinges(joint: Joint, turn: Any, anchor: Any, straight: bool) -> list[Any]:
     """Return the hinges of a bushing, in the axes of its body."""
-    tors, bend = (joint.k_tors, joint.tau_tors), (joint.k_bend, joint.tau_bend)
     hinges = []
-    for end, axis, (k, tau) in zip(ENDS, turn.T, (tors, bend, bend), strict=True):
+    for n, k, tau in _elastic_hinges(joint):
+        end, axis = ENDS[n], turn.T[n]
         own = {"axis": axis, "pos": anchor, "stiffness": [k if straight else 0.0], "damping": [k * tau]}
         written = {key: numbers(value) for key, value in own.items()}
         hinges.append(ElementTree.Element("joint", {"name": f"{joint.name}_{end}", **HINGE_DEFAULTS, **written}))
     return hinges
+
+
+def _elastic_hinges(joint: Joint) -> Iterator[tuple[int, Any, Any]]:
+    """Yield place, stiffness and damping time of a bushing's hinges, about its axis, twice across: of none rigid."""
+    tors, bend = (joint.k_tors, joint.tau_tors), (joint.k_bend, joint.tau_bend)
+    yield from ((n, k, tau) for n, (k, tau) in enumerate((tors, bend, bend)) if k is not None)
 
 
 def _inertial(body: Body, axes: Any, anchor: Any) -> Any:

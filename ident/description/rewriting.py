@@ -11,7 +11,7 @@ import tomlkit
 from ident.arm.arm import GRAVITY, Arm
 from ident.arm.fields import COMPONENTS, DAMPING, LOSS, STIFFNESS
 from ident.arm.parts import Body, Joint
-from ident.description.schema import Origin, si
+from ident.description.schema import RIGID, Origin, si
 from ident.errors import refusal
 from ident.text import one_line
 
@@ -199,6 +199,8 @@ class _Writer:
         for key in (*STIFFNESS, *DAMPING, *LOSS):
             if (value := getattr(joint, key)) is not None:
                 yield self.line(key, value, UNITS.get(key, ""), joint.name)
+            elif key in STIFFNESS:
+                yield f'{key} = "{RIGID}"'
 
     def body(self, body: Body) -> Iterator[str]:
         """Yield the keys of a body."""

@@ -171,7 +171,12 @@ class Position(Quantity[Annotated[str, _unit("com")], Vector]):
     uncertainty: Annotated[str, AfterValidator(lambda text: _width(text, "mm", share=False))] | None = None
 
 
-Stiffness = Quantity[Annotated[str, _unit("k_bend")], Annotated[float, _range("k_bend")]]
+RIGID = "rigid"
+Stiffness = Annotated[
+    Annotated[Quantity[Annotated[str, _unit("k_bend")], Annotated[float, _range("k_bend")]], Tag("quantity")]
+    | Annotated[Literal["rigid"], Tag("word")],
+    Discriminator(lambda v: "word" if isinstance(v, str) else "quantity"),
+]
 Time = Quantity[Annotated[str, _unit("tau_bend", "ms")], Annotated[float, _range("tau_bend")]]
 Acceleration = Quantity[Annotated[str, _checked_unit("m/s^2")], Vector]
 Limits = Quantity[Annotated[str, _checked_unit("rad", "deg")], Interval]
@@ -388,9 +393,19 @@ class BushingTable(Table):
     loss_bend: LossFactor | None = None
     loss_tors: LossFactor | None = None
 
+    @model_validator(mode="after")
+    def _loses_nothing_where_rigid(self) -> "BushingTable":
+        for end in ("bend", "tors"):
+            given = [f"{what}_{end}" for what in ("tau", "loss") if f"{what}_{end}" in self.model_fields_set]
+            if given and getattr(self, f"k_{end}") == RIGID:
+                got, expected = f'{given[0]} and k_{end} = "rigid"', "no damping where nothing gives"
+                raise complaint(got, expected, f"take {given[0]} out, or give k_{end} a value")
+        return self
+
     def bushing(self) -> dict[str, Any]:
         """Return what `Joint` takes."""
-        return {key: quantity.number for key in BUSHING if (quantity := getattr(self, key)) is not None}
+        quantities = {key: quantity for key in BUSHING if (quantity := getattr(self, key)) is not None}
+        return {key: None if quantity == RIGID else quantity.number for key, quantity in quantities.items()}
 
 
 class JointTable(BushingTable):

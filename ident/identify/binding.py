@@ -87,7 +87,7 @@ def _of_states(arm: Arm, campaign: Campaign) -> Iterator[Problem]:
 
 def _count(arm: Arm, drives: str) -> int:
     """Return the number of modes: with a servo on, the motors have theirs."""
-    return 3 * len(arm.joints) + (len(arm.servos) if drives == "servo" else 0)
+    return arm.degrees_of_freedom + (len(arm.servos) if drives == "servo" else 0)
 
 
 def _of_load(arm: Arm, load: Load, where: str, column: str) -> Iterator[Problem]:

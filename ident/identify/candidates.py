@@ -94,7 +94,7 @@ def candidate_predictions(
 ) -> CandidatePredictions:
     """Compute what an arm would show under load cases, batch (L)."""
     shape = len(postures), loads.mass.shape[-1], len(points)
-    count = min(modes, 3 * len(arm.joints))
+    count = min(modes, arm.degrees_of_freedom)
     g, s, t = (index.ravel() for index in np.indices(shape))
     size, seen = g.size, []
     for first in range(0, size, CHUNK):
@@ -201,7 +201,7 @@ def _observe(
     loads: Loads,
 ) -> tuple[Float[Array, "R B"], Float[Array, "R P B"]]:
     """Return frequencies (one more than `count`), deflection and shares of the modes, and the Jacobian by theta."""
-    m = min(count + 1, 3 * len(arm.joints))
+    m = min(count + 1, arm.degrees_of_freedom)
     kinds = ("frequency",) * m + ("deflection",) + ("share",) * (2 * m)
 
     scaled = scaled_bodies(arm, [item.name for item in parameters.items if item.nuisance])

@@ -324,7 +324,7 @@ def read_shapes(
     u, b = _of_modes(each, chosen), _of_modes(each, nearest)
     weight = (u * u).sum(0) * (((gap * nearest).sum(0) / NEAR) ** 2 + SHAPE_ROUNDING)
     if shapes.damped is not None:
-        damped = as_real(_seen(moving_points_damped(chain, linear), shapes, states))
+        damped = as_real(_seen(moving_points_damped(chain, linear)[:, :, : len(hertz)], shapes, states))
         u = jnp.where(lifted(shapes.damped, rank), _of_modes(damped, chosen), u)
     read = _compared(jnp.moveaxis(lifted(shapes.ratio, rank), 1, 0), u, b, weight)
     own = jnp.take_along_axis(read, jnp.broadcast_to(lifted(shapes.own, rank), read.shape[1:])[None], 0)[0]

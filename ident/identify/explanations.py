@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ident.arm.arm import Arm, on_soft_base, stiffness_paths
+from ident.arm.arm import Arm, on_soft_base, stiffness_or_stiffest, stiffness_paths
 from ident.arm.fields import STIFFNESS
 from ident.errors import InputError
 from ident.identify.conditions import bind
@@ -371,9 +371,10 @@ def _corrected(
     if end is None:
         return None
     if change.kind == "soft base":
-        first, values = arm.joints[1].name, end.values
-        stiffness = {path: float(values.get(path, arm.get(path))) for path in stiffness_paths(arm)}
-        share = max(stiffness[f"{first}.{k}"] / stiffness[f"base.{k}"] for k in STIFFNESS)
+        values = end.values
+        based = arm.replace({path: values[path] for path in stiffness_paths(arm) if path in values})
+        first, base = based.joints[1], based.joints[0]
+        share = max(float(stiffness_or_stiffest(based, first, k)) / float(getattr(base, k)) for k in STIFFNESS)
         change = replace(change, off=share / ASSUMED["base rocks"].plausible)
     else:  # the arm is the same, and so is the program that predicts what else it would show
         end = end.among(hypotheses)

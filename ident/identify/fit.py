@@ -12,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ident.arm.arm import Arm
+from ident.arm.arm import Arm, stiffness_or_stiffest
 from ident.arm.chain import Chain
+from ident.arm.fields import STIFFNESS
 from ident.arm.hinges import CutArm, cut
 from ident.arm.mechanics import (
     Phi,
@@ -160,7 +161,8 @@ def _changed(cut: CutArm, amounts: Float[Array, "amounts"]) -> Arm:
     mass, centre, servo = jnp.split(amounts, 3)
     joints = list(cut.arm.joints)
     for j, place in enumerate(cut.own):
-        joints[place] = eqx.tree_at(lambda joint: joint.k_tors, joints[place], joints[place].k_tors / (1 + servo[j]))
+        if (k := joints[place].k_tors) is not None:
+            joints[place] = eqx.tree_at(lambda joint: joint.k_tors, joints[place], k / (1 + servo[j]))
         way, factor = centre[j] * cut.link_end(place), 1 + mass[j]
         for piece in cut.pieces(place):
             each = [(b, (b.mass * factor, b.com + way, b.inertia * factor)) for b in joints[piece].link]
@@ -295,7 +297,7 @@ def _slopes(held: Matching | None, fitted: Arm, pieces: CutArm, conditions: Cond
 
 def _places(arm: Arm, held: Matching | None) -> Float[np.ndarray, "m R"] | None:
     """Return the modes that labels were taken for, without those of motors that servos hold: the last where none is."""
-    return None if held is None else np.asarray(held.place)[: 3 * len(arm.joints)]
+    return None if held is None else np.asarray(held.place)[: arm.degrees_of_freedom]
 
 
 def _each(arm: Arm, pieces: CutArm, changed: Slopes) -> "list[tuple[tuple[str, str], Float[np.ndarray, 'D']]]":
@@ -304,14 +306,15 @@ def _each(arm: Arm, pieces: CutArm, changed: Slopes) -> "list[tuple[tuple[str, s
     each: list[tuple[tuple[str, str], np.ndarray]] = []
     for hinge, bending, torsion in zip(pieces.hinges, changed.bending, changed.torsion, strict=True):
         beside = pieces.arm.joints[hinge.beside]
-        across, about = float(beside.k_bend), float(beside.k_bend if hinge.link else beside.k_tors)
+        fields = STIFFNESS[0], STIFFNESS[not hinge.link]
+        across, about = (float(stiffness_or_stiffest(pieces.arm, beside, field)) for field in fields)
         kinds = ("link bends", "link twists") if hinge.link else ("base rocks", "base turns")
         name = names[hinge.beside] if hinge.link else ""
         each += [((kinds[0], name), bending / across), ((kinds[1], name), torsion / about)]
     rows = zip(arm.joints, changed.mass, changed.centre, changed.servo, strict=True)
     for joint, mass, centre, servo in rows:
         each += [(("mass", joint.name), mass), (("mass centre", joint.name), centre)] if joint.link else []
-        each += [(("servo gives", joint.name), servo)] if joint.driven else []
+        each += [(("servo gives", joint.name), servo)] if joint.driven and joint.k_tors is not None else []
     return sorted(each, key=lambda pair: list(KINDS).index(pair[0][0]))
 
 

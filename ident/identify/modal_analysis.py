@@ -189,6 +189,6 @@ def _solve(
     chain = at_posture(arm, posture, loads, servo)
     at = static_equilibrium(chain)
     shapes, linear = modes_about(chain, at), linearize(chain, at)
-    s = damped_eigenvalues(linear)
+    s = damped_eigenvalues(linear)[: len(shapes.frequency)]
     ratio = -s.real / jnp.abs(s)
     return ModalSolution(at.phi, shapes, is_ambiguous(shapes), ratio, deflection(chain, at.phi), linear.M)

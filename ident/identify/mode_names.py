@@ -230,7 +230,7 @@ class _Compared(NamedTuple):
 def _compared(arms: Arm, test: Measured, frequency_sd: float) -> _Compared:
     modes = test.modes
     directions = _directions(arms, modes.responses)
-    count = min(len(modes.frequency) + MORE, 3 * len(arms.joints), MOST)
+    count = min(len(modes.frequency) + MORE, arms.degrees_of_freedom, MOST)
     computed = modal_solution(arms, test.posture, test.load).modes
     frequency, motion = (np.asarray(x) for x in (computed.frequency[:count], computed.motion[:, :, :count]))
     sound = np.isfinite(frequency).all(0)

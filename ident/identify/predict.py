@@ -15,9 +15,9 @@ from ident.arm.arm import Arm
 from ident.arm.chain import Chain, at_posture
 from ident.arm.mechanics import (
     StaticEquilibrium,
-    coordinates,
     deflection,
     modal_mass,
+    mode_count,
     point_positions,
     point_rotations,
     static_equilibrium,
@@ -496,7 +496,7 @@ def _values(
     first = named.frequencies
     values: list[Array] = []
     if chosen is None and unnamed.highest:
-        count = min(unnamed.highest + 1, coordinates(chain))
+        count = min(unnamed.highest + 1, mode_count(chain))
         hertz = to_hertz(lowest_eigenpairs(chain, at, count=count)[0])
         table = by_definition(hertz, chain, at, conditions.definitions)
         which = 0 if conditions.unlabelled is None else conditions.unlabelled
@@ -506,7 +506,7 @@ def _values(
         values = [picked(defined(table, named.states[:first], conditions.labelled), chosen[:, :first])]
         if named.ratios:
             ratios = slice(first, first + named.ratios)
-            s = damped_eigenvalues(linearize(chain, at))[:, named.states[ratios]]
+            s = damped_eigenvalues(linearize(chain, at))[: len(chosen), named.states[ratios]]
             values.append(picked(-s.real / jnp.abs(s), chosen[:, ratios]))
         if conditions.shapes is not None and modes is not None:
             last = slice(first + named.ratios, None)

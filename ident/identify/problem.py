@@ -565,7 +565,7 @@ def _no_such_mode(m: Measurement, arm: Arm, remedy: str) -> Iterator[Problem]:
     """Name the modes that the arm has there; nothing if it has none because it collapses, or has the one."""
     label = parse_label(m.mode or "")
     with suppress(ModelError):
-        names = modal_analysis(arm, m.posture, m.load, 3 * len(arm.joints)).labels
+        names = modal_analysis(arm, m.posture, m.load, arm.degrees_of_freedom).labels
         if label and sum(label.admits(name) for name in names) >= label.ordinal:
             return  # a wrong label beside it has taken its mode
         expected = f"a mode of the arm at that posture: {', '.join(map(str, names))}"

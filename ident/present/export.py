@@ -40,8 +40,8 @@ def identified_lines(arm: Arm, found: "Identified", date: str, posture: tuple[fl
 
 
 def _numbers(arm: Arm, found: "Identified") -> Iterator[str]:
-    bushings = [f"{joint.name}.{field}" for joint in arm.joints for field in SHOWN]
     own = set(arm.paths())
+    bushings = [path for joint in arm.joints for field in SHOWN if (path := f"{joint.name}.{field}") in own]
     for path in (*bushings, *(path for path in found.values if path in own and path not in bushings)):
         text = f"{path} = {float(arm.get(path)):.6g} {unit_of(path)}"
         if path in found.values:

@@ -440,7 +440,7 @@ def _about_values(fit: "CampaignFit") -> Iterator[str]:
     yield sentence(_chi_squared(fit))
     yield from priors_in_words([items[i] for i in unknown_places(fit)])
     if not any(item.name.endswith((".tau_bend", ".tau_tors")) for item in items):
-        times = [float(tau) for j in fit.arm.joints for tau in (j.tau_bend, j.tau_tors)]
+        times = [float(tau) for j in fit.arm.joints for tau in (j.tau_bend, j.tau_tors) if tau is not None]
         span = f"{min(times):.2g} to {max(times):.2g} s"
         yield f"Damping was not fitted; the arm file's is {span} times the stiffness."
     correlation = np.triu(np.nan_to_num(known.correlation), 1)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.arm.fields import fields_in
+from ident.arm.fields import STIFFNESS, fields_in
 from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut, kept
 from ident.present.words import counted, degrees, sentence
 from ident.text import as_word
@@ -88,6 +88,7 @@ def largest_shares(analysis: "ModalAnalysis", i: int) -> str:
         f"{joint.name}.{stiffness}": float(share[j, i])
         for stiffness, share in (("k_bend", analysis.modes.bend), ("k_tors", analysis.modes.tors))
         for j, joint in enumerate(analysis.arm.joints)
+        if getattr(joint, stiffness) is not None
     }
     most = sorted(shares, key=lambda path: -shares[path])[:2]
     return ", ".join(f"{path} {100 * shares[path]:.0f} %" for path in most)
@@ -115,6 +116,7 @@ def number_rows(arm: "Arm", origins: Mapping[str, str]) -> Iterator[tuple[str, s
             given = {origins.get(f"{path}{end}", "") for end in field.ends}
             shown = _vector(np.array([value[place] for place in places]))
             yield path, shown, field.unit, given.pop() if len(given) == 1 else "mixed"
+        yield from ((f"{part.name}.{k}", "rigid", "", "") for k in STIFFNESS if getattr(part, k, "") is None)
 
 
 def _vector(value: np.ndarray) -> str:

@@ -50,7 +50,7 @@ def range_of(paths: str, limits: Limits, where: str = "") -> "Range":
 def each(option: str, given: Mapping[str, Limits], arm: "Arm", make: "Callable[[Range], T]") -> list[T]:
     """Return what is made of each range, by default of the torsional stiffness of every joint."""
     made = []
-    for paths, limits in (given or {f"{joint.name}.k_tors": () for joint in arm.joints}).items():
+    for paths, limits in (given or {f"{j.name}.k_tors": () for j in arm.joints if j.k_tors is not None}).items():
         try:
             made.append(make(range_of(paths, limits)))
         except InputError as error:

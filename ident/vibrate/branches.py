@@ -451,7 +451,7 @@ def branches(arm: Arm, motion: Motion, *, count: int = 3, times: Any = None, loa
     """
     time = motion_times(motion, times)
     check(arm, motion, count)
-    path, computed = path_of(motion, time), min(count + MORE, 3 * len(arm.joints))
+    path, computed = path_of(motion, time), min(count + MORE, arm.degrees_of_freedom)
     along, track = tracked(nominal(arm), path, loads, count, computed)
     # the branches that are among the lowest anywhere, ascending at the last posture
     lowest = np.flatnonzero((track.place < count).any(1))

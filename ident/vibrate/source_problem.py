@@ -15,8 +15,8 @@ from scipy.fft import dct
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from ident.arm.arm import Arm
-from ident.arm.fields import DAMPING, STIFFNESS
+from ident.arm.arm import Arm, stiffness_paths
+from ident.arm.fields import DAMPING
 from ident.arm.multibody import ExcitingOrder
 from ident.errors import refusal
 from ident.vibrate.sources import Response, Run, Sensor, changed_responses, masses_of, unit_response
@@ -91,8 +91,8 @@ class Prior:
         Raises:
             InputError: so few draws that they have no covariance.
         """
-        stiffnesses = [f"{joint.name}.{kind}" for joint in arm.joints for kind in STIFFNESS]
-        damping = [f"{joint.name}.{kind}" for joint in arm.joints for kind in DAMPING]
+        stiffnesses = stiffness_paths(arm)
+        damping = [path for path in arm.paths() if path.endswith(DAMPING)]
         known = {path: np.asarray(values) for path, values in draws.items() if path in (*stiffnesses, *damping)}
         known = {path: values for path, values in known.items() if np.ptp(values) > 0}
         if known and len(next(iter(known.values()))) < len(known) + 2:
@@ -107,7 +107,7 @@ class Prior:
             covariance[own, own] += TIED * np.diag(np.diag(covariance[own, own]))
         groups: dict[str, tuple[str, ...]] = {path: (path,) for path in paths}
         for kind in DAMPING:
-            damped = tuple(f"{joint.name}.{kind}" for joint in arm.joints if float(getattr(joint, kind)) > 0)
+            damped = tuple(path for path in damping if path.endswith(kind) and float(arm.get(path)) > 0)
             if damped and not set(damped) & set(paths):
                 groups[kind] = damped
         more = len(groups) - len(paths)

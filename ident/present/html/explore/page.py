@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup
 
+from ident.arm.fields import DAMPING
 from ident.arm.multibody import orders_of
 from ident.assess.explore import Carried, Exploration, added, mass_of
 from ident.measure.load import DIFFERENCES
@@ -73,8 +74,8 @@ def _joint(exploration: Exploration, j: int) -> dict[str, Any]:
         "limits_deg": [max(low, -180.0), min(high, 180.0)],
         "axis": _plain(model.axis[:, j]),
         "offset": _plain(model.offset[:, j]),
-        "stiffness": [float(joint.k_bend), float(joint.k_tors)],
-        "tau": [float(joint.tau_bend), float(joint.tau_tors)],
+        "stiffness": [float(arm.get(path)) for path in paths],
+        "tau": [float(arm.get(f"{joint.name}.{field}")) for field in DAMPING],
         "paths": paths,
         "bands": [exploration.bands.get(path) for path in paths],
         "shaft": _moments(model.shaft, j),

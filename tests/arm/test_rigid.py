@@ -1,0 +1,122 @@
+"""Rigid directions: against MuJoCo in the coordinates that are left, and as the limit of ever stiffer springs."""
+
+from functools import cache
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from arms import posture_of, random_arm
+from engines import MujocoArm
+from scipy.linalg import block_diag, eigh
+from scipy.optimize import root
+
+from ident.arm.arm import Arm, massless_joints, on_soft_base, stiffness_paths
+from ident.arm.chain import at_posture
+from ident.arm.mechanics import deflection, static_equilibrium
+from ident.arm.modes import damped_eigenvalues, linearize, modes_about
+from ident.arm.multibody import Command, multibody, residual
+from ident.arm.parts import Body, CubicSpring, Joint, Point
+from ident.errors import InputError
+from ident.programs import jit
+
+TORSION_ALONE = (("j0", "k_bend"), ("j1", "k_bend"))
+CASES = (TORSION_ALONE, (("j0", "k_tors"), ("j1", "k_bend")), (("j1", "k_bend"), ("j1", "k_tors")))
+
+
+def rigid(arm, given):
+    """The arm with these stiffnesses rigid."""
+
+    def joint(old):
+        own = {field.name: getattr(old, field.name) for field in old.__dataclass_fields__.values()}
+        return Joint(**own | {field: None for name, field in given if name == old.name})
+
+    return eqx.tree_at(lambda a: a.joints, arm, tuple(map(joint, arm.joints)))
+
+
+def an_arm():
+    rng = np.random.default_rng(54)
+    arm = random_arm(rng, 2)
+    return arm, np.asarray(posture_of(arm, rng))
+
+
+@jax.jit
+def shown(arm, posture):
+    chain = at_posture(arm, posture)
+    at = static_equilibrium(chain)
+    modes = modes_about(chain, at)
+    return modes, damped_eigenvalues(linearize(chain, at)), deflection(chain, at.phi)[:, -1]
+
+
+def by_mujoco(arm, posture):
+    """Frequencies [Hz] and deflection of the tip, from MuJoCo's mass matrix and gravity in the free coordinates."""
+    engine = MujocoArm(arm, posture)
+    ways, springs = [], []
+    for joint, F in zip(arm.joints, engine.frames(), strict=True):
+        a = F @ np.asarray(joint.axis)
+        across = np.linalg.svd(a[None])[2][1:]
+        own = [] if joint.k_bend is None else list(across)
+        springs += [] if joint.k_bend is None else [float(joint.k_bend)] * 2
+        own += [] if joint.k_tors is None else [a]
+        springs += [] if joint.k_tors is None else [float(joint.k_tors)]
+        ways.append(np.array(own).reshape(-1, 3).T)
+    S, K, off = block_diag(*ways), np.diag(springs), 1e-9  # away from zero, where the engine's charts end
+
+    def gradient(u):
+        return S.T @ engine.gravity_gradient(S @ u + off) + K @ u
+
+    u = root(gradient, np.zeros(S.shape[1]), tol=1e-13).x
+    x = S @ u + off
+    H, M = S.T @ engine.gravity_hessian(x) @ S + K, S.T @ engine.mass_matrix(x) @ S
+    return np.sqrt(eigh(H, M, eigvals_only=True)) / (2 * np.pi), engine.point(x) - engine.point(0 * x + off)
+
+
+@pytest.mark.parametrize("given", CASES)
+def test_frequencies_and_deflection_are_those_of_mujoco_without_the_rigid_coordinates(given):
+    arm, posture = an_arm()
+    arm = rigid(arm, given)
+    modes, s, moved = shown(arm, jnp.asarray(posture))
+    frequency, tip = by_mujoco(arm, posture)
+    assert len(modes.frequency) == arm.degrees_of_freedom == len(frequency)
+    np.testing.assert_allclose(modes.frequency, frequency, rtol=1e-7)
+    np.testing.assert_allclose(moved, tip, rtol=1e-5, atol=1e-9)
+    assert (np.abs(s[len(frequency):]) > np.abs(s[: len(frequency)]).max()).all()
+
+
+@cache
+def limit():
+    """What a rigid arm shows with its slopes by ln of stiffnesses and posture, and one that is stiff instead."""
+    arm, posture = an_arm()
+    given = CASES[1]
+    stiff = arm.replace({f"{joint}.{field}": 1e12 for joint, field in given})
+    paths = stiffness_paths(rigid(arm, given))
+
+    def of(arm):
+        def seen(x):
+            changed = arm.replace({path: arm.get(path) * jnp.exp(own) for path, own in zip(paths, x, strict=False)})
+            modes, s, moved = shown(changed, posture + x[len(paths) :])
+            return jnp.concatenate([modes.frequency[:3], s[:3].real, moved])
+
+        x = jnp.zeros(len(paths) + len(posture))
+        return [np.asarray(each) for each in (seen(x), jax.jacfwd(seen)(x))]
+
+    return of(rigid(arm, given)), of(stiff)
+
+
+def test_it_is_the_limit_of_stiff_springs_and_so_are_its_slopes():
+    for exact, near in zip(*limit(), strict=True):
+        np.testing.assert_allclose(near, exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("given", CASES)
+def test_motion_has_the_equations_of_the_elastic_coordinates(given):
+    """The residual of any springs, projected: what is rigid has none, and no part of the matrices."""
+    arm, posture = an_arm()
+    rng = np.random.default_rng(1)
+    held = multibody(rigid(arm, given))
+    free = np.eye(6) - block_diag(*np.moveaxis(np.asarray(held.rigid), 2, 0))
+    command = Command(*(jnp.asarray(x) for x in (posture, rng.normal(size=2), rng.normal(size=2))))
+    y, yd, ydd = (jnp.asarray(free @ x) for x in 0.1 * rng.normal(size=(3, 6)))
+    both = [np.asarray(jit(residual)(each, command, y, yd, ydd)) for each in (held, multibody(arm))]
+    np.testing.assert_allclose(both[0], free @ both[1], atol=1e-9 * np.abs(both[1]).max())
