@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ident.arm.arm import Arm, inertia_of_mass
+from ident.arm.arm import Arm, inertia_of_mass, stiffness_paths
 from ident.arm.fields import STIFFNESS
 from ident.arm.parts import Belt, Body
 
@@ -454,7 +454,7 @@ def _giving(arm: Arm) -> Iterator[Oddity]:
 def _proportion(arm: Arm) -> Iterator[Oddity]:
     """Yield stiffnesses far from all others, which the inertia that they carry does not explain."""
     beyond = dict(zip((joint.name for joint in arm.joints), carried(arm), strict=True))
-    k = {f"{joint.name}.{field}": float(getattr(joint, field)) for joint in arm.joints for field in STIFFNESS}
+    k = {path: float(arm.get(path)) for path in stiffness_paths(arm)}
     while len(k) > 1:
         odd = {path: ratio for path in k if (ratio := _odd_ratio(path, k, beyond)) != 1}
         if not odd:

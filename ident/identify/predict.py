@@ -412,8 +412,8 @@ class ArmModel(eqx.Module, Choosing, Growing):
         """Return the matching before the first step; None where nothing is labelled."""
         count = len(self.conditions.named.states)
         motors = 0 if self.conditions.servo is None else len(self.arm.servos)
-        blank, no = np.zeros((3 * len(self.arm.joints) + motors, count)), np.array(False)
-        return Matching(blank, blank, np.array(AT_FIRST), np.array(True), no) if count else None
+        shape, place = (np.zeros((n + motors, count)) for n in (3 * len(self.arm.joints), self.arm.degrees_of_freedom))
+        return Matching(shape, place, np.array(AT_FIRST), np.array(True), np.array(False)) if count else None
 
     def predict_matched(
         self, parameters: Mapping[str, Any], data: Data, held: Matching
