@@ -666,7 +666,8 @@ def residual_of(model: Multibody, turning: Pins, y: Array, yd: Array, ydd: Array
     phi, v = bushing_rotations(model, y), bushing_rotations(model, yd)
     spring = spring_moments(model, phi) + matvec(model.damping, v)
     if model.rigid is not None:
-        spring = spring + matvec(model.rigid, unflatten((y + ydd)[: 3 * model.joints]))
+        own = matvec(model.rigid, unflatten((y + ydd)[: 3 * model.joints]))
+        moved = moved.at[: 3 * model.joints].add(flat(own))
     if not model.belt_driven:
         return moved + flat(spring)
     error = transmission_error(model, turning)

@@ -110,7 +110,8 @@ def _held(posed: Posed, state: Mapping[str, Any]) -> Matching | None:
     modes = np.asarray(state["modes"], int)
     place = (np.arange(len(first.place))[:, None] == modes).astype(float)
     log_error = np.asarray(float(state["log_error"]))
-    return Matching(np.zeros_like(place), place, log_error, np.array(False), np.array(True))
+    shape = np.zeros((len(first.shape), len(modes)))
+    return Matching(shape, place, log_error, np.array(False), np.array(True))
 
 
 def _array(value: Any) -> np.ndarray | None:

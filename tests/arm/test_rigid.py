@@ -1,25 +1,28 @@
 """Rigid directions: against MuJoCo in the coordinates that are left, and as the limit of ever stiffer springs."""
 
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from arms import posture_of, random_arm
+from arms import lcd_arm, posture_of, random_arm
 from engines import MujocoArm
 from scipy.linalg import block_diag, eigh
 from scipy.optimize import root
 
-from ident.arm.arm import Arm, massless_joints, on_soft_base, stiffness_paths
+from ident.arm.arm import stiffness_paths
 from ident.arm.chain import at_posture
 from ident.arm.mechanics import deflection, static_equilibrium
-from ident.arm.modes import damped_eigenvalues, linearize, modes_about
+from ident.arm.modes import damped_eigenvalues, linearize, modes_about, natural_frequencies
 from ident.arm.multibody import Command, multibody, residual
-from ident.arm.parts import Body, CubicSpring, Joint, Point
+from ident.arm.parts import CubicSpring, Joint, Servo
 from ident.errors import InputError
 from ident.programs import jit
+from ident.vibrate.motion import stroke
+from ident.vibrate.simulate import simulate
 
 TORSION_ALONE = (("j0", "k_bend"), ("j1", "k_bend"))
 CASES = (TORSION_ALONE, (("j0", "k_tors"), ("j1", "k_bend")), (("j1", "k_bend"), ("j1", "k_tors")))
@@ -81,7 +84,7 @@ def test_frequencies_and_deflection_are_those_of_mujoco_without_the_rigid_coordi
     assert len(modes.frequency) == arm.degrees_of_freedom == len(frequency)
     np.testing.assert_allclose(modes.frequency, frequency, rtol=1e-7)
     np.testing.assert_allclose(moved, tip, rtol=1e-5, atol=1e-9)
-    assert (np.abs(s[len(frequency):]) > np.abs(s[: len(frequency)]).max()).all()
+    assert (np.abs(s[len(frequency) :]) > np.abs(s[: len(frequency)]).max()).all()
 
 
 @cache
@@ -120,3 +123,46 @@ def test_motion_has_the_equations_of_the_elastic_coordinates(given):
     y, yd, ydd = (jnp.asarray(free @ x) for x in 0.1 * rng.normal(size=(3, 6)))
     both = [np.asarray(jit(residual)(each, command, y, yd, ydd)) for each in (held, multibody(arm))]
     np.testing.assert_allclose(both[0], free @ both[1], atol=1e-9 * np.abs(both[1]).max())
+
+
+def test_a_spring_that_bends_where_nothing_gives_is_refused():
+    arm = rigid(an_arm()[0], CASES[1])
+    with pytest.raises(InputError, match="bent, joint: got j0 rigid in torsion, expected a stiffness there"):
+        replace(arm, springs=(CubicSpring("bent", "j0", "torsion", 1.0),))
+
+
+GIVEN = (("joint2", "k_bend"), ("joint3", "k_tors"))
+POSTURE = jnp.array([0.3, -0.7, 0.4])
+
+
+@pytest.mark.slow  # compiles both methods, and belts that stretch
+@pytest.mark.parametrize("method", ["fast", "exact"])
+def test_an_arm_in_motion_is_the_limit_of_a_stiff_one(method):
+    motion = stroke(lcd_arm().stroke, percent=20.0)
+    arms = rigid(lcd_arm(), GIVEN), lcd_arm().replace({".".join(path): 1e10 for path in GIVEN})
+    exact, near = (np.asarray(simulate(arm, motion, method=method, elastic_belts=True).vibration) for arm in arms)
+    assert np.abs(exact).max() > 1e-6
+    np.testing.assert_allclose(near, exact, atol=1e-3 * np.abs(exact).max())
+
+
+@partial(jax.jit, static_argnums=1)
+def of_servos(arm, on):
+    chain = at_posture(arm, POSTURE, servo=jnp.asarray(float(on)))
+    at, count = static_equilibrium(chain), 6 + on
+
+    def total(k):
+        return natural_frequencies(
+            at_posture(arm.replace({"joint1.k_tors": k}), POSTURE, servo=jnp.asarray(float(on))), 5
+        ).sum()
+
+    slope = jax.grad(total)(jnp.asarray(arm.get("joint1.k_tors")))
+    return modes_about(chain, at, count).frequency, damped_eigenvalues(linearize(chain, at))[:count], slope
+
+
+@pytest.mark.slow  # servos: quick tests have no program for them
+@pytest.mark.parametrize("on", [0, 1])
+def test_with_motors_on_servos_it_is_the_limit_of_a_stiff_one(on):
+    arm = replace(lcd_arm(), servos=(Servo("s", "joint2", k_servo=5.0, tau=1e-3),))
+    arms = rigid(arm, GIVEN), arm.replace({".".join(path): 1e11 for path in GIVEN})
+    for exact, near in zip(*(of_servos(each, on) for each in arms), strict=True):
+        np.testing.assert_allclose(near, exact, rtol=1e-5)

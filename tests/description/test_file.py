@@ -7,6 +7,7 @@ import pytest
 
 from ident.arm.arm import on_soft_base
 from ident.description.file import parse_arm, parse_document, read_arm, update_arm, update_file
+from ident.description.rewriting import arm_text
 from ident.errors import InputError
 from ident.identify.unknowns import scaled_inertia
 
@@ -69,6 +70,10 @@ mass = { value = 1.0, unit = "lb", origin = "assumed" }
 com = { value = [0.1, 0, 0], unit = "m", origin = "assumed" }
 inertia = { value = [[2, 0.1, 0], [0.1, 2, 0], [0, 0, 3]], unit = "kg*m^2", origin = "derived" }
 """
+
+
+K_TORS = 'k_tors = { value = 2, unit = "N*m/rad", origin = "datasheet" }'
+TAU = '{ value = 2, unit = "ms", origin = "paper" }'
 
 
 def problems(text):
@@ -229,6 +234,8 @@ BAD = [
     ('name = "two joints"', 'name = "two joints"\ngravty = 1', "arm.toml:3, gravty", "did you mean gravity?"),
     ('name = "joint1"', 'name = "joint1"\ndriven = 1', "arm.toml:6", "driven: got 1, expected true or false"),
     ('name = "two joints"', "name = two joints", "arm.toml:2, column 8", "TOML"),
+    (K_TORS, 'k_tors = "stiff"', "arm.toml:8, joint[0] 'joint1'.k_tors", "got 'stiff', expected 'rigid'"),
+    (f"{K_TORS}\n", f'k_tors = "rigid"\ntau_tors = {TAU}\n', "arm.toml:4", "take tau_tors out"),
     ('name = "two joints"', 'name = "two\nname = "two"', "arm.toml:2", "TOML"),
     ('[[point]]\nname = "tip"', '[point]\nname = "tip"', "arm.toml:43, point", "a list"),
 ]
@@ -254,6 +261,35 @@ def test_a_misspelt_key_is_missing_and_unknown(old, new, missing, unknown):
     assert missing in first
     assert unknown in second
     assert f"did you mean {missing.split()[-1]}?" in second
+
+
+def test_a_rigid_direction_is_a_word_and_no_number():
+    text = changed(K_TORS, 'k_tors = "rigid"')
+    arm = parse_arm(text)
+    assert (arm.joints[0].k_tors, arm.joints[0].tau_tors, arm.degrees_of_freedom) == (None, None, 5)
+    assert not {"joint1.k_tors", "joint1.tau_tors"} & set(arm.paths())
+    with pytest.raises(InputError, match="k_tors, which is rigid, expected a number of the arm"):
+        arm.replace({"joint1.k_tors": 5.0})
+    updated = update_file(text, {"joint1.k_bend": 3.0}, origin="calibrated")
+    assert 'k_tors = "rigid"' in updated
+    assert parse_arm(arm_text(arm, origin="assumed")).joints[0].k_tors is None
+    based = parse_arm(update_arm(text, on_soft_base(arm, 0.5), origin="calibrated"))
+    np.testing.assert_allclose(
+        [based.get("base.k_bend"), based.get("base.k_tors")], [10 * arm.get("joint1.k_bend"), 1e6]
+    )
+
+
+def test_an_arm_that_gives_nowhere_is_refused():
+    everywhere = re.sub(r"tau_.*\n", "", re.sub(r"(k_(bend|tors)) = .*", r'\1 = "rigid"', TEXT))
+    assert "got every stiffness rigid, expected an arm that gives somewhere" in problems(everywhere)[0]
+
+
+def test_what_a_rigid_bushing_carries_moves_with_the_one_before():
+    light = changed('mass = { value = 2.0, unit = "kg"', 'mass = { value = 0.0, unit = "kg"')
+    light = light.replace("inertia = { value = [0.1, 0.2, 0.2]", "inertia = { value = [0, 0, 0]", 1)
+    assert "no mass on the bushing" in problems(light)[0]
+    held = re.sub(r"(k_(bend|tors)) = \{ value = 1e5.*", r'\1 = "rigid"', light)
+    assert parse_arm(re.sub(r"tau_.*\n", "", held)).degrees_of_freedom == 3
 
 
 def test_all_problems_are_listed_in_the_order_of_the_file():

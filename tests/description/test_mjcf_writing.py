@@ -1,5 +1,7 @@
 """Bushings written into MJCF, as MuJoCo finds them there."""
 
+import re
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -92,6 +94,23 @@ def test_without_weight_mujocos_frequencies_are_idents(robot):
     model.opt.gravity[:] = 0
     for posture in POSTURES:
         np.testing.assert_allclose(in_mujoco(model, posture)[0], in_ident(floating, posture), rtol=1e-9)
+
+
+def test_a_rigid_direction_has_no_hinge(robot):
+    bushings = robot.parent / "arm.joints.toml"
+    lines = re.sub(r"tau_.*\n", "", bushings.read_text()).splitlines()
+    lines[3] = lines[7] = 'k_bend = "rigid"'
+    bushings.write_text("\n".join(['k_tors = "rigid"' if "8e4" in line else line for line in lines]))
+    arm = read_arm(robot).arm
+    assert arm.degrees_of_freedom == 4
+    model, floating = written(robot, arm), eqx.tree_at(lambda arm: arm.gravity, arm, jnp.zeros(3))
+    assert model.nv == 4 + 3
+    assert model.key_qpos.tolist() == [[0, 1, 2, 0, 0, 0, 3]]
+    model.opt.gravity[:] = 0
+    for posture in POSTURES:
+        np.testing.assert_allclose(in_mujoco(model, posture)[0], in_ident(floating, posture)[:4], rtol=1e-9)
+    with pytest.raises(InputError, match="and j1 rigid"):
+        written(robot, arm, posture=(0.0, 0.0, 0.0))
 
 
 CHANGES = {
