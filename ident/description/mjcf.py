@@ -20,22 +20,24 @@ from ident.arm.arm import Arm, check_size
 from ident.arm.parts import Body, Point
 from ident.description.robot import (
     TIP,
+    Held,
     Pair,
     Pin,
     Robot,
     body_names,
-    check_names,
     held_note,
     is_sane,
     limits_note,
     listed,
+    own_name,
+    own_names,
     renamed_note,
     serial_chain,
     told_at,
     unclear_branch,
 )
 from ident.errors import InputError, Problem, refusal, refuse
-from ident.text import did_you_mean, one_line, read_bytes
+from ident.text import NAME_RULE, did_you_mean, one_line, read_bytes
 
 ENDS = ("tors", "bend_1", "bend_2")
 """How the hinges of a bushing are called, after the joint: about its axis, and about two directions across it."""
@@ -88,10 +90,11 @@ def mjcf_robot(path: str, tip: str | None = None) -> Robot:
     """
     where = one_line(path)
     model, data, ties = placed(path, where)
-    tree = _Tree.of(model, ties, tip, where)
+    tip = own_name(tip) if tip else tip
+    tree = _Tree.of(model, ties, tip, where, data.qpos)
     check_size(len(tree.joints), where)
     names = body_names(names_of_bodies(model), map(tree.name, tree.joints), "body")
-    pins, place, notes = [], np.zeros(3), list(tree.notes(names))
+    pins, place, notes = [], np.zeros(3), [*ties.renamed, *tree.notes(names)]
     for link in tree.links:
         for joint in link:
             bodies = tuple(_bodies(tree, data, joint, names)) if joint == link[-1] else ()
@@ -176,13 +179,14 @@ def placed(path: str, where: str) -> tuple[Any, Any, "Ties"]:
 
     refuse(_not_sane(Path(path), where))
     refuse(_wrong_numbers(spec, where))
-    ties = Ties.of(spec)
-    if spec.compiler.inertiafromgeom != mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
-        _drop_shapes(spec)
+    ties = Ties.of(spec, where)
+    _drop_shapes(spec)
     model = compiled(spec, where)
     data = mujoco.MjData(model)
     scalar = np.isin(model.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
     data.qpos[model.jnt_qposadr[scalar]] = 0
+    for name in ties.joints:
+        data.qpos[model.jnt_qposadr[model.joint(name).id]] = ties.angle(name, model, data)
     with _silent():
         mujoco.mj_kinematics(model, data)
     for body in range(1, model.nbody):
@@ -199,40 +203,59 @@ class Ties:
 
     Attributes:
         joints: joints that follow another one, by name, with the one that they follow; empty where that is constant.
+        polynomials: coefficients of how they follow, the constant first.
         bodies: pairs of bodies or sites that are tied to one another, by name, and whether they are sites.
         others: the joints that a constraint of another kind ties; None where that is not known.
         ranges: equal limits of joints, by name.
+        renamed: the note on names that are others here.
     """
 
     joints: Mapping[str, str]
+    polynomials: Mapping[str, Any]
     bodies: Sequence[tuple[str, str, bool]]
     others: Sequence[frozenset[str] | None]
     ranges: Mapping[str, str]
+    renamed: tuple[str, ...]
+
+    def angle(self, joint: str, model: Any, data: Any) -> float:
+        """Return where a joint is that follows another one, or is locked, while that is where `data` has it."""
+        own, leader = (model.jnt_qposadr[model.joint(name).id] for name in (joint, self.joints[joint] or joint))
+        by = data.qpos[leader] - model.qpos0[leader] if self.joints[joint] else 0.0
+        return float(model.qpos0[own] + np.polynomial.Polynomial(self.polynomials[joint])(by))
 
     @classmethod
-    def of(cls, spec: Any) -> "Ties":
-        """Return the constraints of a specification, and take them and equal limits out of it."""
+    def of(cls, spec: Any, where: str) -> "Ties":
+        """Return the constraints of a specification; take them, equal limits and names that an arm can't have out."""
         import mujoco
 
-        kinds, joints, bodies, others = mujoco.mjtEq, dict[str, str](), [], []
+        parts = [*spec.bodies[1:], *spec.joints, *spec.sites]
+        renamed = own_names((part.name for part in parts), where)[1]
+        kinds, joints, polynomials, bodies, others = mujoco.mjtEq, dict[str, str](), {}, [], []
         for each in list(spec.equalities):
-            if each.type == kinds.mjEQ_JOINT:
-                joints[each.name1] = each.name2
+            if not each.active:
+                pass
+            elif each.type == kinds.mjEQ_JOINT:
+                joints[own_name(each.name1)] = own_name(each.name2)
+                polynomials[own_name(each.name1)] = np.array(each.data[:5])
             elif each.type in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
-                bodies.append((each.name1, each.name2, each.objtype == mujoco.mjtObj.mjOBJ_SITE))
+                names = own_name(each.name1), own_name(each.name2)
+                bodies.append((*names, each.objtype == mujoco.mjtObj.mjOBJ_SITE))
             elif each.type == kinds.mjEQ_TENDON:
                 wraps = [wrap for t in spec.tendons if t.name in (each.name1, each.name2) for wrap in t.path]
                 fixed = all(wrap.type == mujoco.mjtWrap.mjWRAP_JOINT for wrap in wraps)
-                others.append(frozenset(wrap.target.name for wrap in wraps) if fixed else None)
+                others.append(frozenset(own_name(wrap.target.name) for wrap in wraps) if fixed else None)
             else:
                 others.append(None)
             spec.delete(each)
+        _drop_users(spec)
+        for part in parts:
+            part.name = own_name(part.name)
         ranges = {}
         for joint in spec.joints:
             low, high = joint.range
             if low == high and (low != 0 or joint.limited == mujoco.mjtLimited.mjLIMITED_TRUE):
                 ranges[joint.name], joint.limited = f"range {low:g}, {high:g}", mujoco.mjtLimited.mjLIMITED_FALSE
-        return cls(joints, bodies, others, ranges)
+        return cls(joints, polynomials, bodies, others, ranges, renamed)
 
 
 def _wrong_numbers(spec: Any, where: str) -> Iterator[Problem]:
@@ -266,15 +289,23 @@ def _not_sane(path: Path, where: str) -> Iterator[Problem]:
         stack += [(child, body) for child in reversed(element)]
 
 
-def _drop_shapes(spec: Any) -> None:
-    """Remove the geoms of bodies whose inertia is given, and the meshes that then are of no use: they need no file.
-
-    What else refers to them goes before: it is nothing that an arm at rest has.
-    """
+def _drop_users(spec: Any) -> None:
+    """Remove what refers to bodies, joints, sites and shapes by name: it is nothing that an arm at rest has."""
     for user in (*spec.actuators, *spec.sensors, *spec.tendons, *spec.pairs, *spec.excludes, *spec.keys, *spec.skins):
         spec.delete(user)
+    for shown in (*spec.cameras, *spec.lights):
+        spec.delete(shown)
+
+
+def _drop_shapes(spec: Any) -> None:
+    """Remove the geoms that add no mass to what moves, and the meshes that then are of no use: they need no file."""
+    import mujoco
+
+    given = spec.compiler.inertiafromgeom != mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    low, high = spec.compiler.inertiagrouprange
     for geom in list(spec.geoms):
-        if geom.parent.explicitinertial or geom.parent is spec.worldbody:
+        weighs = geom.mass != 0 and geom.density != 0 and low <= geom.group <= high  # of no mass of its own: nan
+        if not weighs or (given and geom.parent.explicitinertial) or not _moves(geom.parent):
             spec.delete(geom)
     for shown in (*spec.geoms, *spec.sites):
         shown.material = ""
@@ -282,8 +313,12 @@ def _drop_shapes(spec: Any) -> None:
     for mesh in list(spec.meshes):
         if mesh.name not in used:
             spec.delete(mesh)
-    for unused in (*spec.lights, *spec.materials, *spec.textures):
+    for unused in (*spec.materials, *spec.textures):
         spec.delete(unused)
+
+
+def _moves(body: Any) -> bool:
+    return body.name != "world" and (bool(body.joints) or _moves(body.parent))
 
 
 @dataclass(frozen=True)
@@ -297,6 +332,7 @@ class _Tree:
         owner: the link's body that each body moves with, by number; 0 for the base.
         held: the joints that the arm does not have.
         ties: equality constraints.
+        places: what MuJoCo calls qpos, at zero posture.
     """
 
     model: Any
@@ -305,9 +341,10 @@ class _Tree:
     owner: list[int]
     held: list[int]
     ties: Ties
+    places: Any
 
     @classmethod
-    def of(cls, model: Any, ties: Ties, tip: str | None, where: str) -> "_Tree":
+    def of(cls, model: Any, ties: Ties, tip: str | None, where: str, places: Any) -> "_Tree":
         """Return the arm that a model has.
 
         Raises:
@@ -343,7 +380,7 @@ class _Tree:
         for body in range(1, model.nbody):
             owner.append(body if body in kept else owner[model.body_parentid[body]])
         held = [n for body in joints if body not in kept for n in joints[body]]
-        tree = cls(model, where, [joints[body] for body in kept], owner, held, ties)
+        tree = cls(model, where, [joints[body] for body in kept], owner, held, ties, places)
         tree._check_types()
         tree._check_names()
         return tree
@@ -377,14 +414,16 @@ class _Tree:
 
     def notes(self, names: Mapping[str, str]) -> Iterator[str]:
         """Yield where the arm is not what the file says."""
-        model = self.model
+        model, own = self.model, set(map(self.name, self.joints))
+        whole = float(sum(model.body_mass[n] for n in range(1, model.nbody) if self.owner[n]))
         for body in (0, *(int(model.jnt_bodyid[link[-1]]) for link in self.links)):
             held = [n for n in self.held if self.owner[model.jnt_bodyid[n]] == body]
             if held:
                 others = [n for n in self.carried(body) if model.body_weldid[n] != body] if body else []
                 mass = float(sum(model.body_mass[n] for n in others))
                 last = next((link[-1] for link in self.links if model.jnt_bodyid[link[-1]] == body), None)
-                yield held_note(self.where, list(map(self._told, held)), mass, "" if last is None else self.name(last))
+                beside = "" if last is None else self.name(last)
+                yield held_note(self.where, list(map(self._told, held)), (mass, whole), beside, own)
         for n in range(1, model.nbody):
             name = _body_name(model, n)
             if names[name] != name and model.body_mass[n] > 0 and self.owner[n]:
@@ -393,12 +432,11 @@ class _Tree:
             if name in self.ties.ranges:
                 yield limits_note(self.where, name, self.ties.ranges[name])
 
-    def _told(self, joint: int) -> str:
-        """Return the name of a joint, its type and the joint that it follows."""
+    def _told(self, joint: int) -> Held:
         name = self.name(joint)
-        leader = self.ties.joints.get(name)
         shown = name or f"of body {_body_name(self.model, int(self.model.jnt_bodyid[joint]))}"
-        return f"{shown} ({_type(self.model, joint)}{f', follows {leader}' if leader else ''})"
+        at = self.places[self.model.jnt_qposadr[joint]] if name in self.ties.joints else 0.0
+        return Held(shown, _type(self.model, joint), self.ties.joints.get(name, ""), float(at))
 
     def _check_types(self) -> None:
         """Refuse an arm without joints, joints that ident has no equation for, and constraints of the arm."""
@@ -428,11 +466,9 @@ class _Tree:
         return int(self.model.site_bodyid[self.model.site(name).id] if is_site else self.model.body(name).id)
 
     def _check_names(self) -> None:
-        model = self.model
-        parts = [("joint", self.name(n), int(model.jnt_bodyid[n])) for n in self.joints]
-        heavy = [n for n in range(1, model.nbody) if model.body_mass[n] > 0 and self.owner[n] > 0]
-        parts += [("body", _body_name(model, n), int(model.body_parentid[n])) for n in heavy]
-        check_names((f"{self.where}, body {_body_name(model, holder)}", kind, name) for kind, name, holder in parts)
+        bodies = [_body_name(self.model, int(self.model.jnt_bodyid[n])) for n in self.joints if not self.name(n)]
+        places = (f"{self.where}, body {name}" for name in bodies)
+        refuse(Problem(place, "a joint without a name", NAME_RULE, "name it") for place in places)
 
 
 def _type(model: Any, joint: int) -> str:
@@ -566,7 +602,7 @@ class Tree:
             InputError: MuJoCo knows it, though it has no element.
         """
         for world in self.root.iter("worldbody"):
-            if found := _path(world, lambda each: each.tag == tag and each.get("name") == name):
+            if found := _path(world, lambda each: each.tag == tag and own_name(each.get("name", "")) == name):
                 return found
         got, expected = "no element of its own", f"a <{tag}> of that name"
         raise refusal(f"{self.where}, {tag} {name}", got, expected, "write it without <attach> and <replicate>")

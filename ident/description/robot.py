@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +34,8 @@ Pair = tuple[float, ...]
 """Two numbers, across the axis and about it; their number is checked when the file is read."""
 TIP = "tip"
 """Name of the end point."""
+HEAVY = 0.05
+"""Share of the moving mass from which a link that follows a joint of the arm can't be held still: fingers have less."""
 MOST_NAMED = 8
 """Names of a list that a line repeats."""
 Node = TypeVar("Node", bound=Hashable)
@@ -48,17 +50,27 @@ def told_at(where: str) -> Iterator[None]:
         raise InputError(Problem(where, p.got, p.expected, p.remedy) for p in error.problems) from None
 
 
-def check_names(named: Iterable[tuple[str, str, str]]) -> None:
-    """Refuse names of joints, links and bodies that no arm may have.
+def own_name(name: str) -> str:
+    """Return a name as an arm may have it: `panda/joint.1` is `panda_joint_1`; an empty one stays."""
+    plain = re.sub(r"[^A-Za-z0-9_-]", "_", name)
+    return plain if re.fullmatch(NAME, plain) or not plain else f"x{plain}"
 
-    Args:
-        named: where each stands, what has it, and the name.
+
+def own_names(names: Iterable[str], where: str) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Return the names of a file that an arm can't have, with those that they get, and the note on it.
+
+    Raises:
+        InputError: two of them would be the same.
     """
-    refuse(
-        Problem(where, f"the {kind} name {name!r}", NAME_RULE, "rename it")
-        for where, kind, name in named
-        if not re.fullmatch(NAME, name)
-    )
+    every = [name for name in dict.fromkeys(names) if name]
+    own = {name: new for name in every if (new := own_name(name)) != name}
+    for name, new in own.items():
+        if [*own.values()].count(new) > 1 or new in every:
+            got = f"the name {name!r}, which {new} would stand for here as for another"
+            raise refusal(where, got, NAME_RULE, "rename one of them")
+    several = f" and {len(own) - 1} more names" if len(own) > 1 else ""
+    notes = [f"{where}: {one_line(name)} is called {new} here{several}: {NAME_RULE}" for name, new in own.items()]
+    return own, tuple(notes[:1])
 
 
 def refuse_xacro(data: bytes, root: Any, where: str) -> None:
@@ -170,12 +182,48 @@ def renamed_note(where: str, kind: str, old: str, new: str) -> str:
     return f"{where}, {kind} {one_line(old)}: called {new} here, as {why}"
 
 
-def held_note(where: str, held: Sequence[str], mass: float, joint: str) -> str:
-    """Return the note on joints that the arm does not have, on the link of `joint`, or on the base if it is empty."""
-    one = len(held) == 1
+@dataclass(frozen=True)
+class Held:
+    """A joint that the arm does not have.
+
+    Attributes:
+        name: as the file calls it.
+        type: of the joint, in the file's words.
+        follows: the joint that it follows; empty where it follows none.
+        at: [rad or m] where it is held: where its constraint puts it while the others are at zero.
+    """
+
+    name: str
+    type: str
+    follows: str = ""
+    at: float = 0.0
+
+    def __str__(self) -> str:
+        follows, at = f", follows {self.follows}" if self.follows else "", f", at {self.at:.4g}" if self.at else ""
+        return f"{self.name} ({self.type}{follows}{at})"
+
+
+def held_note(where: str, held: Sequence[Held], masses: tuple[float, float], joint: str, own: Container[str]) -> str:
+    """Return the note on joints that the arm does not have, on the link of `joint`, or on the base if it is empty.
+
+    Args:
+        where: names the file.
+        held: the joints.
+        masses: [kg] on them, and of all that moves.
+        joint: with which they move.
+        own: names of the arm's joints.
+
+    Raises:
+        InputError: one follows a joint of the arm, and they are too heavy to be held still while that turns.
+    """
+    one, (mass, whole) = len(held) == 1, masses
+    place = f"{where}, joint{'s' * (not one)} {listed(map(str, held))}"
+    if any(each.follows in own for each in held) and mass > HEAVY * whole:
+        got = f"{mass:.3g} of {whole:.3g} kg on what turns with another joint"
+        raise refusal(place, got, "a serial arm whose joints turn on their own", "fix the joint, or let it turn alone")
     verb, with_them = ("is", "it") if one else ("are", "them")
     what = f"{mass:.4g} kg on {with_them} move with {joint}" if joint else f"what is on {with_them} is left out"
-    return f"{where}, joint{'s' * (not one)} {listed(held)}: {verb} held at zero; {what}"
+    return f"{place}: {verb} held{'' if any(each.at for each in held) else ' at zero'}; {what}"
 
 
 def limits_note(where: str, joint: str, limits: str) -> str:

@@ -14,21 +14,23 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ident.arm.arm import Arm, check_size
 from ident.arm.fields import LARGEST
 from ident.arm.parts import Body, Point
 from ident.description.robot import (
     TIP,
+    Held,
     Pair,
     Pin,
     Robot,
     body_names,
-    check_names,
     held_note,
     is_sane,
     limits_note,
     listed,
+    own_names,
     refuse_xacro,
     renamed_note,
     serial_chain,
@@ -158,8 +160,6 @@ def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
         if name:
             segments.append(Segment(joints[name], pose))
         pose = _collect(segments[-1], joints[name].child if name else root, following, links, children)
-    joints_of = [(where, "joint", segment.joint.name) for segment in segments[1:]]
-    check_names([*joints_of, *((where, "link", name) for segment in segments[1:] for name in segment.bodies)])
     return segments
 
 
@@ -191,6 +191,8 @@ def _collect(segment: Segment, link: str, following: str, links: Any, children: 
         further = []
         for joint in children[link]:
             there = at if joint.origin is None else at @ joint.origin
+            if joint.mimic is not None:
+                there = there @ _moved(joint, _offset(joint))
             if joint.name == following:
                 pose = there
                 continue
@@ -199,6 +201,22 @@ def _collect(segment: Segment, link: str, following: str, links: Any, children: 
                 segment.held[joint.name] = joint
             further.append((joint.child, there, is_held or moves))
         stack += reversed(further)
+    return pose
+
+
+def _offset(joint: Any) -> float:
+    """Return where a joint that follows another one is while that is at zero [rad or m]; zero for any other."""
+    return 0.0 if joint.mimic is None else float(joint.mimic.offset or 0.0)
+
+
+def _moved(joint: Any, by: float) -> Any:
+    """Return how the child of a joint is placed in its frame, (4, 4)."""
+    pose, axis = np.eye(4), np.asarray(joint.axis if np.shape(joint.axis) == (3,) else (1.0, 0.0, 0.0))
+    axis = axis / np.linalg.norm(axis)
+    if joint.type == "prismatic":
+        pose[:3, 3] = by * axis
+    else:
+        pose[:3, :3] = Rotation.from_rotvec(by * axis).as_matrix()
     return pose
 
 
@@ -283,6 +301,11 @@ def urdf_robot(data: bytes, path: str, tip: str | None = None) -> Robot:
     """
     where = one_line(path)
     robot = parse(data, where)
+    renamed, notes = own_names([*(x.name or "" for x in robot.links), *(x.name or "" for x in robot.joints)], where)
+    for part in (*robot.links, *robot.joints, *(each.mimic for each in robot.joints if each.mimic is not None)):
+        for key in {"name", "parent", "child", "joint"} & vars(part).keys():
+            setattr(part, key, renamed.get(getattr(part, key), getattr(part, key)))
+    tip = renamed.get(tip, tip) if tip else tip
     base, *segments = chain(robot, where, tip)
     check_size(len(segments), where)
     names = body_names([link.name for link in robot.links], [each.joint.name for each in segments], "link")
@@ -296,20 +319,21 @@ def urdf_robot(data: bytes, path: str, tip: str | None = None) -> Robot:
     end = tip or (last.ends[0] if len(last.ends) == 1 else last.joint.child)
     carrier = next(each for each in segments if end in each.links)
     point = Point(TIP, carrier.joint.name, carrier.links[end][:3, 3] - carrier.origin)
-    notes = tuple(_notes(base, segments, names, where))
+    notes += tuple(_notes(base, segments, names, where))
     return Robot(robot.name or Path(path).stem, where, tuple(pins), point, notes=notes)
 
 
 def _notes(base: Segment, segments: list[Segment], names: Mapping[str, str], where: str) -> Iterator[str]:
     """Yield where the arm is not what the file says."""
-    for segment in (base, *segments):
+    own, weights = {each.joint.name for each in segments}, [_weights(each) for each in (base, *segments)]
+    whole = sum(fixed + held for fixed, held in weights[1:])
+    for segment, (_, mass) in zip((base, *segments), weights, strict=True):
         if segment.held:
             held = [
-                f"{name} ({joint.type}{f', follows {joint.mimic.joint}' if joint.mimic is not None else ''})"
+                Held(name, joint.type, "" if joint.mimic is None else joint.mimic.joint, _offset(joint))
                 for name, joint in segment.held.items()
             ]
-            mass = sum(float(body.mass or 0) for name, (body, _) in segment.bodies.items() if name not in segment.links)
-            yield held_note(where, held, mass, segment.joint.name if segment.joint else "")
+            yield held_note(where, held, (mass, whole), segment.joint.name if segment.joint else "", own)
     for segment in segments:
         for name in segment.bodies:
             if names[name] != name:
@@ -319,6 +343,13 @@ def _notes(base: Segment, segments: list[Segment], names: Mapping[str, str], whe
         if segment.joint.type != "continuous" and (lower or 0.0) == (upper or 0.0):
             given = "no limits" if lower is None and upper is None else f"limits {lower or 0:g}, {upper or 0:g}"
             yield limits_note(where, segment.joint.name, given)
+
+
+def _weights(segment: Segment) -> tuple[float, float]:
+    """Return the masses [kg] of what is fixed to a segment, and of what is on joints that are held."""
+    masses = {name: float(body.mass or 0) for name, (body, _) in segment.bodies.items()}
+    fixed = sum(mass for name, mass in masses.items() if name in segment.links)
+    return fixed, sum(masses.values()) - fixed
 
 
 def _pin(segment: Segment, place: Any, names: Mapping[str, str], where: str) -> Pin:

@@ -16,6 +16,7 @@ from ident.arm.chain import at_posture
 from ident.arm.mechanics import mass_matrix, straight_positions
 from ident.description.file import read_arm
 from ident.description.mjcf import NUMBERS, read_mjcf
+from ident.description.mjcf_writing import mjcf_with_bushings
 from ident.errors import InputError
 
 jax.config.update("jax_enable_x64", True)
@@ -85,8 +86,7 @@ def test_the_tip_is_the_only_site_or_the_named_frame(load):
 BAD = [
     ('<joint name="j2" limited="false"/>', '<joint name="j2" type="slide"/>', ("joint j2", "type slide", "a hinge")),
     ('<joint name="j2" limited="false"/>', '<joint name="j2" type="ball"/>', ("joint j2", "type ball")),
-    ('<joint name="j2" limited="false"/>', "<joint/>", ("body b", "the joint name ''", "rename it")),
-    ('body name="a"', 'body name="robot/a"', ("the body name 'robot/a'", "rename it")),
+    ('<joint name="j2" limited="false"/>', "<joint/>", ("body b", "a joint without a name", "name it")),
     ("</worldbody>", '</worldbody><equality><joint joint1="j1" joint2="j2"/></equality>', ("an equality constraint",)),
     ('mass="5"', 'mass="-5"', ("body b", "mass -5")),
     ('mass="5"', 'mass="heavy"', ("arm.xml", "MuJoCo can't read", "inertial")),
@@ -178,6 +178,78 @@ def test_a_constraint_that_ties_the_arm_is_refused(load, tie):
     text = text.replace("<tendon>", tendon, 1).replace('<body name="motor"', '<site name="elbow"/><body name="motor"')
     with pytest.raises(InputError, match="an equality constraint"):
         load(text)
+
+
+LOCK = """</worldbody><equality><joint joint1="lid" polycoef="0.5 0 0 0 0"/>
+  <joint joint1="flap" joint2="lid" polycoef="0.1 2 0 0 0"/>
+  <joint joint1="j3" joint2="j1" active="false"/></equality>"""
+LIDS = """<body name="flange" pos="0.25 0 0"><site name="tool" pos="0 0 0.1"/>
+  <body name="cover" pos="0 0.02 0.1"><joint name="lid" axis="0 1 0"/><geom size="0.02 0.2" pos="0.1 0 0"/></body>
+  <body name="wing" pos="0 0.02 0.1"><joint name="flap" axis="1 1 0"/><geom size="0.02 0.2" pos="0.1 0 0"/></body>
+  </body>"""
+
+
+def test_a_locked_joint_is_held_where_it_is_and_what_is_not_active_does_not_count(robot):
+    robot.write_text(MJCF.replace(FLANGE, LIDS).replace("</worldbody>", LOCK))
+    read = read_arm(robot)
+    assert "joints lid (hinge, at 0.5), flap (hinge, follows lid, at 1.1): are held; " in read.notes[0]
+    spec = mujoco.MjSpec.from_string(WITHOUT_MESHES.replace(FLANGE, LIDS))
+    data = mujoco.MjData(spec.compile())
+    data.joint("lid").qpos, data.joint("flap").qpos = 0.5, 1.1
+    mujoco.mj_kinematics(data.model, data)
+    link = {body.name: np.asarray(body.com) for body in read.arm.joints[2].link}
+    for name in ("cover", "wing"):
+        np.testing.assert_allclose(link[name], data.body(name).xipos - data.joint("j3").xanchor, atol=1e-12)
+
+
+def test_a_heavy_link_that_follows_the_arm_is_no_note(robot):
+    tied = MJCF.replace(FLANGE, LIDS).replace("</worldbody>", LOCK).replace('joint1="lid"', 'joint1="lid" joint2="j2"')
+    robot.write_text(tied.replace('pos="0.1 0 0"/>', 'pos="0.1 0 0" density="9e3"/>'))
+    with pytest.raises(InputError, match=r"got .* of .* kg on what turns with another joint, expected a serial arm"):
+        read_arm(robot)
+    robot.write_text(tied.replace('pos="0.1 0 0"/>', 'pos="0.1 0 0" density="9"/>'))
+    assert "follows j2" in read_arm(robot).notes[0]
+
+
+def test_names_of_composed_models_are_changed_and_that_is_said_once(robot):
+    """As dm_control writes them; the same arm, whose bushings are written where they belong."""
+    plain = read_arm(robot).arm
+    text = re.sub(r'(joint|body|joint1) name="(\w+)"', r'\1 name="my.arm/\2"', MJCF).replace(
+        'joint="j1"', 'joint="my.arm/j1"'
+    )
+    robot.write_text(text.replace('site name="tool"', 'site name="the tool"'))
+    beside = robot.with_suffix(".joints.toml")
+    beside.write_text(
+        re.sub(r'"(j[123])"', r'"my_arm_\1"', JOINTS).replace("[[joint]]", 'tip = "the tool"\n[[joint]]', 1)
+    )
+    read = read_arm(robot)
+    (note,) = read.notes
+    assert "my.arm/stand is called my_arm_stand here and 9 more names: letters, digits, _ and - only" in note
+    assert [joint.name for joint in read.arm.joints] == ["my_arm_j1", "my_arm_j2", "my_arm_j3"]
+    assert list(read.arm.numbers().values()) == list(plain.numbers().values())
+    robot.write_text(
+        "\n".join(line for line in robot.read_text().splitlines() if "nowhere" not in line).replace(
+            ' material="grey"', ""
+        )
+    )
+    model = mujoco.MjModel.from_xml_string(mjcf_with_bushings(str(robot), read.arm, read.arm, []).decode())
+    assert [model.joint(n).name for n in range(4)] == [
+        "my_arm_j1_tors",
+        "my_arm_j1_bend_1",
+        "my_arm_j1_bend_2",
+        "my.arm/j1",
+    ]
+    robot.write_text(text.replace('body name="my.arm/a"', 'body name="my_arm_b"'))
+    with pytest.raises(InputError, match=r"the name 'my.arm/b', which my_arm_b would stand for here as for another"):
+        read_arm(robot)
+
+
+def test_meshes_of_what_stands_still_or_has_no_mass_need_no_file(load):
+    shapes = '<geom type="mesh" mesh="nowhere"/>', '<geom type="mesh" mesh="nowhere" mass="0"/>'
+    stand = MJCF.replace('<inertial mass="99" pos="0 0 0" diaginertia="1 1 1"/>', shapes[0])
+    stand = stand.replace('<body name="motor"', f'<body name="shown" pos="0 0 1">{shapes[1]}</body><body name="motor"')
+    arm, plain = load(stand), load()
+    assert list(arm.numbers().values()) == list(plain.numbers().values())
 
 
 def test_a_body_with_the_name_of_a_joint_or_of_the_end_is_renamed(robot):

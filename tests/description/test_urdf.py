@@ -145,7 +145,7 @@ BAD = [
     ('<link name="tool0"/>', "<link/>", ("yourdfpy cannot read",)),
     ('<link name="tool0"/>', '<link name="tool0">', ("arm.urdf:31, column 3", "XML")),
     ('<link name="tool0"/>', '<link name="tool0"/><link name="c"/>', ("two links c", "unique names")),
-    ('joint name="j2"', 'joint name="j.2"', ("the joint name 'j.2'", "letters, digits, _ and - only")),
+    ('<link name="tool0"/>', '<link name="a/b"/><link name="a.b"/>', ("the name 'a/b'", "rename one of them")),
     (
         '<mass value="1.5"/>',
         '<mass value="0"/>',
@@ -252,6 +252,35 @@ DRIVE = """<joint name="drive" type="revolute"><parent link="tool0"/><child link
 
 def test_a_gripper_whose_joints_follow_one_drive_is_no_further_joint_of_the_arm(load):
     assert [joint.name for joint in load(URDF.replace("</robot>", DRIVE)).joints] == ["j1", "j2", "j3"]
+
+
+HEAVY = """<joint name="lever" type="revolute"><parent link="c"/><child link="end"/><mimic joint="j2" offset="0.5"/>
+  <origin xyz="0 0 0.1"/><axis xyz="0 2 0"/></joint><link name="end"><inertial><origin xyz="0.3 0 0"/>
+  <mass value="5"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+
+
+def test_a_joint_that_follows_the_arm_is_held_at_its_offset_or_refused_where_it_is_heavy(load, tmp_path):
+    with pytest.raises(InputError, match=r"lever .*: got 5 of 20.5 kg on what turns with another joint"):
+        load(URDF.replace("</robot>", HEAVY))
+    light = HEAVY.replace('value="5"', 'value="0.05"')
+    end, at_zero = (
+        load(URDF.replace("</robot>", text)).joints[2].link[-1].com for text in (light, light.replace("0.5", "0"))
+    )
+    hinge = np.asarray(load(URDF.replace("</robot>", light.replace("0.3 0 0", "0 0 0"))).joints[2].link[-1].com)
+    one, other = (np.asarray(com) - hinge for com in (end, at_zero))
+    assert np.linalg.norm(one) == pytest.approx(0.3)
+    assert one @ other == pytest.approx(0.09 * np.cos(0.5))
+    load(URDF.replace("</robot>", light))
+    assert "joint lever (revolute, follows j2, at 0.5): is held; 0.05 kg" in read_robot(tmp_path / "arm.urdf").notes[0]
+
+
+def test_names_with_slashes_are_changed_and_that_is_said_once(load, tmp_path):
+    slashed = re.sub(r'(name|link)="(?!three)', r'\1="my.arm/', URDF)
+    arm = load(slashed, stiffness=(1e5, 2e5), tip="my.arm/tool0")
+    assert list(arm.numbers().values()) == list(load(stiffness=(1e5, 2e5), tip="tool0").numbers().values())
+    load(slashed, stiffness=(1e5, 2e5))
+    (note,) = read_robot(tmp_path / "arm.urdf").notes
+    assert "my.arm/base is called my_arm_base here and " in note
 
 
 def test_a_link_with_the_name_of_a_joint_or_of_the_end_is_renamed(load, tmp_path):
