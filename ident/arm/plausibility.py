@@ -200,6 +200,14 @@ LONGEST, SHORTEST = 20.0, 0.05
 """Reach [m] beyond which metres and millimetres were probably mixed up."""
 DENSEST, LIGHTEST = 23e3, 10.0
 """Densities [kg/m^3]: osmium has 22,600; 10 is less than any frame that carries."""
+SPARSEST, MOST_COMPACT = 0.05, 5e3
+"""Mass over the cube of the reach [kg/m^3]: 10 to 1500 on arms that are sold, 0.3 on the arms of space stations."""
+LIGHTER = 100.0
+"""Factor by which a link's main body may be lighter than both neighbours': at most 20 on 15 arms, 1000 of grams."""
+NEGLIGIBLE = 1e-3
+"""Share of all masses below which it makes no difference where a body's mass is, as of fingers that weigh nothing."""
+ENDS = 0.8
+"""Share of the reach before which an end point on another link than the last is no hand."""
 MOST_GIVING = 0.02
 """Angle [rad] by which the weight beyond it may bend a bushing when it is held out level: a degree."""
 PROPORTION = 20.0
@@ -251,8 +259,10 @@ def oddities(arm: Arm, extents: Mapping[str, Float[np.ndarray, "2 3"]] | None = 
     """
     reach, extents = reach_of(arm), extents or {}
     every = links(arm)
-    found = list(_lengths(arm, reach)) or [*_bodies(every, reach, extents), *_placeholders(every, reach, extents)]
+    found = list(_lengths(arm, reach)) or list(_whole(arm, reach))
+    found = found or [*_bodies(every, reach, extents), *_light(arm), *_placeholders(every, reach, extents)]
     found += [] if found else [*_giving(arm), *_proportion(arm)]  # of wrong lengths and masses, all stiffnesses are odd
+    found += _end_point(arm, reach)
     first: dict[str, Oddity] = {}
     for each in (*found, *_limits(arm), *_drives(arm)):
         first.setdefault(each.path, each)
@@ -307,6 +317,38 @@ def _lengths(arm: Arm, reach: float) -> Iterator[Oddity]:
             yield Oddity(path, f"{1e3 * size:.3g} mm in an arm of {reach:.3g} m", f'{1e3 * size:.3g} m; unit = "m"?')
 
 
+def _whole(arm: Arm, reach: float) -> Iterator[Oddity]:
+    """Yield a mass of the whole arm, also without its heaviest body, that is none for its reach."""
+    *masses, heaviest = sorted(float(body.mass) for body in arm.bodies)
+    heavy, light = sum(masses) > MOST_COMPACT * reach**3, 0 < sum(masses) + heaviest < SPARSEST * reach**3
+    if heavy or light:
+        unit, size = ("g", 1e-3) if heavy else ("t", 1e3)
+        whole = sum(masses) + heaviest
+        expected = f'{size * whole:.3g} kg; unit = "{unit}", or kg in a robot description?'
+        yield Oddity("bodies.mass", f"{whole:.4g} kg on a reach of {reach:.3g} m", expected)
+
+
+def _light(arm: Arm) -> Iterator[Oddity]:
+    """Yield masses of bodies in the wrong unit for their neighbours."""
+    own = [max((*joint.shaft, *joint.link), key=lambda body: float(body.mass), default=None) for joint in arm.joints]
+    heavy = [(body, float(body.mass)) for body in own if body is not None and float(body.mass) > 0]
+    for (_, before), (body, mass), (_, after) in zip(heavy, heavy[1:], heavy[2:], strict=False):
+        if LIGHTER * mass < min(before, after):
+            got = f"{1e3 * mass:.3g} g between {before:.3g} and {after:.3g} kg"
+            yield Oddity(f"{body.name}.mass", got, f'{1e3 * mass:.3g} kg; unit = "kg"?')
+
+
+def _end_point(arm: Arm, reach: float) -> Iterator[Oddity]:
+    """Yield an end point far before the arm's end: the last point that the file lists."""
+    names = [joint.name for joint in arm.joints]
+    if arm.points and (place := names.index(arm.points[-1].joint)) < len(names) - 1:
+        lengths = [float(np.linalg.norm(link_end(arm, n))) for n in range(place)]
+        along = sum(lengths) + float(np.linalg.norm(arm.points[-1].position))
+        if along < ENDS * reach:
+            got = f"{arm.points[-1].name}, {along:.3g} m of {reach:.3g} m reach"
+            yield Oddity("end point", got, "the hand's: list that point last")
+
+
 def _bodies(every: Sequence[Link], reach: float, extents: Mapping[str, np.ndarray]) -> Iterator[Oddity]:
     """Yield bodies that are not where their link is, or too heavy for their size."""
     masses = {body.name: float(body.mass) for link in every for body in link.bodies}
@@ -315,10 +357,11 @@ def _bodies(every: Sequence[Link], reach: float, extents: Mapping[str, np.ndarra
         for body in link.bodies:
             mass, com = float(body.mass), np.asarray(body.com)
             extent = extents.get(body.name)
-            yield from _place(f"{body.name}.com", com, link, reach, extent)
+            if mass > NEGLIGIBLE * total:
+                yield from _place(f"{body.name}.com", com, link, reach, extent)
             if extent is not None:
                 yield from _density(f"{body.name}.mass", mass, extent)
-            else:
+            elif mass > NEGLIGIBLE * total:
                 yield from _gyration(f"{body.name}.inertia", mass, np.asarray(body.inertia), link, com, reach)
             if len(masses) > 2 and mass > 50 * (total - mass):
                 got = f"{mass:.4g} kg, all other bodies have {total - mass:.3g} kg"

@@ -2,7 +2,8 @@
 
 import importlib
 import os
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.resources import files
 from math import degrees, isfinite, pi, radians
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.assess.show import ArmNames, ArmView
     from ident.description.file import ArmFile
+    from ident.description.robot import Robot
 
 
 # -------- New
@@ -88,6 +90,7 @@ def new_from_robot(robot: str | Path, folder: str | Path, tip: str | None = None
     Raises:
         InputError: a robot description of no serial arm, or a folder that has files already or can't be written.
     """
+    from ident.arm.plausibility import oddities
     from ident.assess.show import example
     from ident.description.file import parse_arm, read_robot
     from ident.description.rewriting import arm_text
@@ -108,7 +111,16 @@ def new_from_robot(robot: str | Path, folder: str | Path, tip: str | None = None
         raise InputError(replace(p, where=where) for p in error.problems) from None
     made = example(written)
     made_files = _write(Path(folder), text, campaign_text(made.campaign, header_comments=made.comments))
-    return replace(made_files, notes=described.notes)
+    odd = (f"{name}: {each}" for each in oddities(written))
+    return replace(made_files, notes=(*described.notes, *odd, *_gripper(described)))
+
+
+def _gripper(robot: "Robot") -> Iterator[str]:
+    """Yield the note on a last joint that is called like a gripper's."""
+    last, before = robot.pins[-1], robot.pins[-2:][0]
+    if re.search("grip|jaw|finger|claw", last.name.lower()):
+        tip = f"; if it is a gripper's, name what the arm ends with: --tip {before.carrier.partition(' ')[2]}"
+        yield f"{robot.where}, joint {last.name}: counts as a driven joint of the arm{tip}"
 
 
 def guessed_stiffness(arm: "Arm") -> Mapping[str, tuple[float, float]]:

@@ -226,3 +226,42 @@ def test_distances_to_a_link():
     assert to_box(end, np.array([[0.5, 1.0, -1.0], [1.0, 2.0, 1.0]])) == pytest.approx(1.0)
     assert to_box(end, np.array([[3.0, 1.0, 0.0], [4.0, 2.0, 1.0]])) == pytest.approx(np.sqrt(2.0))
     assert to_box(end, np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])) == 0.0
+
+
+def three_links(masses, points=(("tip", "j2", 0.4),), fingers=0.0):
+    """An arm of three links of 0.4 m, the last one with two fingers to its side."""
+    bodies = [Body(f"link{n}", m, [0.2, 0, 0], m * np.diag([1e-3, 0.014, 0.014])) for n, m in enumerate(masses)]
+    beside = [Body(f"finger{n}", fingers, [0.4, y, 0.3], fingers * 1e-3 * np.eye(3)) for n, y in enumerate((-1.2, 1.2))]
+    joints = [
+        Joint(
+            f"j{n}",
+            axis=[0, 1, 0],
+            offset=[0.4 * (n > 0), 0, 0],
+            k_bend=1e6,
+            k_tors=1e6,
+            link=(body, *beside * (n == 2)),
+        )
+        for n, body in enumerate(bodies)
+    ]
+    return Arm("three", tuple(joints), points=tuple(Point(name, joint, [x, 0, 0]) for name, joint, x in points))
+
+
+ELBOW = (("tip", "j2", 0.4), ("elbow", "j0", 0.4))
+
+
+@pytest.mark.parametrize(
+    ("arm", "words"),
+    [
+        (three_links((20e3, 12e3, 5e3)), ('bodies.mass: 3.7e+04 kg on a reach of 1.2 m; expected 37 kg; unit = "g"',)),
+        (three_links((0.02, 0.012, 0.005)), ('bodies.mass: 0.037 kg on a reach of 1.2 m; expected 37 kg; unit = "t"',)),
+        (three_links((20, 0.042, 5)), ('link1.mass: 42 g between 20 and 5 kg; expected 42 kg; unit = "kg"?',)),
+        (three_links((20, 0.4, 5)), ()),
+        (three_links((20, 12, 5), fingers=1e-6), ()),
+        (three_links((20, 12, 5), ELBOW), ("end point: elbow, 0.4 m of 1.2 m reach; expected the hand's",)),
+        (three_links((20, 12, 5), ELBOW[::-1]), ()),
+    ],
+)
+def test_masses_of_another_unit_and_an_end_point_at_the_elbow_are_named(arm, words):
+    found = list(map(str, oddities(arm)))
+    assert len(found) == len(words)
+    assert all(word in each for word, each in zip(words, found, strict=True))

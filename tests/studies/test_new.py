@@ -10,6 +10,7 @@ import pytest
 from arms import DATA, random_arm
 from reports import assert_one_screen
 from templates import TEMPLATES, made
+from three_joints import URDF
 
 import ident
 from ident.description.file import parse_arm, read_arm
@@ -130,3 +131,14 @@ def test_a_wheel_has_the_templates():
     written = [path.relative_to(ROOT / "ident").as_posix() for path in TEMPLATES.iterdir()]
     assert {f"description/templates/{kind}{end}" for kind in KINDS for end in (".toml", ".csv")} == set(written)
     assert all(any(fnmatch(name, pattern) for pattern in patterns) for name in written)
+
+
+@pytest.mark.slow  # a campaign is simulated on another arm
+def test_a_robot_with_a_jaw_and_inertias_that_nobody_filled_in_is_told_so(tmp_path):
+    text = re.sub(r"<inertia [^>]*>", '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>', URDF)
+    (tmp_path / "robot.urdf").write_text(text.replace('"j3"', '"gripper_jaw"'))
+    *_, odd, jaw = new_from_robot(tmp_path / "robot.urdf", tmp_path / "new").notes
+    assert odd.startswith("robot.urdf: ")
+    assert "inertia" in odd
+    assert "joint gripper_jaw: counts as a driven joint of the arm; if it is a gripper's" in jaw
+    assert jaw.endswith("--tip b")
