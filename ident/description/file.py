@@ -16,7 +16,6 @@ from pydantic import ValidationError
 
 from ident.arm.arm import Arm, check_size, massless_joints, on_soft_base
 from ident.arm.parts import Payload, Point
-from ident.arm.plausibility import belt_mismatches
 from ident.description.problems import Source, lines_of, load_toml
 from ident.description.rewriting import changed_numbers, joint_text, set_inertias, set_numbers, with_first_joint
 from ident.description.robot import (
@@ -144,11 +143,6 @@ class ArmFile:
     def name(self) -> str:
         """What results are called after: the file, or else the arm."""
         return Path(self.path).stem or self.arm.name
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Objections to the arm as it is described, one line each: belts that cannot run."""
-        return tuple(map(str, belt_mismatches(self.arm)))
 
 
 def read_arm(path: str | PathLike[str]) -> ArmFile:

@@ -90,7 +90,7 @@ def mjcf_robot(path: str, tip: str | None = None) -> Robot:
     """
     where = one_line(path)
     model, data, ties = placed(path, where)
-    tip = own_name(tip) if tip else tip
+    tip = tip and own_name(tip)
     tree = _Tree.of(model, ties, tip, where, data.qpos)
     check_size(len(tree.joints), where)
     names = body_names(names_of_bodies(model), map(tree.name, tree.joints), "body")
@@ -185,8 +185,10 @@ def placed(path: str, where: str) -> tuple[Any, Any, "Ties"]:
     data = mujoco.MjData(model)
     scalar = np.isin(model.jnt_type, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
     data.qpos[model.jnt_qposadr[scalar]] = 0
-    for name in ties.joints:
-        data.qpos[model.jnt_qposadr[model.joint(name).id]] = ties.angle(name, model, data)
+    for name, leader in ties.joints.items():  # where they are while the others are at zero
+        own, other = (model.jnt_qposadr[model.joint(each).id] for each in (name, leader or name))
+        by = ties.polynomials[name](data.qpos[other] - model.qpos0[other]) if leader else ties.polynomials[name](0.0)
+        data.qpos[own] = model.qpos0[own] + by
     with _silent():
         mujoco.mj_kinematics(model, data)
     for body in range(1, model.nbody):
@@ -203,7 +205,7 @@ class Ties:
 
     Attributes:
         joints: joints that follow another one, by name, with the one that they follow; empty where that is constant.
-        polynomials: coefficients of how they follow, the constant first.
+        polynomials: by which they follow it.
         bodies: pairs of bodies or sites that are tied to one another, by name, and whether they are sites.
         others: the joints that a constraint of another kind ties; None where that is not known.
         ranges: equal limits of joints, by name.
@@ -216,12 +218,6 @@ class Ties:
     others: Sequence[frozenset[str] | None]
     ranges: Mapping[str, str]
     renamed: tuple[str, ...]
-
-    def angle(self, joint: str, model: Any, data: Any) -> float:
-        """Return where a joint is that follows another one, or is locked, while that is where `data` has it."""
-        own, leader = (model.jnt_qposadr[model.joint(name).id] for name in (joint, self.joints[joint] or joint))
-        by = data.qpos[leader] - model.qpos0[leader] if self.joints[joint] else 0.0
-        return float(model.qpos0[own] + np.polynomial.Polynomial(self.polynomials[joint])(by))
 
     @classmethod
     def of(cls, spec: Any, where: str) -> "Ties":
@@ -236,7 +232,7 @@ class Ties:
                 pass
             elif each.type == kinds.mjEQ_JOINT:
                 joints[own_name(each.name1)] = own_name(each.name2)
-                polynomials[own_name(each.name1)] = np.array(each.data[:5])
+                polynomials[own_name(each.name1)] = np.polynomial.Polynomial(np.array(each.data[:5]))
             elif each.type in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
                 names = own_name(each.name1), own_name(each.name2)
                 bodies.append((*names, each.objtype == mujoco.mjtObj.mjOBJ_SITE))
@@ -247,7 +243,10 @@ class Ties:
             else:
                 others.append(None)
             spec.delete(each)
-        _drop_users(spec)
+        # what refers to them by name is nothing that an arm at rest has
+        users = spec.actuators, spec.sensors, spec.tendons, spec.pairs, spec.excludes, spec.keys, spec.skins
+        for user in [each for kind in (*users, spec.cameras, spec.lights) for each in kind]:
+            spec.delete(user)
         for part in parts:
             part.name = own_name(part.name)
         ranges = {}
@@ -287,14 +286,6 @@ def _not_sane(path: Path, where: str) -> Iterator[Problem]:
                 place = f"{where}, body {body}" if body else where
                 yield Problem(place, f'{key}="{element.attrib[key]}"', "finite numbers", "correct it", element.tag)
         stack += [(child, body) for child in reversed(element)]
-
-
-def _drop_users(spec: Any) -> None:
-    """Remove what refers to bodies, joints, sites and shapes by name: it is nothing that an arm at rest has."""
-    for user in (*spec.actuators, *spec.sensors, *spec.tendons, *spec.pairs, *spec.excludes, *spec.keys, *spec.skins):
-        spec.delete(user)
-    for shown in (*spec.cameras, *spec.lights):
-        spec.delete(shown)
 
 
 def _drop_shapes(spec: Any) -> None:
@@ -382,7 +373,6 @@ class _Tree:
         held = [n for body in joints if body not in kept for n in joints[body]]
         tree = cls(model, where, [joints[body] for body in kept], owner, held, ties, places)
         tree._check_types()
-        tree._check_names()
         return tree
 
     @property
@@ -456,6 +446,9 @@ class _Tree:
             remedy = "remove it, and what it ties to the arm"
             raise refusal(where, "an equality constraint", "a serial arm whose hinges turn on their own", remedy)
         for joint in self.joints:
+            if not self.name(joint):
+                place = f"{where}, body {_body_name(model, int(model.jnt_bodyid[joint]))}"
+                raise refusal(place, "a joint without a name", NAME_RULE, "name it")
             if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
                 got, remedy = f"type {_type(model, joint)}", "fix this joint, or let the arm end before it (tip)"
                 raise refusal(f"{where}, joint {self.name(joint)}", got, "a hinge", remedy)
@@ -464,11 +457,6 @@ class _Tree:
         if not name:
             return 0
         return int(self.model.site_bodyid[self.model.site(name).id] if is_site else self.model.body(name).id)
-
-    def _check_names(self) -> None:
-        bodies = [_body_name(self.model, int(self.model.jnt_bodyid[n])) for n in self.joints if not self.name(n)]
-        places = (f"{self.where}, body {name}" for name in bodies)
-        refuse(Problem(place, "a joint without a name", NAME_RULE, "name it") for place in places)
 
 
 def _type(model: Any, joint: int) -> str:

@@ -64,12 +64,12 @@ def own_names(names: Iterable[str], where: str) -> tuple[dict[str, str], tuple[s
     """
     every = [name for name in dict.fromkeys(names) if name]
     own = {name: new for name in every if (new := own_name(name)) != name}
+    notes, several = [], f" and {len(own) - 1} more names" if len(own) > 1 else ""
     for name, new in own.items():
-        if [*own.values()].count(new) > 1 or new in every:
+        if [*own.values(), *every].count(new) > 1:
             got = f"the name {name!r}, which {new} would stand for here as for another"
             raise refusal(where, got, NAME_RULE, "rename one of them")
-    several = f" and {len(own) - 1} more names" if len(own) > 1 else ""
-    notes = [f"{where}: {one_line(name)} is called {new} here{several}: {NAME_RULE}" for name, new in own.items()]
+        notes.append(f"{where}: {one_line(name)} is called {new} here{several}: {NAME_RULE}")
     return own, tuple(notes[:1])
 
 

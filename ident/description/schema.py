@@ -395,11 +395,9 @@ class BushingTable(Table):
 
     @model_validator(mode="after")
     def _loses_nothing_where_rigid(self) -> "BushingTable":
-        for end in ("bend", "tors"):
-            given = [f"{what}_{end}" for what in ("tau", "loss") if f"{what}_{end}" in self.model_fields_set]
-            if given and getattr(self, f"k_{end}") == RIGID:
-                got, expected = f'{given[0]} and k_{end} = "rigid"', "no damping where nothing gives"
-                raise complaint(got, expected, f"take {given[0]} out, or give k_{end} a value")
+        for key in self.model_fields_set.intersection(BUSHING[2:]):
+            if getattr(self, k := f"k_{key.partition('_')[2]}") == RIGID:
+                raise complaint(f'{key} and {k} = "rigid"', "damping where it gives", f"take {key} out")
         return self
 
     def bushing(self) -> dict[str, Any]:

@@ -191,8 +191,8 @@ def _collect(segment: Segment, link: str, following: str, links: Any, children: 
         further = []
         for joint in children[link]:
             there = at if joint.origin is None else at @ joint.origin
-            if joint.mimic is not None:
-                there = there @ _moved(joint, _offset(joint))
+            if by := _offset(joint):
+                there = there @ _moved(joint, by)
             if joint.name == following:
                 pose = there
                 continue
@@ -211,12 +211,9 @@ def _offset(joint: Any) -> float:
 
 def _moved(joint: Any, by: float) -> Any:
     """Return how the child of a joint is placed in its frame, (4, 4)."""
-    pose, axis = np.eye(4), np.asarray(joint.axis if np.shape(joint.axis) == (3,) else (1.0, 0.0, 0.0))
-    axis = axis / np.linalg.norm(axis)
-    if joint.type == "prismatic":
-        pose[:3, 3] = by * axis
-    else:
-        pose[:3, :3] = Rotation.from_rotvec(by * axis).as_matrix()
+    pose, slides = np.eye(4), joint.type == "prismatic"
+    way = by * np.asarray(joint.axis) / max(np.linalg.norm(joint.axis), 1e-9)
+    pose[:3, 3], pose[:3, :3] = slides * way, Rotation.from_rotvec((not slides) * way).as_matrix()
     return pose
 
 
@@ -301,11 +298,11 @@ def urdf_robot(data: bytes, path: str, tip: str | None = None) -> Robot:
     """
     where = one_line(path)
     robot = parse(data, where)
-    renamed, notes = own_names([*(x.name or "" for x in robot.links), *(x.name or "" for x in robot.joints)], where)
+    renamed, notes = own_names([part.name or "" for part in (*robot.links, *robot.joints)], where)
     for part in (*robot.links, *robot.joints, *(each.mimic for each in robot.joints if each.mimic is not None)):
         for key in {"name", "parent", "child", "joint"} & vars(part).keys():
             setattr(part, key, renamed.get(getattr(part, key), getattr(part, key)))
-    tip = renamed.get(tip, tip) if tip else tip
+    tip = tip and renamed.get(tip, tip)
     base, *segments = chain(robot, where, tip)
     check_size(len(segments), where)
     names = body_names([link.name for link in robot.links], [each.joint.name for each in segments], "link")
@@ -329,10 +326,8 @@ def _notes(base: Segment, segments: list[Segment], names: Mapping[str, str], whe
     whole = sum(fixed + held for fixed, held in weights[1:])
     for segment, (_, mass) in zip((base, *segments), weights, strict=True):
         if segment.held:
-            held = [
-                Held(name, joint.type, "" if joint.mimic is None else joint.mimic.joint, _offset(joint))
-                for name, joint in segment.held.items()
-            ]
+            joints = segment.held.values()
+            held = [Held(j.name, j.type, j.mimic.joint if j.mimic else "", _offset(j)) for j in joints]
             yield held_note(where, held, (mass, whole), segment.joint.name if segment.joint else "", own)
     for segment in segments:
         for name in segment.bodies:

@@ -78,6 +78,6 @@ def test_pretension_takes_up_a_small_mismatch():
 def test_a_file_says_it_in_one_line(tmp_path):
     text = (DATA / "lcd_arm" / "arm.toml").read_text()
     (tmp_path / "arm.toml").write_text(update_file(text, {"drive2.ratio": 121}, origin="assumed"))
-    lines = read_arm(tmp_path / "arm.toml").warnings
+    lines = list(map(str, belt_mismatches(read_arm(tmp_path / "arm.toml").arm)))
     assert len(lines) == 2
     assert all("\n" not in line and "mm over the stroke" in line and "it runs with drive" in line for line in lines)
