@@ -319,23 +319,22 @@ def _lengths(arm: Arm, reach: float) -> Iterator[Oddity]:
 
 def _whole(arm: Arm, reach: float) -> Iterator[Oddity]:
     """Yield a mass of the whole arm, also without its heaviest body, that is none for its reach."""
-    *masses, heaviest = sorted(float(body.mass) for body in arm.bodies)
-    heavy, light = sum(masses) > MOST_COMPACT * reach**3, 0 < sum(masses) + heaviest < SPARSEST * reach**3
-    if heavy or light:
+    masses = [0.0, *(float(body.mass) for body in arm.bodies)]
+    whole, heavy = sum(masses), sum(masses) - max(masses) > MOST_COMPACT * reach**3
+    if heavy or 0 < whole < SPARSEST * reach**3:
         unit, size = ("g", 1e-3) if heavy else ("t", 1e3)
-        whole = sum(masses) + heaviest
         expected = f'{size * whole:.3g} kg; unit = "{unit}", or kg in a robot description?'
         yield Oddity("bodies.mass", f"{whole:.4g} kg on a reach of {reach:.3g} m", expected)
 
 
 def _light(arm: Arm) -> Iterator[Oddity]:
     """Yield masses of bodies in the wrong unit for their neighbours."""
-    own = [max((*joint.shaft, *joint.link), key=lambda body: float(body.mass), default=None) for joint in arm.joints]
-    heavy = [(body, float(body.mass)) for body in own if body is not None and float(body.mass) > 0]
-    for (_, before), (body, mass), (_, after) in zip(heavy, heavy[1:], heavy[2:], strict=False):
+    own = [max(((float(body.mass), body.name) for body in (*j.shaft, *j.link)), default=(0.0, "")) for j in arm.driven]
+    heavy = [each for each in own if each[0] > 0]
+    for (before, _), (mass, name), (after, _) in zip(heavy, heavy[1:], heavy[2:], strict=False):
         if LIGHTER * mass < min(before, after):
             got = f"{1e3 * mass:.3g} g between {before:.3g} and {after:.3g} kg"
-            yield Oddity(f"{body.name}.mass", got, f'{1e3 * mass:.3g} kg; unit = "kg"?')
+            yield Oddity(f"{name}.mass", got, f'{1e3 * mass:.3g} kg; unit = "kg"?')
 
 
 def _end_point(arm: Arm, reach: float) -> Iterator[Oddity]:

@@ -371,8 +371,7 @@ def _corrected(
     if end is None:
         return None
     if change.kind == "soft base":
-        values = end.values
-        based = arm.replace({path: values[path] for path in stiffness_paths(arm) if path in values})
+        based = arm.replace({path: end.values[path] for path in stiffness_paths(arm) if path in end.values})
         first, base = based.joints[1], based.joints[0]
         share = max(float(stiffness_or_stiffest(based, first, k)) / float(getattr(base, k)) for k in STIFFNESS)
         change = replace(change, off=share / ASSUMED["base rocks"].plausible)
