@@ -434,7 +434,7 @@ class _Tree:
 
         model, where, ties = self.model, self.where, self.ties
         if not self.links:
-            others = listed(map(self._told, self.held))
+            others = listed(str(self._told(each)) for each in self.held)
             got = f"no hinge that turns on its own, but {others}" if others else "no moving joint"
             raise refusal(where, got, "a hinge", "check the joints of the bodies")
         own = {str(model.joint(n).name) for n in self.joints}

@@ -212,7 +212,7 @@ def _offset(joint: Any) -> float:
 def _moved(joint: Any, by: float) -> Any:
     """Return how the child of a joint is placed in its frame, (4, 4)."""
     pose, slides = np.eye(4), joint.type == "prismatic"
-    way = by * np.asarray(joint.axis) / max(np.linalg.norm(joint.axis), 1e-9)
+    way = by * np.asarray(joint.axis) / max(float(np.linalg.norm(joint.axis)), 1e-9)
     pose[:3, 3], pose[:3, :3] = slides * way, Rotation.from_rotvec((not slides) * way).as_matrix()
     return pose
 
