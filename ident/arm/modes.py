@@ -315,8 +315,8 @@ APART = 1e-8
 
 
 @jax.custom_jvp
-def turning_shapes(H: Square, M: Square, eigenvalues: Array, shapes: Square) -> Square:
-    """Return all mass-normalised shapes V (n, n, *batch) of H v = l M v, once differentiable by H and M.
+def turning_shapes(H: Square, M: Square, eigenvalues: Array, shapes: Array) -> Float[Array, "n m *#batch"]:
+    """Return all mass-normalised shapes V (n, m, *batch) of H v = l M v, once differentiable by H and M.
 
         dv_a = sum_{k /= a} v_k v_k' (dH - l_a dM) v_a / (l_a - l_k) - v_a (v_a' dM v_a) / 2.
 
@@ -366,7 +366,7 @@ def _damped_shapes_jvp(primals: tuple[Linearized], tangents: tuple[Linearized]) 
     return mine, -matmul(x, turn)
 
 
-def moving_points(chain: Chain, linear: Linearized, modes: Modes) -> Float[Array, "3 P n *batch"]:
+def moving_points(chain: Chain, linear: Linearized, modes: Modes) -> Float[Array, "3 P m *batch"]:
     """Return the displacement of the named points [m/sqrt(kg m^2)] in each of all modes; once differentiable."""
     eigenvalues, shapes = jax.lax.stop_gradient(((2 * jnp.pi * modes.frequency) ** 2, modes.shape))
     return _moved(chain, linear, turning_shapes(linear.H, linear.M, eigenvalues, shapes))
@@ -378,7 +378,7 @@ def moving_points_damped(chain: Chain, linear: Linearized) -> Complex[Array, "3 
     return _moved(chain, linear, shapes.real) + 1j * _moved(chain, linear, shapes.imag)
 
 
-def _moved(chain: Chain, linear: Linearized, shapes: Float[Array, "n n *batch"]) -> Float[Array, "3 P n *batch"]:
+def _moved(chain: Chain, linear: Linearized, shapes: Float[Array, "n m *batch"]) -> Float[Array, "3 P m *batch"]:
     columns = jnp.moveaxis(shapes, 1, -1)
     return jax.vmap(lambda v: point_motion(chain, linear.phi, v), in_axes=-1, out_axes=2)(columns)
 

@@ -161,16 +161,16 @@ class ModalSolution(eqx.Module):
     Attributes:
         phi: (3, N, B) [rad] the bushings' rotation vectors under the load.
         modes: all of them, ascending.
-        ambiguous: (n, B) whether a mode is named by a near draw.
-        ratio: (n, B) [-] damping ratios.
+        ambiguous: (m, B) whether a mode is named by a near draw.
+        ratio: (m, B) [-] damping ratios.
         moved: (3, P, B) [m] static deflection of the named points in the base frame.
         M: (n, n, B) [kg m^2] mass matrix.
     """
 
     phi: Float[Array, "3 N B"]
     modes: Modes
-    ambiguous: Bool[Array, "n B"]
-    ratio: Float[Array, "n B"]
+    ambiguous: Bool[Array, "m B"]
+    ratio: Float[Array, "m B"]
     moved: Float[Array, "3 P B"]
     M: Float[Array, "n n B"]
 

@@ -330,14 +330,14 @@ class Matching(eqx.Module):
 
     Attributes:
         shape: (n, R) mass-normalised shape of each labelled value.
-        place: (n, R) one for its place among the modes in ascending order, zero for the others.
+        place: (m, R) one for its place among the modes in ascending order, zero for the others.
         log_error: rms of ln(computed / measured) over the labelled frequencies.
         fresh: whether the most probable modes are taken instead.
         in_order: whether the place counts, not the shape.
     """
 
     shape: Float[AnyArray, "n R"]
-    place: Float[AnyArray, "n R"]
+    place: Float[AnyArray, "m R"]
     log_error: Float[AnyArray, ""]
     fresh: Bool[AnyArray, ""]
     in_order: Bool[AnyArray, ""]

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +11,11 @@ from arms import DATA, lcd_arm
 from results import assert_comes_back, assert_plain
 
 import ident
+from ident.assess.show import example
 from ident.identify.fit import Assumption, Assumptions, fit_campaign
 from ident.identify.values import Values
 from ident.inference.information import ScoreTest
+from ident.measure import write_campaign
 from ident.present.basis import values_in_words
 from ident.studies.fit import FitOptions, fit
 from ident.studies.values import fitted_values
@@ -332,3 +335,20 @@ def test_a_file_of_another_ending_is_refused(result, tmp_path):
         result.save(tmp_path / "my.txt")
     assert not list(tmp_path.iterdir())
     assert result.save(tmp_path / "my.json") == (tmp_path / "my.json",)
+
+
+def test_an_arm_of_torsion_springs_alone_is_fitted_and_comes_back(tmp_path):
+    """As published identifications of six-axis arms have it: rigid across every axis."""
+    for name in ("arm.xml", "arm.joints.toml"):
+        text = (DATA / "six_axis" / name).read_text()
+        (tmp_path / name).write_text(re.sub("k_bend = .*", 'k_bend = "rigid"', text))
+    arm = ident.read_arm(tmp_path / "arm.xml")
+    made = example(arm.arm)
+    write_campaign(made.campaign, tmp_path / "made.csv")
+    result = fit(arm, ident.read_campaign(tmp_path / "made.csv"), FitOptions(starts=1, no_explain=True))
+    assert set(result.parameters) == set(made.truth) == {f"joint_{n}.k_tors" for n in range(1, 7)}
+    errors = zip(result.intervals.values(), made.truth.values(), strict=True)
+    assert sum(low <= true <= high for (low, high), true in errors) >= 5
+    assert_comes_back(result, tmp_path)
+    again = ident.load(tmp_path / f"{result.name}.json").fitted
+    assert again.parameters == pytest.approx(result.parameters, rel=1e-9)
