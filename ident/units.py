@@ -6,7 +6,7 @@ number, so that 1 Hz would be 1 rad/s and 60 rpm 6.28 Hz; here the angle is watc
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -29,6 +29,27 @@ _STIFFNESS_UNIT = ContextVar("_STIFFNESS_UNIT", default=USUAL)
 
 RADIANS_PER_CYCLE = 2 * math.pi
 """Angle of one cycle [rad]."""
+
+
+ROUND, NEARLY = math.radians(5.0), 0.005
+"""Postures are mostly multiples of this angle [rad], of which two decimals are left; assumed."""
+
+
+def asked_postures(postures: Iterable[Sequence[float]]) -> tuple[str, ...]:
+    """Return the question whether postures [rad] that were given in degrees are radians; none where they are not.
+
+    It is asked where several numbers are all round degrees if read as radians: 0.52 and -1.05 are 30 and -60 degrees.
+    By chance 1 % of pairs up to 2 pi are.
+    """
+    degrees = [[math.degrees(angle) for angle in posture if angle] for posture in postures]
+    doubtful = [
+        " ".join(f"{each:.3g}" for each in angles)
+        for angles in degrees
+        if len({round(abs(x), 3) for x in angles}) > 1
+        and all(ROUND / 2 < abs(x) <= 2 * math.pi and abs(math.remainder(x, ROUND)) < NEARLY for x in angles)
+    ]
+    more = f" (and {len(doubtful) - 1} more)" if len(doubtful) > 1 else ""
+    return tuple(f"angles of {each} deg{more}: if they are radians, convert them" for each in doubtful[:1])
 
 
 @contextmanager

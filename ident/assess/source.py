@@ -43,6 +43,8 @@ LONGEST_DWELL = 5.0
 GAINS = (0.5, 1.5)
 """Share of the computed vibration that a measured one has in it, beyond which the model is not that of the run; noise
 alone does not move it; assumed."""
+COMMON = 0.5
+"""Share of a trace and of its motion that both must have in common, or else it is said; assumed."""
 FARTHEST = 4.0
 """Standard deviations a priori by which a stiffness or a damping may move; assumed."""
 LATEST = 1.0
@@ -327,6 +329,20 @@ def moving_traces(arm: Arm, table: Runs) -> list[MovingTrace]:
     return found
 
 
+def with_notes(arm: Arm, table: Runs) -> Runs:
+    """Return runs with what was mended in their logs, and which traces have little time in common with their motion."""
+    notes = list[str]()
+    for name in table.names:
+        traces = _from_start(arm, table, table.of(name))
+        row, motion, (start, end) = traces[0].row, _motion(arm, table, traces), traces[0].time[[0, -1]].tolist()
+        notes += _log(arm, table, row.path).notes if row.path else ()
+        common = min(end, float(motion.breaks[-1])) - max(start, 0.0)
+        if common < COMMON * max(end - start, motion.arrival):
+            got = f"{common:.3g} of its {end - start:.3g} s are within the motion, which takes {motion.arrival:.3g} s"
+            notes.append(f"{row.where}, {name}: {got}: check speed, path and delay")
+    return replace(table, notes=tuple(notes))
+
+
 def _loads(arm: Arm, traces: Sequence[Trace]) -> Loads:
     try:
         return loads_of(arm, traces[0].row.load)
@@ -412,7 +428,7 @@ def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:
     row = traces[0].row
     if row.path:
         log = _log(arm, table, row.path)
-        motion = replay(log.time, np.stack(list(log.angles.values())), name=row.path)
+        motion = replay(log.time, np.stack(list(log.angles.values())), name=row.path, arm=arm)
         motion = motion if row.speed is None else motion.at_speed(row.speed)
     elif arm.stroke is None:
         remedy = "give a log of the joints in the column path"

@@ -51,9 +51,6 @@ def _of_row(arm: Arm, m: Measurement) -> Iterator[Problem]:
             yield _unknown(m.where, column, name, known)
     for column, load in (("load", m.load), ("reference_load", m.reference_load)):
         yield from _of_load(arm, load, m.where, column)
-    if m.drives == "off":
-        remedy = "leave the row out, or measure it with brake or servo on"
-        yield Problem(m.where, "motors that turn freely", "motors that are held, as in the model", remedy, "drives")
     if m.kind == "damping_ratio" and not m.mode:
         remedy = "name it: damping ratios do not rise with the modes"
         yield Problem(m.where, "a damping ratio without mode", "the label of its mode", remedy, "mode")

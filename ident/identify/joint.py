@@ -300,13 +300,13 @@ def _solve(left: Float[np.ndarray, " T"], rows: Columns, terms: Sequence[str]) -
     the equations are multiplied by the torque a little earlier and later, whose noise is another (instruments).
     """
     table, tools = (np.stack([rows.get(f"{with_}{term}", rows[term]) for term in terms], 1) for with_ in ("", "with "))
-    table_scale, tools_scale = (np.sqrt((each**2).mean(axis=0)) for each in (table, tools))
+    none = np.finfo(float).tiny  # a column of zeros stays one, and tells nothing
+    table_scale, tools_scale = (np.sqrt((each**2).mean(axis=0) + none) for each in (table, tools))
     blocks = np.array_split(np.arange(len(left)), BLOCKS)
     squares = np.stack([(tools[block] / tools_scale).T @ (table[block] / table_scale) for block in blocks])
     products = np.stack([(tools[block] / tools_scale).T @ left[block] for block in blocks])
-    none = np.zeros((1, len(terms)))
-    matrices = squares.sum(axis=0) - np.concatenate([none[..., None] * none, squares])
-    sides = products.sum(axis=0) - np.concatenate([none, products])
+    matrices = squares.sum(axis=0) - np.concatenate([0 * squares[:1], squares])
+    sides = products.sum(axis=0) - np.concatenate([0 * products[:1], products])
     if not (np.linalg.cond(matrices) < PARALLEL).all():
         return dict.fromkeys(terms, np.full(BLOCKS + 1, nan))
     values = np.linalg.solve(matrices, sides[..., None])[..., 0] / table_scale

@@ -25,7 +25,7 @@ from ident.measure.load import (
     unit_vector,
 )
 from ident.text import NAME, nearest, one_line, quoted, table_lines
-from ident.units import QUANTITIES, si_factor
+from ident.units import QUANTITIES, asked_postures, si_factor
 
 # -------- Cells
 # What is wrong with what a measurement says: fields that its kind can't have or lacks, numbers that can't be.
@@ -76,7 +76,7 @@ def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Probl
 
 WORDS = {
     "of": (DEFINITIONS, "leave it empty for undamped"),
-    "drives": (DRIVE_STATES, f"leave it empty for {DRIVE_STATES[0]}"),
+    "drives": (DRIVE_STATES, "leave the row out if the motors turned freely"),
     "ramp": (RAMPS, "leave the cell empty"),
 }
 """Fields of few words, and what they say when they are empty."""
@@ -269,6 +269,11 @@ class Campaign:
     def postures(self) -> tuple[tuple[float, ...], ...]:
         """The different postures [rad], in order of first appearance."""
         return tuple(dict.fromkeys(m.posture for m in self.measurements))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be asked of it: postures in degrees that look like radians."""
+        return tuple(f"{one_line(self.path or self.name)}: {note}" for note in asked_postures(self.postures))
 
     @property
     def correlated(self) -> tuple[Correlated, ...]:

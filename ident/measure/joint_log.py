@@ -20,10 +20,14 @@ from ident.measure.series import (
 )
 from ident.measure.table import Findings, read_table
 from ident.text import LARGEST_SAMPLES, NAME
+from ident.units import QUANTITIES
 
 CHANNELS = {"motor": "angle", "link": "angle", "torque": "moment", "load": "moment"}
 """Columns of a joint, `joint1.motor [deg]`, and the quantity of each: angles of motor and link, the motor's torque,
 and the torque in the joint, of a sensor or a model of the arm."""
+
+LEAST, MOST = 1e-9, 1e9
+"""Range of an angle [rad] or a torque [N m] in a log: less does not move a joint, more is no robot's."""
 
 _CHANNEL = re.compile(rf"(?P<name>(?P<joint>{NAME})\.(?P<channel>{'|'.join(CHANNELS)}))\s*(\[.*\])?")
 
@@ -96,8 +100,8 @@ def _channel_problems(series: Series, joint: str, locked: bool) -> Iterator[Prob
         yield Problem(series.header, "a link's angle", expected, "drop one of them", given["link"])
     for channel, name in given.items():
         span = float(np.ptp(series[name]))
-        if span == 0:
-            got = "one value throughout"
+        if not LEAST < span < MOST:
+            got = f"a range of {span:.3g} {QUANTITIES[CHANNELS[channel]].si}" if span else "one value throughout"
             expected = "a joint that moves" if CHANNELS[channel] == "angle" else "a torque that varies"
             yield Problem(series.where[0], got, expected, "log a motion to and fro", name)
         elif channel == "link" and series.columns[name].unit == "rad" and span > FARTHEST:

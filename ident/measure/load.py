@@ -274,8 +274,8 @@ SHAPES = ("shape",)
 RAMPS = ("loading", "unloading")
 """On which way of a ramp it was read, up to the largest load or back."""
 
-DRIVE_STATES = ("brake", "servo", "off")
-"""What held the motors while it was measured: brakes, the controller, or nothing."""
+DRIVE_STATES = ("brake", "servo")
+"""What held the motors while it was measured: brakes or the controller. The model has no motors that turn freely."""
 
 DEFINITIONS = ("undamped", "pole", "damped", "displacement peak", "acceleration peak")
 """What a frequency may be of a damped mode, with the pole s, w = |s| and z = -Re s / w the damping ratio.

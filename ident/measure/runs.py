@@ -178,12 +178,14 @@ class Runs:
         sha256: hash of its bytes.
         traces: in the order of the table.
         files: the recordings and logs, by name.
+        notes: what is to be said of them.
     """
 
     path: str
     sha256: str
     traces: tuple[Trace, ...]
     files: Mapping[str, SourceFile]
+    notes: tuple[str, ...] = ()
 
     def of(self, file: str) -> tuple[Trace, ...]:
         """Return the traces of one file."""

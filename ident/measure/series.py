@@ -4,7 +4,7 @@ import hashlib
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +31,8 @@ TIME = "time"
 EXAMPLES = {"time": "s", "angle": "deg", "length": "mm", "acceleration": "m/s^2", "moment": "N*m"}
 """A unit of each quantity, for messages."""
 
-MOST = 5
-"""Problems of one kind that are listed one by one; a column of bad cells is one mistake, not ten thousand."""
+ROWS_NAMED = 4
+"""Further rows with the same mistake that are named."""
 
 STEPS = (1e-9, 1e9)
 """Steps of time [s] that a recording can have: a nanosecond to thirty years."""
@@ -108,15 +108,15 @@ def parse_series(
     places = _places(where, header, {TIME: ("time",), **wanted}, findings)
     misfits = Findings()
     rows_read = fitting(records[1:], len(header), delimiter, misfits)
-    findings += few(misfits, file)
+    findings += counted(misfits)
     decimal = decimal_mark(delimiter, (cells[place.index] for _, cells in rows_read for place in places))
-    columns = _columns(rows_read, places, decimal, file, findings)
+    columns = _columns(rows_read, places, decimal, findings)
     used = {place.index for place in places}
     ignored = tuple(cell for index, cell in enumerate(header) if index not in used)
     at_fault = frozenset(place.name for place in places if place.factor is None)
     sha256, rows_at = hashlib.sha256(data).hexdigest(), tuple(w for w, _ in rows_read)
     series = Series(file, sha256, where, rows_at, columns, at_fault, ignored)
-    findings += few(_time_problems(series), file)
+    findings += counted(_time_problems(series))
     given = len(records) - 1
     if given < rows:
         got = f"{given} row{'s' if given > 1 else ''}"
@@ -132,14 +132,15 @@ def missing_column(where: str, name: str, quantity: str, header: Iterable[str]) 
     return Problem(where, "no such column", expected, remedy, name)
 
 
-def few(problems: Iterable[Problem], file: str) -> list[Problem]:
-    """Return the first `MOST` problems of one kind, and how many more there are."""
-    every = list(problems)
-    rest = len(every) - MOST
-    if rest <= 0:
-        return every
-    got = f"{rest} more such row{'s' if rest > 1 else ''}"
-    return [*every[:MOST], Problem(file, got, "none", "mend them likewise", every[0].column)]
+def counted(problems: Iterable[Problem]) -> Iterator[Problem]:
+    """Yield the first problem of each kind, and in which rows the others are: a column of bad cells is one mistake."""
+    alike: dict[tuple[str, str, str], list[Problem]] = {}
+    for problem in problems:
+        alike.setdefault((problem.column, problem.expected, problem.remedy), []).append(problem)
+    for first, *more in alike.values():
+        rows = ", ".join(problem.where.rpartition(":")[2] for problem in more[:ROWS_NAMED])
+        rest = f" and {len(more) - ROWS_NAMED} more" if len(more) > ROWS_NAMED else ""
+        yield replace(first, got=f"{first.got} (also rows {rows}{rest})" if more else first.got)
 
 
 @dataclass(frozen=True)
@@ -185,16 +186,14 @@ def _measured(unit: str, name: str, quantities: tuple[str, ...]) -> tuple[str, f
     raise refusal("", problem.got, expected, remedy)
 
 
-def _columns(
-    records: list[Record], places: list[_Place], decimal: str, file: str, findings: Findings
-) -> dict[str, Column]:
+def _columns(records: list[Record], places: list[_Place], decimal: str, findings: Findings) -> dict[str, Column]:
     columns = {}
     for place in places:
         if place.factor is not None and place.name not in columns:
             mine = Findings()
             values = [mine.attempt(w, place.name, _number, c[place.index], decimal, place.factor) for w, c in records]
             columns[place.name] = Column(place.name, place.quantity, place.unit, np.array(values, float))
-            findings += few(mine, file)
+            findings += counted(mine)
     return columns
 
 
@@ -234,6 +233,21 @@ assumed."""
 FARTHEST = 10 * 2 * math.pi
 """Angle [rad] beyond which a column marked rad must be in degrees."""
 
+RADIANS = ("rad", "radian", "radians")
+"""Names of the radian; mrad and others are nobody's mistake."""
+
+WRAP_SPEED = 10.0
+"""Joint speed [rad/s] above which a step of a whole turn is a wrap, if what remains of it is slower; assumed."""
+
+JUDGED_ROWS_MIN = 50
+"""Fewest rows, and changes of the angles, by which clock and rate of a log are judged: a list of points has fewer."""
+
+HELD_STEP = 4
+"""Steps of the last digit by which held angles change at once; those of a slow encoder change by one or two."""
+
+ROUGH = 2.0
+"""Times by which the angles are smoother over even steps than over their times where the times are late; assumed."""
+
 
 @dataclass(frozen=True)
 class Log:
@@ -245,6 +259,7 @@ class Log:
         time: (T,) [s] increasing.
         angles: (T,) [rad] by joint, in the order in which the joints were asked for.
         ignored: names of further columns of the file, as written in its header.
+        notes: what was mended in it, or may be wrong.
     """
 
     path: str
@@ -252,6 +267,7 @@ class Log:
     time: Float[np.ndarray, " T"]
     angles: Mapping[str, Float[np.ndarray, " T"]]
     ignored: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def read_log(path: str | Path, joints: Sequence[str]) -> Log:
@@ -274,9 +290,73 @@ def parse_log(data: bytes, path: str | Path, joints: Sequence[str]) -> Log:
     """Read a log from the bytes of a CSV file; `path` names it in messages."""
     findings = Findings()
     series = parse_series(data, path, dict.fromkeys(joints, ("angle",)), FEWEST_ROWS, findings)
+    notes, whole = list[str](), not findings and all(joint in series for joint in joints)
+    series = _mended(series, joints, notes) if whole else series
     findings += [problem for joint in joints for problem in _joint_problems(series, joint)]
+    if whole and not findings:
+        findings += _clock_problems(series, joints)
     refuse(findings)
-    return Log(str(path), series.sha256, series[TIME], {joint: series[joint] for joint in joints}, series.ignored)
+    angles = {joint: series[joint] for joint in joints}
+    return Log(str(path), series.sha256, series[TIME], angles, series.ignored, tuple(notes))
+
+
+def _mended(series: Series, joints: Sequence[str], notes: list[str]) -> Series:
+    """Undo wraps of whole turns, and times late by less than half a step; note it, and angles that may be radians."""
+    columns, time = dict(series.columns), series[TIME]
+    steps = np.diff(time)
+    for joint in joints:
+        jumps = np.diff(series[joint])
+        turns = np.sign(jumps)
+        turns *= (abs(jumps) > WRAP_SPEED * steps) & (abs(jumps - 2 * np.pi * turns) <= WRAP_SPEED * steps)
+        if turns.any():
+            columns[joint] = replace(columns[joint], values=series[joint] - 2 * np.pi * np.append(0, turns.cumsum()))
+            where = series.where[int(turns.nonzero()[0][0]) + 1]
+            notes.append(f"{where}, {joint}: jumps by a whole turn were undone, {np.count_nonzero(turns)} in all")
+    even = np.append(0.0, np.rint(steps / np.median(steps)).cumsum())
+    if _smoother(time, np.stack([columns[joint].values for joint in joints]), even):
+        step, start = np.polyfit(even, time, 1)
+        off = f"{1e3 * abs(time - start - step * even).max():.2g} ms off"
+        columns[TIME] = replace(columns[TIME], values=start + step * even)
+        notes.append(f"{series.file}, {TIME}: up to {off} even steps of {1e3 * step:.4g} ms, which were taken instead")
+    largest = math.degrees(max(abs(series[joint]).max() for joint in joints))
+    if 0 < largest <= 2 * np.pi and not any(series.columns[joint].unit in RADIANS for joint in joints):
+        notes.append(
+            f"{series.header}: no angle beyond {largest:.3g} deg; if they are radians, write '{joints[0]} [rad]'"
+        )
+    return replace(series, columns=columns)
+
+
+def _smoother(
+    time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "joints T"], even: Float[np.ndarray, " T"]
+) -> bool:
+    """Tell whether angles are smoother over even numbers than over times that vary from row to row.
+
+    By second differences, each over the noise that it takes from its three samples: noise alone is alike over both.
+    """
+    steps, sizes = np.diff(time), list[float]()
+    if len(steps) < JUDGED_ROWS_MIN or np.diff(steps).std() <= steps.std() or not (np.diff(even) > 0).all():
+        return False
+    for t in (time, even):
+        before, after = np.diff(t)[:-1], np.diff(t)[1:]
+        weights = np.stack([after, -before - after, before]) / np.sqrt(2 * (before**2 + before * after + after**2))
+        sizes.append(np.square(sum(weights[k] * angles[:, k : len(t) - 2 + k] for k in range(3))).sum())
+    return bool(sizes[0] > ROUGH**2 * sizes[1])
+
+
+def _clock_problems(series: Series, joints: Sequence[str]) -> Iterator[Problem]:
+    """Yield that times are those of arrival, in bursts, or that all angles are held for several rows each."""
+    steps, angles = np.diff(series[TIME]), np.stack([series[joint] for joint in joints])
+    if _smoother(series[TIME], angles, np.arange(len(steps) + 1.0)):
+        got = f"steps from {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms, as data arrive"
+        remedy = f"log the controller's own clock; if no row is missing, write steps of {1e3 * steps.mean():.4g} ms"
+        yield Problem(series.file, got, "the times at which the angles were measured", remedy, TIME)
+    sizes = abs(np.diff(angles))
+    changes, least = np.flatnonzero(sizes.any(0)), np.where(sizes > 0, sizes, np.inf).min(1, keepdims=True)
+    apart = np.diff(changes, prepend=-len(steps), append=2 * len(steps))
+    alone = (np.minimum(apart[:-1], apart[1:]) > 1) & (sizes > HELD_STEP * least)[:, changes].any(0)
+    if len(changes) >= JUDGED_ROWS_MIN and alone.mean() > 0.5:
+        got, rows = "angles that all joints hold for several rows, and then jump", round(float(np.median(apart)))
+        yield Problem(series.file, got, "new angles in each row", f"keep only the rows with new ones, 1 of {rows}")
 
 
 def _joint_problems(series: Series, joint: str) -> Iterator[Problem]:
@@ -286,7 +366,7 @@ def _joint_problems(series: Series, joint: str) -> Iterator[Problem]:
             yield missing_column(series.header, joint, "angle", series.ignored)
         return
     angles, far = series[joint], np.flatnonzero(abs(series[joint]) > FARTHEST)
-    if series.columns[joint].unit in ("rad", "radian", "radians") and far.size:
+    if series.columns[joint].unit in RADIANS and far.size:
         got, expected = f"{angles[far[0]]:.6g} rad", "at most ten turns, 62.8 rad"
         remedy = f"if the angles are in degrees, write '{joint} [deg]' in the header"
         yield Problem(series.where[far[0]], got, expected, remedy, joint)

@@ -415,7 +415,7 @@ def diagnose(
             which another run is at work.
         ModelError: the model has no answer: no optimum, or an arm that collapses.
     """
-    from ident.assess.source import posed
+    from ident.assess.source import posed, with_notes
     from ident.codec import Store
     from ident.files import claimed
     from ident.identify.binding import loads_of
@@ -437,7 +437,8 @@ def diagnose(
     with claimed(folder):
         store = Store(folder, job.identity)
         try:
-            return DiagnoseResult(carry_out(job, store, on_stage), options, runs)
+            noted = runs and with_notes(basis.arm, runs)
+            return DiagnoseResult(carry_out(job, store, on_stage), options, noted)
         except InputError:
             if fresh and folder is not None and store.read("stiffness") is None:
                 Store.discard(folder / CHAINS)

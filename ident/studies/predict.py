@@ -12,6 +12,7 @@ from ident.studies.options import option, repeated, seed_of_draws
 from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, is_angle, with_numbers
 from ident.text import did_you_mean, quoted
+from ident.units import asked_postures
 
 if TYPE_CHECKING:
     import numpy as np
@@ -71,6 +72,11 @@ class PredictResult(Result):
     made_from = ("arm", "fit", "posterior")
     numbers = ("frequencies", "deflections")
     summary = ("deflections", "deflection_bands")
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the arm's description says, and whether a posture's unit is right."""
+        return (*super().notes, *asked_postures(each.posture for each in self.analyses))
 
     @property
     def analyses(self) -> "tuple[ModalAnalysis, ...]":

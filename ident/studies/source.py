@@ -178,12 +178,13 @@ def source(
         InputError: a file is wrong, or does not fit the arm; runs without common time or with too few turns.
         ModelError: the arm collapses.
     """
-    from ident.assess.source import studied
+    from ident.assess.source import studied, with_notes
 
     runs = as_runs(runs)
     arm = arm or arm_beside(runs, options.soft_base)
     drawn = drawn_values(posterior, arm, MOST_DRAWS, None, options)
     described = with_numbers(arm.arm, drawn, options.set)
+    runs = with_notes(described, runs)
     draws = drawn.without(options.set) if drawn else {}
     found = studied(
         described,

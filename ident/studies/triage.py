@@ -89,11 +89,12 @@ def triage(runs: "Runs | str | Path", arm: "ArmFile | None" = None, options: Tri
         InputError: a file is wrong, or does not fit the arm.
         ModelError: the arm collapses.
     """
-    from ident.assess.source import moving_traces
+    from ident.assess.source import moving_traces, with_notes
     from ident.studies.source import arm_beside, as_runs
     from ident.vibrate.triage import triage as found
 
     runs = as_runs(runs)
     arm = arm or arm_beside(runs, options.soft_base)
     described = with_numbers(arm.arm, None, options.set)
+    runs = with_notes(described, runs)
     return TriageResult(found(described, moving_traces(described, runs), orders=options.orders), runs, arm, options)

@@ -1,6 +1,7 @@
 """A logged joint path as a motion: a quintic spline through the samples, or near them where they are noisy."""
 
 import math
+from contextlib import suppress
 
 import numpy as np
 from jaxtyping import Float
@@ -8,8 +9,9 @@ from scipy.interpolate import BSpline, generate_knots, make_interp_spline
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import spsolve
 
-from ident.errors import refusal
-from ident.vibrate.motion import Motion
+from ident.arm.arm import Arm
+from ident.errors import InputError, refusal
+from ident.vibrate.motion import Motion, check_joints
 
 DEGREE = 5
 """Degree of the spline: its fourth derivative is continuous, so the acceleration that excites the arm is smooth."""
@@ -25,12 +27,25 @@ STEPS = (1e-9, 1e9)
 """Steps of time [s] between samples, shortest and longest: beyond these the spline's derivatives are no numbers."""
 
 
+FASTEST = 100.0
+"""Acceleration [rad/s^2] of a joint, where the arm file has no limit, that only errors of a log reach; assumed."""
+
+
+NOISY = 2.0
+"""Times the arm file's acceleration that a log may have: small noise adds to that of the motion; assumed."""
+
+
 MOST_KNOTS = 600
 """Knots of a smoothing spline; noise that is not smoothed asks for as many as there are samples, and takes minutes."""
 
 
 def replay(
-    time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], *, smoothing: float = 0.0, name: str = "log"
+    time: Float[np.ndarray, " T"],
+    angles: Float[np.ndarray, "driven T"],
+    *,
+    smoothing: float = 0.0,
+    name: str = "log",
+    arm: Arm | None = None,
 ) -> Motion:
     """Return the motion of logged joint angles: a C4 spline of degree five that starts at time 0.
 
@@ -46,16 +61,44 @@ def replay(
         angles: (driven, T) [rad]
         smoothing: () [rad] root mean square of the residuals, all joints together; 0 to pass all samples.
         name: what the motion is called.
+        arm: the arm that makes the motion.
 
     Returns:
         The motion; its arrival is its end.
+
+    Raises:
+        InputError: no samples, or an acceleration that the arm cannot have; the smoothing that mends it is named.
     """
     _check(time, angles, smoothing)
     t = np.asarray(time, float) - time[0]
     spline = _smooth(t, angles, smoothing) if smoothing else _through(t, angles)
     breaks = np.unique(spline.t)
     powers = range(DEGREE, -1, -1)
-    return Motion(name, breaks, np.stack([spline(breaks[:-1], nu=n) / math.factorial(n) for n in powers]))
+    motion = Motion(name, breaks, np.stack([spline(breaks[:-1], nu=n) / math.factorial(n) for n in powers]))
+    if arm is not None:
+        _refuse_rough(arm, motion, time, angles, smoothing)
+    return motion
+
+
+def _refuse_rough(
+    arm: Arm, motion: Motion, time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], smoothing: float
+) -> None:
+    """Refuse a motion that accelerates as no joint can."""
+    check_joints(arm, motion)
+    most = np.array([[NOISY * a if a < math.inf else FASTEST] for a in (joint.rates[1] for joint in arm.driven)])
+    times = np.append(motion.breaks, motion.breaks[:-1] + np.diff(motion.breaks) / 2)
+    shares = np.abs(np.asarray(motion(times)[2])) / most
+    joint, place = np.unravel_index(shares.argmax(), shares.shape)
+    if shares.max() <= 1:
+        return
+    remedy = "check the units of time and angles, or correct the samples there"
+    noise = np.diff(angles, 2).std() / math.sqrt(6)
+    with suppress(InputError):
+        if not smoothing:
+            replay(time, angles, smoothing=1.5 * noise, arm=arm)
+            remedy = f"smooth the angles by their noise (`smoothing` {math.degrees(1.5 * noise):.2g} deg), or {remedy}"
+    got = f"{shares.max() * most[joint, 0]:.3g} rad/s^2 of {arm.driven[joint].name} at {time[0] + times[place]:.4g} s"
+    raise refusal(motion.name, got, f"at most {most[joint, 0]:.3g} rad/s^2", remedy)
 
 
 Ends = tuple[bool, bool]
@@ -108,17 +151,16 @@ def _check(time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"],
     fewest = DEGREE + 1 if smoothing else 4
     if len(time) < fewest:
         raise refusal("", f"{len(time)} samples", f"at least {fewest}", "give a longer log", "time")
-    if not (np.isfinite(time).all() and np.isfinite(angles).all()):
+    if not np.isfinite(angles).all():
         raise refusal("", "a sample that is not finite", "finite numbers", "remove it", "angles")
-    if (np.diff(time) <= 0).any():
-        row = int(np.argmax(np.diff(time) <= 0))
-        got = f"{time[row + 1]:.9g} s after {time[row]:.9g} s"
-        raise refusal("", got, "times that increase", "sort the samples", "time")
-    with np.errstate(over="ignore"):
-        shortest, longest = np.diff(time).min(), np.diff(time).max()
-    if shortest < STEPS[0] or longest > STEPS[1]:
-        got, expected = f"steps from {shortest:.3g} to {longest:.3g} s", f"steps from {STEPS[0]:g} to {STEPS[1]:g} s"
-        raise refusal("", got, expected, "give the times in s", "time")
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = np.diff(time)
+    if bad := np.flatnonzero(~((steps >= STEPS[0]) & (steps <= STEPS[1]))).tolist():
+        got, expected = (
+            f"{time[bad[0] + 1]:.9g} s after {time[bad[0]]:.9g} s",
+            f"steps of {STEPS[0]:g} to {STEPS[1]:g} s",
+        )
+        raise refusal("", got, expected, "sort the samples, or give the times in s", "time")
     if not 0 <= smoothing < math.inf:
         remedy = "give the noise of the angles, or 0 to pass all samples"
         raise refusal("", f"{smoothing:g} rad", "a finite angle of at least 0", remedy, "smoothing")

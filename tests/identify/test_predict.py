@@ -303,11 +303,6 @@ def test_what_does_not_fit_the_arm_is_named(measurement, column, words):
     assert "\n" not in str(error.value)
 
 
-def test_motors_that_turn_freely_are_refused():
-    with pytest.raises(InputError, match=r"file\.csv:2.*drives.*turn freely, expected motors that are held"):
-        pose(lcd_arm(), Campaign(measurements=(frequency(4.1, drives="off", where="file.csv:2"),)))
-
-
 @slow
 def test_frequencies_without_a_label_are_counted_in_each_drive_state():
     lowest = np.asarray(exact(UNFOLDED)[1].frequency)[:2]

@@ -239,6 +239,9 @@ def test_what_a_frequency_is_has_a_known_word(row, words):
 
 
 def test_what_held_the_motors_has_a_known_word():
-    (problem,) = problems("kind,q1 [deg],drives,value,unit,sigma\nfrequency,10,brakes,4.5,Hz,0.1\n")
-    assert (problem.where, problem.column) == ("table.csv:2", "drives")
-    assert re.search("'brakes', expected one of brake, servo, off.*write brake", str(problem))
+    found = problems("kind,q1 [deg],drives,value,unit,sigma\nfrequency,10,brakes,4.5,Hz,0.1\nfrequency,10,off,5,Hz,1\n")
+    assert [str(problem) for problem in found] == [
+        "table.csv:2, drives: got 'brakes', expected one of brake, servo; write brake",
+        "table.csv:3, drives: got 'off', expected one of brake, servo; "
+        "correct it, or leave the row out if the motors turned freely",
+    ]

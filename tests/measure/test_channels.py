@@ -57,6 +57,14 @@ def test_a_row_without_role_is_left_out_however_little_it_says(tmp_path):
     assert not row.counts
 
 
+def test_motors_that_nothing_held_are_refused_as_in_a_campaign(tmp_path):
+    (line,) = lines(tmp_path, "a.uff,1:+Z,force,tip,,,z,,,N,,30,,off", head=f"{HEAD},drives")
+    assert line == (
+        "channels.csv:2, drives: got 'off', expected one of brake, servo; "
+        "correct it, or leave the row out if the motors turned freely"
+    )
+
+
 def test_a_channel_of_times_needs_no_posture(tmp_path):
     _, row = table(tmp_path, "a.csv,f,force,tip,,,z,,,N,,30,", "a.csv,t,time,,,,,,,ms,,,").rows
     assert (row.role, row.posture, row.unit) == ("time", (), "ms")

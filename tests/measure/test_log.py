@@ -179,10 +179,14 @@ def test_all_problems_are_told_at_once():
 
 def test_a_column_of_bad_cells_is_one_mistake():
     rows = [f"{k},n/a,0" for k in range(900)]
-    found = problems(table(rows))
-    assert len(found) == 6
-    assert found[4].startswith("log.csv:6, joint1: got 'n/a'")
-    assert found[5] == "log.csv, joint1: got 895 more such rows, expected none; mend them likewise"
+    assert problems(table(rows)) == [
+        f"log.csv:2, joint1: got 'n/a' (also rows 3, 4, 5, 6 and 895 more), expected a number; {FIX}"
+    ]
+    rows = [f"{k // 2},{k},{k}" for k in range(6)]
+    assert problems(table(rows, HEADER.replace("[rad]", "[deg]"))) == [
+        "log.csv:3, time: got 0 s after 0 s (also rows 5, 7), expected times that increase; "
+        "sort the rows or delete the repeated one"
+    ]
 
 
 @pytest.mark.parametrize(

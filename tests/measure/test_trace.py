@@ -126,8 +126,8 @@ def test_all_problems_are_told_at_once():
     text = table("time [s],x [mm],y [s],z [m/s^2]", times=[0, 1, 1, 2], cell="?")
     assert [one.split(": got")[0] for one in problems(text)] == [
         "trace.csv:1, y",
-        *(f"trace.csv:{row}, x" for row in range(2, 6)),
-        *(f"trace.csv:{row}, z" for row in range(2, 6)),
+        "trace.csv:2, x",
+        "trace.csv:2, z",
         "trace.csv:4, time",
         "trace.csv",
         "trace.csv:1, z",

@@ -117,7 +117,12 @@ FOUR = np.arange(4.0)
     [
         (FOUR[:3], FOUR[None, :3], 0.0, "time: got 3 samples, expected at least 4; give a longer log"),
         (FOUR, FOUR[None], 0.1, "time: got 4 samples, expected at least 6; give a longer log"),
-        (FOUR // 2, FOUR[None], 0.0, "time: got 0 s after 0 s, expected times that increase; sort the samples"),
+        (
+            FOUR // 2,
+            FOUR[None],
+            0.0,
+            "time: got 0 s after 0 s, expected steps of 1e-09 to 1e+09 s; sort the samples, or give the times in s",
+        ),
         (
             FOUR,
             FOUR[None] * math.nan,
