@@ -103,7 +103,7 @@ def _channel_problems(series: Series, joint: str, locked: bool) -> Iterator[Prob
         if not LEAST < span < MOST:
             got = f"a range of {span:.3g} {QUANTITIES[CHANNELS[channel]].si}" if span else "one value throughout"
             expected = "a joint that moves" if CHANNELS[channel] == "angle" else "a torque that varies"
-            yield Problem(series.where[0], got, expected, "log a motion to and fro", name)
+            yield Problem(series.where[0], got, expected, "log a motion to and fro, or correct the unit", name)
         elif channel == "link" and series.columns[name].unit == "rad" and span > FARTHEST:
             remedy = f"if it is in degrees, write '{name} [deg]'"
             yield Problem(series.where[0], f"a range of {span:.4g} rad", f"at most {FARTHEST:.3g} rad", remedy, name)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -264,3 +265,16 @@ def test_what_a_frequency_is_reads_in_any_case_and_is_written_back():
     assert [m.of for m in read] == ["acceleration peak", None]
     assert parse_campaign(format_campaign(read).encode(), "b.csv") == read
     assert ",of," not in format_campaign(Campaign(measurements=read.measurements[1:]))
+
+
+def test_postures_that_look_like_radians_are_asked_about():
+    head = "kind,q1 [{0}],q2 [{0}],value,unit,sigma\n"
+    rows = "frequency,30,-60,4.5,Hz,0.1\nfrequency,0.52,-1.05,4.4,Hz,0.1\nfrequency,0.79,-1.57,4.4,Hz,0.1\n"
+    note = "table.csv: angles of 0.52 -1.05 deg (and 1 more): if they are radians, convert them"
+    assert parse(head.format("deg") + rows).notes == (note,)
+    assert parse(head.format("rad") + rows).notes == ()
+    rng = np.random.default_rng(0)
+    campaigns = [read_campaign(path) for path in (README.parent / "lcd_arm").glob("campaign.csv")]
+    assert [campaign.notes for campaign in campaigns] == [()]
+    near_zero = "".join(f"frequency,{a:.2f},{b:.2f},4.5,Hz,0.1\n" for a, b in rng.normal(0, 0.02, (9, 2)))
+    assert parse(head.format("deg") + near_zero).notes == ()

@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import math
+import re
 
 import numpy as np
 import pytest
@@ -224,3 +225,158 @@ def test_numbers_too_large_for_their_unit():
     (text,) = problems(table([*ROWS, "1e308,15,0.6"], "time [min],joint1 [deg],joint2 [rad]\n"))
     assert text == "log.csv:7, time: got '1e308', expected a finite number; correct the number or its unit"
     assert math.isfinite(parse(table()).time[-1])
+
+
+# -------- Logs that no joint can follow
+# Each made of one smooth path, written wrongly as controllers and loggers do, and next to its right twin.
+
+H = 0.008
+
+
+def path_at(time, seed=0, size=40.0):
+    """Two joints [deg] that start and end at rest."""
+    rng = np.random.default_rng(seed)
+    share = np.clip(np.asarray(time) / 12.0, 0, 1)
+    rise = share - np.sin(2 * np.pi * share) / (2 * np.pi)
+    return np.outer(rng.uniform(0.5, 1.0, 2) * (1, -1), size * rise) + rng.uniform(15, 60, (2, 1))
+
+
+def written(time, degrees, *, digits=4, time_digits=6):
+    rows = (
+        f"{t:.{time_digits}f}," + ",".join(f"{q:.{digits}f}" for q in each)
+        for t, each in zip(time, degrees.T, strict=True)
+    )
+    return table(list(rows), HEADER.replace("[rad]", "[deg]"))
+
+
+EVEN = np.arange(0, 12.4, H)
+
+
+def held(seed):
+    fine = np.arange(0, 12.4, H / 4)
+    return written(fine, path_at(EVEN[np.minimum(np.arange(len(fine)) // 4, len(EVEN) - 1)], seed))
+
+
+def in_bursts(seed):
+    number = np.arange(len(EVEN))
+    return written(10 * H * (number // 10 + 1) + 2e-4 * (number % 10), path_at(EVEN, seed))
+
+
+def slow_encoder(seed):
+    return written(np.arange(0, 12.4, H / 4), path_at(np.arange(0, 12.4, H / 4), seed, size=3.0), digits=2)
+
+
+def encoder(seed):
+    return written(EVEN, np.round(path_at(EVEN, seed) / 0.011) * 0.011)
+
+
+def true_uneven(seed):
+    time = EVEN + np.random.default_rng(seed).uniform(0, 0.7 * H, len(EVEN))
+    return written(time, path_at(time, seed))
+
+
+def slight_jitter(seed):
+    return written(EVEN + 1e-6 * np.random.default_rng(seed).standard_normal(len(EVEN)), path_at(EVEN, seed))
+
+
+def standing_rows_dropped(seed):
+    time = EVEN[(EVEN < 12.0) | (EVEN > 12.35)]
+    return written(time, path_at(time, seed))
+
+
+def dwells(seed):
+    time = np.minimum(EVEN, 4.0) + np.maximum(EVEN - 7.0, 0.0)
+    return written(EVEN, path_at(time, seed))
+
+
+def planned_by_place(seed):
+    """Equal lengths of a path, at the times of a smooth speed, as a planner writes them."""
+    share = np.linspace(0, 1, 120)
+    return written(4 * np.arccos(1 - 2 * share), np.outer([50, -80], share) + np.array([[seed], [80]]))
+
+
+def dwell_at_points(seed):
+    """A list of points, the arm held at each for as long as it moves."""
+    points = np.repeat(np.random.default_rng(seed).uniform(-150, 150, (2, 20)), 2, axis=1)
+    return written(np.arange(40.0), points)
+
+
+@pytest.mark.parametrize(
+    ("make", "line"),
+    [
+        (
+            held,
+            "log.csv: got angles that all joints hold for several rows, and then jump, expected new angles in each "
+            "row; keep only the rows with new ones, 1 of 4",
+        ),
+        (
+            in_bursts,
+            "log.csv, time: got steps from 0.2 to 78.2 ms, as data arrive, expected the times at which the angles were "
+            "measured; log the controller's own clock; if no row is missing, write steps of 8 ms",
+        ),
+    ],
+    ids=lambda each: getattr(each, "__name__", ""),
+)
+def test_a_log_that_no_joint_can_follow_is_refused_in_one_line(make, line):
+    for seed in range(4):
+        (said,) = problems(make(seed))
+        assert re.sub(r"7\.9\d+ ms", "8 ms", said) == line
+
+
+@pytest.mark.parametrize(
+    "twin",
+    [
+        *(slow_encoder, encoder, true_uneven, slight_jitter, standing_rows_dropped, dwells),
+        *(planned_by_place, dwell_at_points),
+    ],
+    ids=lambda each: each.__name__,
+)
+def test_a_right_log_is_left_as_it_is(twin):
+    """Sets of six: no line, and every number as in the file."""
+    for seed in range(6):
+        text = twin(seed)
+        rows, log = np.loadtxt(text.splitlines()[1:], delimiter=","), parse(text)
+        assert log.notes == ()
+        np.testing.assert_array_equal(log.time, rows[:, 0])
+        np.testing.assert_allclose(np.rad2deg([*log.angles.values()]), rows[:, 1:].T, atol=1e-9)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.01])
+def test_late_times_are_taken_as_even_ones(lost):
+    """Late by 0.3 ms of 8, half of them; rows may be missing."""
+    rng = np.random.default_rng(3)
+    late, kept = 3e-4 * (rng.random(len(EVEN)) < 0.5), rng.random(len(EVEN)) >= lost
+    log = parse(written((EVEN + late)[kept], path_at(EVEN)[:, kept]))
+    (note,) = log.notes
+    assert re.fullmatch(r"log\.csv, time: up to 0\.1\d ms off even steps of 8 ms, which were taken instead", note)
+    np.testing.assert_allclose(log.time - log.time[0], EVEN[kept], atol=2e-4)
+    assert np.diff(log.time).min() == pytest.approx(H, abs=1e-6)
+
+
+def test_a_clock_in_whole_milliseconds_is_taken_as_even():
+    time = np.arange(0, 12.4, 1 / 128)
+    log = parse(written(time, path_at(time), time_digits=3))
+    assert log.notes == ("log.csv, time: up to 0.5 ms off even steps of 7.812 ms, which were taken instead",)
+    np.testing.assert_allclose(log.time, time, atol=1e-4)
+
+
+def test_a_wrapped_angle_is_unwrapped():
+    whole = path_at(EVEN) + np.array([[140], [-40]])
+    log = parse(written(EVEN, (whole + 180) % 360 - 180))
+    (note,) = log.notes
+    row = 2 + int(np.argmax(whole[0] >= 180))
+    assert note == f"log.csv:{row}, joint1: jumps by a whole turn were undone, 1 in all"
+    np.testing.assert_allclose(np.rad2deg(log.angles["joint1"]), whole[0], atol=1e-4)
+    np.testing.assert_allclose(np.rad2deg(log.angles["joint2"]), whole[1], atol=1e-4)
+    turning = parse(written(np.arange(8.0), np.outer([360, 1], np.arange(8) % 2)))
+    np.testing.assert_allclose(np.rad2deg(turning.angles["joint1"]), 360 * (np.arange(8) % 2))
+
+
+def test_small_degrees_are_asked_about():
+    ask = "log.csv:1: no angle beyond {} deg; if they are radians, write 'joint1 [rad]'"
+    assert parse(written(EVEN, np.radians(path_at(EVEN)))).notes == (
+        ask.format(f"{np.radians(abs(path_at(EVEN)).max()):.3g}"),
+    )
+    assert parse(written(EVEN, path_at(EVEN))).notes == ()
+    assert parse(written(EVEN, np.radians(path_at(EVEN))).replace("[deg]", "[rad]")).notes == ()
+    assert parse(written(EVEN, 0 * path_at(EVEN))).notes == ()

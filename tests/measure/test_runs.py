@@ -8,7 +8,7 @@ from arms import DATA
 
 import ident
 from ident.arm.multibody import possible_orders
-from ident.assess.source import moving_traces
+from ident.assess.source import moving_traces, with_notes
 from ident.errors import InputError
 from ident.measure.runs import read_runs
 from ident.present.source import too_large
@@ -75,6 +75,34 @@ def test_a_gap_is_cut_out_and_an_uneven_clock_resampled(tmp_path):
     assert said.endswith("cut the recording there, or record it again")
     jitter = np.random.default_rng(2).uniform(0, 0.003, 10_000)
     assert "; resample" in refused(tmp_path, over_time(lambda time: time + jitter[: len(time)]))
+
+
+@pytest.mark.parametrize(
+    ("speed", "common"),
+    [
+        (7, ""),
+        (70, "9.41 of its 46.9 s are within the motion, which takes 4.51 s"),
+        (2.5, "46.9 of its 46.9 s are within the motion, which takes 126 s"),
+    ],
+)
+def test_a_trace_much_longer_or_shorter_than_its_motion_is_said(tmp_path, speed, common):
+    (tmp_path / "run7.csv").write_text(RECORDED)
+    (tmp_path / "runs.csv").write_text(HEAD + f"run7.csv,y,y,{speed}\nrun7.csv,z,z,{speed}\n")
+    noted = with_notes(ident.read_arm(ARM).arm, read_runs(tmp_path / "runs.csv")).notes
+    assert list(noted) == [f"{tmp_path}/runs.csv:2, run7.csv: {common}: check speed, path and delay"] * bool(common)
+
+
+def test_what_was_mended_in_the_log_of_a_run_is_said(tmp_path):
+    (tmp_path / "run7.csv").write_text(RECORDED)
+    (tmp_path / "runs.csv").write_text("file,channel,direction,path\nrun7.csv,y,y,log.csv\n")
+    time = np.arange(0, 40, 0.02)
+    turn = 60 * (time / 40 - np.sin(2 * np.pi * time / 40) / (2 * np.pi))
+    late = 1e-3 * (np.random.default_rng(0).random(len(time)) < 0.5)
+    header = "time [s],joint1 [deg],joint2 [deg],joint3 [deg]"
+    rows = np.column_stack([time + late, 20 + turn, -40 - turn, 20 + turn])
+    np.savetxt(tmp_path / "log.csv", rows, "%.6f", ",", header=header, comments="")
+    (note,) = with_notes(ident.read_arm(ARM).arm, read_runs(tmp_path / "runs.csv")).notes
+    assert note.endswith("log.csv, time: up to 0.56 ms off even steps of 20 ms, which were taken instead")
 
 
 def test_speeds_beside_the_percent(tmp_path):

@@ -142,6 +142,11 @@ def set_column(index, value):
         (HEAD, set_column(1, 3.0), "joint1.motor: got one value throughout, expected a joint that moves"),
         (HEAD, set_column(3, 7.0), "joint1.torque: got one value throughout, expected a torque that varies"),
         (
+            HEAD,
+            lambda rows: [[*row[:3], 1e-300 * row[3]] for row in rows],
+            "joint1.torque: got a range of 1e-298 N*m, expected a torque that varies",
+        ),
+        (
             HEAD.replace("[deg]", "[rad]"),
             lambda rows: [[row[0], row[1], 10 * row[2], *row[3:]] for row in rows],
             "a range of 200 rad",
@@ -164,6 +169,7 @@ def set_column(index, value):
         "gap",
         "still",
         "constant",
+        "tiny",
         "radians",
         "same",
         "sign",
@@ -175,6 +181,12 @@ def test_bad_logs_are_one_line(tmp_path, head, change, said):
     text = refused(tmp_path, head, change or (lambda rows: rows))
     assert said in text
     assert len(text.splitlines()) == 1
+
+
+def test_a_torque_that_is_zero_while_the_joint_moves_tells_nothing(tmp_path):
+    rows = [[*row[:3], 50.0 * (i < 20)] for i, row in enumerate(ROWS)]
+    (tmp_path / "log.csv").write_text("\n".join([HEAD, *(",".join(f"{x:.9g}" for x in row) for row in rows)]))
+    assert "CANNOT TELL" in ident.joint(tmp_path / "log.csv").report()
 
 
 def test_bad_options_are_one_line(tmp_path):

@@ -37,6 +37,13 @@ def test_it_analyses_every_posture(result):
     assert_one_screen(result.report())
 
 
+def test_postures_in_radians_next_to_degrees_are_asked_about(result):
+    assert result.notes == ()
+    small = ((0.52, -1.05, 0.52), (30.0, -60.0, 30.0), (0.35, -0.7, 0.35), (1.0, -2.0, 1.0), (0.5, -0.25, 0.05))
+    asked = predict(ident.read_arm(ARM), PredictOptions(posture=small, load="glass", modes=4))
+    assert asked.notes == ("angles of 0.52 -1.05 0.52 deg (and 1 more): if they are radians, convert them",)
+
+
 def test_without_options_all_angles_are_zero():
     (analysis,) = predict(lcd_arm()).analyses
     assert analysis.posture == (0.0, 0.0, 0.0)

@@ -1,9 +1,12 @@
 """Replayed logs: the spline passes the samples, or near them, and noise does not become acceleration."""
 
 import math
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from arms import lcd_arm
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -93,6 +96,37 @@ def test_smoothing_keeps_noise_out_of_the_acceleration():
     assert rms(smooth(t)[1] - qd) < 1e-3 * rms(qd)
     assert rms(smooth(t)[0] - noisy(q)) == pytest.approx(NOISE, rel=0.1)
     assert len(smooth.breaks) < len(t) / 10
+
+
+def test_an_acceleration_that_no_joint_has_names_the_smoothing_that_mends_it():
+    t, q, _, qdd = cycloid()
+    q = np.append(q, q[:1], 0)
+    coarse = np.round(q / 2e-4) * 2e-4
+    said = problem(t, coarse, name="log.csv", arm=lcd_arm())
+    found = re.fullmatch(
+        r"log\.csv: got (\d+) rad/s\^2 of joint\d at [\d.]+ s, expected at most 100 rad/s\^2; smooth the angles "
+        r"by their noise \(`smoothing` ([\d.]+) deg\), or check the units of time and angles, "
+        r"or correct the samples there",
+        said,
+    )
+    assert found
+    assert float(found[1]) > 100
+    smooth = replay(t, coarse, smoothing=math.radians(float(found[2])), arm=lcd_arm())
+    assert np.abs(smooth(t)[2]).max() == pytest.approx(np.abs(qdd).max(), rel=0.05)
+
+
+def test_small_noise_is_no_impossible_acceleration():
+    """An encoder of 20 bits at 8 ms; with the arm file's limits, twice as much as they allow."""
+    t, q, _, qdd = cycloid(0.008)
+    encoder = np.round(np.append(q, q[:1], 0) / 6e-6) * 6e-6
+    np.testing.assert_array_equal(*(replay(t, encoder, arm=arm).coefficients for arm in (None, lcd_arm())))
+
+    def limited(most):
+        return replace(lcd_arm(), joints=[replace(joint, rates=(9.0, float(most), 99.0)) for joint in lcd_arm().joints])
+
+    replay(t, encoder, arm=limited(np.abs(qdd).max()))
+    said = problem(t, encoder, arm=limited(np.abs(qdd).max() / 3))
+    assert f"expected at most {np.abs(qdd).max() * 2 / 3:.3g} rad/s^2; check the units of time and angles, or" in said
 
 
 def test_an_arm_that_stands_still():
