@@ -212,11 +212,9 @@ def _time_problems(series: Series) -> Iterator[Problem]:
         steps = np.diff(time)
     for row in np.flatnonzero(~((steps >= STEPS[0]) & (steps <= STEPS[1]) | np.isnan(steps))) + 1:
         got = f"{time[row]:.9g} s after {time[row - 1]:.9g} s"
+        expected, remedy = f"steps from {STEPS[0]:g} to {STEPS[1]:g} s", "correct the time, or the unit in the header"
         if steps[row - 1] <= 0:
             expected, remedy = "times that increase", "sort the rows or delete the repeated one"
-        else:
-            expected = f"steps from {STEPS[0]:g} to {STEPS[1]:g} s"
-            remedy = "correct the time, or the unit in the header"
         yield Problem(series.where[row], got, expected, remedy, TIME)
 
 
@@ -320,15 +318,11 @@ def _mended(series: Series, joints: Sequence[str], notes: list[str]) -> Series:
         notes.append(f"{series.file}, {TIME}: up to {off} even steps of {1e3 * step:.4g} ms, which were taken instead")
     largest = math.degrees(max(abs(series[joint]).max() for joint in joints))
     if 0 < largest <= 2 * np.pi and not any(series.columns[joint].unit in RADIANS for joint in joints):
-        notes.append(
-            f"{series.header}: no angle beyond {largest:.3g} deg; if they are radians, write '{joints[0]} [rad]'"
-        )
+        notes.append(f"{series.header}: no angle beyond {largest:.3g} deg; for radians write '{joints[0]} [rad]'")
     return replace(series, columns=columns)
 
 
-def _smoother(
-    time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "joints T"], even: Float[np.ndarray, " T"]
-) -> bool:
+def _smoother(time: np.ndarray, angles: np.ndarray, even: np.ndarray) -> bool:
     """Tell whether angles are smoother over even numbers than over times that vary from row to row.
 
     By second differences, each over the noise that it takes from its three samples: noise alone is alike over both.

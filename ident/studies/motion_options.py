@@ -126,8 +126,7 @@ def _motion(arm: "Arm", options: MovingOptions, log: "Log | None") -> "tuple[Mot
     percent = options.speed if options.speed is not None else 10.0 if log is None else 100.0
     if log is not None:
         angles = np.stack(list(log.angles.values()))
-        smoothing, name = radians(options.smoothing), Path(log.path).name
-        motion = replay(log.time, angles, smoothing=smoothing, name=name, arm=arm)
+        motion = replay(log.time, angles, smoothing=radians(options.smoothing), name=Path(log.path).name, arm=arm)
         motion = motion if options.speed is None else motion.at_speed(percent)
         motion = motion.dwell(options.hold)
     elif arm.stroke is not None:

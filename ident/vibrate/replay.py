@@ -80,9 +80,7 @@ def replay(
     return motion
 
 
-def _refuse_rough(
-    arm: Arm, motion: Motion, time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], smoothing: float
-) -> None:
+def _refuse_rough(arm: Arm, motion: Motion, time: np.ndarray, angles: np.ndarray, smoothing: float) -> None:
     """Refuse a motion that accelerates as no joint can."""
     check_joints(arm, motion)
     most = np.array([[NOISY * a if a < math.inf else FASTEST] for a in (joint.rates[1] for joint in arm.driven)])

@@ -373,7 +373,7 @@ def test_a_wrapped_angle_is_unwrapped():
 
 
 def test_small_degrees_are_asked_about():
-    ask = "log.csv:1: no angle beyond {} deg; if they are radians, write 'joint1 [rad]'"
+    ask = "log.csv:1: no angle beyond {} deg; for radians write 'joint1 [rad]'"
     assert parse(written(EVEN, np.radians(path_at(EVEN)))).notes == (
         ask.format(f"{np.radians(abs(path_at(EVEN)).max()):.3g}"),
     )
