@@ -79,7 +79,7 @@ WORDS = {
     "drives": (DRIVE_STATES, "leave the row out if the motors turned freely"),
     "ramp": (RAMPS, "leave the cell empty"),
 }
-"""Fields of few words, and what they say when they are empty."""
+"""Fields of few words, and what to do where none of them is meant."""
 
 
 def word_problems(name: str, word: str | None) -> Iterator[Problem]:

@@ -154,11 +154,8 @@ def _check(time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"],
     with np.errstate(over="ignore", invalid="ignore"):
         steps = np.diff(time)
     if bad := np.flatnonzero(~((steps >= STEPS[0]) & (steps <= STEPS[1]))).tolist():
-        got, expected = (
-            f"{time[bad[0] + 1]:.9g} s after {time[bad[0]]:.9g} s",
-            f"steps of {STEPS[0]:g} to {STEPS[1]:g} s",
-        )
-        raise refusal("", got, expected, "sort the samples, or give the times in s", "time")
+        got, remedy = f"{time[bad[0] + 1]:.9g} s after {time[bad[0]]:.9g} s", "sort the samples, or give the times in s"
+        raise refusal("", got, f"steps of {STEPS[0]:g} to {STEPS[1]:g} s", remedy, "time")
     if not 0 <= smoothing < math.inf:
         remedy = "give the noise of the angles, or 0 to pass all samples"
         raise refusal("", f"{smoothing:g} rad", "a finite angle of at least 0", remedy, "smoothing")

@@ -102,7 +102,7 @@ def test_the_list_for_people_names_the_same(run, listed, tmp_path):
     assert (code, err, files(tmp_path)) == (0, "", [])
     words = set(out.split())
     assert {each["path"] for each in listed["numbers"]} <= words
-    assert {"tip", "glass", "deflection_difference", "simulate", "fast,", "cycloid,", "servo,"} <= words
+    assert {"tip", "glass", "deflection_difference", "simulate", "fast,", "cycloid,", "brake,", "servo"} <= words
 
 
 def test_names_in_short_fit_one_screen(run):
