@@ -202,12 +202,12 @@ def check_campaign(
         return CampaignCheck(
             **vars(checked),
             arm=arm,
-            campaign=campaign,
+            campaign=posed.campaign,
             consistency=consistency(compared),
             cross_predictions=cross_predictions(compared, [compared.parameters.theta_start], seed=seed)[0],
             labels=labels.result(),
             changing=changing_labels(posed.problem, seed=seed),
             springs=check_springs(posed, unknowns),
-            repeats=tuple(contradictory_repeats(campaign)),
+            repeats=tuple(contradictory_repeats(posed.campaign)),
             ramps=ramps(posed),
         )

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from math import degrees
 from pathlib import Path
 from typing import Any
@@ -183,6 +184,17 @@ class CampaignSample:
     posterior_predictive: PosteriorPredictive
     weights: Weights | None
 
+    @cached_property
+    def damping(self) -> dict[tuple[str, ...], Float[np.ndarray, "chains draws"]]:
+        """Damping given stiffness, one draw for each, by the paths of the numbers that an arm file has a place for."""
+        if self.fitted.damping is None:
+            return {}
+        by_chain, names = self.sample.by_chain().values, self.sample.posterior.parameters.items
+        draws = {path: own.ravel() for item, own in zip(names, by_chain, strict=True) for path in item.paths}
+        own = set(self.fitted.damping.parameters)
+        given = self.fitted.damping.given({path: x for path, x in draws.items() if path in own})
+        return {paths: x.reshape(by_chain.shape[1:]) for paths, x in given.items()}
+
     @property
     def withheld(self) -> tuple[str, ...]:
         """Why no interval should be quoted: the fit's doubts, but where the sizes of the sigmas are inferred."""
@@ -226,8 +238,8 @@ def sample_campaign(
         ModelError: see `sample`.
     """
     target = posterior(fitted.problem, noise)
-    # damping ratios call LAPACK, which must not run twice at the same time under jax 0.10
-    damped = "damping_ratio" in fitted.problem.kinds
+    # poles call LAPACK, which must not run twice at the same time under jax 0.10
+    damped = fitted.posed.conditions.damped
     settings = replace(settings, threads=1 if damped else min(cores(), settings.ensembles))
     if weights:
         check_weighable(target)

@@ -373,7 +373,7 @@ def lifted(x: AnyArray, rank: int) -> Array:
 
 # -------- Conditions
 
-BY_MODE = ("frequency", "damping_ratio", *SHAPES)
+BY_MODE = ("frequency", *SHAPES)
 State = tuple[tuple[float, ...], Load, str]
 """Posture, load case, and what held the motors."""
 
@@ -471,6 +471,11 @@ class Conditions(eqx.Module):
     shapes: Shapes | None = None
 
     @property
+    def damped(self) -> bool:
+        """Whether what was measured depends on damping: frequencies or shapes of damped modes."""
+        return self.definitions is not None or (self.shapes is not None and self.shapes.damped is not None)
+
+    @property
     def labelled(self) -> NotAllUndamped:
         """What each frequency with a label is."""
         return None if self.definitions is None else self.definitions[: self.named.frequencies]
@@ -499,7 +504,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     values = sorted(first, key=lambda key: (key[0], first[key]))
     place = {key: i for i, key in enumerate(values)}
     order = np.array([place[key] for key in keys])
-    named, unnamed, readings = ([key for key in values if key[0] in groups] for groups in ((0, 1, 2), (3,), (4,)))
+    named, unnamed, readings = ([key for key in values if key[0] in groups] for groups in ((0, 1), (2,), (3,)))
     posture = np.array([posture for posture, *_ in states], float).T
     servo = np.array([drives == "servo" for *_, drives in states], float)
     setups = tuple(dict.fromkeys(m.setup for m in campaign if m.setup))
@@ -515,7 +520,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
         repeats(order, np.array([first[key] for key in values])),
         np.array(definitions, int) if any(definitions) else None,
         servo if arm.servos and servo.any() else None,  # without a description servos hold as brakes do
-        shapes_of(arm, [campaign.measurements[key[3]] for key in named if key[0] == 2]),
+        shapes_of(arm, [campaign.measurements[key[3]] for key in named if key[0] == 1]),
     )
     return jax.device_put(bound)
 
@@ -528,22 +533,22 @@ def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int], loop: in
     """
     state = states[m.posture, m.load, m.drives]
     if m.kind in SHAPES:
-        return 2, state, parse_label(m.mode or ""), row
+        return 1, state, parse_label(m.mode or ""), row
     if m.kind in BY_MODE:
-        return (BY_MODE.index(m.kind), state, parse_label(m.mode), m.of) if m.mode else (3, state, m.value, row)
+        return (0, state, parse_label(m.mode), m.of) if m.mode else (2, state, m.value, row)
     against = states[m.posture, m.reference_load, m.drives] if m.kind in DIFFERENCES else -1
     if m.kind in TWISTS:
         joint = [joint.name for joint in arm.joints].index(m.joint or "")
-        return 4, state, against, joint, tuple(np.asarray(arm.joints[joint].axis).tolist()), "twist", "", loop
+        return 3, state, against, joint, tuple(np.asarray(arm.joints[joint].axis).tolist()), "twist", "", loop
     point = [point.name for point in arm.points].index(m.point or "")
     what = "turn" if m.kind in ROTATIONS else "place" if m.kind in POSITIONS else "move"
-    return 4, state, against, point, m.direction, what, m.setup, loop
+    return 3, state, against, point, m.direction, what, m.setup, loop
 
 
 def _named(values: Sequence[tuple[Any, ...]], count: int) -> Named:
     states = np.array([state for _, state, *_ in values], int)
     groups = [group for group, *_ in values]
-    return name_modes([label for _, _, label, _ in values], states, count, groups.count(1), groups.count(2))
+    return name_modes([label for _, _, label, _ in values], states, count, groups.count(1))
 
 
 def _unnamed(values: Sequence[tuple[Any, ...]]) -> Unnamed:

@@ -33,7 +33,7 @@ from ident.identify.hypotheses import (
 )
 from ident.identify.instruments import RESOLUTION, posture_grid, relative_sigma
 from ident.identify.problem import pose
-from ident.identify.unknowns import Unknowns
+from ident.identify.unknowns import Unknowns, without_damping
 from ident.inference.information import SUSPICIOUS
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
 from ident.measure.load import AXES
@@ -248,7 +248,8 @@ def explain(
     Returns:
         None where the model has no answer, or is scaled by discrepancies, which are explanations already.
     """
-    arm, campaign, unknowns = fit.arm, fit.campaign, (unknowns or Unknowns()).with_prior
+    arm, campaign, unknowns = fit.posed.arm, fit.campaign, (unknowns or Unknowns()).with_prior
+    unknowns = without_damping(unknowns.named(arm)) if fit.damping else unknowns
     hypotheses = hypotheses_of(fit.posed.with_unknowns(unknowns), fit.parameters, fit.choice.held)
     before = hypotheses.search()[0] if hypotheses is not None else None
     if hypotheses is None or before is None:
@@ -348,10 +349,10 @@ def _corrections(fit: CampaignFit) -> Iterator[tuple[Change, Arm, Campaign]]:
                         names = {*rows[i].load.payloads} ^ {payload}
                         right[i] = replace(rows[i], load=replace(rows[i].load, payloads=tuple(names)))
                     change = Change("on" if on else "off", payload, wrong)
-                    yield change, fit.arm, replace(fit.campaign, measurements=tuple(right))
+                    yield change, fit.posed.arm, replace(fit.campaign, measurements=tuple(right))
     granted = fit.assumptions
     if granted is not None and fit.arm.base is None and any(item.kind in SOFT for item in granted.items):
-        yield Change("soft base"), on_soft_base(fit.arm, granted.height), fit.campaign
+        yield Change("soft base"), on_soft_base(fit.posed.arm, granted.height), fit.campaign
 
 
 def _corrected(

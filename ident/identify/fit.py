@@ -1,7 +1,7 @@
 """The main job in one call: an arm and a campaign in, a fit out, with its warnings."""
 
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from inspect import unwrap
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -27,6 +27,7 @@ from ident.arm.mechanics import (
 from ident.arm.modes import modes_about
 from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
+from ident.identify.damping import Damping, Poles, damping_of
 from ident.identify.mode_matching import FAR
 from ident.identify.predict import ArmModel, Matching, chains, mode_choice, picked, read, vector_of
 from ident.identify.problem import Posed, Ramp, check_values, pose, ramps_of, repeated, row_names
@@ -34,7 +35,9 @@ from ident.identify.unknowns import Unknowns
 from ident.inference.fit import FIT_STARTS, Fit, cross_predictions, fit, with_stretch
 from ident.inference.information import ScoreTest, asked_for, score_tests
 from ident.inference.optima import fixed_combinations
+from ident.inference.problem import DISCREPANCY_PREFIX
 from ident.inference.scrutiny import SUSPICIOUS, Exchange, Moves, Pair, exchanges, robust_weights, weighted
+from ident.inference.search import End, look, solve
 from ident.measure import Campaign, Measurement
 from ident.measure.load import SHAPES
 from ident.programs import RUNS_ONCE, jit
@@ -55,7 +58,7 @@ LONG = 24
 
 
 class Slopes(NamedTuple):
-    """A campaign's predictions [SI] and their derivatives; zero in the rows of damping ratios and shapes.
+    """A campaign's predictions [SI] and their derivatives; zero in the rows of shapes.
 
     Attributes:
         predicted: (D,) of the arm itself.
@@ -177,7 +180,7 @@ def _rows(
     named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
     values = [
         picked(frequency[:, named.states[:first]], choice[0][:, :first]),
-        jnp.zeros(named.others),
+        jnp.zeros(named.shapes),
         picked(frequency[:, unnamed.states], choice[1]),
         reads,
     ]
@@ -257,9 +260,8 @@ class Assumptions:
 def assumptions(fit: Fit, posed: Posed) -> Assumptions:
     """Say of each assumption of a fit how far its violation might move the answer, and what evidence the data give.
 
-    Damping ratios are left out: they say next to nothing of a stiffness. So are shapes, and rows with a servo on, where
-    the arm has servos. An arm that has an undriven joint at its foot or within a link assumes nothing there.
-    What a discrepancy factor scales is scaled here as well.
+    Shapes are left out, and rows with a servo on, where the arm has servos. An arm that has an undriven joint at its
+    foot or within a link assumes nothing there. What a discrepancy factor scales is scaled here as well.
 
     Args:
         fit: of the campaign.
@@ -277,7 +279,7 @@ def assumptions(fit: Fit, posed: Posed) -> Assumptions:
         np.array(changes) * factor,
         np.array([kind.plausible for kind in kinds]),
         [kind.positive for kind in kinds],
-        np.array([m.kind in ("damping_ratio", *SHAPES) or (servos and m.drives == "servo") for m in posed.campaign]),
+        np.array([m.kind in SHAPES or (servos and m.drives == "servo") for m in posed.campaign]),
     )
     items = tuple(Assumption(kind, joint, test) for (kind, joint), test in zip(names, tests, strict=True))
     return Assumptions(items, pieces.height)
@@ -388,6 +390,8 @@ FARTHEST = 20
 """Values farthest off of which it is asked, in a large campaign, whether they were taken for others."""
 NAMED = 30
 """Rows that a remark names at most."""
+ROUNDS, STILL = 4, 0.05
+"""Fits at most while damped modes move by damping; standard deviations that count as none."""
 LEAST_CHANGE = 0.1
 """Change of chi-squared that is worth a word; assumed."""
 
@@ -411,11 +415,13 @@ class CampaignFit(Fit):
 
     Attributes:
         arm: with the numbers of its file.
-        campaign: what was measured.
+        campaign: what was measured, damping ratios aside.
         assumptions: what it assumes, and what a violation may move; None where no optimum was reached.
         exchanges: which two values, exchanged, would make data fit that do not.
         weights: (D,) by which each value counts in a robust fit, see `ident.inference.scrutiny`; None in any other.
         explanations: what would reconcile the data, see `ident.identify.explanations`; None where that was not asked.
+        damping: the law of damping given these stiffnesses; None where no damping ratio was measured.
+        poles: what was taken of it for frequencies and shapes of damped modes.
     """
 
     arm: Arm
@@ -424,6 +430,8 @@ class CampaignFit(Fit):
     exchanges: tuple[Exchange, ...] = ()
     weights: Float[np.ndarray, "D"] | None = None
     explanations: "Explanations | None" = None
+    damping: Damping | None = None
+    poles: Poles = field(default_factory=Poles)
 
     @property
     def off(self) -> Float[np.ndarray, "D"]:
@@ -567,7 +575,10 @@ def fit_campaign(
     robust: str | None = None,
     progress: Callable[[Iterable[int]], Iterable[int]] = iter,
 ) -> CampaignFit:
-    """Fit the joint stiffnesses, and what else is freed, to a campaign; damping where damping ratios were measured.
+    """Fit the joint stiffnesses, and what else is freed, to a campaign; given these its damping to damping ratios.
+
+    Frequencies and shapes of damped modes depend on both: their damping is that of a first search, and the fit is
+    repeated with what it finds itself until no row moves.
 
     Args:
         arm: its stiffnesses are starting values and centres of the priors.
@@ -584,9 +595,18 @@ def fit_campaign(
         ModelError: no optimum was reached.
     """
     unknowns = unknowns or Unknowns()
-    posed = pose(arm, campaign, unknowns)
+    posed, poles = pose(arm, campaign, unknowns), Poles()
     check_values(posed, trusted)
-    best = fit(posed.problem, starts=starts, seed=seed, progress=progress)
+    coupled = len(posed.ratios) > 0 and posed.conditions.damped
+    if coupled and np.isfinite((first := solve(posed.problem, posed.problem.parameters.theta_start)).cost):
+        poles = _poles(arm, campaign, unknowns, posed, first)
+    for _ in range(ROUNDS):
+        posed = with_poles(arm, campaign, unknowns, poles)
+        best = fit(posed.problem, starts=starts, seed=seed, progress=progress)
+        before, poles = poles, _poles(arm, campaign, unknowns, posed, best.end) if coupled else poles
+        if not coupled or _moved(arm, campaign, unknowns, (before, poles), best) < STILL:
+            poles = before
+            break
     weights = None if robust is None else robust_weights(best, units_of(campaign), robust)
     if weights is not None:
         best = fit(weighted(posed.problem, weights), starts=starts, seed=seed)
@@ -596,11 +616,62 @@ def fit_campaign(
         compared, _ = cross_predictions(weak, [o.theta for o in best.optima], seed=seed)
         best = with_stretch(replace(best, cross_predictions=compared))
     granted = assumptions(best, posed) if best.best.converged else None
-    known = {field.name: getattr(best, field.name) for field in fields(best)}
-    whole = CampaignFit(**known, arm=arm, campaign=campaign, assumptions=granted, weights=weights)
+    known = {each.name: getattr(best, each.name) for each in fields(best)}
+    damping = damping_given(posed, best, campaign, unknowns)
+    whole = CampaignFit(
+        **known, arm=arm, campaign=posed.campaign, assumptions=granted, weights=weights, damping=damping, poles=poles
+    )
     whole = replace(whole, exchanges=_suspected(whole))
     widths = not whole.doubts
     return replace(whole, combinations=fixed_combinations(whole.problem, whole.end, whole.information, widths=widths))
+
+
+def with_poles(arm: Arm, campaign: Campaign, unknowns: Unknowns, poles: Poles) -> Posed:
+    """Pose a campaign to an arm whose damped modes are as their damping says."""
+    posed = pose(poles.on(arm), campaign, unknowns)
+    if not any(poles.apart):
+        return posed
+    return replace(posed, problem=posed.problem.with_sigma(np.hypot(np.asarray(posed.problem.sigma), poles.apart)))
+
+
+def damping_given(posed: Posed, end: End | Fit, campaign: Campaign, unknowns: Unknowns) -> Damping | None:
+    """Return the law of damping where a fit, or a search, has ended; None where no ratio was measured.
+
+    Args:
+        posed: the campaign and the arm.
+        end: gives the stiffnesses and what is predicted.
+        campaign: all rows.
+        unknowns: what is unknown.
+    """
+    if not len(posed.ratios):
+        return None
+    parameters, theta = posed.problem.parameters, end.best.theta if isinstance(end, Fit) else end.theta
+    values = parameters.by_path(parameters.values(np.asarray(theta)))
+    own = {name: value for name, value in values.items() if not name.startswith(DISCREPANCY_PREFIX)}
+    return damping_of(posed.model, campaign, np.asarray(end.predicted), own, unknowns.named(posed.arm))
+
+
+def _poles(arm: Arm, campaign: Campaign, unknowns: Unknowns, posed: Posed, end: End) -> Poles:
+    """Return the damping of the best law, and by how much rows differ by those that can't be told from it."""
+    damping = damping_given(posed, end, campaign, unknowns)
+    assert damping is not None
+    laws = [Poles(law.numbers) for law in (damping.best, *damping.rivals)]
+    first, *others = (_predicted(arm, campaign, unknowns, poles, end) for poles in laws)
+    apart = np.max([np.zeros_like(first), *(np.abs(other - first) for other in others)], 0)
+    sigma = np.array([m.sigma for m in posed.campaign])
+    return replace(laws[0], apart=tuple(np.where(apart > STILL * sigma, apart, 0.0).tolist()))
+
+
+def _predicted(arm: Arm, campaign: Campaign, unknowns: Unknowns, poles: Poles, end: End) -> Float[np.ndarray, "D"]:
+    return np.asarray(look(with_poles(arm, campaign, unknowns, poles).problem, end.theta, end.choice.held).predicted)
+
+
+def _moved(arm: Arm, campaign: Campaign, unknowns: Unknowns, pair: tuple[Poles, Poles], best: Fit) -> float:
+    """Return by how many sigma a row moves at most from one damping to the next."""
+    before, now = (_predicted(arm, campaign, unknowns, poles, best.end) for poles in pair)
+    apart = [np.array(poles.apart) if poles.apart else np.zeros(len(now)) for poles in pair]
+    off = np.maximum(np.abs(now - before), np.abs(apart[1] - apart[0])) / np.asarray(best.problem.sigma)
+    return float(off.max())
 
 
 def units_of(campaign: Campaign) -> Int[np.ndarray, "D"]:

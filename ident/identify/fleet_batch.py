@@ -250,7 +250,7 @@ def _plausible(given: Given, unknowns: Unknowns, trusted: Collection[str]) -> Po
         check_values(posed, trusted)
     except IdentError:
         return None
-    bound = any(m.kind in SHAPES for m in given.campaign)  # to what was measured of one robot
+    bound = len(posed.ratios) or any(m.kind in SHAPES for m in given.campaign)  # to what was measured of one robot
     return posed if posed.problem.in_parts().whole and not bound else None
 
 

@@ -155,7 +155,7 @@ def altered_numbers(
             yield Number("payload", payload.body.name)
     if LOAD not in taken and is_loaded(loads):
         yield Number("loads", LOAD)
-    scaled = [kind for kind in kinds if kind not in ("damping_ratio", "shape")]
+    scaled = [kind for kind in kinds if kind != "shape"]
     yield from (Number("clock" if kind == "frequency" else "scale", kind) for kind in scaled)
     curved = {(spring.joint, spring.direction) for spring in arm.springs}
     for joint, own in zip(arm.joints, moments, strict=True):

@@ -56,7 +56,7 @@ NAMES = tuple((direction, kind) for direction in ("vertical", "lateral") for kin
 
 
 class Named(eqx.Module):
-    """Values of modes with a label: frequencies, damping ratios, shapes; what several rows measured is one of them.
+    """Values of modes with a label: frequencies, then shapes; what several rows measured is one of them.
 
     Attributes:
         states: (R,) state of each.
@@ -65,7 +65,6 @@ class Named(eqx.Module):
         places: (R,) place of its label in the table of labels, ordered by pattern and ordinal.
         largest: (patterns, S) largest ordinal of each pattern that was seen in each state.
         at: (labels, S) the frequency that has the label of each place in each state; -1 for none, as at the last.
-        ratios: how many of them, after the frequencies, are damping ratios.
         patterns: the different pairs of direction and kind, as places in `WORDS`.
         top: largest ordinal of each.
         shapes: how many of them, the last ones, are of shapes.
@@ -77,30 +76,23 @@ class Named(eqx.Module):
     places: Int[AnyArray, "R"]
     largest: Int[AnyArray, "patterns S"]
     at: Int[AnyArray, "labels S"]
-    ratios: int = eqx.field(static=True)
     patterns: tuple[tuple[int, int], ...] = eqx.field(static=True)
     top: tuple[int, ...] = eqx.field(static=True)
     shapes: int = eqx.field(static=True, default=0)
 
     @property
-    def others(self) -> int:
-        """Number of those that are no frequencies."""
-        return self.ratios + self.shapes
-
-    @property
     def frequencies(self) -> int:
         """Number of those that are frequencies."""
-        return len(self.states) - self.others
+        return len(self.states) - self.shapes
 
 
-def name_modes(labels: Sequence[Label], states: np.ndarray, count: int, ratios: int, shapes: int = 0) -> Named:
+def name_modes(labels: Sequence[Label], states: np.ndarray, count: int, shapes: int = 0) -> Named:
     """Collect the values that have labels.
 
     Args:
-        labels: of frequencies, of damping ratios, then of shapes.
+        labels: of frequencies, then of shapes.
         states: (R,) state of each.
         count: number of states.
-        ratios: number of damping ratios.
         shapes: number of rows of shapes.
     """
     ordinals = np.array([label.ordinal for label in labels], int)
@@ -112,9 +104,9 @@ def name_modes(labels: Sequence[Label], states: np.ndarray, count: int, ratios: 
     top = tuple(largest.max(1).tolist())
     places = np.concatenate([[0], np.cumsum(top, dtype=int)])[own] + ordinals - 1
     words = np.array(says, int).reshape(-1, 2)
-    at, first = np.full((sum(top) + 1, count), -1), len(states) - ratios - shapes
+    at, first = np.full((sum(top) + 1, count), -1), len(states) - shapes
     at[places[:first], states[:first]] = np.arange(first)
-    return Named(states, ordinals, words, places, largest, at, ratios, patterns, top, shapes)
+    return Named(states, ordinals, words, places, largest, at, patterns, top, shapes)
 
 
 def name_costs(modes: Modes, off: Float[AnyArray, "*#batch"] | float = 0.0) -> dict[str, Float[Array, "m S *batch"]]:
@@ -172,7 +164,7 @@ def most_probable(
     names = jnp.stack([cost[direction] + cost[kind] for direction, kind in NAMES], 1)
     near = modes.frequency[:, values.states] if hertz is None else hertz
     residuals, rank = jnp.zeros_like(near), near.ndim - 2
-    if data is not None:  # in sigma; of a damping ratio there is none
+    if data is not None:  # in sigma; of a shape there is none
         measured, sigma = _aligned(values, data, rank)
         squared = ((near - measured) / jnp.hypot(sigma, off * measured)) ** 2
         residuals = jnp.where(_are_frequencies(values, rank), jnp.minimum(squared, FAR), 0.0)

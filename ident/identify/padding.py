@@ -111,11 +111,11 @@ def in_parts(conditions: Conditions) -> Parts | None:
 
 
 def _kinds(conditions: Conditions) -> list[Int[np.ndarray, "_"]]:
-    """Return the values of each kind: labelled frequencies, damping ratios, shapes, frequencies, readings by kind."""
+    """Return the values of each kind: labelled frequencies, shapes, frequencies, readings by kind."""
     labels = len(conditions.named.states)
     read = labels + len(conditions.unnamed.states)
     return [
-        *np.split(np.arange(read), [conditions.named.frequencies, labels - conditions.named.shapes, labels]),
+        *np.split(np.arange(read), [conditions.named.frequencies, labels]),
         *(read + own for own in conditions.readings.by_kind()),
     ]
 
@@ -142,7 +142,7 @@ def _dealt(conditions: Conditions, states: Int[np.ndarray, "V"]) -> Int[np.ndarr
 
 def _used(conditions: Conditions, states: Int[np.ndarray, "V"], groups: Sequence[np.ndarray]) -> Int[np.ndarray, "_"]:
     """Return the states that some values belong to, and those that differences are counted from."""
-    references = conditions.readings.references[np.concatenate(groups[4:]) - _modal(conditions)]
+    references = conditions.readings.references[np.concatenate(groups[3:]) - _modal(conditions)]
     return np.unique(np.concatenate([states[np.concatenate(groups)], references[references >= 0]]))
 
 
@@ -154,8 +154,8 @@ def _modal(conditions: Conditions) -> int:
 def _some(conditions: Conditions, groups: Sequence[Int[np.ndarray, "_"]], states: Int[np.ndarray, "_"]) -> Conditions:
     """Return the conditions of some values in some states."""
     named, unnamed, readings = conditions.named, conditions.unnamed, conditions.readings
-    label, other = np.concatenate(groups[:3]), groups[3] - len(named.states)
-    reading = np.concatenate(groups[4:]) - _modal(conditions)
+    label, other = np.concatenate(groups[:2]), groups[2] - len(named.states)
+    reading = np.concatenate(groups[3:]) - _modal(conditions)
     place = np.full(conditions.posture.shape[1], -1)
     place[states[::-1]] = np.arange(len(states))[::-1]
     frequency = np.full(named.frequencies + 1, -1)
@@ -172,10 +172,9 @@ def _some(conditions: Conditions, groups: Sequence[Int[np.ndarray, "_"]], states
             named.places[label],
             named.largest[:, states],
             frequency[named.at[:, states]],
-            len(groups[1]),
             named.patterns,
             named.top,
-            len(groups[2]),
+            len(groups[1]),
         ),
         Unnamed(place[unnamed.states[other]], unnamed.ordinals[other], unnamed.last[other], unnamed.highest),
         replace(own, states=place[own.states], references=np.where(references >= 0, place[references], -1)),
@@ -183,7 +182,7 @@ def _some(conditions: Conditions, groups: Sequence[Int[np.ndarray, "_"]], states
         repeats(rows, rows),
         None
         if conditions.definitions is None
-        else conditions.definitions[np.concatenate([groups[0], groups[3] - named.others])],
+        else conditions.definitions[np.concatenate([groups[0], groups[2] - named.shapes])],
         None if conditions.servo is None else conditions.servo[states],
-        None if conditions.shapes is None else conditions.shapes.of(groups[2] - (len(named.states) - named.shapes)),
+        None if conditions.shapes is None else conditions.shapes.of(groups[1] - (len(named.states) - named.shapes)),
     )

@@ -22,7 +22,7 @@ from ident.arm.mechanics import (
     point_rotations,
     static_equilibrium,
 )
-from ident.arm.modes import Modes, damped_eigenvalues, linearize, lowest_eigenpairs, modes_about, to_hertz
+from ident.arm.modes import Modes, lowest_eigenpairs, modes_about, to_hertz
 from ident.arm.rotations import identity, matmul, matvec, rotation, rotation_vector, transpose
 from ident.errors import refusal
 from ident.identify.conditions import (
@@ -471,8 +471,8 @@ def predict(
         data: what was measured: it helps to tell which mode a label means, and which modes are as good as one.
 
     Returns:
-        `(D, *batch)` in the campaign's order: frequencies [Hz], deflections [m], rotations [rad], damping ratios
-        [-]. NaN where the arm has no stable equilibrium.
+        `(D, *batch)` in the campaign's order: frequencies [Hz], deflections [m], rotations [rad], ratios of
+        shapes [-]. NaN where the arm has no stable equilibrium.
     """
     return ArmModel(arm, conditions)(parameters, data)
 
@@ -504,13 +504,8 @@ def _values(
         values.append(_counted(own, above, conditions, data))
     if table is not None and chosen is not None:
         values = [picked(defined(table, named.states[:first], conditions.labelled), chosen[:, :first])]
-        if named.ratios:
-            ratios = slice(first, first + named.ratios)
-            s = damped_eigenvalues(linearize(chain, at))[: len(chosen), named.states[ratios]]
-            values.append(picked(-s.real / jnp.abs(s), chosen[:, ratios]))
         if conditions.shapes is not None and modes is not None:
-            last = slice(first + named.ratios, None)
-            values.append(read_shapes(chain, at, modes, conditions.shapes, named.states[last], chosen[:, last]))
+            values.append(read_shapes(chain, at, modes, conditions.shapes, named.states[first:], chosen[:, first:]))
         if unnamed.highest:
             nth, next_one = (lowest_left(conditions, chosen, beyond) for beyond in (0, 1))
             hertz = defined(table, unnamed.states, conditions.unlabelled)

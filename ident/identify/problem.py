@@ -3,7 +3,7 @@
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -46,6 +46,7 @@ from ident.identify.unknowns import (
     scaled_bodies,
     stiffness_parameters,
     uncertain_parameters,
+    without_damping,
 )
 from ident.inference.information import SUSPICIOUS, farthest, information
 from ident.inference.parameters import Parameters
@@ -77,10 +78,12 @@ class Posed:
     Attributes:
         campaign: what was measured.
         problem: what is unknown, the data, and the arm in the conditions of the campaign.
+        ratios: measured damping ratios: they decide the damping, and no stiffness.
     """
 
     campaign: Campaign
     problem: InverseProblem
+    ratios: Campaign = field(default_factory=Campaign)
 
     @property
     def model(self) -> ArmModel:
@@ -110,11 +113,13 @@ class Posed:
         Raises:
             InputError: see `pose`.
         """
-        return _posed(self.campaign, self.model, unknowns)
+        return _posed(self.campaign, self.model, unknowns, self.ratios)
 
 
 def pose(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> Posed:
-    """Pose a campaign to an arm; damping is unknown too where damping ratios were measured.
+    """Pose a campaign to an arm, its damping ratios aside (see `ident.identify.damping`).
+
+    The rows that are left have the covariance that they have by themselves, which is the exact marginal.
 
     In this order: names and numbers of rows are checked against the arm (`check_references`), the rows bound to it, the
     measurement frames found, the unknowns chosen. Everything else takes what comes out. Whether the values are
@@ -129,6 +134,13 @@ def pose(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> Pose
         InputError: campaign and arm, or the named parameters, do not fit together; more values than can be fitted.
     """
     check_references(arm, campaign)
+    ratios, campaign = campaign.of_kind("damping_ratio"), campaign.without("damping_ratio")
+    if not len(campaign):
+        expected, remedy = (
+            "frequencies or deflections, too",
+            "damping ratios tell nothing of a stiffness: add such rows",
+        )
+        raise refusal(ratios.path, "damping ratios alone", expected, remedy)
     conditions = bind(arm, campaign)
     if conditions.count > MOST_VALUES:
         states, rows = conditions.posture.shape[1], len(campaign)
@@ -136,12 +148,12 @@ def pose(arm: Arm, campaign: Campaign, unknowns: Unknowns | None = None) -> Pose
         remedy = "fit a part of it, or hold the same postures again: repeated rows cost next to nothing"
         raise refusal(campaign.path, got, f"at most {MOST_VALUES} different values", remedy)
     model = ArmModel(arm, conditions, frames=frames_of(arm, campaign, conditions))
-    return _posed(campaign, model, unknowns or Unknowns())
+    return _posed(campaign, model, unknowns or Unknowns(), ratios)
 
 
-def _posed(campaign: Campaign, model: ArmModel, unknowns: Unknowns) -> Posed:
+def _posed(campaign: Campaign, model: ArmModel, unknowns: Unknowns, ratios: Campaign) -> Posed:
     arm, widths = model.arm, unknowns.uncertain
-    stiffnesses = stiffness_parameters(arm, unknowns, damping=any(m.kind == "damping_ratio" for m in campaign))
+    stiffnesses = stiffness_parameters(arm, without_damping(unknowns.named(arm)) if len(ratios) else unknowns)
     check_measurable(widths, model.conditions.loads)
     own, frames = uncertain_parameters(arm, widths), setup_parameters(campaign, model.frames)
     model = replace(model, scaled=scaled_bodies(arm, widths))
@@ -155,7 +167,7 @@ def _posed(campaign: Campaign, model: ArmModel, unknowns: Unknowns) -> Posed:
         _correlation(campaign),
         vectors_of(campaign),
     )
-    return Posed(campaign, with_discrepancy(problem, unknowns.discrepancy))
+    return Posed(campaign, with_discrepancy(problem, unknowns.discrepancy), ratios)
 
 
 def _correlation(campaign: Campaign) -> Correlation | None:
@@ -345,7 +357,6 @@ def _modes_of_states(arm: Arm, conditions: Conditions) -> _States:
 
 PLAUSIBLE = {
     "frequency": 3.0,
-    "damping_ratio": 100.0,
     "deflection": 5.0,
     "deflection_difference": 5.0,
     "rotation": 5.0,
@@ -382,7 +393,7 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
             that is not there, or whose label no mode of the arm can bear.
     """
     arm, campaign, names = posed.arm, posed.campaign, row_names(posed.campaign)
-    if unknown := [row for row in trusted if row not in {*names, ALL}]:
+    if unknown := [row for row in trusted if row not in {*names, *row_names(posed.ratios), ALL}]:
         expected, remedy = f"rows of the campaign ({names[0]} to {names[-1]}), or {ALL}", "correct the number"
         raise refusal("trust_values", quoted(unknown[0]), expected, remedy)
     predicted, missing = _by_labels(posed, names)

@@ -8,9 +8,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ident.arm.arm import Arm
-from ident.identify.fit import Assumption, Assumptions, CampaignFit
+from ident.identify.damping import Poles
+from ident.identify.fit import Assumption, Assumptions, CampaignFit, damping_given, with_poles
 from ident.identify.predict import Matching
-from ident.identify.problem import Posed, pose
+from ident.identify.problem import Posed
 from ident.identify.unknowns import Unknowns
 from ident.inference.fit import CrossPrediction, information_at
 from ident.inference.information import Direction, ScoreTest
@@ -43,6 +44,7 @@ def fit_state(fit: CampaignFit) -> dict[str, Any]:
     state |= {name: getattr(fit, name) for name in ("failed", "predicted", "stretch", "beaten", "weights")}
     state["assumptions"] = None if granted is None else asdict(granted)
     state["modes"] = None if held is None else np.argmax(np.asarray(held.place), 0).tolist()
+    state["poles"] = asdict(fit.poles)
     state["log_error"] = None if held is None else float(held.log_error)
     return state
 
@@ -60,7 +62,8 @@ def fit_of(arm: Arm, campaign: Campaign, unknowns: Unknowns, state: Mapping[str,
         InputError: see `pose`.
         KeyError, TypeError, ValueError: numbers of no fit, or of another one.
     """
-    posed = pose(arm, campaign, unknowns)
+    poles = Poles(**{k: v if k == "numbers" else tuple(v) for k, v in state.get("poles", {}).items()})
+    posed = with_poles(arm, campaign, unknowns, poles)
     weights = _array(state["weights"])
     problem = posed.problem if weights is None else weighted(posed.problem, weights)
     made: dict[str, Any] = {name: tuple(_made(kind, each) for each in state[name]) for name, kind in PARTS.items()}
@@ -69,6 +72,7 @@ def fit_of(arm: Arm, campaign: Campaign, unknowns: Unknowns, state: Mapping[str,
     if best.theta.shape != (count,):
         raise ValueError(f"{len(best.theta)} numbers for {count} unknowns")
     end = look(problem, best.theta, _held(posed, state))
+    damping = damping_given(posed, end, campaign, unknowns)
     return CampaignFit(
         problem=problem,
         failed=int(state["failed"]),
@@ -79,7 +83,9 @@ def fit_of(arm: Arm, campaign: Campaign, unknowns: Unknowns, state: Mapping[str,
         stretch=_array(state["stretch"]),
         beaten=_array(state["beaten"]),
         arm=arm,
-        campaign=campaign,
+        campaign=posed.campaign,
+        damping=damping,
+        poles=poles,
         assumptions=_assumptions(state["assumptions"]),
         weights=weights,
         **made,

@@ -85,8 +85,7 @@ def parameter(
 class Unknowns:
     """Which numbers of an arm are sought, and what is known of them before the data.
 
-    The stiffnesses of all driven joints' bushings are unknown, and those of a base that gives (`Arm.base`); damping
-    where damping ratios were measured.
+    The stiffnesses of all driven joints' bushings are unknown, and those of a base that gives (`Arm.base`).
 
     Attributes:
         fixed: paths to keep at the arm's value.
@@ -162,14 +161,12 @@ def _fitting(pattern: str, paths: Sequence[str]) -> list[str]:
     return fitting
 
 
-def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping: bool = False) -> Parameters:
+def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None) -> Parameters:
     """Make the bushing stiffnesses of all driven joints and of the base unknown, and whatever else is asked for.
 
     Args:
         arm: the arm.
         unknowns: what else is unknown, and what is known of it.
-        damping: whether damping is unknown as well: one number for all bending, one for all torsion; of the loss
-            factors where the arm has any, else of damping per stiffness.
 
     Raises:
         InputError: a path that the arm has not, one that is named twice, or nothing left to fit.
@@ -202,10 +199,6 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
     for path in {*widths, *taken}.intersection(unknowns.uncertain):
         remedy = "drop it from `uncertain`, or from `free`, `fix` and `tie`"
         raise refusal("", f"{path} uncertain and an unknown, fixed or tied", "one of them", remedy)
-    if damping:
-        whole = _damping(arm)
-        groups += [rest for group in whole if (rest := tuple(path for path in group if path not in taken))]
-        widths |= {path: prior_sd for group in whole for path in group if path not in fixed}
     group_of = {path: group for group in groups for path in group}
     unknown = dict.fromkeys(group_of.get(path, (path,)) for path in widths if path not in fixed)
     for group in groups:
@@ -227,13 +220,37 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None, *, damping:
     return Parameters(tuple(items))
 
 
-def _damping(arm: Arm) -> list[tuple[str, ...]]:
-    """Return the paths of all loss factors where the arm has any, else of all damping times: of bending, of torsion."""
-    known = set(arm.paths())
-    by_field = ([f"{joint.name}.{field}" for joint in arm.joints] for field in (*LOSS, *DAMPING))
-    groups = [tuple(path for path in group if path in known) for group in by_field]
-    losses = [group for group in groups[: len(LOSS)] if group]
-    return losses or groups[len(LOSS) :]
+def is_damping(path: str) -> bool:
+    """Tell whether a number is a damping time or a loss factor, of a bushing or a servo."""
+    return path.rpartition(".")[2] in (*DAMPING, *LOSS, "tau")
+
+
+def without_damping(unknowns: Unknowns) -> Unknowns:
+    """Return what is asked of stiffness alone, where damping ratios were measured: these decide the damping."""
+    return replace(
+        unknowns,
+        fixed=tuple(path for path in unknowns.fixed if not is_damping(path)),
+        tied=tuple(group for group in unknowns.tied if not all(map(is_damping, group))),
+        free={path: width for path, width in unknowns.free.items() if not is_damping(path)},
+        priors={path: prior for path, prior in unknowns.priors.items() if not is_damping(path)},
+    )
+
+
+def damping_parameters(arm: Arm, unknowns: Unknowns) -> tuple[Parameter, ...]:
+    """Return the damping numbers that are freed, tied or have a prior by name, each with its own prior.
+
+    Raises:
+        InputError: a number that the arm has not, or a prior that can't be.
+    """
+    ties = [group for group in unknowns.tied if all(map(is_damping, group))]
+    group_of = {path: group for group in ties for path in group}
+    named = [path for path in (*unknowns.free, *unknowns.priors, *group_of) if is_damping(path)]
+    items = []
+    for group in dict.fromkeys(group_of.get(path, (path,)) for path in named):
+        width = next((unknowns.free[path] for path in group if path in unknowns.free), unknowns.prior_sd)
+        prior = next((unknowns.priors[path] for path in group if path in unknowns.priors), None)
+        items.append(parameter(arm, *group, prior_sd=width, prior=prior))
+    return tuple(items)
 
 
 # -------- Readings

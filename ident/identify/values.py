@@ -14,14 +14,15 @@ from ident.errors import InputError, Problem, refusal
 from ident.text import one_line
 
 if TYPE_CHECKING:
+    from ident.identify.compare import CampaignSample
     from ident.identify.fit import CampaignFit
     from ident.inference.problem import InverseProblem
-    from ident.inference.sample import Sample
 
 BEST_ONLY = "draws about the best optimum only; the others are left out"
 VANISHING, FARTHEST = 1e6, 1e12
 """Factors by which a fitted number may be less, and more, than the arm file's: what data leave open may become large,
 but with a millionth of its stiffness no arm stands."""
+OTHER_LAW = "damping is the arm file's: the law that was measured has no place there"
 OTHER_ARM = "fitted to another arm file, or to this one before it was changed"
 SAME_NUMBER = 1e-6
 """Difference, relative to the largest component, that the writing of a file may make."""
@@ -58,7 +59,11 @@ class Values:
         """
         items = fit.problem.parameters.items
         best = {item.paths: np.asarray(value) for item, value in zip(items, fit.best.values, strict=True)}
-        return cls.of_arm(best, arm, remark=doubtful(fit.doubts), scaled=scaled_by(fit.problem))
+        remarks = [doubtful(fit.doubts)]
+        if fit.damping:
+            best |= {paths: np.asarray(value) for paths, value in fit.damping.carried.items()}
+            remarks += [] if fit.damping.carried else [OTHER_LAW]
+        return cls.of_arm(best, arm, remark="; ".join(filter(None, remarks)), scaled=scaled_by(fit.problem))
 
     @classmethod
     def of_arm(
@@ -346,11 +351,13 @@ class Draws:
     robot: Robot = Robot()
 
     @classmethod
-    def of_sample(cls, sample: "Sample", arm: Arm | None = None, sha256: str = "") -> "Draws":
+    def of_sample(cls, sampled: "CampaignSample", arm: Arm | None = None, sha256: str = "") -> "Draws":
         """Return the draws of a posterior that was sampled in this process, of an arm if that is to be compared."""
+        sample = sampled.sample
         by_chain, items = sample.by_chain(), sample.posterior.parameters.items
         best = by_chain.optimum == by_chain.optimum.min()
         by_paths = {item.paths: own[best].ravel() for item, own in zip(items, by_chain.values, strict=True)}
+        by_paths |= {paths: own[best].ravel() for paths, own in sampled.damping.items()}
         scaled = scaled_by(sample.posterior.problem)
         robot = Robot() if arm is None else Robot.of(arm, sha256)
         return cls(by_paths, remark="" if best.all() else BEST_ONLY, scaled=scaled, robot=robot)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.identify.problem import row_names
-from ident.identify.unknowns import is_of_loop
+from ident.identify.unknowns import is_damping, is_of_loop
 from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information, half_width, p_in_words
 from ident.inference.optima import unmet
 from ident.measure import KINDS
@@ -68,6 +68,7 @@ from ident.present.words import (
 from ident.units import QUANTITIES
 
 if TYPE_CHECKING:
+    from ident.identify.damping import Damping
     from ident.identify.fit import CampaignFit
     from ident.inference.fit import Fit
     from ident.inference.parameters import Parameter
@@ -93,7 +94,7 @@ def fit_sections(fit: "CampaignFit") -> Report:
     return Report(
         _subject(fit),
         _verdict(fit),
-        (*conflict, *causes, _values_table(fit), *weighty_assumptions(fit)),
+        (*conflict, *causes, _values_table(fit), *damping_in_words(fit.damping), *weighty_assumptions(fit)),
         tuple(_findings(fit, explained=bool(causes))),
         _residuals(fit),
         "check these causes, then: ident fit {campaign}" if causes else following,
@@ -109,6 +110,7 @@ def _subject(fit: "CampaignFit") -> str:
     more = [f", {counted(beside - loops, 'uncertain number')}"] if beside > loops else []
     more += [f", {counted(loops, 'hysteresis loop')}"] if loops else []
     more += [", robust weights"] if fit.weights is not None else []
+    more += [f", {counted(len(fit.damping.rows), 'damping ratio')}"] if fit.damping else []
     return (
         f"Fit of {cut(fit.arm.name, 40)} to {cut(fit.campaign.name, 30)}: {counted(len(fit.campaign), 'measurement')}, "
         f"{len(items)} {word}{plural * (len(items) != 1)}{''.join(more)}"
@@ -204,6 +206,7 @@ def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
         yield Finding(f"robust weights: rows {', '.join(names[:LISTED])} count for less than half", "check these rows")
     if fit.contradictory and not explained and len(fit.blamed) != 1 and not fit.exchanges:
         yield Finding("the kinds of measurement contradict each other", "check values, labels, units and load cases")
+    yield from odd_ratios(fit.damping)
     yield from drive_states(fit.arm, fit.campaign)
     yield from _competing(fit)
     said = {fit.blamed_in_words, *fit.exchanges_in_words} if explained else ()  # among the causes
@@ -291,6 +294,7 @@ def _details(fit: "CampaignFit") -> Iterator[Section]:
     yield from _uncertain_numbers(fit)
     yield assumption_section(fit)
     yield _measurements(fit)
+    yield from damping_section(fit.damping)
     yield from hysteresis(fit)
     yield what_is_fixed(fit)
     if trades := what_is_open(fit.information, fit.problem.parameters.items):
@@ -303,6 +307,87 @@ def _details(fit: "CampaignFit") -> Iterator[Section]:
     yield _optima(fit)
     if correlated := correlated_errors(fit.campaign):
         yield Section("Correlated errors", (correlated,))
+
+
+# -------- Damping
+
+TRENDS = {"loss": "does not change with frequency", "tau": "grows with frequency", "mass": "falls with frequency"}
+"""What a law's ratio does."""
+LAW_WORDS = {"loss": "constant (hysteretic)", "tau": "viscous", "mass": "falling (mass-proportional)"}
+MUCH, LAWLESS = 0.1, 0.3
+"""Scatter of ln(ratio) that is worth a word, and from which no law is named; assumed."""
+
+
+def damping_in_words(damping: "Damping | None") -> Iterator[str]:
+    """Yield in one line what damping was found, and by which law."""
+    if damping is None:
+        return
+    best, hertz, ratio = damping.best, damping.frequency, damping.predicted
+    ends = [int(np.nanargmin(hertz)), int(np.nanargmax(hertz))]
+    each = [f"{100 * ratio[i]:.2g} % at {hertz[i]:.3g} Hz" for i in ends]
+    if best.scatter > LAWLESS:
+        measured = 100 * np.exp(damping.ratios.log)
+        factor = f"modes scatter by a factor of {math.exp(best.scatter):.2g}"
+        yield f"Damping: {measured.min():.2g} to {measured.max():.2g} % by no law; {factor}."
+        return
+    names = [LAW_WORDS[next(iter(law.family))] for law in (best, *damping.rivals) if len(law.family) == 1]
+    trend = " and ".join(TRENDS[word] for word in TRENDS if word in best.family) or "follows the servos"
+    same = best.family == {"loss"} and np.ptp(ratio) < MUCH * ratio.mean()
+    size = (
+        f"{100 * ratio.mean():.2g} % in all modes" if same else f"{100 * ratio.min():.2g} to {100 * ratio.max():.2g} %"
+    )
+    size = size if "loss" in best.family else " and ".join(each)
+    words = f"Damping: {size}; it {trend}" if len(best.family) == 1 else f"Damping: {size}, a sum of laws"
+    if damping.rivals:
+        words = f"Damping: {size}; {' and '.join(dict.fromkeys(names))} laws cannot be told apart"
+    yield f"{words}{f', within {percent(best.scatter)} from mode to mode' if best.scatter > MUCH else ''}."
+
+
+def odd_ratios(damping: "Damping | None") -> Iterator[Finding]:
+    """Yield ratios that are off under a law that fits the others."""
+    if damping is None or not damping.marked.any():
+        return
+    names, measured = row_names(damping.rows), np.exp(damping.ratios.log)
+    for i in np.flatnonzero(damping.marked).tolist():
+        times = f"{measured[i] / damping.predicted[i]:.2g} times what the others say"
+        yield Finding(f"damping ratio of row {names[i]} is {times} and does not count", "check value, unit and label")
+
+
+def damping_section(damping: "Damping | None") -> Iterator[Section]:
+    """Yield each measured ratio beside the law's, and the laws that were tried."""
+    if damping is None:
+        return
+    names, measured = row_names(damping.rows), np.exp(damping.ratios.log)
+    columns = zip(damping.rows, names, damping.frequency, measured, damping.predicted, damping.marked, strict=True)
+    rows = [
+        (name, describe(m), hertz, 100 * x, 100 * y, x / y, "does not count" * bool(odd))
+        for m, name, hertz, x, y, odd in columns
+    ]
+    note = "given stiffness: no ratio moves a stiffness. measured: as expected given the errors of the frequencies."
+    head = ("row", "measurement", "mode [Hz]", "measured [%]", "law [%]", "ratio", "")
+    yield Section("Damping ratios", (Table("", head, tuple(rows), ("", "", ".3f", ".3g", ".3g", ".2f", ""), note),))
+    laws = []
+    for law in damping.laws:
+        each = zip(law.groups, law.values, strict=True)
+        numbers = [
+            f"{_number_words(group)} {x:.3g} {unit_of(group[0])}".removesuffix(" -") for group, x in each if x > 0
+        ]
+        laws.append((", ".join(numbers), law.bic - damping.best.bic, law.scatter))
+    note = (
+        "BIC: less is better; a difference below 6 does not tell laws apart, and a sum of laws must be better by as "
+        "much. scatter: of ln(ratio) from mode to mode, which the law does not explain."
+    )
+    yield Section("Laws of damping", (Table("", ("law", "BIC", "scatter"), tuple(laws), ("", "+.1f", ".3f"), note),))
+
+
+def _number_words(group: tuple[str, ...]) -> str:
+    """Name a number of a law: `loss factor in bending`."""
+    joints, kinds = ({path.split(".")[i] for path in group} for i in (0, -1))
+    what = "alpha [1/s]" if group == ("mass",) else "loss factor" if "loss" in group[0] else "tau"
+    where = (
+        {"bend": " in bending", "tors": " in torsion"}.get(group[0].rpartition("_")[2], "") if len(kinds) == 1 else ""
+    )
+    return f"{next(iter(joints))}: {what}{where}" if len(joints) == 1 and group != ("mass",) else f"{what}{where}"
 
 
 def _compromise(fit: "Fit") -> str:
@@ -439,7 +524,7 @@ def _about_values(fit: "CampaignFit") -> Iterator[str]:
     known, items = fit.information, fit.problem.parameters.items
     yield sentence(_chi_squared(fit))
     yield from priors_in_words([items[i] for i in unknown_places(fit)])
-    if not any(item.name.endswith((".tau_bend", ".tau_tors")) for item in items):
+    if not fit.damping and not any(is_damping(item.name) for item in items):
         times = [float(tau) for j in fit.arm.joints for tau in (j.tau_bend, j.tau_tors) if tau is not None]
         span = f"{min(times):.2g} to {max(times):.2g} s"
         yield f"Damping was not fitted; the arm file's is {span} times the stiffness."

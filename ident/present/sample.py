@@ -12,7 +12,7 @@ from ident.inference.draws import LEARNED, combinations, quantiles, share_of_pri
 from ident.inference.fit import contradicting
 from ident.inference.posterior import MOVED
 from ident.inference.sample import RIVAL
-from ident.present.fit import refused, unknown_places
+from ident.present.fit import damping_in_words, refused, unknown_places
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, without_empty_columns
 from ident.present.warnings import asked_for, contradiction, drive_states, good_if, odd_numbers
 from ident.present.words import (
@@ -50,7 +50,7 @@ def sample_sections(result: "CampaignSample") -> Report:
         f"{counted(len(fit.campaign), 'measurement')}, {counted(len(unknown_places(result.fitted)), 'unknown')}, "
         f"{(steps - result.sample.burn_in) * ensembles * walkers} draws",
         _verdict(result),
-        (*conflict, _values(result, result.sample.basins[0], _main(result))),
+        (*conflict, _values(result, result.sample.basins[0], _main(result)), *damping_in_words(fit.damping)),
         tuple(_findings(result)),
         "" if result.withheld else _farthest(result),
         _next(result),

@@ -184,7 +184,7 @@ def _identified(job: Job) -> "Identification":
     sampling = SampleOptions(**shared, ess=effort.ess, steps=effort.steps)
     folder = job.folder and job.folder / CHAINS
     sampled = sample(job.arm, job.campaign, sampling, folder=folder, progress=job.progress)
-    draws = Draws.of_sample(sampled.sample.sample).some(job.arm.arm, effort.draws, options.seed)
+    draws = Draws.of_sample(sampled.sample).some(job.arm.arm, effort.draws, options.seed)
     return Identification(sampled.sample, _task(job, draws.shuffled(options.seed)))
 
 
@@ -198,7 +198,7 @@ def _excited(job: Job, runs: "Runs", identified: "Identification") -> "Excited":
     from ident.identify.values import Draws
 
     options, count = job.options, job.options.effort.draws
-    known = Draws.of_sample(identified.sampled.sample).some(job.arm.arm, MOST_DRAWS)
+    known = Draws.of_sample(identified.sampled).some(job.arm.arm, MOST_DRAWS)
     arm = with_numbers(job.arm.arm, known, options.set)
     progress = job.progress("search for what excites the arm")
     study = studied(arm, runs, known.without(options.set), offset=SourceOptions().offset, progress=progress)

@@ -158,7 +158,7 @@ class SampleResult(FromFit):
         """Return the draws as other studies take them over."""
         from ident.identify.values import Draws
 
-        return Draws.of_sample(self.sample.sample, self.arm.arm, self.arm.sha256).doubted(self.doubts)
+        return Draws.of_sample(self.sample, self.arm.arm, self.arm.sha256).doubted(self.doubts)
 
 
 @study

@@ -14,7 +14,6 @@ from ident.arm.chain import Chain, at_posture
 from ident.arm.modes import Linearized, damped_eigenvalues, linearize, natural_frequencies
 from ident.arm.multibody import multibody
 from ident.errors import InputError
-from ident.identify.unknowns import stiffness_parameters
 
 
 def lossy(arm: Arm, bend: float, tors: float, tau: float = 0.0) -> Arm:
@@ -97,14 +96,6 @@ def test_ratios_are_differentiable_in_loss_factors() -> None:
     for i, step in enumerate(1e-5 * np.eye(4)):
         np.testing.assert_allclose(slopes[:, i], (both(step)[0] - both(-step)[0]) / 2e-5, atol=1e-7)
     assert (np.abs(slopes).max(0) > 1e-4).all()
-
-
-def test_measured_damping_ratios_fit_loss_factors_where_there_are_any() -> None:
-    def names(arm: Arm) -> set[str]:
-        return {path.split(".")[1] for path in stiffness_parameters(arm, damping=True).names}
-
-    assert {"tau_bend", "tau_tors"} < names(lcd_arm())
-    assert {"loss_bend", "loss_tors"} == {name for name in names(lossy(lcd_arm(), 0.01, 0.02)) if name[0] in "lt"}
 
 
 def test_motion_in_time_refuses_them() -> None:

@@ -49,7 +49,7 @@ def evaluator(path: str, advised: bool, count: int, seed: int) -> tuple[Evaluato
     """What simulates the arm, changed or not, and the numbers of its fresh draws behind those of the arm itself."""
     diagnosis = diagnosed(path)
     task, remedy = diagnosis.task, diagnosis.advised if advised else None
-    values = Draws.of_sample(diagnosis.identification.sampled.sample).some(task.basis.arm, count, seed)
+    values = Draws.of_sample(diagnosis.identification.sampled).some(task.basis.arm, count, seed)
     each, change = task.evaluator(), np.zeros(0)
     if remedy:
         _, each, change = carried_out(task, remedy)

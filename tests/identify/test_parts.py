@@ -23,11 +23,9 @@ KILOGRAMS = Load.parse("5 kg @ tip")
 
 
 def measurement(i):
-    """One in each state; among them few damping ratios, few differences, and some without a label."""
+    """One in each state; among them few differences, and some without a label."""
     alpha = np.deg2rad(80.0 * i / STATES)
     at = {"posture": (alpha, -2 * alpha, alpha), "value": 0.01}
-    if i % 200 == 7:
-        return Measurement(kind="damping_ratio", mode="lateral torsion 1", sigma=1e-3, **at)
     if i % 150 == 11:
         return Measurement(kind="deflection_difference", point="tip", sigma=1e-4, load=KILOGRAMS, **at)
     if i % 150 == 13:

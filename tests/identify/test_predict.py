@@ -42,10 +42,6 @@ def sag(posture, **more):
     return Measurement(kind="deflection", posture=posture, value=0.02, sigma=0.001, point="tip", **more)
 
 
-def a_ratio(mode, posture):
-    return Measurement(kind="damping_ratio", posture=posture, value=0.03, sigma=0.01, mode=mode)
-
-
 WEIGHT = -5 * float(lcd_arm().gravity[2])
 PULLED = Load.parse(f"{WEIGHT} N -z @ tip")
 BESIDE = sag(turned(2, BENT), direction=(0, 0.6, -0.8))
@@ -56,7 +52,6 @@ LABELLED = {
         frequency(6.0, BENT, mode="torsion 1"),
     ),
     "left": (frequency(15.0), frequency(4.1, mode="lateral torsion 1"), frequency(4.8)),
-    "ratios": tuple(a_ratio(mode, turned(1, BENT)) for mode in ("lateral torsion 1", "vertical bending 1")),
     "difference": (
         BESIDE,
         dataclasses.replace(BESIDE, load=KILOGRAMS),
@@ -215,12 +210,6 @@ def test_the_highest_measured_mode_is_smooth_where_the_next_one_crosses_it():
     np.testing.assert_allclose(found, lowest[0] - np.maximum(CLOSE - gap, 0) ** 2 / (4 * CLOSE), rtol=1e-12)
     assert np.abs(np.diff(found, 2)).max() < np.abs(np.diff(lowest[0], 2)).max() / 5
     np.testing.assert_allclose(both, lowest, rtol=1e-12)  # both are measured
-
-
-@slow
-def test_damping_ratios_belong_to_the_modes_of_their_labels():
-    s = state_matrix_poles(BENT)
-    np.testing.assert_allclose(labelled()["ratios"], (-s.real / abs(s))[[1, 0]], rtol=1e-10)
 
 
 @slow

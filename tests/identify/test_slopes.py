@@ -25,7 +25,7 @@ def measurement(kind, posture, value=1.0, **more):
 
 
 def of_any_arm():
-    """Random axes, bodies and gravity, loads, differences of deflections, labels, and a damping ratio."""
+    """Random axes, bodies and gravity, loads, differences of deflections, and labels."""
     arm, loaded = (
         random_arm(np.random.default_rng(3), 3, gravity=9.8),
         Load.parse("glass + 3 kg @ tip + 40 N x @ elbow"),
@@ -44,22 +44,20 @@ def of_any_arm():
         turned = {"point": "tip", "direction": (0.6, 0.0, 0.8), "load": loaded}
         rows += [measurement(kind, posture, **turned) for kind in ("rotation", "rotation_difference")]
     rows += [measurement("frequency", LABELLED, mode=mode) for mode in ("vertical 1", "torsion 1", "bending 2")]
-    rows += [measurement("damping_ratio", LABELLED, 0.02, mode="torsion 1")]
     return arm, Campaign(measurements=tuple(rows))
 
 
 @pytest.fixture(scope="module")
 def case():
-    """An arm, its pieces, the conditions, the slopes; and which rows count: damping ratios are left out."""
+    """An arm, its pieces, the conditions, and the slopes."""
     arm, campaign = of_any_arm()
     conditions, pieces = bind(arm, campaign), cut(arm)
-    counts = np.array([m.kind != "damping_ratio" for m in campaign])
-    return arm, pieces, conditions, jax.device_get(slopes(arm, pieces, conditions)), counts
+    return arm, pieces, conditions, jax.device_get(slopes(arm, pieces, conditions))
 
 
 def test_it_predicts_what_the_model_predicts(case):
-    arm, _, conditions, found, counts = case
-    np.testing.assert_allclose(found.predicted[counts], predicted(arm, {}, conditions)[counts], rtol=1e-11)
+    arm, _, conditions, found = case
+    np.testing.assert_allclose(found.predicted, predicted(arm, {}, conditions), rtol=1e-11)
 
 
 @eqx.filter_jit
@@ -74,16 +72,15 @@ def with_bushings(pieces, compliance, conditions):
 @pytest.mark.parametrize("place", range(4), ids=NAMES)
 @pytest.mark.parametrize("kind", ["bending", "torsion"])
 def test_a_compliance_is_that_of_a_stiff_bushing_there(case, kind, place):
-    _, pieces, conditions, found, counts = case
+    _, pieces, conditions, found = case
     way, small = np.zeros((4, 2)), 2e-10
     way[place, int(kind == "torsion")] = 1.0
     # others a hundred times stiffer still; differences of the second order, as the model bends
     values = [
-        np.asarray(with_bushings(pieces, jnp.asarray(2e-12 + way * small * step), conditions))[counts]
-        for step in (0, 1, 2)
+        np.asarray(with_bushings(pieces, jnp.asarray(2e-12 + way * small * step), conditions)) for step in (0, 1, 2)
     ]
     difference = (4 * values[1] - 3 * values[0] - values[2]) / (2 * small)
-    expected = np.asarray(getattr(found, kind)[place])[counts]
+    expected = np.asarray(getattr(found, kind)[place])
     rounding = 1e-14 * np.abs(values[0]).max() / small
     assert np.abs(difference - expected).max() < 1e-5 * np.abs(expected).max() + rounding
 
@@ -91,7 +88,7 @@ def test_a_compliance_is_that_of_a_stiff_bushing_there(case, kind, place):
 @pytest.mark.parametrize("joint", range(3))
 @pytest.mark.parametrize("kind", ["mass", "centre", "servo"])
 def test_a_number_has_the_derivative_of_the_model(case, kind, joint):
-    arm, _, conditions, found, counts = case
+    arm, _, conditions, found = case
     own, small = arm.joints[joint], 1e-4
     ends = [*(each.offset for each in arm.joints[1:]), arm.points[-1].position]
 
@@ -103,18 +100,12 @@ def test_a_number_has_the_derivative_of_the_model(case, kind, joint):
             link = tuple(replace_body(b, b.mass, b.com + x * ends[joint], b.inertia) for b in link)
         stiff = own.k_tors / (1 + x) if kind == "servo" else own.k_tors
         changed = eqx.tree_at(lambda j: (j.link, j.k_tors), own, (link, stiff))
-        return np.asarray(predicted(eqx.tree_at(lambda a: a.joints[joint], arm, changed), {}, conditions))[counts]
+        return np.asarray(predicted(eqx.tree_at(lambda a: a.joints[joint], arm, changed), {}, conditions))
 
     difference = (8 * (other(small) - other(-small)) - other(2 * small) + other(-2 * small)) / (12 * small)
-    expected = np.asarray(getattr(found, kind)[joint])[counts]
+    expected = np.asarray(getattr(found, kind)[joint])
     assert np.abs(difference - expected).max() < 1e-7 * np.abs(expected).max()
 
 
 def replace_body(body, mass, com, inertia):
     return eqx.tree_at(lambda b: (b.mass, b.com, b.inertia), body, (mass, com, inertia))
-
-
-def test_damping_ratios_are_left_out(case):
-    *_, found, counts = case
-    assert not found.bending[:, ~counts].any()
-    assert found.bending[:, counts].any(0).all()

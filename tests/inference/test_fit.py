@@ -1,4 +1,4 @@
-"""The fit: exact recovery, all optima, flat valleys, damping, masses, and a model that is no arm."""
+"""The fit: exact recovery, all optima, flat valleys, masses, and a model that is no arm."""
 
 import dataclasses
 import math
@@ -22,7 +22,7 @@ from ident.inference.optima import Optimum, unmet
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
-from ident.inference.search import evaluate, solve
+from ident.inference.search import evaluate
 from ident.measure import Campaign, Measurement, read_campaign
 
 pytestmark = pytest.mark.slow
@@ -139,23 +139,6 @@ def test_a_flat_prior_does_not_switch_the_comparison_of_kinds_off(name, prior):
     assert found.contradictory == (name == "table1")
     if name == "table1":
         assert found.cross_predictions[0].statistic == pytest.approx(17.2, abs=0.1)
-
-
-def test_damping_ratios_give_the_damping_times():
-    """Of stiffnesses that are known, so that nothing else moves."""
-    arm = lcd_arm()
-    modes = ("lateral torsion 1", "vertical bending 1")
-    ratios = tuple(
-        Measurement(kind="damping_ratio", posture=(0.0, 0.0, 0.0), value=0.01, sigma=0.0005, mode=mode)
-        for mode in modes
-    )
-    campaign = exact(Campaign(measurements=(*table_1().measurements, *ratios)))
-    start = arm.replace({f"joint{j}.{tau}": 1e-3 for j in (1, 2, 3) for tau in ("tau_bend", "tau_tors")})
-    stiff = tuple(path for path in arm.paths() if path.endswith((".k_bend", ".k_tors")))
-    problem = pose(start, campaign, Unknowns(fixed=stiff, prior_sd=math.inf)).problem
-    end = solve(problem, problem.parameters.theta(problem.parameters.column("start")))
-    found = dict(zip(problem.parameters.names, problem.parameters.values(end.theta).tolist(), strict=True))
-    assert found == pytest.approx({"joint1.tau_bend": 0.0002, "joint1.tau_tors": 0.002}, rel=1e-5)
 
 
 def test_a_mass_and_a_length_may_be_unknown_too():

@@ -50,18 +50,6 @@ def test_a_tie_with_a_freed_mass_frees_the_group():
     assert float(parameters.items[-1].prior_sd) == pytest.approx(0.1)
 
 
-def test_what_the_user_fixes_or_ties_wins_over_the_groups_of_damping():
-    fixed = stiffness_parameters(lcd_arm(), Unknowns(fixed=("joint1.tau_bend",)), damping=True)
-    assert fixed.items[-2].paths == ("joint2.tau_bend", "joint3.tau_bend")
-
-
-def test_damping_is_one_number_for_each_kind():
-    parameters = stiffness_parameters(lcd_arm(), damping=True)
-    assert len(parameters.items) == 8
-    assert parameters.items[-1].paths == tuple(f"joint{j}.tau_tors" for j in (1, 2, 3))
-    assert float(parameters.items[-1].start) == 0.002
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -48,6 +48,9 @@ def inference_data(result: "CampaignSample", head: Mapping[str, Any]) -> "arviz.
     data.posterior.attrs["scaled"] = json.dumps(scaled_by(posterior.problem))
     for item in posterior.parameters.items:
         data.posterior[item.name].attrs["paths"] = json.dumps(item.paths)
+    for paths, own in result.damping.items():
+        data.posterior[paths[0]] = (("chain", "draw"), own)
+        data.posterior[paths[0]].attrs["paths"] = json.dumps(paths)
     data.sample_stats["ensemble"] = ("chain", by_chain.ensemble)
     data.sample_stats["optimum"] = ("chain", by_chain.optimum)
     data.sample_stats["acceptance"] = ("chain", result.sample.acceptance[by_chain.ensemble])

@@ -1,0 +1,633 @@
+"""Damping given stiffness: the law that measured damping ratios follow, its numbers, and what no law explains.
+
+The second stage of a fit. Frequencies and statics decide the stiffnesses, damping ratios decide the damping: a cut
+posterior, in which no misfit of a ratio moves a stiffness. A light mode v, mass-normalised, of angular frequency w has
+
+    zeta = sum_b (tau_b / 2w + eta_b / 2w^2) v' K_b v + alpha / 2w,
+
+with the damping times tau, loss factors eta and stiffness matrices K_b of the bushings, and damping alpha M. It is
+linear in numbers that are never negative. What was measured of mode m at posture p is
+
+    ln(zeta measured) = ln(zeta) + b_m + b_mp + e,    var b_m = rho s^2,    var b_mp = (1 - rho) s^2,
+
+e as the row's sigma says. So s is what the law does not explain: by so much the ratio of a mode that was not measured
+may be off.
+
+References:
+    Plummer, "Cuts in Bayesian graphical models", Stat. Comput. 25, 2015. Liu, Bayarri, Berger, "Modularization in
+    Bayesian analysis", Bayesian Anal. 4, 2009. Lawson, Hanson, "Solving Least Squares Problems", 1974, chapter 23.
+    Schwarz, "Estimating the dimension of a model", Ann. Stat. 6, 1978; a difference of 6 is strong evidence (Kass,
+    Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 1995).
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+from scipy.optimize import nnls
+from scipy.special import stdtr
+
+from ident.arm.arm import Arm
+from ident.arm.fields import DAMPING, LOSS
+from ident.arm.mechanics import static_equilibrium, unflatten
+from ident.arm.modes import damped_eigenvalues, linearize, modes_about
+from ident.arm.rotations import matvec
+from ident.identify.conditions import Conditions, bind
+from ident.identify.mode_matching import most_probable
+from ident.identify.padding import padded
+from ident.identify.predict import ArmModel, chains, picked
+from ident.identify.unknowns import Unknowns, damping_parameters, is_damping
+from ident.inference.problem import Data
+from ident.measure import Campaign, Measurement
+from ident.programs import jit
+
+Groups = tuple[tuple[str, ...], ...]
+"""Numbers of a law, each with the paths that share it."""
+Place = tuple[int, int]
+"""Of a share in `OF_MODE` and a scatter in `SCATTERS`."""
+
+RATIO = "damping_ratio"
+MASS = "mass"
+"""The number of damping that falls with frequency: alpha [1/s] of alpha M. An arm file has no place for it."""
+TOLD_APART = 6.0
+"""Difference of BIC from which a law counts as the better one."""
+SCATTERS = np.concatenate([[0.0], np.geomspace(0.003, 3.0, 61)])
+"""Scatter s of ln(ratio) that is tried: from less than any ratio is measured to, to a factor of 20."""
+START_SCATTER = 0.1
+OF_MODE = np.array([0.0, 0.5, 1.0])
+"""Share rho of its square that a mode keeps at all postures."""
+PRIOR = np.where(SCATTERS > 0, 0.5 / (len(SCATTERS) - 1), 0.5)
+"""Prior weight of each scatter: as likely none as any, uniform in its logarithm; assumed."""
+STEPS, SETTLED = 40, 1e-10
+"""Steps of least squares at most; the change of their cost, relative to one plus it, at which they end."""
+LEAST = 1e-9
+"""Least damping ratio that is predicted, so that it has a logarithm."""
+PARTNER_SD, ANY_SD = 0.01, 1e6
+"""Relative sd at least with which a mode's measured frequency helps to tell which mode a ratio is of, assumed; and
+without one."""
+EXACTLY = 2
+"""Times that the ratios of light modes are made those of the poles."""
+COUPLED = 3.0
+"""Factor by which the ratio of a pole may differ from that of a light mode; beyond, its mode has no such pole."""
+MARKED, SUSPECTS = 0.01, 3
+"""Chance that a right campaign has a row marked; rows farthest off that are predicted from the others."""
+CHUNK = 256
+"""Draws of an arm whose modes are computed at once."""
+DRAWS = 2000
+"""Draws of which an interval is made."""
+
+# -------- Modes
+
+
+@jit
+def _quotients(arm: Arm, conditions: Conditions, data: Data) -> tuple[Array, ...]:
+    """Return each row's mode, its angular frequency [rad/s], and v' K v of the bushings and servos [1/s^2]."""
+    chain, values = chains(arm, conditions), conditions.named
+    at = static_equilibrium(chain)
+    modes = modes_about(chain, at)
+    chosen = most_probable(values, modes, data, 0.0)
+    shapes = jnp.moveaxis(modes.shape, 1, -1)
+    by_joint, motors = unflatten(shapes[: at.W.shape[0]]), chain.motors
+    energy = [(by_joint * matvec(K[..., None], by_joint)).sum(0) for K in (chain.bend, chain.tors)]
+    energy += [motors.stiffness[..., None] * shapes[-len(motors.joint) :] ** 2] if motors else []
+    own = [jnp.moveaxis(x, -1, 0)[:, :, values.states] for x in energy]
+    return (
+        chosen,
+        picked(2 * jnp.pi * modes.frequency[:, values.states], chosen),
+        *((x * chosen[:, None]).sum(0) for x in own),
+    )
+
+
+@jit
+def _poles(arm: Arm, conditions: Conditions, chosen: Float[Array, "m R"], alpha: Float[Array, ""]) -> Float[Array, "R"]:
+    """Return the ratios of the poles, exact for damping of any size and distribution."""
+    chain = chains(arm, conditions)
+    linear = linearize(chain, static_equilibrium(chain))
+    s = damped_eigenvalues(linear._replace(C=linear.C + alpha * linear.M))[:, conditions.named.states]
+    return picked(-s.real / jnp.abs(s), chosen)
+
+
+class ModesOfRows(NamedTuple):
+    """The modes of some damping rows of an arm.
+
+    Attributes:
+        arm, conditions: in one of few sizes.
+        data: of the modes' frequencies, as far as they were measured.
+        places: (D,) of each row among those of the conditions.
+    """
+
+    arm: Arm
+    conditions: Conditions
+    data: Data
+    places: Int[np.ndarray, "D"]
+
+    @classmethod
+    def of(
+        cls, model: ArmModel, parameters: Mapping[str, Any], rows: Iterable[Measurement], others: Iterable[Measurement]
+    ) -> "ModesOfRows":
+        """Return those of an arm with these numbers; a frequency of the same label and state helps to find them."""
+        known = {_mode(m): m for m in others if m.kind == "frequency"}
+        blank: dict[str, Any] = {"kind": "frequency", "of": None, "group": "", "unit": "", "resolution": 0.0}
+        twins = []
+        for m in rows:
+            value, sd = (partner.value, partner.sigma) if (partner := known.get(_mode(m))) else (1.0, ANY_SD)
+            twins.append(replace(m, value=value, sigma=max(sd, PARTNER_SD * value), **blank))
+        conditions, own, places = padded(bind(model.arm, Campaign(measurements=tuple(twins))))
+        data = Data(*np.array([(twins[i].value, twins[i].sigma) for i in own]).T)
+        arm, conditions = replace(model, conditions=conditions, frames=None).applied(parameters)
+        return cls(arm, conditions, data, places)
+
+    def columns(self) -> tuple[Float[np.ndarray, "D"], dict[str, Float[np.ndarray, "D"]]]:
+        """Return the frequency [Hz] of each mode, and its ratio by a unit of each damping number."""
+        omega, *energy = (np.asarray(x)[..., self.places] for x in _quotients(self.arm, self.conditions, self.data)[1:])
+        columns = {MASS: 1 / (2 * omega)}
+        for fields, power in ((DAMPING, 1), (LOSS, 2)):
+            for number, each in zip(fields, energy, strict=False):
+                named = zip(self.arm.joints, each, strict=True)
+                columns |= {f"{joint.name}.{number}": own / (2 * omega**power) for joint, own in named}
+        for each in energy[2:]:
+            columns |= {f"{s.name}.tau": own / (2 * omega) for s, own in zip(self.arm.servos, each, strict=True)}
+        return omega / (2 * np.pi), columns
+
+    def poles(self, damping: Mapping[str, float]) -> Float[np.ndarray, "D"]:
+        """Return the ratios of the poles with these damping numbers."""
+        chosen, alpha = _quotients(self.arm, self.conditions, self.data)[0], np.asarray(damping.get(MASS, 0.0))
+        return np.asarray(_poles(damped(self.arm, damping), self.conditions, chosen, alpha))[self.places]
+
+
+def _mode(m: Measurement) -> tuple[object, ...]:
+    return m.posture, m.load, m.drives, m.mode
+
+
+def damped(arm: Arm, damping: Mapping[str, float]) -> Arm:
+    """Return an arm with these damping times and loss factors of its bushings, and no others."""
+    fields = [*DAMPING, *(LOSS if any(path.rpartition(".")[2] in LOSS for path in damping) else ())]
+
+    def joint(each: Any) -> Any:
+        values = [jnp.asarray(damping.get(f"{each.name}.{field}", 0.0)) for field in fields]
+        return eqx.tree_at(lambda j: [getattr(j, field) for field in fields], each, values, is_leaf=lambda x: x is None)
+
+    servos = {f"{servo.name}.tau" for servo in arm.servos}.intersection(damping)
+    arm = eqx.tree_at(lambda a: a.joints, arm, tuple(map(joint, arm.joints)))
+    return arm.replace({path: damping[path] for path in servos})
+
+
+@dataclass(frozen=True)
+class Poles:
+    """What the fit of the stiffnesses takes of the damping, for frequencies and shapes of damped modes.
+
+    Attributes:
+        numbers: damping by path; none for the arm file's.
+        apart: (D,) [SI] difference of each row between laws that the data cannot tell apart; it adds to its sigma.
+    """
+
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    apart: tuple[float, ...] = ()
+
+    def on(self, arm: Arm) -> Arm:
+        """Return the arm with this damping."""
+        return damped(arm, self.numbers) if self.numbers else arm
+
+
+# -------- Ratios
+
+
+class Ratios(NamedTuple):
+    """Measured ratios as a law is fitted to them.
+
+    Attributes:
+        log: (D,) ln(ratio), as is expected given the errors of the frequencies.
+        covariance: (D, D) of its errors, given those of the frequencies.
+        mode: (D,) number of the mode that each is of: a label is one mode at all postures.
+        place: (D,) number of the mode at its posture.
+    """
+
+    log: Float[np.ndarray, "D"]
+    covariance: Float[np.ndarray, "D D"]
+    mode: Int[np.ndarray, "D"]
+    place: Int[np.ndarray, "D"]
+
+    def some(self, rows: Any) -> "Ratios":
+        """Return some of them."""
+        return Ratios(self.log[rows], self.covariance[rows][:, rows], self.mode[rows], self.place[rows])
+
+    def shared(self, other: "Ratios", at: Place) -> Float[np.ndarray, "D E"]:
+        """Return the covariance of what modes have beside the law."""
+        same = (np.equal.outer(getattr(self, of), getattr(other, of)) for of in ("place", "mode"))
+        return SCATTERS[at[1]] ** 2 * ((1 - OF_MODE[at[0]]) * next(same) + OF_MODE[at[0]] * next(same))
+
+
+def ratios_of(campaign: Campaign, off: Float[np.ndarray, "n"]) -> Ratios:
+    """Return the damping ratios of a campaign, given what its other rows are off by.
+
+    The errors of rows in a group are correlated. Those of its frequencies are known from the fit of the stiffnesses,
+    and move what is expected of a ratio by C21 C11^-1 r1; C22 - C21 C11^-1 C12 is left.
+
+    Args:
+        campaign: all of its rows.
+        off: (n,) measured less predicted, in sigma, of its rows that are no ratios.
+    """
+    ours, own = np.array([m.kind == RATIO for m in campaign]), [*campaign.of_kind(RATIO)]
+    R, z, shift = np.eye(len(ours)), np.zeros(len(ours)), np.zeros(len(ours))
+    z[~ours] = off
+    for places, matrix in campaign.correlated:
+        two, one = (np.array([i for i in places if ours[i] == mine], int) for mine in (True, False))
+        R[np.ix_(places, places)] = matrix
+        gain = np.linalg.lstsq(R[np.ix_(one, one)], R[np.ix_(one, two)])[0].T
+        shift[two] = gain @ z[one]
+        R[np.ix_(two, two)] -= gain @ R[np.ix_(one, two)]
+    value, sigma = np.array([(m.value, m.spread) for m in own]).T
+    relative = sigma / value
+    log = np.log(value * np.maximum(1 - shift[ours] * relative, LEAST))
+    return Ratios(log, R[ours][:, ours] * np.outer(relative, relative), *_numbers(own))
+
+
+def _numbers(rows: Sequence[Measurement]) -> tuple[Int[np.ndarray, "D"], ...]:
+    """Return the number of the mode that each row is of, and of the mode at its posture."""
+    each: tuple[list[Any], ...] = [m.mode for m in rows], [*map(_mode, rows)]
+    return tuple(np.array([*map(keys.index, keys)], int) for keys in each)
+
+
+# -------- Laws
+
+
+@dataclass(frozen=True)
+class Law:
+    """One law of damping, as the data have it.
+
+    Attributes:
+        groups: its numbers, each with the paths that share it.
+        values: (k,) [s, -, or 1/s] of each.
+        scatter: s of ln(ratio), which the law does not explain.
+        bic: Schwarz's criterion.
+        weights: (3, G) posterior weight of each share in `OF_MODE` and scatter in `SCATTERS`.
+    """
+
+    groups: Groups
+    values: Float[np.ndarray, "k"]
+    scatter: float
+    bic: float
+    weights: Float[np.ndarray, "3 G"]
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The damping by path, ties spelled out; without what is zero."""
+        pairs = zip(self.groups, self.values.tolist(), strict=True)
+        return {path: value for group, value in pairs for path in group if value > 0}
+
+    @property
+    def family(self) -> frozenset[str]:
+        """How the ratio goes with frequency: `tau` grows, `loss` is constant, `mass` falls; several for a sum.
+
+        What servos lose is no matter of the law.
+        """
+        words = {path.rpartition(".")[2].partition("_")[0] for path in self.numbers if not path.endswith(".tau")}
+        return frozenset(words)
+
+
+def _candidates(arm: Arm, servos: bool) -> list[Groups]:
+    """Return the laws that are tried; where servos held the motors in some row, these lose by a number of their own."""
+    names = [joint.name for joint in arm.joints]
+    times, losses = (
+        tuple(tuple(f"{name}.{field}" for name in names) for field in fields) for fields in (DAMPING, LOSS)
+    )
+    joints = tuple(tuple(f"{name}.{field}" for field in LOSS) for name in names)
+    time, loss, falling = sum(times, ()), sum(losses, ()), (MASS,)
+    more = (tuple(f"{servo.name}.tau" for servo in arm.servos),) if servos else ()
+    laws: tuple[Groups, ...] = ((time,), times, (loss,), losses, joints, (falling,), (loss, time, falling))
+    return [(*groups, *more) for groups in laws]
+
+
+class _Design(NamedTuple):
+    """What a law makes of its numbers.
+
+    Attributes:
+        columns: (D, k) ratio by a unit of each.
+        kept: (D,) ratio by what is known.
+        centre, narrow: (k,) prior of ln(number), and the inverse of its width; zero for none.
+    """
+
+    columns: Float[np.ndarray, "D k"]
+    kept: Float[np.ndarray, "D"]
+    centre: Float[np.ndarray, "k"]
+    narrow: Float[np.ndarray, "k"]
+
+    def of(self, x: Float[np.ndarray, "k *draws"]) -> Float[np.ndarray, "D *draws"]:
+        """Return the ratios."""
+        return np.maximum(self.kept.reshape(-1, *(1,) * (x.ndim - 1)) + self.columns @ x, LEAST)
+
+    def some(self, rows: Any) -> "_Design":
+        """Return that of some rows."""
+        return self._replace(columns=self.columns[rows], kept=self.kept[rows])
+
+    def slopes(self, x: Float[np.ndarray, "k"]) -> Float[np.ndarray, "D _"]:
+        """Return the derivatives of ln(ratio) by ln(number) of those above zero."""
+        return self.columns[:, x > 0] * x[x > 0] / self.of(x)[:, None]
+
+
+class _Errors:
+    """Errors of ln(ratio), for each share `OF_MODE`: along independent axes, of variance 1 + s^2 size."""
+
+    def __init__(self, ratios: Ratios):
+        L = np.linalg.cholesky(ratios.covariance)
+        inverse, one = np.linalg.inv(L), int(np.argmin(np.abs(SCATTERS - START_SCATTER)))
+        shared = (ratios.shared(ratios, (i, one)) / SCATTERS[one] ** 2 for i in range(len(OF_MODE)))
+        size, Q = np.linalg.eigh([inverse @ K @ inverse.T for K in shared])
+        self.turn = np.swapaxes(Q, 1, 2) @ inverse
+        self.variance = 1 + SCATTERS[:, None] ** 2 * np.maximum(size, 0.0)[:, None]
+        self.volume = 2 * np.log(np.diag(L)).sum() + np.log(self.variance).sum(-1)
+
+    def whitened(self, x: Float[np.ndarray, "D *n"], at: Place) -> Float[np.ndarray, "D *n"]:
+        """Return independent numbers of variance 1."""
+        return (self.turn[at[0]] @ x) / np.sqrt(self.variance[at]).reshape(-1, *(1,) * (x.ndim - 1))
+
+    def log_likelihood(self, residuals: Float[np.ndarray, "D"]) -> Float[np.ndarray, "3 G"]:
+        """Return ln(likelihood) at all shares and scatters, up to a constant."""
+        squares = (self.turn @ residuals)[:, None] ** 2
+        return -((squares / self.variance).sum(-1) + self.volume) / 2
+
+
+class _Fitting(NamedTuple):
+    """A law's way from its numbers to the rows that it is fitted to."""
+
+    design: _Design
+    ratios: Ratios
+    errors: _Errors
+
+    def least_squares(self, x: Float[np.ndarray, "k"], at: Place) -> Float[np.ndarray, "k"]:
+        """Return the numbers >= 0 of least squares in ln(ratio), by Gauss and Newton from some that are near."""
+        off = self.residuals(x, at)
+        for _ in range(STEPS):
+            A = self.slopes(x, at)
+            way = nnls(A, off + A @ x)[0] - x
+            tried = (x + share * way for share in (1.0, 0.5, 0.25, 0.125))
+            better = next((y for y in tried if (there := self.residuals(y, at)) @ there <= off @ off), None)
+            if better is None:
+                break
+            before, x, off = off @ off, better, self.residuals(better, at)
+            if before - off @ off <= SETTLED * (1 + before):
+                break
+        return x
+
+    def residuals(self, x: Float[np.ndarray, "k"], at: Place) -> Float[np.ndarray, "_"]:
+        """Return independent residuals of variance 1: measured less predicted, and those of the priors."""
+        prior = np.log(np.maximum(x / self.design.centre, LEAST)) * self.design.narrow
+        return np.concatenate([self.errors.whitened(self.ratios.log - np.log(self.design.of(x)), at), -prior])
+
+    def slopes(self, x: Float[np.ndarray, "k"], at: Place) -> Float[np.ndarray, "_ k"]:
+        """Return the derivatives of these residuals by the numbers, with the sign of the prediction."""
+        design = self.design
+        own = self.errors.whitened(design.columns / design.of(x)[:, None], at)
+        return np.vstack([own, np.diag(design.narrow / np.maximum(x, LEAST * design.centre))])
+
+    def law(self, groups: Groups) -> Law:
+        """Fit the numbers, then share and scatter, one after the other until these stay."""
+        measured = np.exp(self.ratios.log)
+        x = nnls(self.design.columns / measured[:, None], np.maximum(1 - self.design.kept / measured, 0.0))[0]
+        x = np.where(self.design.narrow > 0, self.design.centre, x)
+        at = len(OF_MODE) - 1, int(np.argmin(np.abs(SCATTERS - START_SCATTER)))
+        for _ in range(STEPS):
+            x = self.least_squares(x, at)
+            likelihood = self.errors.log_likelihood(self.ratios.log - np.log(self.design.of(x)))
+            before, at = at, _highest(likelihood)
+            if at == before:
+                break
+        G = self.errors.turn @ self.design.slopes(x)
+        seen = np.einsum("rik,rgi,ril->rgkl", G, 1 / self.errors.variance, G) + np.diag(self.design.narrow[x > 0] ** 2)
+        posterior = likelihood - np.linalg.slogdet(seen)[1] / 2
+        weights = np.exp(posterior - posterior.max()) * PRIOR
+        bic = -2 * likelihood.max() + ((x > 0).sum() + 1) * math.log(len(measured))
+        return Law(groups, x, float(SCATTERS[at[1]]), float(bic), weights / weights.sum())
+
+    def numbers(
+        self, x: Float[np.ndarray, "k"], at: Place, count: int, rng: np.random.Generator
+    ) -> Float[np.ndarray, "k count"]:
+        """Draw the numbers about some that are near: those of least squares for data with another noise.
+
+        So they too are never negative (Bardsley, Fox, "An MCMC method for uncertainty quantification in nonnegativity
+        constrained inverse problems", Inverse Probl. Sci. Eng. 20, 2012).
+        """
+        A = self.slopes(x, at)
+        noise = rng.standard_normal((len(A), count))
+        noise[len(self.ratios.log) :] *= self.design.narrow[:, None] > 0
+        return np.array([nnls(A, b)[0] for b in ((self.residuals(x, at) + A @ x)[:, None] + noise).T]).T
+
+    def drawn(
+        self, law: Law, like: tuple[_Design, Ratios], at: Place, count: int, rng: np.random.Generator
+    ) -> Float[np.ndarray, "n count"]:
+        """Draw ln(ratio) of some modes at a share and scatter.
+
+        Args:
+            law: whose numbers are near.
+            like: what it makes of its numbers there, and which modes these are.
+            at: share and scatter.
+            count: draws.
+            rng: draws.
+        """
+        numbers = self.numbers(self.least_squares(law.values, at), at, count, rng)
+        off = self.errors.whitened(self.ratios.log[:, None] - np.log(self.design.of(numbers)), at)
+        gain = self.errors.whitened(self.ratios.shared(like[1], at), at)
+        size, Q = np.linalg.eigh(like[1].shared(like[1], at) - gain.T @ gain)
+        beside = Q @ (np.sqrt(np.maximum(size, 0.0))[:, None] * rng.standard_normal((len(size), count)))
+        return np.log(like[0].of(numbers)) + gain.T @ off + beside
+
+
+def _highest(x: Float[np.ndarray, "3 G"]) -> Place:
+    share, scatter = np.unravel_index(np.argmax(x), x.shape)
+    return int(share), int(scatter)
+
+
+# -------- Damping
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Damping given stiffness: the laws that were tried, and what they leave.
+
+    Attributes:
+        rows: the damping rows.
+        laws: best first, a sum of several only where it is better by as much as tells laws apart.
+        ratios: (D,) what was measured.
+        columns: (D,) ratio of each row's mode by a unit of each damping number.
+        frequency: (D,) [Hz] of each row's mode on the fitted arm.
+        marked: (D,) rows that are off under a law that fits the others; they do not count.
+        model: the arm.
+        parameters: its numbers at which this holds.
+        unknowns: what was asked for.
+    """
+
+    rows: Campaign
+    laws: tuple[Law, ...]
+    ratios: Ratios
+    columns: Mapping[str, Float[np.ndarray, "D"]]
+    frequency: Float[np.ndarray, "D"]
+    marked: Bool[np.ndarray, "D"]
+    model: ArmModel
+    parameters: Mapping[str, float]
+    unknowns: Unknowns
+
+    @property
+    def best(self) -> Law:
+        """The law that is named."""
+        return self.laws[0]
+
+    @property
+    def rivals(self) -> tuple[Law, ...]:
+        """Laws of another kind that the data cannot tell apart from it."""
+        near = (law for law in self.laws[1:] if law.bic - self.best.bic < TOLD_APART)
+        return tuple(law for law in near if law.family != self.best.family and len(law.family) == 1)
+
+    @property
+    def predicted(self) -> Float[np.ndarray, "D"]:
+        """The best law's ratios [-]."""
+        return self._design(self.best.groups, self.columns).of(self.best.values)
+
+    @property
+    def carried(self) -> dict[tuple[str, ...], float]:
+        """The best law's numbers by their paths, where the arm has a place for each and none besides; else none."""
+        arm, numbers = self.model.arm, dict(zip(self.best.groups, self.best.values.tolist(), strict=True))
+        free = {path for group in numbers for path in group}
+        others = [path for path in self.columns if path not in free and path in arm.paths() and float(arm.get(path))]
+        alone = damping_parameters(arm, self.unknowns) or not others
+        return numbers if alone and free <= set(arm.paths()) and all(numbers.values()) else {}
+
+    def given(self, draws: Mapping[str, Float[np.ndarray, "n"]], seed: int = 0) -> dict[tuple[str, ...], np.ndarray]:
+        """Draw the numbers that the arm carries once for each draw of its stiffnesses.
+
+        Args:
+            draws: numbers of the arm, by path.
+            seed: of the draws.
+        """
+        if not self.carried:
+            return {}
+        rng, kept, law = np.random.default_rng(seed), np.flatnonzero(~self.marked), self.best
+        count = len(next(iter(draws.values())))
+        wide = -(-count // CHUNK) * CHUNK
+        data = self.ratios.some(kept)
+        errors, drawn = _Errors(data), []
+        at = rng.choice(law.weights.size, count, p=law.weights.ravel())
+        for first in range(0, wide, CHUNK):
+            own = np.minimum(np.arange(first, first + CHUNK), count - 1)
+            _, columns = ModesOfRows.of(self.model, {k: x[own] for k, x in draws.items()}, self.rows, ()).columns()
+            for i in range(min(CHUNK, count - first)):
+                there = {path: np.broadcast_to(x, (len(x), CHUNK))[:, i] for path, x in columns.items()}
+                fitting = _Fitting(self._design(law.groups, there).some(kept), data, errors)
+                place = np.unravel_index(at[first + i], law.weights.shape)
+                drawn.append(fitting.numbers(law.values, (int(place[0]), int(place[1])), 1, rng)[:, 0])
+        return dict(zip(law.groups, np.array(drawn).T, strict=True))
+
+    def _design(self, groups: Groups, columns: Mapping[str, np.ndarray]) -> _Design:
+        return _design(groups, columns, self.model.arm, self.unknowns)
+
+    def drawn(self, like: Campaign, count: int = DRAWS, seed: int = 0) -> Float[np.ndarray, "n count"]:
+        """Draw the ratios of some modes: a law by its probability, its numbers, what a mode has besides.
+
+        Args:
+            like: damping rows that say which modes, at which postures; their values do not count.
+            count: draws.
+            seed: of the draws.
+        """
+        rng, kept, drawn = np.random.default_rng(seed), np.flatnonzero(~self.marked), []
+        mode, place = (x[len(self.rows) :] for x in _numbers([*self.rows, *like]))
+        wanted = Ratios(np.zeros(len(mode)), np.eye(len(mode)), mode, place)
+        _, columns = ModesOfRows.of(self.model, self.parameters, like, ()).columns()
+        chance = np.exp([(min(law.bic for law in self.laws) - law.bic) / 2 for law in self.laws])
+        data = self.ratios.some(kept)
+        errors = _Errors(data)
+        for law, n in zip(self.laws, rng.multinomial(count, chance / chance.sum()).tolist(), strict=True):
+            own, there = (self._design(law.groups, each) for each in (self.columns, columns))
+            fitting = _Fitting(own.some(kept), data, errors)
+            often = rng.multinomial(n, law.weights.ravel()).reshape(law.weights.shape)
+            for at in zip(*np.nonzero(often), strict=True):
+                drawn.append(fitting.drawn(law, (there, wanted), (int(at[0]), int(at[1])), int(often[at]), rng))
+        return np.exp(np.concatenate(drawn, 1))
+
+
+def damping_of(
+    model: ArmModel,
+    campaign: Campaign,
+    predicted: Float[np.ndarray, "n"],
+    parameters: Mapping[str, float],
+    unknowns: Unknowns,
+) -> Damping:
+    """Find the law of damping of a fitted arm.
+
+    Args:
+        model: the arm.
+        campaign: all rows, damping ratios among them.
+        predicted: (n,) [SI] what the fit predicts of the others.
+        parameters: fitted numbers of the arm.
+        unknowns: damping numbers that are freed by name are sought one by one, and all others kept; fixed ones are
+            kept.
+    """
+    rows, rest = campaign.of_kind(RATIO), campaign.without(RATIO)
+    off = [(m.value - x) / m.spread for m, x in zip(rest, predicted.tolist(), strict=True)]
+    ratios, modes = ratios_of(campaign, np.nan_to_num(off)), ModesOfRows.of(model, parameters, rows, rest)
+    hertz, columns = modes.columns()
+    freed = damping_parameters(model.arm, unknowns)
+    servos = any(m.drives == "servo" for m in rows)
+    asked = [tuple(item.paths for item in freed)] if freed else _candidates(model.arm, servos)
+    groups = [tuple(filter(None, (tuple(p for p in g if p not in unknowns.fixed) for g in each))) for each in asked]
+
+    def laws(kept: Int[np.ndarray, "n"]) -> tuple[Law, ...]:
+        """Fit all laws to some rows; of several with the same numbers above zero the first counts."""
+        data = ratios.some(kept)
+        errors, found = _Errors(data), dict[frozenset[tuple[str, float]], Law]()
+        for own in groups:
+            if own and (len(own) == 1 or len(own) < len(kept) or freed):
+                law = _Fitting(_design(own, columns, model.arm, unknowns).some(kept), data, errors).law(own)
+                found.setdefault(frozenset((path, round(x, 12)) for path, x in law.numbers.items()), law)
+        return tuple(sorted(found.values(), key=lambda law: law.bic + TOLD_APART * (len(law.family) > 1)))
+
+    every = np.arange(len(rows))
+    for _ in range(EXACTLY):
+        best = laws(every)[0]
+        design, still = _design(best.groups, columns, model.arm, unknowns), _kept(best.groups, model.arm, unknowns)
+        change = modes.poles(still | best.numbers) / design.of(best.values)
+        change = np.where((change > 1 / COUPLED) & (change < COUPLED), change, 1.0)
+        columns = {path: own * change for path, own in columns.items()}
+    best = laws(every)[0]
+    marked = _marked(best, _design(best.groups, columns, model.arm, unknowns), ratios)
+    return Damping(rows, laws(every[~marked]), ratios, columns, hertz, marked, model, parameters, unknowns)
+
+
+def _kept(groups: Groups, arm: Arm, unknowns: Unknowns) -> dict[str, float]:
+    """Return the arm's own damping numbers that a law keeps: what is fixed, and all others where some are freed."""
+    free = {path for group in groups for path in group}
+    kept = arm.paths() if damping_parameters(arm, unknowns) else unknowns.fixed
+    return {path: float(arm.get(path)) for path in kept if is_damping(path) and path not in free}
+
+
+def _design(groups: Groups, columns: Mapping[str, np.ndarray], arm: Arm, unknowns: Unknowns) -> _Design:
+    """Return what a law makes of its numbers; the numbers that are kept are the arm's."""
+    freed = {item.paths: item for item in damping_parameters(arm, unknowns)}
+    none = np.zeros(len(columns[MASS]))
+    kept = sum((x * columns[path] for path, x in _kept(groups, arm, unknowns).items() if path in columns), none)
+    each = np.array([sum((columns.get(path, none) for path in group), none) for group in groups]).T
+    items = [freed.get(group) for group in groups]
+    centre = np.array([1.0 if item is None else float(item.centre) for item in items])
+    narrow = np.array([0.0 if item is None else 1 / float(np.hypot(item.prior_sd, item.flat)) for item in items])
+    return _Design(each, kept, centre, narrow)
+
+
+def _marked(law: Law, design: _Design, ratios: Ratios) -> Bool[np.ndarray, "D"]:
+    """Return which rows lie too far from what the others say by the same law."""
+    rows = np.arange(len(ratios.log))
+    off = np.abs(ratios.log - np.log(design.of(law.values))) / np.sqrt(np.diag(ratios.covariance))
+    marked = np.zeros(len(rows), bool)
+    for row in np.argsort(-off)[:SUSPECTS].tolist() if len(rows) > 2 else ():
+        rest = rows[rows != row]
+        data = ratios.some(rest)
+        fitting = _Fitting(design.some(rest), data, _Errors(data))
+        others = fitting.law(law.groups)
+        like = design.some([row]), ratios.some([row])
+        drawn = fitting.drawn(others, like, _highest(others.weights), DRAWS, np.random.default_rng(0))
+        z = (ratios.log[row] - drawn.mean()) / math.hypot(drawn.std(), math.sqrt(ratios.covariance[row, row]))
+        freedom = max(len(rest) - int((others.values > 0).sum()), 1)
+        marked[row] = 2 * stdtr(freedom, -abs(z)) < MARKED / len(rows)
+    return marked

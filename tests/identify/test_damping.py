@@ -1,0 +1,193 @@
+"""Damping given stiffness: the modes of ratios, the law that is named, correlated errors, and the two stages."""
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from arms import DATA, lcd_arm
+from one_program import shown
+
+from ident.identify.conditions import bind
+from ident.identify.damping import MASS, RATIO, ModesOfRows, damping_of, ratios_of
+from ident.identify.fit import fit_campaign
+from ident.identify.predict import ArmModel
+from ident.identify.stored import fit_of, fit_state
+from ident.identify.unknowns import Unknowns
+from ident.identify.values import OTHER_LAW, Values
+from ident.measure import Campaign, Measurement, read_campaign
+from ident.measure.covariance_and_frames import Covariance, Group
+from ident.present.files.document import plain
+from ident.present.fit import fit_sections
+from ident.present.report import text_of
+
+NAMES = ("lateral torsion 1", "vertical bending 1", "vertical bending 2", "lateral torsion 2")
+POSTURES = tuple((a, -2 * a, a) for a in np.radians([0.0, 30.0, 60.0]).tolist())
+JOINTS = ("joint1", "joint2", "joint3")
+LAWS = {
+    "constant": {f"{j}.loss_{k}": 0.02 for j in JOINTS for k in ("bend", "tors")},
+    "by kind": {f"{j}.loss_{k}": x for j in JOINTS for k, x in (("bend", 0.01), ("tors", 0.03))},
+    "viscous": {f"{j}.tau_{k}": x for j in JOINTS for k, x in (("bend", 2e-4), ("tors", 2e-3))},
+    "falling": {MASS: 1.0},
+}
+FAMILY = {"constant": {"loss"}, "by kind": {"loss"}, "viscous": {"tau"}, "falling": {"mass"}}
+
+
+def rows_of(values=None, postures=POSTURES, sd=0.05):
+    """A row for each mode at each posture."""
+    each = [(posture, name) for posture in postures for name in NAMES]
+    values = np.full(len(each), 0.01) if values is None else values
+    return tuple(
+        Measurement(kind=RATIO, posture=p, value=float(z), sigma=float(sd * z), mode=name)
+        for (p, name), z in zip(each, values, strict=True)
+    )
+
+
+def model(arm=None):
+    """An arm as a fit has it; the conditions are those of some row."""
+    arm = lcd_arm() if arm is None else arm
+    return ArmModel(arm, bind(arm, Campaign(measurements=(replace(rows_of()[0], kind="frequency"),))))
+
+
+@cache
+def modes():
+    return ModesOfRows.of(model(), {}, rows_of(), ())
+
+
+@cache
+def exact(law):
+    """Ratios of the poles by a law."""
+    return modes().poles(LAWS[law])
+
+
+def found(values, seed=None, unknowns=Unknowns()):  # noqa: B008
+    noise = 0.0 if seed is None else 0.05 * np.random.default_rng(seed).standard_normal(len(values))
+    campaign = Campaign(measurements=rows_of(values * (1 + noise)))
+    return damping_of(model(), campaign, np.zeros(0), {}, unknowns)
+
+
+def test_ratios_belong_to_the_modes_of_their_labels():
+    """The complex stiffness K (1 + i eta) has sin(atan(eta) / 2) in all modes where gravity does not count."""
+    hertz, columns = modes().columns()
+    assert hertz[:2] == pytest.approx([4.12, 4.80], abs=0.005)  # the paper's Table 1
+    total = sum(columns[path] for path in LAWS["constant"])
+    assert total == pytest.approx(0.5, rel=0.02)  # gravity holds up a percent of the stiffness
+    assert exact("constant") == pytest.approx(0.02 * total, rel=1e-3)
+    assert exact("viscous") == pytest.approx(sum(columns[p] * x for p, x in LAWS["viscous"].items()), rel=0.15)
+    assert exact("falling") == pytest.approx(1 / (4 * np.pi * hertz), rel=1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_the_data_choose_the_law(law):
+    for seed in range(3):
+        damping = found(exact(law), seed)
+        assert damping.best.family == FAMILY[law]
+        assert not damping.rivals
+        assert not damping.marked.any()
+        assert damping.predicted == pytest.approx(exact(law), rel=0.1)
+        assert damping.best.scatter < 0.05
+
+
+def test_what_is_not_determined_is_not_named():
+    two = [i for i, m in enumerate(rows_of()) if m.mode in NAMES[:2] and m.posture == POSTURES[0]]
+    rows = tuple(rows_of(exact("constant"))[i] for i in two)
+    damping = damping_of(model(), Campaign(measurements=rows), np.zeros(0), {}, Unknowns())
+    assert {family for law in (damping.best, *damping.rivals) for family in law.family} == {"loss", "tau", "mass"}
+
+
+def test_no_law_is_scatter():
+    by_mode = dict(zip(NAMES, (0.005, 0.03, 0.012, 0.02), strict=True))
+    damping = found(np.array([by_mode[m.mode] for m in rows_of()]), 0)
+    assert 0.3 < damping.best.scatter < 1.5
+    measured = damping.drawn(Campaign(measurements=rows_of()[:4]))  # known by their rows at other postures, too
+    assert np.median(measured, 1) == pytest.approx(list(by_mode.values()), rel=0.1)
+    assert (measured.std(1) < 0.1 * measured.mean(1)).all()
+    third = replace(rows_of()[0], mode="lateral torsion 3")
+    low, high = np.quantile(damping.drawn(Campaign(measurements=(third,))), [0.025, 0.975])
+    assert high / low > 4
+
+
+def test_a_single_ratio_that_is_off_is_marked_and_does_not_count():
+    values = exact("viscous").copy()
+    values[5] *= 3
+    damping = found(values, 0)
+    assert np.flatnonzero(damping.marked).tolist() == [5]
+    assert damping.best.family == {"tau"}
+    assert damping.predicted[5] == pytest.approx(values[5] / 3, rel=0.1)
+
+
+def test_errors_of_frequencies_tell_of_those_of_ratios():
+    """Against the conditional of the joint normal distribution, row by row."""
+    rng = np.random.default_rng(2)
+    A = rng.standard_normal((6, 6))
+    C = A @ A.T
+    sd = np.sqrt(np.diag(C))
+    R = C / np.outer(sd, sd)
+    group = [{"group": "a", "member": i + 1} for i in range(6)]
+    rows = [replace(m, **own) for m, own in zip(rows_of(postures=POSTURES[:1])[:3], group, strict=False)]
+    hertz = [replace(m, kind="frequency", value=5.0, sigma=0.1, **own) for m, own in zip(rows, group[3:], strict=True)]
+    mixed = (rows[0], hertz[0], rows[1], hertz[1], rows[2], hertz[2])
+    covariance = Covariance((Group("a", tuple(map(tuple, R.tolist()))),))
+    off = np.array([1.0, -2.0, 0.5])
+    ratios = ratios_of(Campaign(measurements=mixed, covariance=covariance), off)
+    gain = R[:3, 3:] @ np.linalg.inv(R[3:, 3:])
+    relative = 0.05
+    assert np.exp(ratios.log) == pytest.approx(0.01 * (1 - relative * gain @ off), rel=1e-12)
+    assert ratios.covariance == pytest.approx(relative**2 * (R[:3, :3] - gain @ R[3:, :3]), rel=1e-9)
+
+
+def test_what_is_named_is_sought_by_itself():
+    named = Unknowns(free={"joint1.tau_tors": 1.0, "joint2.tau_tors": 1.0})
+    damping = found(exact("viscous"), unknowns=named)
+    assert damping.best.groups == (("joint1.tau_tors",), ("joint2.tau_tors",))
+    assert damping.best.values == pytest.approx([2e-3, 2e-3], rel=0.05)
+    fixed = found(exact("viscous"), unknowns=Unknowns(fixed=tuple(f"{j}.tau_bend" for j in JOINTS)))
+    assert not any("tau_bend" in path for path in fixed.best.numbers)
+    assert fixed.predicted == pytest.approx(exact("viscous"), rel=0.02)
+
+
+def shipped(law, seed=0):
+    """The shipped campaign with a ratio for each labelled frequency."""
+    campaign, rng = read_campaign(DATA / "lcd_arm" / "campaign.csv"), np.random.default_rng(seed)
+    rows = [replace(m, kind=RATIO, unit="", where=f"c.csv:{40 + i}") for i, m in enumerate(campaign) if m.mode]
+    values = ModesOfRows.of(model(), {}, rows, ()).poles(LAWS[law])
+    values = values * (1 + 0.05 * rng.standard_normal(len(rows)))
+    ratios = [replace(m, value=float(z), sigma=0.05 * float(z)) for m, z in zip(rows, values, strict=True)]
+    return campaign, replace(campaign, measurements=(*campaign, *ratios))
+
+
+@pytest.mark.slow
+def test_no_ratio_moves_a_stiffness():
+    campaign, more = shipped("constant")
+    alone, both = fit_campaign(lcd_arm(), campaign), fit_campaign(lcd_arm(), more)
+    np.testing.assert_array_equal(both.best.theta, alone.best.theta)
+    np.testing.assert_array_equal(both.interval(), alone.interval())
+    assert (both.doubts, both.chi_squared, both.optima[0].starts) == ((), alone.chi_squared, alone.optima[0].starts)
+    text = text_of(fit_sections(both))
+    assert "Damping: 0.9" in text.replace("1 %", "0.99 %")
+    assert "does not change with frequency" in text
+    assert OTHER_LAW in Values.of_fit(both, lcd_arm()).remark
+    again = fit_of(lcd_arm(), more, Unknowns(), json.loads(json.dumps(plain(fit_state(both)))))
+    assert again.damping.best.values == pytest.approx(both.damping.best.values, rel=1e-6)
+    _, viscous = shipped("viscous")
+    taken = Values.of_fit(fit_campaign(lcd_arm(), viscous), lcd_arm()).values
+    assert taken["joint2.tau_tors"] == pytest.approx(2e-3, rel=0.1)
+
+
+@pytest.mark.slow
+def test_poles_have_the_damping_that_was_measured():
+    """Frequencies of the poles of an arm that loses ten times as much as its file says."""
+    lossy = {path: 5 * x for path, x in LAWS["viscous"].items()}
+    arm = lcd_arm().replace(lossy)
+    campaign = read_campaign(DATA / "lcd_arm" / "campaign.csv")
+    rows = [replace(m, of="pole") if m.kind == "frequency" else m for m in campaign]
+    values = shown(arm, Campaign(measurements=tuple(rows)))
+    true = [replace(m, value=float(v), sigma=m.sigma * float(v) / m.value) for m, v in zip(rows, values, strict=True)]
+    ratios = [replace(m, kind=RATIO, of=None, unit="") for m in true if m.mode]
+    values = ModesOfRows.of(model(arm), {}, ratios, ()).poles(lossy)
+    ratios = [replace(m, value=float(z), sigma=0.02 * float(z)) for m, z in zip(ratios, values, strict=True)]
+    fit = fit_campaign(lcd_arm(), Campaign(measurements=(*true, *ratios)), Unknowns(prior_sd=np.inf))
+    start = np.array([float(lcd_arm().get(name)) for name in fit.problem.parameters.names])
+    assert fit.poles.numbers
+    assert np.log(fit.best.values / start) == pytest.approx(0, abs=2e-4)
