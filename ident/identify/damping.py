@@ -166,7 +166,7 @@ def _mode(m: Measurement) -> tuple[object, ...]:
 
 def damped(arm: Arm, damping: Mapping[str, float]) -> Arm:
     """Return an arm with these damping times and loss factors of its bushings, and no others."""
-    fields = [*DAMPING, *(LOSS if any(path.rpartition(".")[2] in LOSS for path in damping) else ())]
+    fields = (*DAMPING, *LOSS)
 
     def joint(each: Any) -> Any:
         values = [jnp.asarray(damping.get(f"{each.name}.{field}", 0.0)) for field in fields]
@@ -456,7 +456,8 @@ class Damping:
         columns: (D,) ratio of each row's mode by a unit of each damping number.
         frequency: (D,) [Hz] of each row's mode on the fitted arm.
         marked: (D,) rows that are off under a law that fits the others; they do not count.
-        model: the arm.
+        arm: as its file has it.
+        model: the arm as it was fitted.
         parameters: its numbers at which this holds.
         unknowns: what was asked for.
     """
@@ -467,6 +468,7 @@ class Damping:
     columns: Mapping[str, Float[np.ndarray, "D"]]
     frequency: Float[np.ndarray, "D"]
     marked: Bool[np.ndarray, "D"]
+    arm: Arm
     model: ArmModel
     parameters: Mapping[str, float]
     unknowns: Unknowns
@@ -487,10 +489,14 @@ class Damping:
         """The best law's ratios [-]."""
         return self._design(self.best.groups, self.columns).of(self.best.values)
 
+    def numbers(self, law: Law) -> dict[str, float]:
+        """Return all damping by path: a law's, and what is kept."""
+        return _kept(law.groups, self.arm, self.unknowns) | law.numbers
+
     @property
     def carried(self) -> dict[tuple[str, ...], float]:
         """The best law's numbers by their paths, where the arm has a place for each and none besides; else none."""
-        arm, numbers = self.model.arm, dict(zip(self.best.groups, self.best.values.tolist(), strict=True))
+        arm, numbers = self.arm, dict(zip(self.best.groups, self.best.values.tolist(), strict=True))
         free = {path for group in numbers for path in group}
         others = [path for path in self.columns if path not in free and path in arm.paths() and float(arm.get(path))]
         alone = damping_parameters(arm, self.unknowns) or not others
@@ -522,7 +528,7 @@ class Damping:
         return dict(zip(law.groups, np.array(drawn).T, strict=True))
 
     def _design(self, groups: Groups, columns: Mapping[str, np.ndarray]) -> _Design:
-        return _design(groups, columns, self.model.arm, self.unknowns)
+        return _design(groups, columns, self.arm, self.unknowns)
 
     def drawn(self, like: Campaign, count: int = DRAWS, seed: int = 0) -> Float[np.ndarray, "n count"]:
         """Draw the ratios of some modes: a law by its probability, its numbers, what a mode has besides.
@@ -549,6 +555,7 @@ class Damping:
 
 
 def damping_of(
+    arm: Arm,
     model: ArmModel,
     campaign: Campaign,
     predicted: Float[np.ndarray, "n"],
@@ -558,7 +565,8 @@ def damping_of(
     """Find the law of damping of a fitted arm.
 
     Args:
-        model: the arm.
+        arm: as its file has it.
+        model: the arm as it was fitted.
         campaign: all rows, damping ratios among them.
         predicted: (n,) [SI] what the fit predicts of the others.
         parameters: fitted numbers of the arm.
@@ -569,9 +577,9 @@ def damping_of(
     off = [(m.value - x) / m.spread for m, x in zip(rest, predicted.tolist(), strict=True)]
     ratios, modes = ratios_of(campaign, np.nan_to_num(off)), ModesOfRows.of(model, parameters, rows, rest)
     hertz, columns = modes.columns()
-    freed = damping_parameters(model.arm, unknowns)
+    freed = damping_parameters(arm, unknowns)
     servos = any(m.drives == "servo" for m in rows)
-    asked = [tuple(item.paths for item in freed)] if freed else _candidates(model.arm, servos)
+    asked = [tuple(item.paths for item in freed)] if freed else _candidates(arm, servos)
     groups = [tuple(filter(None, (tuple(p for p in g if p not in unknowns.fixed) for g in each))) for each in asked]
 
     def laws(kept: Int[np.ndarray, "n"]) -> tuple[Law, ...]:
@@ -580,20 +588,20 @@ def damping_of(
         errors, found = _Errors(data), dict[frozenset[tuple[str, float]], Law]()
         for own in groups:
             if own and (len(own) == 1 or len(own) < len(kept) or freed):
-                law = _Fitting(_design(own, columns, model.arm, unknowns).some(kept), data, errors).law(own)
+                law = _Fitting(_design(own, columns, arm, unknowns).some(kept), data, errors).law(own)
                 found.setdefault(frozenset((path, round(x, 12)) for path, x in law.numbers.items()), law)
         return tuple(sorted(found.values(), key=lambda law: law.bic + TOLD_APART * (len(law.family) > 1)))
 
     every = np.arange(len(rows))
     for _ in range(EXACTLY):
         best = laws(every)[0]
-        design, still = _design(best.groups, columns, model.arm, unknowns), _kept(best.groups, model.arm, unknowns)
-        change = modes.poles(still | best.numbers) / design.of(best.values)
+        poles = modes.poles(_kept(best.groups, arm, unknowns) | best.numbers)
+        change = poles / _design(best.groups, columns, arm, unknowns).of(best.values)
         change = np.where((change > 1 / COUPLED) & (change < COUPLED), change, 1.0)
         columns = {path: own * change for path, own in columns.items()}
     best = laws(every)[0]
-    marked = _marked(best, _design(best.groups, columns, model.arm, unknowns), ratios)
-    return Damping(rows, laws(every[~marked]), ratios, columns, hertz, marked, model, parameters, unknowns)
+    marked = _marked(best, _design(best.groups, columns, arm, unknowns), ratios)
+    return Damping(rows, laws(every[~marked]), ratios, columns, hertz, marked, arm, model, parameters, unknowns)
 
 
 def _kept(groups: Groups, arm: Arm, unknowns: Unknowns) -> dict[str, float]:

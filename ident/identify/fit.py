@@ -27,11 +27,11 @@ from ident.arm.mechanics import (
 from ident.arm.modes import modes_about
 from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
-from ident.identify.damping import Damping, Poles, damping_of
+from ident.identify.damping import RATIO, Damping, Poles, damping_of
 from ident.identify.mode_matching import FAR
 from ident.identify.predict import ArmModel, Matching, chains, mode_choice, picked, read, vector_of
 from ident.identify.problem import Posed, Ramp, check_values, pose, ramps_of, repeated, row_names
-from ident.identify.unknowns import Unknowns
+from ident.identify.unknowns import Unknowns, is_damping
 from ident.inference.fit import FIT_STARTS, Fit, cross_predictions, fit, with_stretch
 from ident.inference.information import ScoreTest, asked_for, score_tests
 from ident.inference.optima import fixed_combinations
@@ -595,9 +595,11 @@ def fit_campaign(
         ModelError: no optimum was reached.
     """
     unknowns = unknowns or Unknowns()
-    posed, poles = pose(arm, campaign, unknowns), Poles()
+    coupled = any(m.kind == RATIO for m in campaign) and any(m.of for m in campaign)
+    own = {path: float(arm.get(path)) for path in arm.paths() if is_damping(path)} if coupled else {}
+    poles = Poles(own)  # with loss factors from the start, for the programs to be the same
+    posed = with_poles(arm, campaign, unknowns, poles)
     check_values(posed, trusted)
-    coupled = len(posed.ratios) > 0 and posed.conditions.damped
     if coupled and np.isfinite((first := solve(posed.problem, posed.problem.parameters.theta_start)).cost):
         poles = _poles(arm, campaign, unknowns, posed, first)
     for _ in range(ROUNDS):
@@ -607,7 +609,7 @@ def fit_campaign(
         if not coupled or _moved(arm, campaign, unknowns, (before, poles), best) < STILL:
             poles = before
             break
-    weights = None if robust is None else robust_weights(best, units_of(campaign), robust)
+    weights = None if robust is None else robust_weights(best, units_of(posed.campaign), robust)
     if weights is not None:
         best = fit(weighted(posed.problem, weights), starts=starts, seed=seed)
     if unknowns.with_prior != unknowns:
@@ -617,7 +619,7 @@ def fit_campaign(
         best = with_stretch(replace(best, cross_predictions=compared))
     granted = assumptions(best, posed) if best.best.converged else None
     known = {each.name: getattr(best, each.name) for each in fields(best)}
-    damping = damping_given(posed, best, campaign, unknowns)
+    damping = damping_given(arm, posed, best, campaign, unknowns)
     whole = CampaignFit(
         **known, arm=arm, campaign=posed.campaign, assumptions=granted, weights=weights, damping=damping, poles=poles
     )
@@ -634,11 +636,12 @@ def with_poles(arm: Arm, campaign: Campaign, unknowns: Unknowns, poles: Poles) -
     return replace(posed, problem=posed.problem.with_sigma(np.hypot(np.asarray(posed.problem.sigma), poles.apart)))
 
 
-def damping_given(posed: Posed, end: End | Fit, campaign: Campaign, unknowns: Unknowns) -> Damping | None:
+def damping_given(arm: Arm, posed: Posed, end: End | Fit, campaign: Campaign, unknowns: Unknowns) -> Damping | None:
     """Return the law of damping where a fit, or a search, has ended; None where no ratio was measured.
 
     Args:
-        posed: the campaign and the arm.
+        arm: as its file has it.
+        posed: the campaign and the arm as it was fitted.
         end: gives the stiffnesses and what is predicted.
         campaign: all rows.
         unknowns: what is unknown.
@@ -648,14 +651,14 @@ def damping_given(posed: Posed, end: End | Fit, campaign: Campaign, unknowns: Un
     parameters, theta = posed.problem.parameters, end.best.theta if isinstance(end, Fit) else end.theta
     values = parameters.by_path(parameters.values(np.asarray(theta)))
     own = {name: value for name, value in values.items() if not name.startswith(DISCREPANCY_PREFIX)}
-    return damping_of(posed.model, campaign, np.asarray(end.predicted), own, unknowns.named(posed.arm))
+    return damping_of(arm, posed.model, campaign, np.asarray(end.predicted), own, unknowns.named(arm))
 
 
 def _poles(arm: Arm, campaign: Campaign, unknowns: Unknowns, posed: Posed, end: End) -> Poles:
     """Return the damping of the best law, and by how much rows differ by those that can't be told from it."""
-    damping = damping_given(posed, end, campaign, unknowns)
+    damping = damping_given(arm, posed, end, campaign, unknowns)
     assert damping is not None
-    laws = [Poles(law.numbers) for law in (damping.best, *damping.rivals)]
+    laws = [Poles(damping.numbers(law)) for law in (damping.best, *damping.rivals)]
     first, *others = (_predicted(arm, campaign, unknowns, poles, end) for poles in laws)
     apart = np.max([np.zeros_like(first), *(np.abs(other - first) for other in others)], 0)
     sigma = np.array([m.sigma for m in posed.campaign])

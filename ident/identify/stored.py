@@ -72,7 +72,7 @@ def fit_of(arm: Arm, campaign: Campaign, unknowns: Unknowns, state: Mapping[str,
     if best.theta.shape != (count,):
         raise ValueError(f"{len(best.theta)} numbers for {count} unknowns")
     end = look(problem, best.theta, _held(posed, state))
-    damping = damping_given(posed, end, campaign, unknowns)
+    damping = damping_given(arm, posed, end, campaign, unknowns)
     return CampaignFit(
         problem=problem,
         failed=int(state["failed"]),

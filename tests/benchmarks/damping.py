@@ -83,7 +83,7 @@ def true_ratios(law, arm, rows, rng):
 
 def found(arm, rows):
     """Return the damping of an arm whose stiffnesses are known."""
-    return damping_of(ArmModel(arm, None), Campaign(measurements=tuple(rows)), np.zeros(0), {}, Unknowns())
+    return damping_of(arm, ArmModel(arm, None), Campaign(measurements=tuple(rows)), np.zeros(0), {}, Unknowns())
 
 
 def main():

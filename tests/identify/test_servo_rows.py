@@ -116,7 +116,7 @@ def test_damping_ratios_contain_the_servo():
     ratio = Measurement(
         kind="damping_ratio", posture=UNFOLDED, value=0.05, sigma=0.01, mode="lateral torsion 2", drives="servo"
     )
-    own = {path: arm().get(path) for path in arm().paths() if is_damping(path)}
+    own = {path: float(arm().get(path)) for path in arm().paths() if is_damping(path)}
     (value,) = ModesOfRows.of(
         ArmModel(arm(), bind(arm(), Campaign(measurements=tuple(OF_PLACES)))), {}, [ratio], []
     ).poles(own)
