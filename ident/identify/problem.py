@@ -423,19 +423,6 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
         raise InputError([*odd, *hopeless, *doubts])
 
 
-def plausible_beside(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> bool:
-    """Tell whether `check_values` would find nothing in a campaign that differs in its values from one that it passed.
-
-    Args:
-        campaign: the measurements.
-        predicted: (D,) [SI] what the arm file predicts by the labels.
-    """
-    names = row_names(campaign)
-    each, friction = zip(campaign, predicted.tolist(), names, strict=True), _by_friction(campaign, predicted)
-    plausible = not any(problem for i, row in enumerate(each) if i not in friction for problem in _far_off(*row))
-    return plausible and not any(contradictory_repeats(campaign))
-
-
 def _by_friction(campaign: Campaign, predicted: Float[np.ndarray, "D"]) -> set[int]:
     """Return rows of ramps that read so little, beside the largest of their loop, that it may all be friction."""
     loops, sizes = np.abs(loop_places(campaign)).astype(int), np.nan_to_num(np.abs(predicted))

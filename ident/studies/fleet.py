@@ -32,9 +32,6 @@ class FleetOptions(FitOptions):
 
     workers: int = option(1, "processes that compute robots at the same time", low=1, high=1024)
     dask: str = option("", "address of a Dask scheduler whose workers compute them instead, as tcp://host:8786")
-    batch: int = option(
-        1, "robots measured in the same way that are fitted together; 1: each by itself", low=1, high=4096
-    )
     normal: bool = option(False, "take each robot's data by a normal approximation, not by draws that the model weighs")
 
     def problems(self) -> list[Problem]:
@@ -211,7 +208,7 @@ def fleet(
     with TemporaryDirectory() as passing, Engine(options) as engine:
         tasks = [One(*each, options, Path(folder or passing)) for each in sorted(files)]
         steps = progress("robots", len(tasks))(range(len(tasks)))
-        done = [robot for _, robot in zip(steps, outcomes(tasks, engine, options.batch), strict=True)]
+        done = [robot for _, robot in zip(steps, outcomes(tasks, engine), strict=True)]
         found = {task.name: task for task in tasks}
 
         def redraw(robots: "Sequence[Robot]", under: "Under") -> "list[Draws | None]":

@@ -32,9 +32,7 @@ from ident.text import one_line
 from ident.units import USUAL
 
 if TYPE_CHECKING:
-    from ident.arm.arm import Arm
     from ident.identify.fleet import Robot, SourceFile
-    from ident.identify.fleet_batch import Given
     from ident.inference.population import Draws, Under
     from ident.studies.fleet import FleetOptions
 
@@ -148,37 +146,6 @@ class One(Task):
 
 
 @dataclass(frozen=True)
-class Batch(Task):
-    """Robots that are fitted together where they were measured in the same way.
-
-    Attributes:
-        members: the robots.
-        size: robots that the program is for.
-        folder: where the result goes.
-    """
-
-    members: tuple[One, ...]
-    size: int
-    folder: Path
-
-    @property
-    def file(self) -> Path:
-        """Where the result goes."""
-        return self.folder / f"{hashed([member.key for member in self.members])}.robots"
-
-    def results(self) -> "tuple[Robot, ...]":
-        """Fit those together to which there is no objection, and each of the others by itself."""
-        from ident.identify.fleet_batch import robots_together
-
-        options = self.members[0].options
-        arms: dict[str, Arm] = {}
-        given = [each for member in self.members if (each := _given(member, arms)) is not None]
-        trusted = tuple(map(str, options.trust_values))
-        found = robots_together(given, options.unknowns, self.size, seed=options.seed, trusted=trusted)
-        return tuple(found[member.name] if member.name in found else member.results()[0] for member in self.members)
-
-
-@dataclass(frozen=True)
 class Again(Task):
     """A robot to be drawn under a population.
 
@@ -210,24 +177,6 @@ class Again(Task):
         arm = as_file(self.one.arm, options.soft_base).arm
         seed = int(hashed([self.one.name, options.seed])[:8], 16)
         return (draws_under(arm, read_campaign(self.one.campaign), options.unknowns, self.under, seed),)
-
-
-def _given(member: One, arms: "dict[str, Arm]") -> "Given | None":
-    """Read a robot's files; None where something is wrong with them. An arm that many have is read once."""
-    from ident.identify.fleet_batch import Given
-    from ident.measure import read_campaign
-    from ident.studies.shared import as_file
-
-    campaign_file, arm_file = member.sources
-    try:
-        if arm_file.sha256 not in arms:
-            described = as_file(member.arm, member.options.soft_base)
-            member.options.unknowns_of(described)  # refuses uncertain numbers
-            arms[arm_file.sha256] = described.arm
-        campaign = read_campaign(member.campaign)
-        return Given(member.name, campaign, arms[arm_file.sha256], campaign_file, arm_file)
-    except IdentError:
-        return None
 
 
 def hashed(parts: list[Any]) -> str:
@@ -300,26 +249,9 @@ class Engine(ExitStack):
             yield from ((task, task.do()) for task in pending)
 
 
-def outcomes(robots: Sequence[One], engine: Engine, size: int) -> Iterator["Robot"]:
-    """Fit what is not fitted of the robots, as workers come free, and return all, those that were fitted first.
-
-    Robots of a batch that could not be done as one are done each by itself: it tells which of them is to blame.
-
-    Args:
-        robots: sorted, so that the same robots make the same batches.
-        engine: fits them.
-        size: robots of a batch.
-    """
-    single = list(robots)
-    if size > 1:
-        parts = [tuple(single[start : start + size]) for start in range(0, len(single), size)]
-        single = []
-        for batch, _ in engine.done([Batch(part, size, part[0].folder) for part in parts]):
-            if known := batch.read():
-                yield from known
-            else:
-                single += batch.members
-    for one, reason in engine.done(single):
+def outcomes(robots: Sequence[One], engine: Engine) -> Iterator["Robot"]:
+    """Fit what is not fitted of the robots, as workers come free, and return all, those that were fitted first."""
+    for one, reason in engine.done(list(robots)):
         known = one.read()
         yield known[0] if known else one.failed(f"{one.campaign}: {reason or 'its result can not be read'}")
 

@@ -16,6 +16,8 @@ from ident.text import did_you_mean
 
 INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart", "force")
 """Inputs of studies that the command line takes as flags, too."""
+GONE = ("batch",)
+"""Options of earlier versions that recorded ones may have."""
 ADDRESSES = ("dask",)
 """Options that connect: the command line and Python give them, no file does."""
 
@@ -147,9 +149,9 @@ class Options:
             InputError: they are of no such study, or out of their range.
         """
         types = {each.name: each.type for each, _ in specs(cls)}
-        if unknown := [name for name in recorded if name not in types]:
+        own = {name: value for name, value in recorded.items() if name not in (*ADDRESSES, *GONE)}
+        if unknown := [name for name in own if name not in types]:
             raise refusal("options", f"the option {unknown[0]}", f"one of {cls.__name__}", "correct it")
-        own = {name: value for name, value in recorded.items() if name not in ADDRESSES}
         return cls(**{name: _restored(value, types[name]) for name, value in own.items()})
 
 

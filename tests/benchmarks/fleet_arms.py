@@ -16,10 +16,11 @@ import jax
 jax.config.update("jax_enable_x64", True)
 
 import numpy as np
-from fleet_batch import DESIGN
 from scipy.stats import binom
+from shell import ROOT
 from timing import commit, machine
 
+DESIGN = ROOT / "data" / "lcd_arm"
 sys.path.append(str(DESIGN))
 
 from synthesize import synthesize
@@ -28,7 +29,6 @@ from ident.arm.fields import field_of
 from ident.description.file import read_arm
 from ident.identify.fit import fit_campaign
 from ident.identify.fleet import Robot, SourceFile, draws_under, fleet, robot_of
-from ident.identify.fleet_batch import Given, robots_together
 from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.population import Draws, Population, Under
@@ -57,11 +57,10 @@ PREDICT = jax.jit(lambda problem, theta: problem.predict(theta))
 
 
 def fitted(campaigns: list[Campaign]) -> list[Robot]:
-    """Fit all robots, together where that does."""
+    """Fit all robots."""
     same = SourceFile("arm.toml", "the same")
-    given = [Given(f"{r:02d}", campaign, ARM, SourceFile(), same) for r, campaign in enumerate(campaigns)]
-    found = robots_together(given, Unknowns(), ROBOTS)
-    return [found.get(g.name) or robot_of(fit_campaign(ARM, g.campaign), g.name, SourceFile(), same) for g in given]
+    fits = (fit_campaign(ARM, campaign) for campaign in campaigns)
+    return [robot_of(fit, f"{r:02d}", SourceFile(), same) for r, fit in enumerate(fits)]
 
 
 def inferred(robots: list[Robot], redraw, seed: int) -> Population:

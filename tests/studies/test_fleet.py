@@ -194,7 +194,7 @@ def test_its_priors_for_the_next_robot_are_about_the_fleet_s_median(result):
 
 
 def test_what_data_say_is_free_of_the_prior(robots):
-    """The likelihood times the interim prior is the fit's own posterior; with more unknowns: test_fleet_batch.py."""
+    """The likelihood times the interim prior is the fit's own posterior."""
     arm, campaign = read_arm(robots[0] / "arm.toml").arm, read_campaign(robots[0] / "robot001.csv")
     fit = fit_campaign(arm, campaign, Unknowns(prior_sd=0.3), starts=1)
     robot = robot_of(fit, "one", SourceFile(), SourceFile())
