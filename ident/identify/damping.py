@@ -541,7 +541,8 @@ class Damping:
         rng, kept, drawn = np.random.default_rng(seed), np.flatnonzero(~self.marked), []
         mode, place = (x[len(self.rows) :] for x in _numbers([*self.rows, *like]))
         wanted = Ratios(np.zeros(len(mode)), np.eye(len(mode)), mode, place)
-        _, columns = ModesOfRows.of(self.model, self.parameters, like, ()).columns()
+        modes = ModesOfRows.of(self.model, self.parameters, like, ())
+        columns = _of_poles(modes, modes.columns()[1], self.best, (self.arm, self.unknowns))
         chance = np.exp([(min(law.bic for law in self.laws) - law.bic) / 2 for law in self.laws])
         data = self.ratios.some(kept)
         errors = _Errors(data)
@@ -595,13 +596,19 @@ def damping_of(
     every = np.arange(len(rows))
     for _ in range(EXACTLY):
         best = laws(every)[0]
-        poles = modes.poles(_kept(best.groups, arm, unknowns) | best.numbers)
-        change = poles / _design(best.groups, columns, arm, unknowns).of(best.values)
-        change = np.where((change > 1 / COUPLED) & (change < COUPLED), change, 1.0)
-        columns = {path: own * change for path, own in columns.items()}
+        columns = _of_poles(modes, columns, best, (arm, unknowns))
     best = laws(every)[0]
     marked = _marked(best, _design(best.groups, columns, arm, unknowns), ratios)
     return Damping(rows, laws(every[~marked]), ratios, columns, hertz, marked, arm, model, parameters, unknowns)
+
+
+def _of_poles(
+    modes: ModesOfRows, columns: Mapping[str, np.ndarray], law: Law, asked: tuple[Arm, Unknowns]
+) -> dict[str, Float[np.ndarray, "D"]]:
+    """Return the columns of light modes so that a law gives the ratios of the poles, as far as modes have such."""
+    change = modes.poles(_kept(law.groups, *asked) | law.numbers) / _design(law.groups, columns, *asked).of(law.values)
+    change = np.where((change > 1 / COUPLED) & (change < COUPLED), change, 1.0)
+    return {path: own * change for path, own in columns.items()}
 
 
 def _kept(groups: Groups, arm: Arm, unknowns: Unknowns) -> dict[str, float]:
