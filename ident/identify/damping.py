@@ -36,6 +36,7 @@ from ident.arm.arm import Arm
 from ident.arm.fields import DAMPING, LOSS
 from ident.arm.mechanics import static_equilibrium, unflatten
 from ident.arm.modes import damped_eigenvalues, linearize, modes_about
+from ident.arm.parts import Joint
 from ident.arm.rotations import matvec
 from ident.identify.conditions import Conditions, bind
 from ident.identify.mode_matching import most_probable
@@ -108,7 +109,7 @@ def _poles(arm: Arm, conditions: Conditions, chosen: Float[Array, "m R"], alpha:
     """Return the ratios of the poles, exact for damping of any size and distribution."""
     chain = chains(arm, conditions)
     linear = linearize(chain, static_equilibrium(chain))
-    s = damped_eigenvalues(linear._replace(C=linear.C + alpha * linear.M))[:, conditions.named.states]
+    s = damped_eigenvalues(linear._replace(C=linear.C + alpha * linear.M))[: len(chosen), conditions.named.states]
     return picked(-s.real / jnp.abs(s), chosen)
 
 
@@ -164,11 +165,16 @@ def _mode(m: Measurement) -> tuple[object, ...]:
     return m.posture, m.load, m.drives, m.mode
 
 
+def gives(joint: Joint, field: str) -> bool:
+    """Tell whether a joint's bushing gives in the direction of a damping number, and so loses there."""
+    return getattr(joint, f"k_{field.partition('_')[2]}") is not None
+
+
 def damped(arm: Arm, damping: Mapping[str, float]) -> Arm:
     """Return an arm with these damping times and loss factors of its bushings, and no others."""
-    fields = (*DAMPING, *LOSS)
 
     def joint(each: Any) -> Any:
+        fields = [field for field in (*DAMPING, *LOSS) if gives(each, field)]
         values = [jnp.asarray(damping.get(f"{each.name}.{field}", 0.0)) for field in fields]
         return eqx.tree_at(lambda j: [getattr(j, field) for field in fields], each, values, is_leaf=lambda x: x is None)
 
@@ -292,15 +298,15 @@ class Law:
 
 def _candidates(arm: Arm, servos: bool) -> list[Groups]:
     """Return the laws that are tried; where servos held the motors in some row, these lose by a number of their own."""
-    names = [joint.name for joint in arm.joints]
     times, losses = (
-        tuple(tuple(f"{name}.{field}" for name in names) for field in fields) for fields in (DAMPING, LOSS)
+        tuple(tuple(f"{j.name}.{field}" for j in arm.joints if gives(j, field)) for field in fields)
+        for fields in (DAMPING, LOSS)
     )
-    joints = tuple(tuple(f"{name}.{field}" for field in LOSS) for name in names)
+    joints = tuple(tuple(f"{j.name}.{field}" for field in LOSS if gives(j, field)) for j in arm.joints)
     time, loss, falling = sum(times, ()), sum(losses, ()), (MASS,)
     more = (tuple(f"{servo.name}.tau" for servo in arm.servos),) if servos else ()
     laws: tuple[Groups, ...] = ((time,), times, (loss,), losses, joints, (falling,), (loss, time, falling))
-    return [(*groups, *more) for groups in laws]
+    return [tuple(filter(None, (*groups, *more))) for groups in laws]
 
 
 class _Design(NamedTuple):
