@@ -157,7 +157,7 @@ class ModesOfRows(NamedTuple):
 
     def poles(self, damping: Mapping[str, float]) -> Float[np.ndarray, "D"]:
         """Return the ratios of the poles with these damping numbers."""
-        chosen, alpha = _quotients(self.arm, self.conditions, self.data)[0], np.asarray(damping.get(MASS, 0.0))
+        chosen, alpha = _quotients(self.arm, self.conditions, self.data)[0], jnp.asarray(damping.get(MASS, 0.0))
         return np.asarray(_poles(damped(self.arm, damping), self.conditions, chosen, alpha))[self.places]
 
 

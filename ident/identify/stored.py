@@ -62,7 +62,8 @@ def fit_of(arm: Arm, campaign: Campaign, unknowns: Unknowns, state: Mapping[str,
         InputError: see `pose`.
         KeyError, TypeError, ValueError: numbers of no fit, or of another one.
     """
-    poles = Poles(**{k: v if k == "numbers" else tuple(v) for k, v in state.get("poles", {}).items()})
+    stated = state.get("poles", {"numbers": {}, "apart": ()})
+    poles = Poles(dict(stated["numbers"]), tuple(map(float, stated["apart"])))
     posed = with_poles(arm, campaign, unknowns, poles)
     weights = _array(state["weights"])
     problem = posed.problem if weights is None else weighted(posed.problem, weights)
