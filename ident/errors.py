@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 LONGEST = 300
@@ -23,7 +23,7 @@ class Problem:
     """One thing wrong with an input.
 
     Attributes:
-        where: file and row, as `file:row`, or file and key; empty for values given in code.
+        where: file and row, as `file:row`, or file and key; for a value given in code its name, alone or as `column`.
         got: what was found.
         expected: what would have been right.
         remedy: what to do about it.
@@ -77,6 +77,15 @@ def noted(problems: list[Problem]) -> Iterator[None]:
         yield
     except InputError as error:
         problems += error.problems
+
+
+@contextmanager
+def placed(where: str, column: str = "") -> Iterator[None]:
+    """Give the problems of an InputError their file and row, and their column: they speak of no option then."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(replace(each, where=where, column=column or each.column) for each in error.problems) from None
 
 
 def refuse(problems: Iterable[Problem]) -> None:

@@ -13,7 +13,7 @@ from jaxtyping import Complex, Float
 from ident.arm.arm import Arm
 from ident.arm.chain import at_posture
 from ident.arm.parts import Point
-from ident.errors import InputError, Problem, refusal, refuse
+from ident.errors import Problem, placed, refusal, refuse
 from ident.identify.mode_names import Measured, ModeLabels, label_modes
 from ident.inference.parameters import Parameters
 from ident.measure import DEFINITIONS, Campaign, Measurement
@@ -101,11 +101,8 @@ def name_modes(
 
 
 def _modes(test: ModalTest | AmbientTest, near: tuple[float, ...] | None) -> Modes | OperationalModes:
-    try:
+    with placed(one_line(", ".join(test.files))):
         return operational_modes(test, near=near) if isinstance(test, AmbientTest) else modes_of(test.frf, near=near)
-    except InputError as error:
-        where = one_line(", ".join(test.files))
-        raise InputError(replace(each, where=where) for each in error.problems) from None
 
 
 def modal_campaign(

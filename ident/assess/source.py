@@ -13,7 +13,7 @@ from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Loads
 from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders
 from ident.arm.plausibility import reach_of
-from ident.errors import InputError, refusal
+from ident.errors import InputError, placed, refusal
 from ident.identify.binding import loads_of
 from ident.measure import Log, read_log
 from ident.measure.runs import RunRow, Runs, Trace
@@ -268,10 +268,10 @@ def studied(
     """
     for name in hold_out:
         if name not in table.names:
-            raise refusal(table.path, name, f"one of {', '.join(table.names)}", "correct it", "hold_out")
+            raise refusal("hold_out", name, f"one of {', '.join(table.names)}", "correct it")
     used = [name for name in table.names if name not in hold_out]
     if not used:
-        raise refusal(table.path, "all runs held out", "at least one to identify with", "keep one", "hold_out")
+        raise refusal("hold_out", "all runs held out", "at least one to identify with", "keep one")
     for name in hold_out:
         _same_group(table, name, used)
     prior = Prior.of(arm, draws)
@@ -344,10 +344,8 @@ def with_notes(arm: Arm, table: Runs) -> Runs:
 
 
 def _loads(arm: Arm, traces: Sequence[Trace]) -> Loads:
-    try:
+    with placed(traces[0].row.where):
         return loads_of(arm, traces[0].row.load)
-    except InputError as error:
-        raise InputError(replace(each, where=traces[0].row.where) for each in error.problems) from None
 
 
 def posed(
@@ -435,10 +433,8 @@ def _motion(arm: Arm, table: Runs, traces: Sequence[Trace]) -> Motion:
         raise refusal(row.where, "no motion", "a stroke of the arm, or a path", remedy, "path")
     else:
         assert row.speed is not None  # the table has a speed where it has no path
-        try:
+        with placed(row.where, "speed"):
             motion = stroke(arm.stroke, percent=row.speed, retract=row.retract)
-        except InputError as error:
-            raise InputError(replace(each, where=row.where, column="speed") for each in error.problems) from None
     beyond_limits(arm, motion)
     end = max(float(trace.time[-1]) for trace in traces)
     return motion.dwell(min(max(0.0, end - motion.arrival), LONGEST_DWELL))

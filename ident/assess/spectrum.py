@@ -100,7 +100,7 @@ def marked_along(arm: Arm, log: Log, span: tuple[float, float], load: Load) -> M
     (start, end), time = span, log.time
     if start < time[0] - ROUNDING or end > time[-1] + ROUNDING:
         got, expected = f"{time[0]:.4g} to {time[-1]:.4g} s", f"the span of the trace, {start:.4g} to {end:.4g} s"
-        raise refusal(log.path, got, expected, "cut the trace to it (`start`, `end`)", "path")
+        raise refusal(log.path, got, expected, "cut the trace to it (`start`, `end`)", "time")
     at = np.linspace(start, end, min(POSTURES, len(time)))
     angles = np.stack([np.interp(at, time, log.angles[joint.name]) for joint in arm.driven])
     found = branches(arm, replay(at, angles), count=MODES, times=at - at[0], loads=loads_of(arm, load))

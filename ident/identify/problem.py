@@ -24,7 +24,7 @@ from ident.arm.modes import (
     vertical_share,
 )
 from ident.arm.plausibility import oddities
-from ident.errors import ARM_FILE, LINES_MAX, InputError, ModelError, Problem, refusal
+from ident.errors import ARM_FILE, LINES_MAX, InputError, ModelError, Problem, placed, refusal
 from ident.identify.binding import check_references
 from ident.identify.conditions import (
     BY_MODE,
@@ -177,11 +177,8 @@ def _correlation(campaign: Campaign) -> Correlation | None:
         InputError: as no errors can be.
     """
     groups = [(places, np.array(matrix)) for places, matrix in campaign.correlated]
-    try:
+    with placed(one_line(campaign.covariance.path) if campaign.covariance else ""):
         return jax.device_put(correlation(groups, np.ones(len(campaign), bool)))
-    except InputError as error:
-        path = campaign.covariance.path if campaign.covariance else ""
-        raise InputError(replace(problem, where=one_line(path)) for problem in error.problems) from None
 
 
 # -------- Ramps

@@ -1,9 +1,9 @@
 """What is known of a number before the data: log-normal, log-uniform, or a maker's catalogue."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from ident.errors import InputError, refusal
+from ident.errors import placed, refusal
 from ident.text import quoted
 
 SHOULDER = 0.01
@@ -75,7 +75,5 @@ class Prior:
             numbers = []
         if make is None or len(numbers) not in count:
             raise refusal("prior", quoted(text), FORMS, "correct it")
-        try:
+        with placed(f"prior {quoted(text)}"):
             return make(*numbers)
-        except InputError as error:
-            raise InputError(replace(problem, where=f"prior {quoted(text)}") for problem in error.problems) from None

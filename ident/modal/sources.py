@@ -154,10 +154,10 @@ def _unsaid(name: str, shapes: Sequence[Shape], sigma: Mapping[str, float], of: 
     for kind in KINDS:
         if kind not in sigma and not all(_has(shape, kind) for shape in shapes):
             remedy = f"give their standard deviation as a share, such as `sigma` {kind}=0.01, or in the file"
-            yield Problem(file, f"{kind} without a standard deviation", "one for each", remedy, "sigma")
+            yield Problem(file, f"{kind} without a standard deviation", "one for each", remedy)
     if not all(shape.of for shape in shapes) and not of:
         remedy = "say it by `frequency_is`: undamped, pole (|pole| / 2 pi) or damped"
-        yield Problem(file, "frequencies of modes", "what they are of a damped mode", remedy, "frequency_is")
+        yield Problem(file, "frequencies of modes", "what they are of a damped mode", remedy)
 
 
 def _has(shape: Shape, kind: str) -> bool:

@@ -201,7 +201,10 @@ def flag_of(each: Field[Any]) -> str:
 
 
 def renamed(kind: type[Options], problem: Problem) -> Problem:
-    """Return a complaint that speaks of options, or of `options` in backticks, as one that names the flags."""
+    """Return a complaint that speaks of options, or of `options` in backticks, as one that names the flags.
+
+    What has both a place and a column speaks of a file, whatever the column is called.
+    """
     flags = {each.name: flag_of(each) for each, _ in specs(kind)}
     flags |= {name: f"--{name}" for name in INPUTS} | {"folder": "--out"}
     flags |= {spec.argument: flag_of(each) for each, spec in specs(kind) if spec.argument}
@@ -211,7 +214,7 @@ def renamed(kind: type[Options], problem: Problem) -> Problem:
 
     plain = replace(problem, where=in_words(problem.where), got=in_words(problem.got))
     plain = replace(plain, expected=in_words(problem.expected), remedy=in_words(problem.remedy))
-    flag = flags.get(problem.column or problem.where)
+    flag = flags.get("" if problem.column and problem.where else problem.column or problem.where)
     return replace(plain, where=flag, column="") if flag else plain
 
 

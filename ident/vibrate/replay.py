@@ -69,7 +69,7 @@ def replay(
     Raises:
         InputError: no samples, or an acceleration that the arm cannot have; the smoothing that mends it is named.
     """
-    _check(time, angles, smoothing)
+    _check(time, angles, smoothing, name)
     t = np.asarray(time, float) - time[0]
     spline = _smooth(t, angles, smoothing) if smoothing else _through(t, angles)
     breaks = np.unique(spline.t)
@@ -145,17 +145,17 @@ def _least_squares(
     return BSpline(knots, tie @ coefficients.reshape(-1, len(angles)), DEGREE)
 
 
-def _check(time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], smoothing: float) -> None:
+def _check(time: Float[np.ndarray, " T"], angles: Float[np.ndarray, "driven T"], smoothing: float, name: str) -> None:
     fewest = DEGREE + 1 if smoothing else 4
     if len(time) < fewest:
-        raise refusal("", f"{len(time)} samples", f"at least {fewest}", "give a longer log", "time")
+        raise refusal(name, f"{len(time)} samples", f"at least {fewest}", "give a longer log", "time")
     if not np.isfinite(angles).all():
-        raise refusal("", "a sample that is not finite", "finite numbers", "remove it", "angles")
+        raise refusal(name, "a sample that is not finite", "finite numbers", "remove it", "angles")
     with np.errstate(over="ignore", invalid="ignore"):
         steps = np.diff(time)
     if bad := np.flatnonzero(~((steps >= STEPS[0]) & (steps <= STEPS[1]))).tolist():
         got, remedy = f"{time[bad[0] + 1]:.9g} s after {time[bad[0]]:.9g} s", "sort the samples, or give the times in s"
-        raise refusal("", got, f"steps of {STEPS[0]:g} to {STEPS[1]:g} s", remedy, "time")
+        raise refusal(name, got, f"steps of {STEPS[0]:g} to {STEPS[1]:g} s", remedy, "time")
     if not 0 <= smoothing < math.inf:
         remedy = "give the noise of the angles, or 0 to pass all samples"
         raise refusal("", f"{smoothing:g} rad", "a finite angle of at least 0", remedy, "smoothing")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.errors import InputError, Problem, refusal, refuse
+from ident.errors import InputError, Problem, placed, refusal
 from ident.measure.recordings.recording import Channel, Contents, Shape, array_channels, response_and_part
 from ident.measure.recordings.sampling import even_step
 from ident.measure.table import (
@@ -48,7 +48,8 @@ def read(path: Path, data: bytes) -> Contents:
     step, start, clocks = None, 0.0, list[np.ndarray]()
     for (name, unit), column in zip(named, table.T, strict=True):
         if name.lower() == TIME and unit:
-            clocks.append(column * _si_factor(where, name, unit, "time"))
+            with placed(where, name):
+                clocks.append(column * si_factor(unit, "time"))
             step, start = even_step(clocks[0], file), float(clocks[0][0])
     if not all(np.allclose(each, clocks[0], rtol=1e-6, atol=1e-9) for each in clocks):
         remedy = "put the channels of each into a file of their own"
@@ -134,15 +135,8 @@ def _factor(where: str, cell: str) -> float:
     if not _unit(cell):
         expected = f"a unit, as in '{quantity} [{'Hz' if quantity == 'frequency' else '%'}]'"
         raise refusal(where, "no unit", expected, "write it in square brackets", _name(cell))
-    return _si_factor(where, _name(cell), _unit(cell), quantity)
-
-
-def _si_factor(where: str, column: str, unit: str, quantity: str) -> float:
-    """Return SI units per unit of a column; what is wrong with it names its place."""
-    findings = Findings()
-    factor = findings.attempt(where, column, si_factor, unit, quantity)
-    refuse(findings)
-    return factor or 1.0
+    with placed(where, _name(cell)):
+        return si_factor(_unit(cell), quantity)
 
 
 def _unit(cell: str) -> str:

@@ -1,0 +1,121 @@
+"""A mistake in a file is named by file, row and column, whatever the column is called; one in an option by its flag."""
+
+import csv
+import shutil
+
+import numpy as np
+import pytest
+from arms import DATA
+from commands import ARM, log
+
+from ident.cli import commands  # noqa: F401  (all options are imported)
+from ident.errors import Problem
+from ident.measure.channels import COLUMNS as OF_CHANNELS
+from ident.measure.covariance_and_frames import COVARIANCE_COLUMNS, SETUP_COLUMNS
+from ident.measure.reading import COLUMNS as OF_CAMPAIGNS
+from ident.measure.runs import COLUMNS as OF_RUNS
+from ident.studies.options import INPUTS, Options, renamed, specs
+
+LCD = DATA / "lcd_arm"
+CAMPAIGN = ("check", "fit", "profile", "sample", "validate", "plan", "diagnose")
+
+
+def kinds(kind=Options):
+    return {kind}.union(*(kinds(each) for each in kind.__subclasses__()))
+
+
+FILES = {"campaign": OF_CAMPAIGNS, "runs": OF_RUNS, "channels": OF_CHANNELS, "log": ("time", "x", "path")}
+FILES |= {"covariance": COVARIANCE_COLUMNS, "setups": SETUP_COLUMNS}
+NAMES = {name for kind in kinds() for each, spec in specs(kind) for name in (each.name, spec.argument)} | {*INPUTS}
+NAMES -= {""}
+BAD = {"load": "glas", "sigma": "-1", "drives": "of", "direction": "q", "speed": "-4", "retract": "2", "rate": "-1"}
+"""What no column can hold, by the columns that share a name with an option of some command."""
+
+
+@pytest.mark.parametrize("kind", sorted(kinds(), key=lambda kind: kind.__name__))
+def test_a_column_is_no_option(kind):
+    for name in sorted(NAMES | {column for columns in FILES.values() for column in columns}):
+        assert str(renamed(kind, Problem("c.csv:2", "x", "y", "z", name))) == f"c.csv:2, {name}: got x, expected y; z"
+
+
+def table(path, column, bad):
+    """Write a table of which the rows of one file, or the last one, have something bad in a column."""
+    rows = list(csv.reader(line for line in path.read_text().splitlines() if not line.startswith("#")))
+    names = [cell.partition(" ")[0] for cell in rows[0]]
+    if column not in names:
+        rows = [[*rows[0], column], *([*row, ""] for row in rows[1:])]
+        names.append(column)
+    last = [i for i, row in enumerate(rows) if row[0] == rows[-1][0] and path.name == "runs.csv"] or [len(rows) - 1]
+    for i in last:
+        rows[i][names.index(column)] = bad
+    with path.open("w") as file:
+        csv.writer(file).writerows(rows)
+    return f"{path.name}:{last[0] + 1}, {column}: got "
+
+
+def one_line(run, place, *arguments):
+    code, out, err = run(*arguments)
+    lines = err.splitlines()
+    assert (code, out) == (2, ""), err
+    assert place in lines[0]
+    assert not [line for line in lines if "--" in line.partition(": got")[0]]
+
+
+@pytest.mark.parametrize("column", sorted(NAMES & {*OF_CAMPAIGNS}))
+def test_a_campaigns_cell(run, tmp_path, column):
+    shutil.copy(ARM, tmp_path / "arm.toml")
+    shutil.copy(LCD / "table1.csv", tmp_path / "c.csv")
+    place = table(tmp_path / "c.csv", column, BAD[column])
+    for command in CAMPAIGN:
+        one_line(run, place, command, "c.csv")
+    one_line(run, place, "compare", LCD / "campaign.csv", "c.csv")
+    if column != "load":
+        one_line(run, place, "explore", "arm.toml", "--campaign", "c.csv")
+
+
+@pytest.mark.parametrize("column", sorted(NAMES & {*OF_RUNS}))
+def test_a_cell_of_a_table_of_runs(run, tmp_path, column):
+    for name in ("runs.csv", "run7.csv", "run8.csv", "run10.csv", "run13.csv"):
+        shutil.copy(LCD / "runs" / name, tmp_path)
+    head, *rows = [line for line in (tmp_path / "runs.csv").read_text().splitlines() if not line.startswith("#")]
+    (tmp_path / "runs.csv").write_text("\n".join([f"{head},unit", *(f"{row},mm" for row in rows)]))
+    place = table(tmp_path / "runs.csv", column, BAD.get(column, "none.csv"))
+    for command in (("source",), ("triage",), ("plan", "--runs"), ("diagnose", LCD / "table1.csv", "--runs")):
+        one_line(run, "none.csv" if column == "path" else place, *command, "runs.csv", "--arm", ARM)
+
+
+@pytest.mark.parametrize("column", sorted(NAMES & {*OF_CHANNELS}))
+def test_a_cell_of_a_channel_table(run, tmp_path, column):
+    shutil.copytree(LCD / "hammer", tmp_path / "hammer")
+    one_line(run, table(tmp_path / "hammer" / "channels.csv", column, BAD[column]), "modal", "hammer")
+
+
+@pytest.mark.parametrize("command", ["motion", "simulate", "sweep", "resonance", "design", "spectrum"])
+def test_the_times_of_a_path(run, tmp_path, command):
+    log(tmp_path / "p.csv")
+    rows = (tmp_path / "p.csv").read_text().splitlines()
+    (tmp_path / "p.csv").write_text("\n".join([*rows, rows[-1]]))
+    given = (command, ARM) if command != "spectrum" else (command, "t.csv", "--arm", ARM)
+    (tmp_path / "t.csv").write_text("time [s],x [mm]\n" + "".join(f"{k / 100},{k % 7}\n" for k in range(50)))
+    one_line(run, "p.csv:28, time: got 0.5 s after 0.5 s", *given, "--path", "p.csv")
+    (tmp_path / "p.csv").write_text("\n".join(rows[:3]))
+    one_line(run, "p.csv", *given, "--path", "p.csv")
+
+
+def test_an_option_is_named_by_its_flag(run):
+    for option in ("load=glas", "speed=-4", "smoothing=-1", "dwell=-1"):
+        one_line_of_a_flag = run("simulate", ARM, f"--{option}")[2]
+        assert one_line_of_a_flag.startswith(f"ident: --{option.partition('=')[0]}"), one_line_of_a_flag
+    err = run("source", LCD / "runs" / "runs.csv", "--arm", ARM, "--hold-out", "run99.csv")[2]
+    assert err.startswith("ident: --hold-out: got run99.csv, expected one of ")
+
+
+def test_the_unit_of_a_recordings_times_has_a_place(run, tmp_path):
+    shutil.copytree(LCD / "hammer", tmp_path / "hammer", ignore=shutil.ignore_patterns("*.unv"))
+    rows = np.column_stack([np.arange(64) / 64, np.sin(np.arange(64))])
+    for head, words in (
+        ("time [mm],f", "a.csv:1, time: got 'mm'"),
+        ("frequency [mm],f", "a.csv:1, frequency: got 'mm'"),
+    ):
+        np.savetxt(tmp_path / "hammer" / "a.csv", rows, delimiter=",", header=head, comments="")
+        one_line(run, words, "modal", "hammer", "--init", "--channels", "new.csv")
