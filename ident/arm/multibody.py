@@ -264,6 +264,13 @@ def has_transmission_error(arm: Arm) -> bool:
     return any(each.of_error for each in exciting_orders(arm))
 
 
+def refuse_moments(loads: Loads) -> None:
+    """Refuse a load case with a moment: the equations of motion have forces alone."""
+    if loads.moment is not None:
+        remedy = "take two forces at two points of the body"
+        raise refusal("", "a moment", "payloads, masses and forces in motion", remedy, "load")
+
+
 def multibody(
     arm: Arm,
     loads: Loads | None = None,
@@ -287,9 +294,7 @@ def multibody(
     """
     refuse_losses(arm)
     loads = (no_loads(arm) if loads is None else loads).lifted(rank)
-    if loads.moment is not None:
-        remedy = "take two forces at two points of the body"
-        raise refusal(arm.name, "a moment", "payloads, masses and forces in motion", remedy, "load")
+    refuse_moments(loads)
     axis, (shaft, link) = axes(arm, rank), moments(arm, loads, rank)
     bend, tors, damping = bushings(arm, axis)
     return Multibody(

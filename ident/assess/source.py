@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Loads
-from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders
+from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders, refuse_moments
 from ident.arm.plausibility import reach_of
 from ident.errors import InputError, placed, refusal
 from ident.identify.binding import loads_of
@@ -345,7 +345,8 @@ def with_notes(arm: Arm, table: Runs) -> Runs:
 
 def _loads(arm: Arm, traces: Sequence[Trace]) -> Loads:
     with placed(traces[0].row.where):
-        return loads_of(arm, traces[0].row.load)
+        refuse_moments(loads := loads_of(arm, traces[0].row.load))
+    return loads
 
 
 def posed(

@@ -113,9 +113,15 @@ def test_an_option_is_named_by_its_flag(run):
 def test_the_unit_of_a_recordings_times_has_a_place(run, tmp_path):
     shutil.copytree(LCD / "hammer", tmp_path / "hammer", ignore=shutil.ignore_patterns("*.unv"))
     rows = np.column_stack([np.arange(64) / 64, np.sin(np.arange(64))])
-    for head, words in (
-        ("time [mm],f", "a.csv:1, time: got 'mm'"),
-        ("frequency [mm],f", "a.csv:1, frequency: got 'mm'"),
-    ):
-        np.savetxt(tmp_path / "hammer" / "a.csv", rows, delimiter=",", header=head, comments="")
-        one_line(run, words, "modal", "hammer", "--init", "--channels", "new.csv")
+    for name in ("time", "frequency"):
+        np.savetxt(tmp_path / "hammer" / "a.csv", rows, delimiter=",", header=f"{name} [mm],f", comments="")
+        one_line(run, f"a.csv:1, {name}: got 'mm'", "modal", "hammer", "--init", "--channels", "new.csv")
+
+
+def test_a_moment_that_a_motion_can_not_carry(run, tmp_path):
+    shutil.copytree(LCD / "runs", tmp_path / "runs")
+    head, *rows = [line for line in (LCD / "runs" / "runs.csv").read_text().splitlines() if not line.startswith("#")]
+    moment = "5 N*m about y @ tip"
+    (tmp_path / "runs" / "runs.csv").write_text("\n".join([f"{head},load", *(f"{row},{moment}" for row in rows)]))
+    one_line(run, "runs.csv:2, load: got a moment", "source", "runs/runs.csv", "--arm", ARM)
+    assert run("simulate", ARM, "--load", moment)[2].startswith("ident: --load: got a moment, expected ")
