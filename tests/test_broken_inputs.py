@@ -20,12 +20,14 @@ from broken import (
     broken_tdms,
     broken_texts,
     broken_wav,
+    damaged,
     pick,
 )
 from commands import ARM, log, posterior
 from figures import CAMPAIGN_FIT
 from hammer_files import FOLDER
 from recording_files import ANSWER, FORCE, LVM, TIME, files, uff
+from results import RESULTS
 from three_joints import WITH_HAND, WITHOUT_MESHES
 
 import ident
@@ -40,6 +42,7 @@ from ident.measure.series import parse_log, parse_trace
 from ident.studies.motion_options import basis_of
 from ident.studies.options import flag_of, specs
 from ident.studies.result import other_inputs
+from ident.studies.saved import files_of
 from ident.studies.shared import as_file
 from ident.studies.values import drawn_values, fitted_values
 from ident.vibrate.simulate import sample_times
@@ -315,6 +318,35 @@ def test_posteriors(tmp_path):
     cases = broken_bytes(np.random.default_rng(7), (tmp_path / "good.nc").read_bytes(), 75)
     assert 0.1 < share_refused(cases, read) <= 1
     gc.collect()  # what is thrown away must not complain
+
+
+SAVED = sorted(RESULTS.glob("*.json"))
+
+
+@pytest.mark.parametrize("good", SAVED, ids=lambda path: path.name.split(".")[-2])
+def test_saved_results(tmp_path, good):
+    """Damaged at places of their report, and of the rest: what commands do with one before they compute."""
+    arm, path, rng = ident.read_arm(ARM), tmp_path / good.name, np.random.default_rng(SAVED.index(good))
+    document = json.loads(good.read_text())
+    study = document["format"].removeprefix("ident-").partition("/")[0]
+    take = {"fit": fitted_values, "source": partial(drawn_values, count=5)}.get(study)
+
+    def show():
+        saved = ident.load(path)
+        for details, width, colour in ((False, 60, True), (True, 100, False)):
+            saved.report(details=details, width=width, colour=colour)
+        json.dumps([saved.document(), saved.table(), saved.notes, saved._repr_html_()], allow_nan=False)
+        return files_of(saved.inputs, tmp_path), saved.options
+
+    def read(data):
+        path.write_text(json.dumps(data))
+        readers = [show, *([partial(take, path, arm)] if take else [])]
+        return max([refused(each) for each in readers])
+
+    rest = {name: value for name, value in document.items() if name not in ("report", "texts")}
+    cases = [document | {"report": each} for each in damaged(rng, document["report"], 25)]
+    cases += [{**each, "report": document["report"], "texts": document["texts"]} for each in damaged(rng, rest, 25)]
+    assert sum(map(read, cases)) > 5
 
 
 KINDS = [

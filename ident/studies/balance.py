@@ -13,7 +13,7 @@ from ident.studies.motion_options import MovingOptions, basis_of
 from ident.studies.options import option
 from ident.studies.reading import EACH
 from ident.studies.result import Result, input_of
-from ident.studies.saved import files_of, load
+from ident.studies.saved import files_of, load, reading
 from ident.studies.shared import as_file, as_log
 from ident.text import LARGEST_BINARY, did_you_mean, one_line, read_bytes
 
@@ -152,16 +152,19 @@ def balance(
     options.check_drives(drives)
     log = None if path is None else as_log(path, arm.arm)
     basis = basis_of(arm, options, path=log, posterior=values)
-    rows = [row for row in record.table() if row["kind"] == IMBALANCE]
-    tried = [tried_in(each, options.draws) for each in record.trials]
-    if not any(row["told"] for row in rows):
+    with reading(record):
+        rows = [row for row in record.table() if row["kind"] == IMBALANCE]
+        tried = [tried_in(each, options.draws) for each in record.trials]
+        known = any(row["told"] for row in rows)
+    if not known:
         where, expected = one_line(values.path or "source"), "one at least"
         raise refusal(where, "no imbalance that is told", expected, "measure more runs, see ident show of it")
     pulleys = {name: pulley_of(drive, basis.arm, options) for name, drive in drives.items()}
-    rotors = [
-        rotor_of(basis, drives[row["drive"]], pulleys[row["drive"]], record.parameters, row, record.phases, tried)
-        for row in rows
-    ]
+    with reading(record):
+        rotors = [
+            rotor_of(basis, drives[row["drive"]], pulleys[row["drive"]], record.parameters, row, record.phases, tried)
+            for row in rows
+        ]
     return BalanceResult(balanced(basis, rotors, tried, record.parameters), values, options)
 
 
@@ -183,10 +186,9 @@ def _numbers(record: Any, asked: Mapping[str, float]) -> dict[str, float]:
 
 def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tuple[ArmFile, Any, Values]":
     """Return the arm that a result of `ident source` is of, the result, and the first of its draws."""
-    import numpy as np
-
     from ident.arm.multibody import IMBALANCE
     from ident.identify.values import Values
+    from ident.present.files.values import draws_of
     from ident.studies.source import SourceResult
 
     expected, remedy = "a result of ident source (.source.json)", "give the file that ident source wrote"
@@ -201,20 +203,22 @@ def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tup
             raise refusal(one_line(str(source)), got, expected, remedy)
         path, sha256 = str(source), hashlib.sha256(read_bytes(source, expected, LARGEST_BINARY)).hexdigest()
         of_arm = {name: each for name, each in record.inputs.items() if input_of(name) == "arm"}
-        arm = as_file(files_of(of_arm, Path(source).parent).paths["arm"], options.soft_base)
-        usable = record.record["verdict"] != "NOT USABLE"
+        with reading(record):
+            arm_path = files_of(of_arm, Path(source).parent).paths["arm"]
+            usable = record.record["verdict"] != "NOT USABLE"
+        arm = as_file(arm_path, options.soft_base)
     else:
         raise refusal("source", f"a {type(source).__name__}", expected, remedy)
-    listed = {row["drive"] for row in record.table() if row["kind"] == IMBALANCE}
-    if lacking := sorted(listed - {*record.phases}):
+    with reading(record):
+        lacking = sorted({row["drive"] for row in record.table() if row["kind"] == IMBALANCE} - {*record.phases})
+    if lacking:
         where = one_line(path or "source")
         raise refusal(where, f"no phases of {', '.join(lacking)}", "those of each drive", remedy)
     if not usable:
         got, remedy = "runs that are not usable", "see ident show of that file, and correct its table of runs"
         raise refusal(one_line(path or "source"), got, "sources that are identified", remedy)
-    drawn: dict[tuple[str, ...], Any] = {
-        (name,): np.asarray(x, float)[: options.draws] for name, x in record.draws.items()
-    }
+    with reading(record):
+        drawn = {names: x[: options.draws] for names, x in draws_of(record.draws).items()}
     return arm, record, Values.of_arm(drawn, arm.arm, path, sha256)
 
 

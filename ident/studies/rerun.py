@@ -9,7 +9,7 @@ from typing import Any
 from ident.assess.repetition import Difference, differences
 from ident.present.report import WIDTH, Report
 from ident.studies.result import Progress, Reported, Result, silent
-from ident.studies.saved import Saved, files_of, load
+from ident.studies.saved import Saved, files_of, load, reading
 from ident.text import one_line
 
 
@@ -85,6 +85,10 @@ def rerun(path: str | Path, *, folder: str | Path | None = None, progress: Progr
     more: dict[str, Any] = {"progress": progress, "folder": folder}
     more = {name: value for name, value in more.items() if name in wanted}
     files = files_of(before.inputs, Path(path).absolute().parent)
-    now: Result = function(**kind.arguments(files.paths, before.summary), options=before.options, **more)
-    different = differences(before.document()["table"], plain(now.table()), before.standard_errors())
-    return Rerun(before, now, tuple(different), files.restored)
+    with reading(before):
+        inputs = kind.arguments(files.paths, before.summary)
+        inspect.signature(function).bind(**inputs)
+    now: Result = function(**inputs, options=before.options, **more)
+    with reading(before):
+        different = tuple(differences(before.table(), plain(now.table()), before.standard_errors()))
+    return Rerun(before, now, different, files.restored)

@@ -6,7 +6,7 @@ import importlib
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -93,7 +93,9 @@ class Saved(Reported):
                 name: None if source is None else Source.read(source, texts.get(name))
                 for name, source in record["inputs"].items()
             }
-            text_of(self._report, details=True)  # what can't be printed is no report
+            for details in (True, False):  # what can't be printed is no report
+                text_of(self._report, details=details, colour=True)
+            self._notes = tuple(map(str, record.get("notes", ())))
 
     @contextmanager
     def _read(self) -> Iterator[None]:
@@ -101,7 +103,7 @@ class Saved(Reported):
             yield
         except InputError:
             raise
-        except (KeyError, TypeError, ValueError, AttributeError, IndexError):
+        except (LookupError, TypeError, ValueError, AttributeError, OverflowError, StopIteration):
             where, expected = one_line(str(self.path)), f"a result of ident {self.study}"
             raise refusal(where, "other contents", expected, "give the file that ident wrote") from None
 
@@ -134,7 +136,7 @@ class Saved(Reported):
     @property
     def notes(self) -> tuple[str, ...]:
         """Where the arm is not what its robot description says, and how its fit, evaluated again, differs."""
-        return *map(str, self.record.get("notes", ())), *self.moved
+        return *self._notes, *self.moved
 
     @cached_property
     def options(self) -> Options:
@@ -166,8 +168,8 @@ class Saved(Reported):
         if state is None or not isinstance(options, ProblemOptions):
             got, expected = f"a result of {quoted(self.study)}", "one of fit, sample or diagnose"
             raise refusal(one_line(str(self.path)), got, expected, "give that")
-        files = files_of(self.inputs, self.path.parent).paths
         with self._read():
+            files = files_of(self.inputs, self.path.parent).paths
             arm, campaign = as_file(files["arm"], options.soft_base), as_campaign(files["campaign"])
             fit = fit_of(arm.arm, campaign, options.unknowns_of(arm), state)
             if (change := moved(fit, state)) > MOVED:
@@ -185,6 +187,11 @@ class Saved(Reported):
         from ident.present.files.values import read_posterior
 
         return read_posterior(self.path)
+
+
+def reading(result: Reported) -> AbstractContextManager[None]:
+    """Refuse the file of a saved result where reading its numbers fails within."""
+    return result._read() if isinstance(result, Saved) else nullcontext()
 
 
 class FromFit(Result):

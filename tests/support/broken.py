@@ -89,6 +89,25 @@ def broken_documents(rng: np.random.Generator, document: Any, count: int) -> Ite
         yield broken
 
 
+def damaged(rng: np.random.Generator, document: Any, count: int) -> Iterator[Any]:
+    """Yield documents in which one place, each as likely as any other, is another value, or missing."""
+    for _ in range(count):
+        broken = copy.deepcopy(document)
+        holder, key = pick(rng, list(_places(broken)))
+        if rng.random() < 0.15:
+            del holder[key]
+        else:
+            holder[key] = copy.deepcopy(pick(rng, (*VALUES, 3.5)))
+        yield broken
+
+
+def _places(document: Any) -> Iterator[tuple[Any, Any]]:
+    for key in document if isinstance(document, dict) else range(len(document)):
+        yield document, key
+        if isinstance(document[key], dict | list):
+            yield from _places(document[key])
+
+
 def broken_mat(rng: np.random.Generator, good: dict[str, np.ndarray], count: int) -> Iterator[bytes]:
     """Yield MAT files in which one to three arrays are other ones, or have another name."""
     for _ in range(count):

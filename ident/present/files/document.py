@@ -196,12 +196,21 @@ def report_of(data: Any) -> Report:
     Raises:
         TypeError, KeyError, ValueError: it is none.
     """
-    verdict = data["verdict"] and Verdict(**data["verdict"])
-    findings = tuple(Finding(**each) for each in data["findings"])
-    details = tuple(Section(each["title"], _parts(each["parts"])) for each in data["details"])
-    return Report(
-        str(data["subject"]), verdict, _parts(data["answer"]), findings, data["remark"], data["next"], details
-    )
+    verdict = Verdict(**_texts(data["verdict"])) if data["verdict"] is not None else None
+    findings = tuple(Finding(**_texts(each)) for each in data["findings"])
+    details = tuple(Section(_text(each["title"]), _parts(each["parts"])) for each in data["details"])
+    subject, remark, following = (_text(data[name]) for name in ("subject", "remark", "next"))
+    return Report(subject, verdict, _parts(data["answer"]), findings, remark, following, details)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError
+    return value
+
+
+def _texts(data: Mapping[str, Any]) -> dict[str, str]:
+    return {name: _text(value) for name, value in data.items()}
 
 
 def _parts(parts: Any) -> tuple[str | Table, ...]:
@@ -209,8 +218,12 @@ def _parts(parts: Any) -> tuple[str | Table, ...]:
 
 
 def _table(data: Mapping[str, Any]) -> Table:
-    lists = {name: tuple(value) for name, value in data.items() if isinstance(value, list)}
-    return Table(**{**data, **lists, "rows": tuple(map(tuple, data["rows"]))})
+    words = _texts({name: data[name] for name in ("caption", "note")})
+    lists = {name: tuple(map(_text, data[name])) for name in ("head", "forms", "links")}
+    numbers = {"rows": tuple(map(tuple, data["rows"])), "strong": tuple(map(int, data["strong"]))}
+    if not all(isinstance(cell, str | float | int | None) for row in numbers["rows"] for cell in row):
+        raise TypeError
+    return Table(**{**data, **words, **lists, **numbers})
 
 
 # -------- netCDF

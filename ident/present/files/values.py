@@ -86,15 +86,26 @@ def _of_source(path: str | Path, where: str) -> Draws:
     document = read_document(path, POSTERIOR)
     check_version(document["format"], "source", where, POSTERIOR)
     try:
-        drawn: Mapping[str, Any] = document["summary"]["draws"]
-        draws: dict[tuple[str, ...], np.ndarray] = {(name,): np.asarray(x, float) for name, x in drawn.items()}
+        draws = draws_of(document["summary"]["draws"])
         robot = Robot.read(document.get("robot"), str(document["inputs"]["arm"]["sha256"] or ""))
         sound = document["verdict"] != "NOT USABLE"
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
         raise refusal(where, "other contents", POSTERIOR, "give the file that ident source wrote") from None
     remark = "" if sound else "the runs that it is from are not usable: see ident show of that file"
     sha256 = hashlib.sha256(read_bytes(path, POSTERIOR, LARGEST_BINARY)).hexdigest()
     return Draws(draws, where, sha256, remark, (), robot)
+
+
+def draws_of(drawn: Mapping[str, Any]) -> dict[tuple[str, ...], np.ndarray]:
+    """Return the draws of a result of `ident source`.
+
+    Raises:
+        ValueError, TypeError, AttributeError, OverflowError: they are no numbers, or not as many of each.
+    """
+    draws = np.array(list(drawn.values()), float)
+    if draws.size and draws.ndim != 2:
+        raise ValueError(f"draws of shape {draws.shape}")
+    return dict(zip(((name,) for name in drawn), draws, strict=True))
 
 
 def _variables(posterior: "xarray.Dataset", chains: slice | np.ndarray) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
