@@ -5,6 +5,7 @@ import logging
 import shlex
 import stat
 from collections.abc import Iterable, Sequence
+from itertools import islice
 from os import PathLike
 from pathlib import Path
 
@@ -27,6 +28,9 @@ LARGEST_TEXT = 100_000_000
 
 LARGEST_SAMPLES = 1_000_000_000
 """Bytes of a table of samples as text: 12 channels at 1 kHz for two hours."""
+
+FILES_MAX = 1000
+"""Files of a folder that are looked at for one that may be meant."""
 
 LARGEST_BINARY = 4_300_000_000
 """Bytes of a file that only programs write: recordings, results. A WAV file cannot be longer."""
@@ -68,6 +72,17 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
     return f"did you mean {near}?" if near else otherwise
 
 
+def which_file(path: str | PathLike[str], otherwise: str = "check the path") -> str:
+    """Return a remedy for a file or folder that is not there: one of its folder with a name like it, and its ending."""
+    own = Path(path)
+    try:
+        there = [each.stem for each in islice(own.parent.iterdir(), FILES_MAX) if each.suffix == own.suffix]
+    except (OSError, ValueError):
+        return otherwise
+    near = nearest(own.stem, there)
+    return f"did you mean {one_line(str(own.with_name(near + own.suffix)))}?" if near else otherwise
+
+
 def read_bytes(path: str | PathLike[str], expected: str, largest: int = LARGEST_TEXT) -> bytes:
     """Return the bytes of a regular file; a pipe or a device may have no end.
 
@@ -92,7 +107,8 @@ def read_bytes(path: str | PathLike[str], expected: str, largest: int = LARGEST_
         return Path(path).read_bytes()
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower().removeprefix("is ")
-        raise refusal(where, reason, expected, "check the path and its permissions") from None
+        remedy = which_file(path) if isinstance(error, FileNotFoundError) else "check the path and its permissions"
+        raise refusal(where, reason, expected, remedy) from None
 
 
 def decode(data: bytes, file: str, *, by_instrument: bool = False) -> str:

@@ -3,6 +3,7 @@
 import inspect
 import json
 import os
+import re
 import textwrap
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -28,11 +29,12 @@ from ident.cli.output import (
     speaking,
     tell,
 )
-from ident.errors import InputError, Problem, refusal
+from ident.errors import InputError, Problem, placed, refusal
 from ident.files import keep_earlier, together
 from ident.studies.options import ADDRESSES, Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result, kept_in, other_inputs
 from ident.text import decode, did_you_mean, one_line, quoted, read_bytes
+from ident.units import si_factor
 
 # -------- Defaults
 # Defaults of flags from `ident.toml` beside the campaign, or the arm: command line before file before ident's own.
@@ -286,7 +288,8 @@ def register(name: str, function: Callable[..., None], parameters: list[inspect.
     def call(context: typer.Context, **values: Any) -> None:
         values.pop("help_all", None)
         how = {name: values.pop(name) for name in ("quiet", "details", "verbose")}
-        with speaking(as_json=values.pop("json"), force=bool(values.get("force")), **how):
+        speech = speaking(as_json=values.pop("json"), force=bool(values.get("force")), **how)
+        with speech, running.at_work(str(context.info_name)):
             function(**with_defaults(context, values, kinds))
 
     common = {"details": DetailsOption, "json": JsonOption, "quiet": QuietOption, "verbose": VerboseOption}
@@ -418,14 +421,36 @@ def leave(result: Result, *, strict: bool) -> None:
         raise typer.Exit(SHORT)
 
 
+QUANTITY = {"m": "length", "mm": "length", "s": "time", "Hz": "frequency", "deg": "angle", "%": "ratio"}
+"""What numbers of flags are, by the unit in brackets of their help."""
+UNIT = re.compile(rf"\[({'|'.join(QUANTITY)})\]|\bpercent\b")
+NUMBER_AND_UNIT = re.compile(r"([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)\s*(\S.*)")
+
+
 def _parameter(each: Field[Any], spec: Spec, *, hidden: bool) -> inspect.Parameter:
     """Return the flag of an option as typer wants it; help does not offer one that is hidden."""
     names = [flag_of(each), *([spec.short] if spec.short else [])]
     kind, default = each.type, each.default
     if spec.read:
         kind, default = (list[str] if spec.repeated else str) | None, spec.text or None
-    flag = typer.Option(*names, help=spec.help, show_default=bool(spec.text) or not spec.read, hidden=hidden)
+    how: dict[str, Any] = {}
+    if not spec.read and float in (kind, *get_args(kind)) and (unit := UNIT.search(spec.help)):
+        own = unit[1] or "%"
+        how = {"parser": lambda text: _measured(text, names[0], own), "metavar": "FLOAT"}
+    flag = typer.Option(*names, help=spec.help, show_default=bool(spec.text) or not spec.read, hidden=hidden, **how)
     return parameter(each.name, Annotated[kind, flag], default)
+
+
+def _measured(text: Any, flag: str, unit: str) -> float:
+    """Return a number in a flag's unit, of a text that may have another one of the same quantity: `0.5mm`."""
+    try:
+        return float(text)
+    except ValueError:
+        found = NUMBER_AND_UNIT.fullmatch(text.strip())
+    if not found:
+        raise refusal(flag, quoted(text), f"a number [{unit}], or one with its unit", "correct it") from None
+    with placed(flag):
+        return float(found[1]) * si_factor(found[2], QUANTITY[unit]) / si_factor(unit, QUANTITY[unit])
 
 
 def _options(kind: type[Options], values: dict[str, Any]) -> Options:

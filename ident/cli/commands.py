@@ -141,6 +141,7 @@ def plan_command(
     --out. Without CAMPAIGN, name the arm (--arm); the files are then called after its file.
     """
     from ident.description.file import read_arm
+    from ident.measure.table import FOREIGN
 
     if runs is not None:
         if campaign is not None:
@@ -148,6 +149,9 @@ def plan_command(
         result = plan(arm or runs.parent / "arm.toml", None, options, runs=runs, progress=running.progress)
         finish(result, out, no_figure)
     elif campaign is not None:
+        if FOREIGN.get(campaign.suffix.lower()) == FOREIGN[".toml"]:
+            own = one_line(str(campaign))
+            raise refusal(own, FOREIGN[".toml"], "measurements, a CSV file, or none", f"as ident plan --arm {own}")
         measured, described = running.read(campaign, arm)
         result = plan(described, measured, options, progress=running.progress)
         finish(result, out, no_figure)

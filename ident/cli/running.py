@@ -5,6 +5,7 @@ import ctypes
 import gc
 import os
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sized
@@ -122,6 +123,20 @@ def discard_unless_taken(folder: Path, discard: Callable[[Path], None]) -> None:
     """Remove what a finished run has kept; another run that has begun to go on from there will remove it."""
     with suppress(InputError):
         discard(folder)
+
+
+@contextmanager
+def at_work(command: str) -> Iterator[None]:
+    """Say once in a log that work within goes on, where it is long; what shows how far it is comes besides."""
+    words = f"ident {command}: at work for {PACE:g} s"
+    timer = threading.Timer(min(PACE, threading.TIMEOUT_MAX), typer.echo, [words], {"err": True})
+    timer.daemon = True
+    if not (output().quiet or sys.stderr.isatty()):
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def progress(description: str, total: int | None = None) -> Callable[[Iterable[int]], Iterator[int]]:

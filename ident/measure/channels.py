@@ -29,7 +29,7 @@ from ident.measure.table import (
     read_table,
     records_of,
 )
-from ident.text import did_you_mean, one_line, quoted
+from ident.text import did_you_mean, one_line, quoted, which_file
 from ident.units import sensor_factor, si_factor
 
 FORCE, RESPONSE, REFERENCE, TIME, IGNORED = "force", "response", "reference", "time", "ignore"
@@ -338,7 +338,10 @@ def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, 
 def check_folder(folder: Path) -> None:
     """Refuse what is no folder."""
     if not os.path.isdir(folder):
-        raise refusal(one_line(str(folder)), "no such folder", "a folder of recordings", "correct the path")
+        got, remedy = "no such folder", which_file(folder)
+        if os.path.exists(folder):
+            got, remedy = "a file", "name the folder of the recordings; a campaign is for `ident fit`"
+        raise refusal(one_line(str(folder)), got, "a folder of recordings", remedy)
 
 
 def is_table(path: Path) -> bool:

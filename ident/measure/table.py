@@ -121,7 +121,7 @@ FOREIGN = {
     **dict.fromkeys((".uff", ".unv", ".uf", ".bunv"), "a universal file (UFF)"),
     **dict.fromkeys((".mat", ".h5", ".hdf5", ".nc", ".tdms", ".wav", ".npz", ".npy"), "a binary file of samples"),
     **dict.fromkeys((".json", ".html", ".pdf", ".png"), "no table"),
-    ".toml": "an arm description",
+    **dict.fromkeys((".toml", ".urdf", ".xml"), "an arm description"),
 }
 """What a file is by its ending, if that is no table."""
 
@@ -157,7 +157,7 @@ def read_table(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
         sheet = " or .xlsx" if kind == FOREIGN[".xls"] else ""
         remedy = f"export it as CSV{sheet}; data/README.md shows the columns"
         if kind == FOREIGN[".toml"]:
-            remedy = "name the measurements instead"
+            remedy = "name the measurements, and this as `arm`"
         raise refusal(one_line(str(path)), kind, "a table as CSV", remedy)
     return read_bytes(path, "a readable CSV file", largest)
 

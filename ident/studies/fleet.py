@@ -13,7 +13,7 @@ from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.options import option
 from ident.studies.result import Progress, Result, silent
-from ident.text import one_line
+from ident.text import one_line, which_file
 
 if TYPE_CHECKING:
     from ident.assess.show import ArmView
@@ -229,7 +229,7 @@ def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
     """
     where, expected = one_line(str(folder)), "a folder with a CSV file, or a folder with one, for each robot"
     if not os.path.isdir(folder):
-        raise refusal(where, "no such folder", expected, "check the path")
+        raise refusal(where, "no such folder", expected, which_file(folder))
     shared = Path(arm) if arm is not None else folder / ARM
     found: list[Files] = [(path.stem, path, shared) for path in _tables(folder) if path.is_file()]
     for path in folder.iterdir():

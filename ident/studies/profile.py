@@ -24,7 +24,9 @@ class ProfileOptions(FitOptions):
 
     refuses: ClassVar[tuple[str, ...]] = ("no_explain",)
 
-    parameter: tuple[str, ...] = repeated((), "parameter to profile, default: all; may be repeated", read=reading.names)
+    parameter: tuple[str, ...] = repeated(
+        (), "parameter to profile, default: all; may be repeated", read=reading.each_of
+    )
     reach: float = option(
         1000.0, "factor on the fitted value beyond which a profile is called open", above=1.0, high=1e12
     )

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
 from ident.errors import InputError, Problem, refusal
-from ident.studies.reading import number, once
+from ident.studies.reading import each_of, number, once
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -18,7 +18,7 @@ Limits = tuple[float | str, ...]
 
 def ranges(texts: Sequence[str], flag: str) -> dict[str, Limits]:
     """Read `PATHS[=LOW:HIGH[:THIRD]]`, PATHS being names with = between."""
-    return once(flag, [_split(text, f"{flag} {text}") for text in texts])
+    return once(flag, [_split(text, f"{flag} {text}") for text in each_of(texts)])
 
 
 def problems(option: str, given: Mapping[str, Limits], third: str) -> list[Problem]:

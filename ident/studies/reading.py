@@ -26,6 +26,11 @@ def names(texts: Sequence[str], flag: str) -> tuple[str, ...]:
     return tuple(texts)
 
 
+def each_of(texts: Sequence[str], flag: str = "") -> tuple[str, ...]:
+    """Read what is given one by one, or with commas between: a comma before a letter or `*` begins another name."""
+    return tuple(part.strip() for text in texts for part in re.split(r",(?=\s*[A-Za-z*])", text))
+
+
 def words(text: str, flag: str) -> tuple[str, ...]:
     """Read words with commas between, in small letters."""
     return tuple(part.strip().lower() for part in text.split(","))
@@ -38,7 +43,7 @@ def several(text: str, flag: str) -> tuple[float, ...]:
 
 def ties(texts: Sequence[str], flag: str) -> tuple[tuple[str, ...], ...]:
     """Read groups of names with = between."""
-    for text in texts:
+    for text in (texts := each_of(texts)):
         if "=" not in text:
             raise refusal(f"{flag} {text}", "one parameter", "two or more with = between", "as a.k_tors=b.k_tors")
     return tuple(tuple(text.split("=")) for text in texts)
@@ -46,7 +51,7 @@ def ties(texts: Sequence[str], flag: str) -> tuple[tuple[str, ...], ...]:
 
 def numbers(texts: Sequence[str], flag: str) -> dict[str, float]:
     """Read NAME=NUMBER, each name once."""
-    pairs = [(text, *named(text, f"{flag} {text}")) for text in texts]
+    pairs = [(text, *named(text, f"{flag} {text}")) for text in each_of(texts)]
     return once(flag, [(name, number(value, f"{flag} {text}")) for text, name, value in pairs])
 
 
@@ -78,7 +83,7 @@ def frequencies(texts: Sequence[str], flag: str) -> dict[str, tuple[float, ...]]
 
 def widths(texts: Sequence[str], flag: str) -> dict[str, float]:
     """Read NAME:WIDTH, or NAME alone for an infinite width, each name once."""
-    parts = [(text, *text.partition(":")[::2]) for text in texts]
+    parts = [(text, *text.partition(":")[::2]) for text in each_of(texts)]
     return once(flag, [(name, number(width, f"{flag} {text}") if width else math.inf) for text, name, width in parts])
 
 
@@ -142,7 +147,7 @@ def whole_numbers(text: str, flag: str) -> tuple[int, ...]:
 
 def priors(texts: Sequence[str], flag: str) -> dict[str, Prior]:
     """Read NAME=PRIOR, each name once."""
-    pairs = once(flag, [named(text, f"{flag} {text}") for text in texts])
+    pairs = once(flag, [named(text, f"{flag} {text}") for text in each_of(texts)])
     return {name: Prior.parse(form) for name, form in pairs.items()}
 
 

@@ -58,7 +58,7 @@ class ProblemOptions(BaseOptions):
     fix: tuple[str, ...] = repeated(
         (),
         "parameter to keep at the arm file's value, as joint1.k_bend, or *.k_bend for all of them; may be repeated",
-        read=reading.names,
+        read=reading.each_of,
     )
     tie: tuple[tuple[str, ...], ...] = repeated(
         (),

@@ -9,6 +9,7 @@ from arms import DATA
 from commands import ARM, log
 
 from ident.cli import commands  # noqa: F401  (all options are imported)
+from ident.cli.command import _measured
 from ident.errors import Problem
 from ident.measure.channels import COLUMNS as OF_CHANNELS
 from ident.measure.covariance_and_frames import COVARIANCE_COLUMNS, SETUP_COLUMNS
@@ -125,3 +126,51 @@ def test_a_moment_that_a_motion_can_not_carry(run, tmp_path):
     (tmp_path / "runs" / "runs.csv").write_text("\n".join([f"{head},load", *(f"{row},{moment}" for row in rows)]))
     one_line(run, "runs.csv:2, load: got a moment", "source", "runs/runs.csv", "--arm", ARM)
     assert run("simulate", ARM, "--load", moment)[2].startswith("ident: --load: got a moment, expected ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("plan", "arm.toml"), "as ident plan --arm arm.toml"),
+        (("fit", "arm.toml"), "name the measurements, and this as --arm"),
+        (
+            ("modal", "table1.csv"),
+            "got a file, expected a folder of recordings; name the folder of the recordings",
+        ),
+        (
+            ("fit", "tabel1.csv"),
+            "tabel1.csv: got no such file or directory, expected a readable CSV file; did you mean",
+        ),
+        (("simulate", "amr.toml"), "did you mean arm.toml?"),
+        (("simulate", "arm.toml", "--path", "logs/pth.csv"), "did you mean logs/path.csv?"),
+        (("modal", "lgs"), "got no such folder, expected a folder of recordings; did you mean logs?"),
+        (("fleet", "lgs"), "did you mean logs?"),
+        (("fit", "nothing-like-it.csv"), "check the path"),
+        (("motion", "arm.toml", "--limit=0.5kg"), "--limit: got 'kg', expected a length unit such as mm; correct the"),
+        (("motion", "arm.toml", "--limit=much"), "--limit: got 'much', expected a number [mm], or one with its unit"),
+        (("motion", "arm.toml", "--limit=-0.5mm"), "--limit: got -0.5, expected a number above 0"),
+    ],
+)
+def test_a_wrong_name_gets_the_right_call(run, tmp_path, arguments, words):
+    for name in ("arm.toml", "table1.csv"):
+        shutil.copy(LCD / name, tmp_path)
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "path.csv").touch()
+    code, out, err = run(*arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert words in err
+
+
+@pytest.mark.parametrize(
+    ("given", "number"), [("0.5", 0.5), ("0.5mm", 0.5), ("500 um", 0.5), ("5e-4m", 0.5), (".5mm", 0.5), ("1e3mm", 1000)]
+)
+def test_a_number_may_have_its_unit(given, number):
+    assert _measured(given, "--limit", "mm") == pytest.approx(number, rel=1e-12)
+
+
+def test_units_of_other_flags():
+    assert _measured("2kHz", "--upto", "Hz") == pytest.approx(2000)
+    assert _measured("60rpm", "--upto", "Hz") == pytest.approx(1)
+    assert _measured("10 %", "--speed", "%") == pytest.approx(10)
+    assert _measured("20ms", "--dwell", "s") == pytest.approx(0.02)
+    assert _measured("1mrad", "--smoothing", "deg") == pytest.approx(0.0573, rel=1e-3)

@@ -1,6 +1,7 @@
 """What commands say on a terminal while they start."""
 
 import sys
+import time
 
 import jax.monitoring
 import pytest
@@ -36,6 +37,19 @@ def test_long_work_in_a_log_says_every_ten_seconds_how_far_it_is(monkeypatch, ca
     assert capsys.readouterr().err.splitlines() == ["starts: 2 of 7, 12 s", "starts: 5 of 7, 24 s"]
     with speaking(as_json=False, quiet=True):
         assert list(running.progress("starts")(range(7))) == list(range(7))
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(("terminal", "quiet", "lines"), [(False, False, 1), (True, False, 0), (False, True, 0)])
+def test_long_work_that_shows_no_progress_says_so_once_in_a_log(monkeypatch, capsys, terminal, quiet, lines):
+    monkeypatch.setattr(running, "PACE", 0.01)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
+    with speaking(as_json=False, quiet=quiet), running.at_work("fit"):
+        time.sleep(0.1)
+    assert capsys.readouterr().err == "ident fit: at work for 0.01 s\n" * lines
+    monkeypatch.setattr(running, "PACE", 10.0)
+    with speaking(as_json=False, quiet=quiet), running.at_work("fit"):
+        pass
     assert capsys.readouterr().err == ""
 
 

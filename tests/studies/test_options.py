@@ -17,7 +17,7 @@ from ident.errors import InputError, Problem
 from ident.identify.unknowns import stiffness_parameters
 from ident.present.report import Table
 from ident.studies import STUDIES as STUDY_NAMES
-from ident.studies import reading
+from ident.studies import ranges, reading
 from ident.studies.check import CheckOptions
 from ident.studies.fit import FitOptions
 from ident.studies.options import Options, flag_of, option, renamed, specs
@@ -283,3 +283,25 @@ def test_another_unit_is_refused_and_the_defaults_file_may_choose(run, tmp_path)
     assert json.loads(out)["options"]["units"] == "N mm/deg"
     code, out, _ = run("predict", "arm.toml", "--json", "--units", "Nm/arcmin")
     assert json.loads(out)["options"]["units"] == "N m/arcmin"
+
+
+@pytest.mark.parametrize(
+    ("read", "one", "two"),
+    [
+        (reading.numbers, "a.mass=1", "b.mass=2"),
+        (reading.widths, "a.mass:0.1", "b.mass"),
+        (reading.ties, "a.k_tors=b.k_tors", "a.k_bend=b.k_bend"),
+        (reading.priors, "a.k_tors=log-normal:1e5:1", "b.k_tors=log-normal:2e5:1"),
+        (reading.each_of, "a.k_bend", "*.k_tors"),
+        (ranges.ranges, "a.k_bend=1:2", "b.k_bend=0.5x:2x:3"),
+    ],
+)
+def test_commas_part_what_may_be_repeated(read, one, two):
+    assert read([f"{one},{two}"], "--flag") == read([f"{one}, {two}"], "--flag") == read([one, two], "--flag")
+    assert len(read([one, two], "--flag")) == 2
+
+
+def test_commas_within_a_value_stay():
+    assert reading.frequencies(["2=4.45,5.01"], "--modes") == {"2": (4.45, 5.01)}
+    with pytest.raises(InputError, match="'1,5', expected a finite number"):
+        reading.numbers(["a.mass=1,5"], "--set")
