@@ -75,11 +75,7 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
 def which_file(path: str | PathLike[str], otherwise: str = "check the path") -> str:
     """Return a remedy for a file or folder that is not there: one of its folder with a name like it, and its ending."""
     own = Path(path)
-    try:
-        there = [each.stem for each in islice(own.parent.iterdir(), FILES_MAX) if each.suffix == own.suffix]
-    except (OSError, ValueError):
-        return otherwise
-    near = nearest(own.stem, there)
+    near = nearest(own.stem, (each.stem for each in islice(own.parent.glob(f"*{own.suffix}"), FILES_MAX)))
     return f"did you mean {one_line(str(own.with_name(near + own.suffix)))}?" if near else otherwise
 
 

@@ -7,6 +7,7 @@ import re
 import textwrap
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import Field
 from pathlib import Path
@@ -29,12 +30,12 @@ from ident.cli.output import (
     speaking,
     tell,
 )
-from ident.errors import InputError, Problem, placed, refusal
+from ident.errors import InputError, Problem, refusal
 from ident.files import keep_earlier, together
 from ident.studies.options import ADDRESSES, Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result, kept_in, other_inputs
 from ident.text import decode, did_you_mean, one_line, quoted, read_bytes
-from ident.units import si_factor
+from ident.units import in_si, width
 
 # -------- Defaults
 # Defaults of flags from `ident.toml` beside the campaign, or the arm: command line before file before ident's own.
@@ -259,15 +260,13 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
 
         def call(**values: Any) -> None:
             inputs = {p.name: values[p.name] for p in own}
-            try:
+            with _in_flags(kind):
                 options = _options(kind, values)
                 if "out" in inputs:
                     running.check_folder(inputs["out"])
                 if inputs.get("campaign") is None:
                     running.start()
                 function(**inputs, options=options)
-            except InputError as error:
-                raise InputError(renamed(kind, problem) for problem in error.problems) from None
 
         call.__doc__ = function.__doc__
         register(function.__name__.removesuffix("_command"), call, [*first, *flags, *after])
@@ -276,9 +275,19 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
     return hang
 
 
+@contextmanager
+def _in_flags(kind: type[Options]) -> Iterator[None]:
+    """Let complaints within that speak of options name their flags."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(renamed(kind, problem) for problem in error.problems) from None
+
+
 def plain(function: Callable[..., None]) -> Callable[..., None]:
     """Hang a function on the program that is no study: its parameters are in typer's words."""
-    register(function.__name__, function, list(inspect.signature(function).parameters.values()))
+    given = list(inspect.signature(function).parameters.values())
+    register(function.__name__, _in_flags(Options)(function), given)
     return function
 
 
@@ -421,10 +430,8 @@ def leave(result: Result, *, strict: bool) -> None:
         raise typer.Exit(SHORT)
 
 
-QUANTITY = {"m": "length", "mm": "length", "s": "time", "Hz": "frequency", "deg": "angle", "%": "ratio"}
-"""What numbers of flags are, by the unit in brackets of their help."""
-UNIT = re.compile(rf"\[({'|'.join(QUANTITY)})\]|\bpercent\b")
-NUMBER_AND_UNIT = re.compile(r"([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)\s*(\S.*)")
+UNIT = re.compile(r"\[(m|mm|s|Hz|deg|%)\]|\bpercent\b")
+"""How the help of a flag says the unit of its number."""
 
 
 def _parameter(each: Field[Any], spec: Spec, *, hidden: bool) -> inspect.Parameter:
@@ -433,10 +440,9 @@ def _parameter(each: Field[Any], spec: Spec, *, hidden: bool) -> inspect.Paramet
     kind, default = each.type, each.default
     if spec.read:
         kind, default = (list[str] if spec.repeated else str) | None, spec.text or None
-    how: dict[str, Any] = {}
-    if not spec.read and float in (kind, *get_args(kind)) and (unit := UNIT.search(spec.help)):
-        own = unit[1] or "%"
-        how = {"parser": lambda text: _measured(text, names[0], own), "metavar": "FLOAT"}
+    unit, how = UNIT.search(spec.help), dict[str, Any]()
+    if unit and not spec.read and float in (kind, *get_args(kind)):
+        how = {"parser": lambda text: _measured(text, names[0], unit[1] or "%"), "metavar": "FLOAT"}
     flag = typer.Option(*names, help=spec.help, show_default=bool(spec.text) or not spec.read, hidden=hidden, **how)
     return parameter(each.name, Annotated[kind, flag], default)
 
@@ -446,11 +452,10 @@ def _measured(text: Any, flag: str, unit: str) -> float:
     try:
         return float(text)
     except ValueError:
-        found = NUMBER_AND_UNIT.fullmatch(text.strip())
-    if not found:
-        raise refusal(flag, quoted(text), f"a number [{unit}], or one with its unit", "correct it") from None
-    with placed(flag):
-        return float(found[1]) * si_factor(found[2], QUANTITY[unit]) / si_factor(unit, QUANTITY[unit])
+        found = width(text, unit)
+    if found is None or found.share != (unit == "%"):
+        raise refusal(flag, quoted(text), f"a number [{unit}], or one with another unit", "correct it") from None
+    return found.size / (in_si(unit) or (0.01,))[0]
 
 
 def _options(kind: type[Options], values: dict[str, Any]) -> Options:

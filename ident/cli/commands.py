@@ -4,7 +4,6 @@ import gc
 import os
 import platform
 import textwrap
-from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -31,7 +30,7 @@ from ident.cli.command import (
     write,
 )
 from ident.cli.output import FOLDED, SHORT
-from ident.errors import InputError, refusal
+from ident.errors import refusal
 from ident.studies.arm import KINDS
 from ident.studies.balance import balance
 from ident.studies.check import check
@@ -50,7 +49,6 @@ from ident.studies.fleet import FleetOptions, fleet
 from ident.studies.joint import joint
 from ident.studies.modal import ModalOptions, modal_test, new_channels
 from ident.studies.motion import motion
-from ident.studies.options import Options, renamed
 from ident.studies.plan import PlanOptions, plan
 from ident.studies.predict import predict
 from ident.studies.profile import profile
@@ -332,11 +330,8 @@ def rerun(
     from ident.studies.rerun import rerun as repeat
 
     folder = (out or file.parent) / f"{file.name}.rerun.part"
-    try:
-        with running.kept(folder):
-            repeated = repeat(file, folder=folder, progress=running.progress)
-    except InputError as error:
-        raise InputError(renamed(Options, problem) for problem in error.problems) from None
+    with running.kept(folder):
+        repeated = repeat(file, folder=folder, progress=running.progress)
     tell(repeated)
     if out is not None:
         write(repeated.now, out)
@@ -404,11 +399,7 @@ def show(
     if names:
         tell(arm.names(file))
         return
-    try:
-        picture = arm.show(file, None if posture is None else reading.postures([posture], "--posture")[0])
-    except InputError as error:
-        posed = [replace(p, where="--posture") if p.where == "posture" else p for p in error.problems]
-        raise InputError(posed) from None
+    picture = arm.show(file, None if posture is None else reading.postures([posture], "--posture")[0])
     tell(picture)
     for path in () if no_figure else picture.save_figures(out):
         output().wrote(path)
@@ -586,11 +577,7 @@ def export(
     from ident.studies.export import export as write
 
     at = None if posture is None else reading.postures([posture], "--posture")[0]
-    try:
-        written = write(result, out, arm=arm, posture=at, force=force)
-    except InputError as error:
-        raise InputError(renamed(Options, problem) for problem in error.problems) from None
-    for path in written:
+    for path in write(result, out, arm=arm, posture=at, force=force):
         output().wrote(path)
 
 

@@ -10,7 +10,7 @@ from math import degrees, isfinite, pi, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.errors import InputError, refusal
+from ident.errors import placed, refusal
 from ident.files import replace_file, together
 from ident.present.report import Report
 from ident.studies import STUDIES
@@ -104,11 +104,8 @@ def new_from_robot(robot: str | Path, folder: str | Path, tip: str | None = None
     head = HEAD.format(robot=name, frequency=FREQUENCY) + "\n".join(["\n" * bool(described.notes), *described.notes])
     guessed = ("k_bend", "k_tors", "tau_bend", "tau_tors")
     text = arm_text(arm, origin="derived", guessed=guessed, note=f"from {name}", head=head)
-    try:
+    with placed(described.where):  # the lines are those of a file that is not written
         written = parse_arm(text, described.where)
-    except InputError as error:  # the lines are those of a file that is not written
-        where = described.where
-        raise InputError(replace(p, where=where) for p in error.problems) from None
     made = example(written)
     made_files = _write(Path(folder), text, campaign_text(made.campaign, header_comments=made.comments))
     odd = (f"{name}: {each}" for each in oddities(written))

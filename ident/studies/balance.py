@@ -152,15 +152,13 @@ def balance(
     options.check_drives(drives)
     log = None if path is None else as_log(path, arm.arm)
     basis = basis_of(arm, options, path=log, posterior=values)
+    pulleys = {name: pulley_of(drive, basis.arm, options) for name, drive in drives.items()}
     with reading(record):
         rows = [row for row in record.table() if row["kind"] == IMBALANCE]
         tried = [tried_in(each, options.draws) for each in record.trials]
-        known = any(row["told"] for row in rows)
-    if not known:
-        where, expected = one_line(values.path or "source"), "one at least"
-        raise refusal(where, "no imbalance that is told", expected, "measure more runs, see ident show of it")
-    pulleys = {name: pulley_of(drive, basis.arm, options) for name, drive in drives.items()}
-    with reading(record):
+        if not any(row["told"] for row in rows):
+            where, expected = one_line(values.path or "source"), "one at least"
+            raise refusal(where, "no imbalance that is told", expected, "measure more runs, see ident show of it")
         rotors = [
             rotor_of(basis, drives[row["drive"]], pulleys[row["drive"]], record.parameters, row, record.phases, tried)
             for row in rows
@@ -204,21 +202,19 @@ def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tup
         path, sha256 = str(source), hashlib.sha256(read_bytes(source, expected, LARGEST_BINARY)).hexdigest()
         of_arm = {name: each for name, each in record.inputs.items() if input_of(name) == "arm"}
         with reading(record):
-            arm_path = files_of(of_arm, Path(source).parent).paths["arm"]
+            arm = as_file(files_of(of_arm, Path(source).parent).paths["arm"], options.soft_base)
             usable = record.record["verdict"] != "NOT USABLE"
-        arm = as_file(arm_path, options.soft_base)
     else:
         raise refusal("source", f"a {type(source).__name__}", expected, remedy)
     with reading(record):
         lacking = sorted({row["drive"] for row in record.table() if row["kind"] == IMBALANCE} - {*record.phases})
+        drawn = {names: x[: options.draws] for names, x in draws_of(record.draws).items()}
     if lacking:
         where = one_line(path or "source")
         raise refusal(where, f"no phases of {', '.join(lacking)}", "those of each drive", remedy)
     if not usable:
         got, remedy = "runs that are not usable", "see ident show of that file, and correct its table of runs"
         raise refusal(one_line(path or "source"), got, "sources that are identified", remedy)
-    with reading(record):
-        drawn = {names: x[: options.draws] for names, x in draws_of(record.draws).items()}
     return arm, record, Values.of_arm(drawn, arm.arm, path, sha256)
 
 

@@ -187,13 +187,11 @@ def export(
     from ident.studies.saved import files_of, reading
 
     read, where = _read(result), one_line(str(result)) if isinstance(result, str | Path) else ""
-    if arm is None:
-        inputs = {name: source for name, source in read.inputs.items() if input_of(name) == "arm"}
-        with reading(read):
-            arm = files_of(inputs, Path(result).absolute().parent if where else Path()).paths["arm"]  # type: ignore[arg-type]
-    own = as_file(arm)
     with reading(read):
-        asked = exported(read, None if path is None else Path(path), own, posture, force, where)
+        if arm is None:
+            inputs = {name: source for name, source in read.inputs.items() if input_of(name) == "arm"}
+            arm = files_of(inputs, Path(result).absolute().parent if where else Path()).paths["arm"]  # type: ignore[arg-type]
+        asked = exported(read, None if path is None else Path(path), as_file(arm), posture, force, where)
     path = asked.path
     writers = {".xml": _mjcf, ".urdf": _urdf, ".toml": _toml, ".json": _json}
     if path.suffix not in writers:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self, get_args, get_origin
 from ident.errors import InputError, Problem, refusal
 from ident.text import did_you_mean
 
-INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart", "force")
+INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart", "force", "posture")
 """Inputs of studies that the command line takes as flags, too."""
 GONE = ("batch",)
 """Options of earlier versions that recorded ones may have."""

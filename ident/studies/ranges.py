@@ -1,10 +1,9 @@
 """How ranges of numbers are given: `PATHS[=LOW:HIGH[:THIRD]]` as text, {"PATHS": (LOW, HIGH, THIRD)} in Python."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
-from ident.errors import InputError, Problem, refusal
+from ident.errors import InputError, Problem, placed, refusal
 from ident.studies.reading import each_of, number, once
 
 if TYPE_CHECKING:
@@ -51,11 +50,8 @@ def each(option: str, given: Mapping[str, Limits], arm: "Arm", make: "Callable[[
     """Return what is made of each range, by default of the torsional stiffness of every joint."""
     made = []
     for paths, limits in (given or {f"{j.name}.k_tors": () for j in arm.joints if j.k_tors is not None}).items():
-        try:
+        with placed(_where(option, paths, limits)):
             made.append(make(range_of(paths, limits)))
-        except InputError as error:
-            where = _where(option, paths, limits)
-            raise InputError(replace(error.problems[0], where=where, column="")) from None
     return made
 
 

@@ -146,9 +146,15 @@ def test_a_moment_that_a_motion_can_not_carry(run, tmp_path):
         (("modal", "lgs"), "got no such folder, expected a folder of recordings; did you mean logs?"),
         (("fleet", "lgs"), "did you mean logs?"),
         (("fit", "nothing-like-it.csv"), "check the path"),
-        (("motion", "arm.toml", "--limit=0.5kg"), "--limit: got 'kg', expected a length unit such as mm; correct the"),
-        (("motion", "arm.toml", "--limit=much"), "--limit: got 'much', expected a number [mm], or one with its unit"),
-        (("motion", "arm.toml", "--limit=-0.5mm"), "--limit: got -0.5, expected a number above 0"),
+        (
+            ("motion", "arm.toml", "--limit=0.5kg"),
+            "--limit: got '0.5kg', expected a number [mm], or one with another unit",
+        ),
+        (
+            ("motion", "arm.toml", "--limit=much"),
+            "--limit: got 'much', expected a number [mm], or one with another unit",
+        ),
+        (("motion", "arm.toml", "--limit=-0.5"), "--limit: got -0.5, expected a number above 0"),
     ],
 )
 def test_a_wrong_name_gets_the_right_call(run, tmp_path, arguments, words):
@@ -170,7 +176,7 @@ def test_a_number_may_have_its_unit(given, number):
 
 def test_units_of_other_flags():
     assert _measured("2kHz", "--upto", "Hz") == pytest.approx(2000)
-    assert _measured("60rpm", "--upto", "Hz") == pytest.approx(1)
+    assert _measured("1e3mHz", "--upto", "Hz") == pytest.approx(1)
     assert _measured("10 %", "--speed", "%") == pytest.approx(10)
     assert _measured("20ms", "--dwell", "s") == pytest.approx(0.02)
     assert _measured("1mrad", "--smoothing", "deg") == pytest.approx(0.0573, rel=1e-3)

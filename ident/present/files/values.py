@@ -102,10 +102,8 @@ def draws_of(drawn: Mapping[str, Any]) -> dict[tuple[str, ...], np.ndarray]:
     Raises:
         ValueError, TypeError, AttributeError, OverflowError: they are no numbers, or not as many of each.
     """
-    draws = np.array(list(drawn.values()), float)
-    if draws.size and draws.ndim != 2:
-        raise ValueError(f"draws of shape {draws.shape}")
-    return dict(zip(((name,) for name in drawn), draws, strict=True))
+    draws = np.array(list(drawn.values()), float).reshape(len(drawn) or 1, -1)
+    return {(name,): own for name, own in zip(drawn, draws, strict=False)}
 
 
 def _variables(posterior: "xarray.Dataset", chains: slice | np.ndarray) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
