@@ -10,6 +10,6 @@ def test_a_hundred_mutated_inputs_end_in_an_answer_or_in_one_line():
     assert len(outcomes) == 100
     assert [(each.number, each.kind, fault) for each in outcomes for fault in each.faults] == []
     assert len({each.command for each in outcomes}) > 8
-    assert {"csv", "json", "toml", "nc", "options"} <= {each.kind.partition(" ")[0] for each in outcomes}
+    assert {"csv", "json", "toml", "nc", "unv"} <= {each.kind.partition(" ")[0] for each in outcomes}
     statuses = [each.status for each in outcomes]
     assert 0 < statuses.count(0) < statuses.count(2)

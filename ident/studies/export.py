@@ -192,7 +192,7 @@ def export(
             inputs = {name: source for name, source in read.inputs.items() if input_of(name) == "arm"}
             arm = files_of(inputs, Path(result).absolute().parent if where else Path()).paths["arm"]  # type: ignore[arg-type]
         asked = exported(read, None if path is None else Path(path), as_file(arm), posture, force, where)
-    path = asked.path
+    path, own = asked.path, asked.own
     writers = {".xml": _mjcf, ".urdf": _urdf, ".toml": _toml, ".json": _json}
     if path.suffix not in writers:
         got = f"the ending {path.suffix}" if path.suffix else "no ending"

@@ -158,8 +158,21 @@ CALLS = (
 )
 
 
-HEAVY = ("balance", "compare", "design", "diagnose", "fleet", "motion", "new", "plan", "profile", "rerun", "sample")
-HEAVY += ("source", "sweep", "validate")
+HEAVY = (
+    "balance",
+    "check",
+    "compare",
+    "design",
+    "diagnose",
+    "fit",
+    "fleet",
+    "motion",
+    "new",
+    "plan",
+    "profile",
+    "rerun",
+)
+HEAVY += ("sample", "source", "sweep", "validate")
 """Commands that compile much, or compute long, where an input is taken."""
 
 # -------- Mutations

@@ -196,7 +196,7 @@ def report_of(data: Any) -> Report:
     Raises:
         TypeError, KeyError, ValueError: it is none.
     """
-    verdict = Verdict(**_texts(data["verdict"])) if data["verdict"] is not None else None
+    verdict = Verdict(**_texts(data["verdict"])) if data["verdict"] is not None else None  # type: ignore[arg-type]
     findings = tuple(Finding(**_texts(each)) for each in data["findings"])
     details = tuple(Section(_text(each["title"]), _parts(each["parts"])) for each in data["details"])
     subject, remark, following = (_text(data[name]) for name in ("subject", "remark", "next"))
@@ -220,10 +220,10 @@ def _parts(parts: Any) -> tuple[str | Table, ...]:
 def _table(data: Mapping[str, Any]) -> Table:
     words = _texts({name: data[name] for name in ("caption", "note")})
     lists = {name: tuple(map(_text, data[name])) for name in ("head", "forms", "links")}
-    numbers = {"rows": tuple(map(tuple, data["rows"])), "strong": tuple(map(int, data["strong"]))}
-    if not all(isinstance(cell, str | float | int | None) for row in numbers["rows"] for cell in row):
+    rows, strong = tuple(map(tuple, data["rows"])), tuple(map(int, data["strong"]))
+    if not all(isinstance(cell, str | float | int | None) for row in rows for cell in row):
         raise TypeError
-    return Table(**{**data, **words, **lists, **numbers})
+    return Table(**{**data, **words, **lists, "rows": rows, "strong": strong})
 
 
 # -------- netCDF
