@@ -338,10 +338,9 @@ def recordings_of(folder: Path, table: ChannelTable | None = None) -> dict[str, 
 def check_folder(folder: Path) -> None:
     """Refuse what is no folder."""
     if not os.path.isdir(folder):
-        got, remedy = "no such folder", which_file(folder)
-        if os.path.exists(folder):
-            got, remedy = "a file", "name the folder of the recordings; a campaign is for `ident fit`"
-        raise refusal(one_line(str(folder)), got, "a folder of recordings", remedy)
+        file = os.path.exists(folder)
+        remedy = "name the folder of the recordings; a campaign is for `ident fit`" if file else which_file(folder)
+        raise refusal(one_line(str(folder)), "a file" if file else "no such folder", "a folder of recordings", remedy)
 
 
 def is_table(path: Path) -> bool:

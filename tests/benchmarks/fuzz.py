@@ -172,7 +172,7 @@ HEAVY = (
     "profile",
     "rerun",
 )
-HEAVY += ("sample", "source", "sweep", "validate")
+HEAVY += ("profile", "rerun", "sample", "source", "sweep", "validate")
 """Commands that compile much, or compute long, where an input is taken."""
 
 # -------- Mutations
