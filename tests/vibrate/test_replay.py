@@ -149,19 +149,19 @@ FOUR = np.arange(4.0)
 @pytest.mark.parametrize(
     ("time", "angles", "smoothing", "text"),
     [
-        (FOUR[:3], FOUR[None, :3], 0.0, "time: got 3 samples, expected at least 4; give a longer log"),
-        (FOUR, FOUR[None], 0.1, "time: got 4 samples, expected at least 6; give a longer log"),
+        (FOUR[:3], FOUR[None, :3], 0.0, "log, time: got 3 samples, expected at least 4; give a longer log"),
+        (FOUR, FOUR[None], 0.1, "log, time: got 4 samples, expected at least 6; give a longer log"),
         (
             FOUR // 2,
             FOUR[None],
             0.0,
-            "time: got 0 s after 0 s, expected steps of 1e-09 to 1e+09 s; sort the samples, or give the times in s",
+            "log, time: got 0 s after 0 s, expected steps of 1e-09 to 1e+09 s; sort the samples, or give the times in s",
         ),
         (
             FOUR,
             FOUR[None] * math.nan,
             0.0,
-            "angles: got a sample that is not finite, expected finite numbers; remove it",
+            "log, angles: got a sample that is not finite, expected finite numbers; remove it",
         ),
         (
             np.arange(6.0),
