@@ -155,7 +155,7 @@ FOUR = np.arange(4.0)
             FOUR // 2,
             FOUR[None],
             0.0,
-            "log, time: got 0 s after 0 s, expected steps of 1e-09 to 1e+09 s; sort the samples, or give the times in s",
+            "log, time: got 0 s after 0 s, expected steps of 1e-09 to 1e+09 s; sort the samples, or give the times in s",  # noqa: E501
         ),
         (
             FOUR,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.errors import InputError, Problem, placed, refusal
+from ident.errors import InputError, Problem, placed, refusal, refuse
 from ident.measure.recordings.recording import Channel, Contents, Shape, array_channels, response_and_part
 from ident.measure.recordings.sampling import even_step
 from ident.measure.table import (
