@@ -175,7 +175,9 @@ def registry() -> "pint.UnitRegistry":
     """Return the one unit registry; it takes a moment to import and to build, and is kept."""
     import pint
 
-    return pint.UnitRegistry()
+    units = pint.UnitRegistry(on_redefinition="ignore")
+    units.define("@alias thou = mil = mils")  # of dial gauges; pint's own is an angle of artillery
+    return units
 
 
 @lru_cache(maxsize=256)

@@ -1,6 +1,6 @@
 """Plausibility checks of an arm's numbers: masses, inertias, lengths, and belts that could not run."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -250,18 +250,23 @@ class Oddity:
         return f"{self.path}: {self.got}; expected {self.expected}"
 
 
-def oddities(arm: Arm, extents: Mapping[str, Float[np.ndarray, "2 3"]] | None = None) -> tuple[Oddity, ...]:
+def oddities(
+    arm: Arm,
+    extents: Mapping[str, Float[np.ndarray, "2 3"]] | None = None,
+    free: Collection[str] | None = None,
+) -> tuple[Oddity, ...]:
     """Return what looks odd about the numbers of an arm, one finding for each number.
 
     Args:
         arm: one arm, whose numbers are known.
         extents: lowest and highest corner of bodies whose shape is known, (2, 3) [m] in their joint's axes, by name.
+        free: numbers that are fitted, by path, where only these are compared; all are by default.
     """
     reach, extents = reach_of(arm), extents or {}
     every = links(arm)
     found = list(_lengths(arm, reach)) or list(_whole(arm, reach))
     found = found or [*_bodies(every, reach, extents), *_light(arm), *_placeholders(every, reach, extents)]
-    found += [] if found else [*_giving(arm), *_proportion(arm)]  # of wrong lengths and masses, all stiffnesses are odd
+    found += [] if found else [*_giving(arm), *_proportion(arm, free)]  # of wrong lengths and masses, all stiffnesses are odd
     found += _end_point(arm, reach)
     first: dict[str, Oddity] = {}
     for each in (*found, *_limits(arm), *_drives(arm)):
@@ -493,29 +498,30 @@ def _giving(arm: Arm) -> Iterator[Oddity]:
                 yield Oddity(f"{joint.name}.{field}", got, f"above {moment / MOST_GIVING:.1g} N m/rad")
 
 
-def _proportion(arm: Arm) -> Iterator[Oddity]:
-    """Yield stiffnesses far from all others, which the inertia that they carry does not explain."""
-    beyond = dict(zip((joint.name for joint in arm.joints), carried(arm), strict=True))
-    k = {path: float(arm.get(path)) for path in stiffness_paths(arm)}
+def _proportion(arm: Arm, free: Collection[str] | None) -> Iterator[Oddity]:
+    """Yield free stiffnesses far from all others of their direction, which the inertia they carry does not explain."""
+    inertia = dict(zip((joint.name for joint in arm.joints), (each.inertia for each in carried(arm)), strict=True))
+    k = {path: float(arm.get(path)) for path in stiffness_paths(arm) if free is None or path in free}
+    loaded = {path: value / inertia[path.partition(".")[0]] for path, value in k.items()}
+
+    def ratios(path: str) -> tuple[float, float, float]:
+        """Return the ratios to the median of the others of its direction, as it is and for its load; to that of all."""
+        others = [each for each in k if each != path]
+        like = [each for each in others if each.partition(".")[2] == path.partition(".")[2]] or [path]
+        plain, by_load = (each[path] / float(np.median([each[p] for p in like])) for each in (k, loaded))
+        return plain, by_load, k[path] / float(np.median([k[each] for each in others]))
+
     while len(k) > 1:
-        odd = {path: ratio for path in k if (ratio := _odd_ratio(path, k, beyond)) != 1}
+        found = {path: ratios(path) for path in k}
+        odd = [path for path, (a, b, _) in found.items() if min(a, b) > PROPORTION or max(a, b) < 1 / PROPORTION]
         if not odd:
             return
-        path = max(odd, key=lambda each: abs(np.log(odd[each])))
-        others = float(np.median([value for each, value in k.items() if each != path]))
-        much = f"{odd[path]:.2g} times" if odd[path] > 1 else f"1/{1 / odd[path]:.2g} of"
-        got = f"{k.pop(path):.3g} N m/rad, {much} the median of all others"
-        yield Oddity(path, got, f"something near {others:.1g} N m/rad; 1 N m/deg is 57 N m/rad, 1 N mm/deg is 0.057")
-
-
-def _odd_ratio(path: str, k: Mapping[str, float], beyond: Mapping[str, Carried]) -> float:
-    """Return the ratio of a stiffness to the median of the others where it is odd, also for its load; else 1."""
-    others = [each for each in k if each != path]
-    inertia = {each: beyond[each.partition(".")[0]].inertia for each in k}
-    plain = k[path] / float(np.median([k[each] for each in others]))
-    loaded = k[path] / inertia[path] / float(np.median([k[each] / inertia[each] for each in others]))
-    high, low = min(plain, loaded) > PROPORTION, max(plain, loaded) < 1 / PROPORTION
-    return plain if high or low else 1.0
+        path = max(odd, key=lambda each: abs(np.log(found[each][0])) + abs(np.log(found[each][2])))  # of two, by all
+        ratio = found[path][0]
+        much = f"{ratio:.2g} times" if ratio > 1 else f"1/{1 / ratio:.2g} of"
+        got = f"{k[path]:.3g} N m/rad, {much} the median of all other {path.partition('.')[2]}"
+        near = f"something near {k.pop(path) / ratio:.1g} N m/rad"
+        yield Oddity(path, got, f"{near}; 1 N m/deg is 57 N m/rad, 1 N mm/deg is 0.057")
 
 
 def _limits(arm: Arm) -> Iterator[Oddity]:

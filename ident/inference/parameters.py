@@ -74,6 +74,11 @@ class Parameters(eqx.Module):
         """The parameters' names, in order."""
         return tuple(item.name for item in self.items)
 
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Where the unknowns sit in the model, ties spelled out."""
+        return tuple(path for item in self.items for path in item.paths)
+
     def column(self, field: str) -> Float[AnyArray, "P"]:
         """Return one field of all parameters."""
         values = [getattr(item, field) for item in self.items]

@@ -138,7 +138,7 @@ def _consistency(check: "CampaignCheck") -> str:
 def _findings(check: "CampaignCheck", *, explained: bool) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
     measured, names = check.campaign.measurements, row_names(check.campaign)
-    yield from odd_numbers(check.arm)
+    yield from odd_numbers(check.arm, check.problem.parameters)
     if check.missing.any():
         rows = ", ".join(names[i] for i in np.flatnonzero(check.missing)[:MOST].tolist())
         text = f"no equilibrium at the postures of rows {rows}"

@@ -143,7 +143,8 @@ def refused(fit: "CampaignFit") -> Verdict | None:
     """Return why a fit is not usable: it is in doubt, or the data contradict an assumption; else None."""
     if fit.doubts:
         rank, own = fit.information.rank, len(fit.information.directions)
-        reasons = [f"Check the arm file first: {odd[0].text}."] if (odd := odd_numbers(fit.arm)) else []
+        odd = odd_numbers(fit.arm, fit.problem.parameters)
+        reasons = [f"Check the arm file first: {odd[0].text}."] if odd else []
         reasons += [sentence(doubt) for doubt in fit.doubts]
         if rank < own:
             reasons.append(f"{counted(len(fit.campaign), 'measurement')} cannot determine {counted(own, 'unknown')}.")
@@ -198,7 +199,7 @@ def _residuals(fit: "CampaignFit") -> str:
 
 def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first."""
-    yield from odd_numbers(fit.arm)
+    yield from odd_numbers(fit.arm, fit.problem.parameters)
     if not fit.doubts:
         yield from [asked] if (asked := asked_for(fit)) else untested(fit)
     if fit.weights is not None and fit.suspicious.any():

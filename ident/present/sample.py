@@ -149,7 +149,7 @@ def _findings(result: "CampaignSample") -> Iterator[Finding]:
         yield from what_to_do(fit)
     if asked := asked_for(fit):
         yield asked
-    yield from odd_numbers(fit.arm)
+    yield from odd_numbers(fit.arm, fit.problem.parameters)
     yield from drive_states(fit.arm, fit.campaign)
     if len(result.sample.basins) > 1 and result.weights is None:
         yield Finding("no ensemble crosses between the optima, so their shares are unknown", "repeat with --weights")

@@ -15,6 +15,7 @@ from ident.identify.hypotheses import NUMBER_KINDS
 from ident.identify.problem import Ramp, row_names
 from ident.inference.fit import FEW, CrossPrediction, contradicting
 from ident.inference.information import RARE, sigma_in_words, standard_deviations
+from ident.inference.parameters import Parameters
 from ident.measure import Campaign, Measurement
 from ident.present.report import Cell, Finding, Part, Section, Table, cut
 from ident.present.words import (
@@ -127,9 +128,9 @@ def what_may_be_wrong(predictions: Sequence[CrossPrediction]) -> str:
 # -------- Odd numbers
 
 
-def odd_numbers(arm: Arm) -> tuple[Finding, ...]:
+def odd_numbers(arm: Arm, unknowns: Parameters | None = None) -> tuple[Finding, ...]:
     """Return the numbers of an arm that look wrong: a wrong arm file is the commonest cause of a wrong stiffness."""
-    odd = oddities(arm)
+    odd = oddities(arm, free=unknowns and unknowns.paths)
     more = len(odd) - MOST_ROWS
     named = [Finding(f"arm file: {each}", "correct it, see `ident show`") for each in odd[:MOST_ROWS]]
     rest = [Finding(f"arm file: {more} more numbers look wrong", "see `ident show`")] if more > 0 else []

@@ -25,7 +25,7 @@ MISTAKES = [
     (LINK1, 'com = { value = [500, 0, 60], unit = "m"', "link1.com", 'unit = "mm"?'),
     (LINK1, 'com = { value = [0.5, 1.3, 0.06], unit = "m"', "link1.com", "away from its link"),
     (K1, '1e4, unit = "N*m/rad"', "joint1.k_bend", "carries 139 kg at 1.3 m: bent 10 deg"),
-    (K1, '12.52e6, unit = "N*m/deg"', "joint1.k_bend", "median of all others"),
+    (K1, '12.52e6, unit = "N*m/deg"', "joint1.k_bend", "median of all other k_bend"),
     ('[-150, 150], unit = "deg"', '[-150, 150], unit = "rad"', "joint1.limits", 'unit = "deg"'),
     ("offset = { value = [1.0, 0, 0.12]", "offset = { value = [1000, 0, 0.12]", "joint2.offset", "at most 20 m"),
     ("position = { value = [2.79, 0, 0.05]", "position = { value = [0.00279, 0, 0]", "tip.position", "2.79 m"),
