@@ -21,7 +21,8 @@ from ident.identify.padding import padded
 from ident.identify.predict import ArmModel, chains
 from ident.identify.problem import Posed
 from ident.identify.unknowns import LOAD, is_loaded, scaled_loads
-from ident.inference.information import RANK_TOLERANCE, row_tests
+from ident.inference.fit import agrees
+from ident.inference.information import RANK_TOLERANCE
 from ident.inference.parameters import AnyArray, Parameter, Parameters, Prior
 from ident.inference.problem import Choice, InParts, InverseProblem
 from ident.inference.search import TO_THE_END, End, Way, descent, look, looks, searched, together
@@ -285,7 +286,7 @@ class Perturbed:
         sd: of these by data and priors.
         cost: sum of squares of data and priors at the optimum, without what is known of the amounts.
         label_cost: of the labels there, minus twice the logarithm of their probability.
-        fits: whether cost, values and labels all agree with it.
+        fits: whether cost, values, kinds and labels all agree with it, as the verdict on a fit asks.
         theta: where: the unknowns, then all numbers that may be otherwise.
         way: how unknowns and amounts make up all these.
         covariance: of unknowns and amounts, by data and priors.
@@ -404,7 +405,7 @@ class Hypotheses:
         residuals, slope = self._weigh(end, np.inf * widths)
         cost = float((residuals**2).sum())
         likely = self.chance(cost, len(perturbations)) >= LIKELY
-        fits = bool(likely and end.choice.settled and not row_tests(self.problem, residuals, slope).outliers.any())
+        fits = bool(likely and end.choice.settled and agrees(self.problem, residuals, slope))
         label_cost, theta = float(np.sum(end.choice.cost)), way @ end.theta
         both = tuple(amounts.tolist()), tuple(sd.tolist())
         return Perturbed(self, *both, cost, label_cost, fits, theta, way, covariance)

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from ident.errors import ConvergenceError, ModelError
 from ident.inference.information import (
     IMPROBABLE,
+    RANK_TOLERANCE,
     Direction,
     Information,
     RowTests,
@@ -194,6 +195,33 @@ def quadratic_form(
     mean = np.trace(SG) + diagonal.sum()
     variance = (SG * SG.T).sum() + 2 * (diagonal * own_sizes).sum() + (diagonal**2).sum()
     return (variance / mean, mean**2 / variance) if mean > NOTHING else (1.0, 0.0)
+
+
+def agrees(problem: InverseProblem, residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"]) -> bool:
+    """Tell whether no value and no kind contradicts an optimum, as the verdict on a fit asks; kinds by linearisation.
+
+    Args:
+        problem: whose finite sigmas count.
+        residuals: of the data, made independent, then of the priors.
+        slope: their Jacobian by theta.
+    """
+    from scipy.special import chdtrc
+
+    count, kinds = len(problem.kinds), np.array(problem.kinds)
+    with np.errstate(divide="ignore"):
+        widths = 1 / np.linalg.norm(slope[count:], axis=0)
+
+    def least(values: Bool[np.ndarray, "D"], wide: float) -> float:
+        weights = np.append(values, np.full(len(residuals) - count, 1 / wide))
+        step, *_ = np.linalg.lstsq(weights[:, None] * slope, -weights * residuals, rcond=RANK_TOLERANCE)
+        return float(((weights * (residuals + slope @ step)) ** 2).sum())
+
+    chances, each = [], [kinds == kind for kind in np.unique(kinds[np.isfinite(np.asarray(problem.sigma))])]
+    for own in each if len(each) > 1 else ():
+        scale, freedom = quadratic_form(slope[:count], widths, own)
+        statistic = residuals @ residuals - least(~own, 1.0) - least(own, WIDE)
+        chances += [float(chdtrc(freedom, max(statistic, 0.0) / scale))] if freedom else []
+    return not (rare(chances).any() or row_tests(problem, residuals, slope).outliers.any())
 
 
 class _Minima(NamedTuple):

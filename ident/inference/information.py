@@ -13,6 +13,7 @@ from ident.inference.problem import InverseProblem
 
 if TYPE_CHECKING:
     from ident.inference.fit import Fit
+    from ident.inference.identifiability import Consistency
 
 WEAK_ABOVE = 0.5
 """Standard deviation in theta above which a direction counts as weakly known: for a stiffness, a factor of 1.6;
@@ -275,6 +276,14 @@ def standard_deviations(chance: float) -> float:
 def p_in_words(p: float, digits: int = 2) -> str:
     """Say a p-value: `p = 0.031`; below what a double holds `p < 1e-300`."""
     return "p < 1e-300" if p < 1e-300 else f"p = {p:.{digits}g}"
+
+
+def chi_squared_in_words(test: "Fit | Consistency") -> str:
+    """Write chi-squared with what it is compared with."""
+    if not test.degrees_of_freedom > 0:
+        return "no degrees of freedom are left, so chi-squared tests nothing"
+    p = "" if math.isnan(test.p_value) else f" ({p_in_words(test.p_value)})"
+    return f"chi-squared {test.chi_squared:.3g} on {test.degrees_of_freedom} degrees of freedom{p}"
 
 
 def sigma_in_words(sd: float) -> str:

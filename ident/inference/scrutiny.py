@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ident.errors import ConvergenceError
-from ident.inference.fit import Fit
-from ident.inference.information import IMPROBABLE, RANK_TOLERANCE, information, row_tests
+from ident.inference.fit import Fit, agrees
+from ident.inference.information import IMPROBABLE, RANK_TOLERANCE, information
 from ident.inference.problem import InverseProblem
 from ident.inference.search import End, ended, look, solve, weighed
 
@@ -79,14 +79,14 @@ def exchanges(
 
 
 def _fits(fit: Fit, problem: InverseProblem, end: End, chi_squared: float) -> bool:
-    """Tell whether neither chi-squared, nor a value, nor what was said of values contradicts an end."""
+    """Tell whether chi-squared, values, kinds and what was said of values all agree with an end, as a verdict asks."""
     if not (np.isfinite(end.cost) and end.choice.settled):
         return False
     from scipy.special import chdtrc
 
     if not chdtrc(fit.degrees_of_freedom, chi_squared) >= IMPROBABLE:
         return False
-    return not row_tests(problem, *weighed(problem, end)).outliers.any()
+    return agrees(problem, *weighed(problem, end))
 
 
 def _costs(fit: Fit, moves: Sequence[Moves]) -> Float[np.ndarray, "N"]:

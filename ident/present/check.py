@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.identify.problem import LabelDoubt, row_names
 from ident.inference.fit import contradiction_in_words
-from ident.inference.information import WEAK_ABOVE, Information, p_in_words
+from ident.inference.information import WEAK_ABOVE, Information, chi_squared_in_words
 from ident.inference.optima import is_tie
 from ident.present.basis import springs_in_words
 from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut
@@ -319,9 +319,8 @@ def _agreement(check: "CampaignCheck") -> Iterator[Section]:
     agree = check.consistency
     if agree is None:
         return
-    if not math.isnan(agree.p_value):
-        fit = f"chi-squared {agree.chi_squared:.3g} on {agree.degrees_of_freedom} degrees of freedom"
-        note = f"All together, by linearisation: {fit}, {p_in_words(agree.p_value)}."
+    if not math.isnan(agree.p_value) or not agree.degrees_of_freedom > 0:
+        note = f"All together, by linearisation: {chi_squared_in_words(agree)}."
     else:
         note = "Overall consistency cannot be tested by linearisation (start values too far off): see `ident fit`."
     notes = [note, *filter(None, [correlated_errors(check.campaign)])]

@@ -11,6 +11,7 @@ import numpy as np
 from ident.arm.multibody import IMBALANCE, exciting_orders
 from ident.assess.cures import SHARES
 from ident.assess.remedies import AND, CONFIDENT, EFFORTS, MOVED, STIFFER, VERIFIED, Remedy
+from ident.inference.information import chi_squared_in_words
 from ident.present.balance import needs_words
 from ident.present.basis import (
     assumed,
@@ -204,7 +205,7 @@ def of_model(diagnosis: "Diagnosis") -> str:
     fixed = f"{fit.information.fixed} of {len(fit.information.names)} combinations determined"
     far = f"; unmeasured postures predicted {scope_words(validation)}" if validation.told else ""
     told = f"; {source_line(diagnosis.excited.study)}" if diagnosis.excited else ""
-    return f"{fixed} (chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom}){far}{told}"
+    return f"{fixed} ({chi_squared_in_words(fit)}){far}{told}"
 
 
 def _next(diagnosis: "Diagnosis", *, good: bool) -> str:
@@ -306,7 +307,7 @@ def _stiffness(diagnosis: "Diagnosis") -> Iterator[Part]:
     rank, count = fit.information.fixed, len(fit.information.names)
     yield (
         f"{counted(len(fit.campaign), 'measurement')} determine {rank} of {count} combinations of the unknowns; "
-        f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom."
+        f"{chi_squared_in_words(fit)}."
     )
     yield from (sentence(doubt.replace("see below", "see ident fit")) for doubt in fit.doubts)
     if rank < count:

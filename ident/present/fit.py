@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.identify.problem import row_names
 from ident.identify.unknowns import is_damping, is_of_loop
-from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information, half_width, p_in_words
+from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information, chi_squared_in_words, half_width
 from ident.inference.optima import unmet
 from ident.measure import KINDS
 from ident.present.report import (
@@ -126,7 +126,7 @@ def _verdict(fit: "CampaignFit") -> Verdict:
         return refusal
     count, determined = len(unknown_places(fit)), _determined(fit)
     optima = f"{len(fit.rivals) + 1} optima fit the data, met" if fit.rivals else "one optimum fits, found"
-    quality = f"{_chi_squared(fit)}; {optima} in {counted(_starts(fit), 'start')}."
+    quality = f"{chi_squared_in_words(fit)}; {optima} in {counted(_starts(fit), 'start')}."
     if not determined:
         of = "the unknown" if count == 1 else f"any of the {count} unknowns"
         return Verdict("NOT USABLE", f"The data alone do not determine {of}; {quality}", "bad")
@@ -169,11 +169,6 @@ def _determined(fit: "CampaignFit") -> int:
     return sum(_is_determined(fit, i) for i in unknown_places(fit))
 
 
-def _chi_squared(fit: "CampaignFit") -> str:
-    p = "" if math.isnan(fit.p_value) else f" ({p_in_words(fit.p_value)})"
-    return f"chi-squared {fit.chi_squared:.3g} on {fit.degrees_of_freedom} degrees of freedom{p}"
-
-
 def _starts(fit: "Fit") -> int:
     return sum(optimum.starts for optimum in fit.optima) + fit.failed
 
@@ -187,6 +182,8 @@ def _residuals(fit: "CampaignFit") -> str:
     row = row_in_file(fit.campaign.measurements[far], name)
     count = len(fit.farthest_off)
     within = f"All {count} residuals within {z[far]:.1f} sigma; the largest is {row}."
+    if math.isnan(z[far]):
+        within = f"None of the {count} residuals can be judged: no measurement checks another."
     several = int(fit.suspicious.sum())
     if several and fit.weights is not None:
         within = f"{several} of {count} values count for less than half; largest: {row}, {z[far]:.1f} sigma."
@@ -523,7 +520,7 @@ def _advice(item: "Parameter", known: Information, i: int, off: float) -> str:
 def _about_values(fit: "CampaignFit") -> Iterator[str]:
     """Yield chi-squared, the priors, where damping comes from, and the largest correlation."""
     known, items = fit.information, fit.problem.parameters.items
-    yield sentence(_chi_squared(fit))
+    yield sentence(chi_squared_in_words(fit))
     yield from priors_in_words([items[i] for i in unknown_places(fit)])
     if not fit.damping and not any(is_damping(item.name) for item in items):
         times = [float(tau) for j in fit.arm.joints for tau in (j.tau_bend, j.tau_tors) if tau is not None]
