@@ -102,6 +102,8 @@ def _complete(what: str, given: Mapping[str, float], known: Mapping[str, float],
 STEP = math.radians(30.0)
 SLACK = 1e-9
 """Rounding [rad] that is forgiven at a limit."""
+MARGIN = math.radians(2.0)
+"""Distance from a joint's limit that planned postures keep: controllers stop before it; assumed."""
 MOST = 2048
 """Postures at most; a power of two, as Sobol's sequence likes."""
 
@@ -139,30 +141,38 @@ def all_postures(arm: Arm, step: float, seed: int) -> tuple[Float[np.ndarray, "G
         if low > high:
             got = f"limits of {joint.name} that leave -180 to 180 deg out"
             raise refusal(arm.name, got, "limits about zero", "shift the zero of the joint", "limits")
+    # what is at a limit keeps a margin: a quarter of the range at most
+    margins = [(joint.limits, min(MARGIN, (joint.limits[1] - joint.limits[0]) / 4)) for joint in arm.driven]
+    inner = [(low + margin, high - margin) for (low, high), margin in margins]
     listed, line = arm.workspace.postures, arm.workspace.line
     if listed:
         return np.array(listed), False
     if line is not None:
-        return np.outer(_on_line(spans, line, step), line) + 0.0, False
+        return np.outer(np.clip(_on_line(spans, line, step), *_shares(inner, line)), line) + 0.0, False
     if math.prod(max((high - low) / step - 1, 1.0) for low, high in spans) <= MOST:
         axes = [_multiples(low, high, step) for low, high in spans]
         if math.prod(map(len, axes)) <= MOST:
-            return np.array(list(product(*axes))), False
+            return np.clip(np.array(list(product(*axes))), *np.array(inner).T), False
     from scipy.stats import qmc  # long to import, and seldom needed
 
     low, high = np.array(spans).T
     u = qmc.Sobol(len(spans), rng=np.random.default_rng(seed)).random(MOST)
-    postures = np.clip(np.deg2rad(np.round(np.rad2deg(low + u * (high - low)))), low, high)
+    postures = np.clip(np.deg2rad(np.round(np.rad2deg(low + u * (high - low)))), *np.array(inner).T)
     first = arm.joints[0]
     if first.driven and not np.cross(np.asarray(first.axis), np.asarray(arm.gravity)).any():  # about the vertical
         postures[:, 0] = np.clip(0.0, low[0], high[0])
     return postures, True
 
 
+def _shares(spans: Sequence[tuple[float, float]], line: Sequence[float]) -> tuple[float, float]:
+    """Return the ends between which a factor of a line stays within the limits."""
+    pairs = [sorted((low / share, high / share)) for (low, high), share in zip(spans, line, strict=True) if share]
+    return max(low for low, _ in pairs), min(high for _, high in pairs)
+
+
 def _on_line(spans: Sequence[tuple[float, float]], line: Sequence[float], step: float) -> list[float]:
     """Return the multiples of a step by which a line's shares stay within the limits."""
-    pairs = [sorted((low / share, high / share)) for (low, high), share in zip(spans, line, strict=True) if share]
-    low, high = max(low for low, _ in pairs), min(high for _, high in pairs)
+    low, high = _shares(spans, line)
     if high - low > MOST * step:
         got = f"a step of {math.degrees(step):g} deg, {(high - low) / step:.3g} postures on the line"
         raise refusal("", got, f"{MOST} postures at most", "give a larger step", "step")

@@ -232,10 +232,12 @@ def table_lines(table: Table, width: int = WIDTH, *, wrap: bool = False) -> Iter
     rows = [tuple(one_line(cell.replace(KEPT, " ")) for cell in row) for row in table.texts]
     right = [_is_numeric([row[j] for row in rows]) and j > 0 for j in range(len(table.head))]
     sizes = [max((len(row[j]) for row in rows), default=0) for j in range(len(table.head))]
-    heads = [_broken(head, size) for head, size in zip(table.head, sizes, strict=True)]
-    if _total([max(size, len(head)) for size, head in zip(sizes, table.head, strict=True)]) <= width:
-        heads = [[head] for head in table.head]
-    sizes = [max([size, *map(len, lines)]) for size, lines in zip(sizes, heads, strict=True)]
+    for most in (1, 2, 9):
+        heads = [_broken(head, size, most) for head, size in zip(table.head, sizes, strict=True)]
+        broad = [max([size, *map(len, lines)]) for size, lines in zip(sizes, heads, strict=True)]
+        if _total(broad) <= width:
+            break
+    sizes = broad
     while _total(sizes) > width and any(size > NARROWEST and not r for size, r in zip(sizes, right, strict=True)):
         widest = max((size, j) for j, size in enumerate(sizes) if not right[j])[1]
         sizes[widest] -= 1
@@ -257,12 +259,12 @@ def _total(sizes: Sequence[int]) -> int:
     return sum(sizes) + len(GAP) * (len(sizes) - 1)
 
 
-def _broken(head: str, size: int) -> list[str]:
-    """Break a column's head where that makes it narrower, down to the width of its cells."""
-    words = head.split(" [")
-    unit = [f"[{words[1]}"] if len(words) > 1 else []
-    longest = max(size, *map(len, unit), *map(len, words[0].split()), 1)
-    return [*textwrap.wrap(words[0], longest, break_long_words=False), *unit]
+def _broken(head: str, size: int, most: int) -> list[str]:
+    """Break a column's head into so many lines at most where that makes it narrower, down to the width of its cells."""
+    words, *unit = head.replace(" [", "\n[").split("\n")
+    widths = range(max(size, *map(len, unit), *map(len, words.split()), 1), len(head) + 1)
+    broken = ([*textwrap.wrap(words, width, break_long_words=False), *unit] for width in widths)
+    return next((lines for lines in broken if len(lines) <= most), [head])
 
 
 def _line(cells: Sequence[str], sizes: Sequence[int], right: Sequence[bool]) -> str:

@@ -309,8 +309,9 @@ def size_in_words(item: "Parameter", theta: float, sign: str = "") -> str:
 
 
 def with_tied(item: "Parameter") -> str:
-    """Name a parameter with what is tied to it."""
-    return item.name if len(item.paths) == 1 else f"{item.name} (and {', '.join(item.paths[1:])})"
+    """Name a parameter with what is tied to it: the other one, or how many they are."""
+    name, others = item.name, item.paths[1:]
+    return f"{name} ({len(others) + 1} tied)" if others[1:] else f"{name} (and {others[0]})" if others else name
 
 
 def parameter_in_words(item: "Parameter") -> str:
