@@ -175,7 +175,7 @@ def registry() -> "pint.UnitRegistry":
     """Return the one unit registry; it takes a moment to import and to build, and is kept."""
     import pint
 
-    units = pint.UnitRegistry(on_redefinition="ignore")
+    units: pint.UnitRegistry = pint.UnitRegistry(on_redefinition="ignore")
     units.define("@alias thou = mil = mils")  # of dial gauges; pint's own is an angle of artillery
     return units
 

@@ -394,8 +394,8 @@ def check_values(posed: Posed, trusted: Collection[str] = ()) -> None:
     """
     arm, campaign, names = posed.arm, posed.campaign, row_names(posed.campaign)
     if unknown := [row for row in trusted if row not in {*names, *row_names(posed.ratios), ALL}]:
-        expected, remedy = f"rows of the campaign ({names[0]} to {names[-1]}), or {ALL}", "correct the number"
-        raise refusal("trust_values", quoted(unknown[0]), expected, remedy)
+        rows = f"rows of the campaign ({names[0]} to {names[-1]}), or {ALL}"
+        raise refusal("trust_values", quoted(unknown[0]), rows, "correct the number")
     expected, missing = _by_labels(posed.problem, campaign)
     found = list(_in_doubt(posed, expected, missing, trusted))
     doubts, hopeless = ([each for each in found if (each.tag == HOPELESS) == is_so] for is_so in (False, True))
@@ -489,10 +489,10 @@ class _Doubt(NamedTuple):
 
 
 UNITS = {
-    "frequency": ("Hz", "rad/s", "rpm", "kHz"),
-    "length": ("m", "mm", "cm", "um", "in", "mil"),
-    "rotation": ("rad", "mrad", "deg", "arcsec"),
-    "damping_ratio": ("1", "%"),
+    "frequency": "Hz rad/s rpm kHz",
+    "length": "m mm cm um in mil",
+    "rotation": "rad mrad deg",
+    "damping_ratio": "1 %",
 }
 """Units in which values may be that are said to be in another one."""
 HOPELESS = ("hopeless",)
@@ -558,7 +558,7 @@ def _looks_like(m: Measurement, ratio: float) -> str:
     with suppress(InputError, ValueError):  # a unit made in code, which is a remark; a negative ratio
         quantity, size = KINDS[m.kind], math.log(ratio)
         own = math.log(si_factor(m.unit, quantity))
-        factor = {unit: own - math.log(si_factor(unit, quantity)) for unit in UNITS[quantity]}
+        factor = {unit: own - math.log(si_factor(unit, quantity)) for unit in UNITS[quantity].split()}
         unit = min(factor, key=lambda unit: abs(size - factor[unit]))
         return f"{unit} written as {m.unit}" if abs(size - factor[unit]) < abs(factor[unit]) / 12 else ""
     return ""

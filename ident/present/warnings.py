@@ -130,7 +130,7 @@ def what_may_be_wrong(predictions: Sequence[CrossPrediction]) -> str:
 
 def odd_numbers(arm: Arm, unknowns: Parameters | None = None) -> tuple[Finding, ...]:
     """Return the numbers of an arm that look wrong: a wrong arm file is the commonest cause of a wrong stiffness."""
-    odd = oddities(arm, free=unknowns and unknowns.paths)
+    odd = oddities(arm, free=None if unknowns is None else unknowns.paths)
     more = len(odd) - MOST_ROWS
     named = [Finding(f"arm file: {each}", "correct it, see `ident show`") for each in odd[:MOST_ROWS]]
     rest = [Finding(f"arm file: {more} more numbers look wrong", "see `ident show`")] if more > 0 else []

@@ -155,6 +155,24 @@ def test_equal_modules_and_a_turret_about_its_joint_are_sound():
     assert oddities(six_links(turret)) == ()
 
 
+def test_stiffnesses_are_compared_with_their_own_kind_and_only_those_that_are_fitted():
+    """Springs about the axes of an arm that is rigid across them; then one that is 1000 times too soft, or fixed."""
+
+    def odd(free=None, **k):
+        arm = six_links(list(filled(MASSES)))
+        names = [joint.name for joint in arm.joints]
+        numbers = {f"{name}.k_bend": 1e11 for name in names}
+        numbers |= {f"{name}.k_tors": x for name, x in zip(names, (4e6, 5e6, 3e6, 6e5, 5e5, 3e5), strict=True)}
+        return {
+            each.path for each in oddities(arm.replace(numbers | {f"{p}.k_tors": x for p, x in k.items()}), free=free)
+        }
+
+    torsion = [f"j{n}.k_tors" for n in range(6)]
+    assert odd() == odd(torsion) == set()
+    assert odd(j3=6e8) == odd(torsion, j3=6e8) == {"j3.k_tors"}
+    assert odd(torsion[:3], j3=6e8) == set()
+
+
 @pytest.mark.parametrize(
     "path",
     [

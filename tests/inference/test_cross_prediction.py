@@ -12,10 +12,10 @@ from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2, kstest
 
-from ident.inference.fit import contradicting, cross_predictions, fit, moment_sd, quadratic_form
+from ident.inference.fit import agrees, contradicting, cross_predictions, fit, moment_sd, quadratic_form
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
-from ident.inference.search import solve
+from ident.inference.search import solve, weighed
 
 
 class Linear(eqx.Module):
@@ -58,6 +58,15 @@ def test_contradicting_kinds_in_closed_form():
         assert each.p_value == pytest.approx(chi2.sf(96, 1), rel=1e-6)
         assert each.sd == pytest.approx(math.sqrt(96))
     assert contradicting([x, y]) == (x, y)
+
+
+@pytest.mark.parametrize(("y", "fine"), [(4.0, True), (5.1, True), (5.2, False), (10.0, False)])
+def test_an_optimum_agrees_where_no_kind_contradicts_the_others(y, fine):
+    """The mean of 25 is 4 within 0.1; y is off it by 3.14 or 3.43 sd of the difference, 0.35: twice 0.0027 is 3.2."""
+    problem = linear(np.ones((26, 1)), [4.0] * 25 + [y], sigma=0.5 * 0.7, kinds="x" * 25 + "y")
+    end = solve(problem, problem.parameters.theta_start)
+    assert agrees(problem, *weighed(problem, end)) == fine
+    assert (not contradicting(list(compared(problem).values()))) == fine
 
 
 def test_a_prior_is_a_measurement_too():

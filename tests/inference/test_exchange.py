@@ -1,6 +1,7 @@
 """Which two values of a linear model were exchanged, against the least squares of every exchange."""
 
 import tracemalloc
+from dataclasses import replace
 from itertools import combinations
 
 import equinox as eqx
@@ -32,6 +33,19 @@ class Linear(eqx.Module):
 
 def swap(pair):
     return {pair[0]: pair[1], pair[1]: pair[0]}
+
+
+@pytest.mark.parametrize(("off", "named"), [(0.0, [(0, 1)]), (3.5, [])])
+def test_an_exchange_after_which_a_kind_contradicts_the_others_explains_nothing(off, named):
+    """By 3.4 sd: not enough for one value of nine (3.6), enough for one kind of two (3.2)."""
+    A = np.ones((9, 1))
+    A[1] = 2.0
+    measured = 5.0 * A[:, 0]
+    measured[[0, 1]] = measured[[1, 0]]
+    measured[8] += 0.5 * off
+    problem = replace(problem_of(A, measured, np.full(9, 0.5)), kinds=("x",) * 8 + ("y",))
+    found = exchanges(fit(problem, starts=1), list(combinations(range(8), 2)), [], swap)
+    assert [each.rows for each in found][:1] == named
 
 
 def common(share, groups=POSTURES, count=COUNT):

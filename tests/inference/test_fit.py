@@ -162,7 +162,7 @@ def typed(*values, sigma=(0.1, 0.1, 1e-4)):
 
 
 def test_radians_per_second_taken_for_hertz_are_questioned():
-    with pytest.raises(InputError, match="1 more like it .row 3.*rad/s written as Hz") as error:
+    with pytest.raises(InputError, match=r"1 more like it \(row 3\).*rad/s written as Hz") as error:
         check_values(typed(27.5, 27.5, None))
     assert [p.where for p in error.value.problems] == ["t.csv:2"]
 

@@ -5,6 +5,7 @@ import math
 import pytest
 from reports import too_wide
 
+from ident.inference.parameters import Parameter
 from ident.present.report import (
     Finding,
     Report,
@@ -19,6 +20,7 @@ from ident.present.report import (
     text_of,
     written,
 )
+from ident.present.words import with_tied
 
 TABLE = Table("", ("Stiffness", "value [N m/rad]"), (("joint1.k_bend", 7.157e5), ("joint2.k_bend", None)), ("", ".4g"))
 
@@ -110,6 +112,19 @@ def test_a_head_wider_than_its_numbers_is_broken_only_where_space_is_short():
     head = ("row", "words", "predicted from the other kinds [Hz]")
     assert len(list(table_lines(Table("", head, rows)))) > 3
     assert len(list(table_lines(Table("", head, tuple((a, "w", c) for a, _, c in rows))))) == 3
+
+
+def test_a_head_has_two_lines_where_these_fit_and_tied_numbers_are_not_cut():
+    """The fit with damping: names of three tied numbers, and a unit in each row."""
+    tied = Parameter(tuple(f"joint{n}.tau_bend" for n in (1, 2, 3)), True, 2e-4, 2e-4)
+    two = Parameter(("joint1.k_bend", "joint2.k_bend"), True, 1e5, 1e5)
+    assert with_tied(two) == "joint1.k_bend (and joint2.k_bend)"
+    head = ("Unknown", "value", "95 % interval", "std. error", "arm file", "fit vs. arm file")
+    row = (with_tied(tied), "0.0002029 s", "0.000189 to 0.000217", "3.5 %", "0.0002", "x 0.057")
+    lines = list(table_lines(Table("", head, (row, ("joint1.k_bend", "7.154e5 N m/rad", *row[2:])))))
+    assert len(lines) == 4
+    assert max(map(len, lines)) <= 100
+    assert "joint1.tau_bend (3 tied)" in lines[2]
 
 
 def test_control_characters_of_a_file_are_shown_and_break_no_line():

@@ -2,15 +2,31 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from arms import lcd_arm
 
 from ident.arm.parts import Servo
-from ident.inference.information import p_in_words, sigma_in_words, standard_deviations
+from ident.inference.information import chi_squared_in_words, p_in_words, sigma_in_words, standard_deviations
 from ident.measure import Campaign, Measurement
+from ident.present.fit import _residuals
 from ident.present.warnings import drive_states, odd_numbers
 from ident.present.words import as_factor, beside, in_percent, kinds_in_words, percent, scatter, three_digits
+
+
+def test_nothing_is_said_of_chi_squared_or_residuals_that_cannot_be_judged():
+    """Four values and as many unknowns, each with a prior: what is left of chi-squared is the priors'."""
+    test = SimpleNamespace(chi_squared=12.8, degrees_of_freedom=0, p_value=math.nan)
+    assert chi_squared_in_words(test) == "no degrees of freedom are left, so chi-squared tests nothing"
+    told = vars(test) | {"degrees_of_freedom": 4, "p_value": 0.012}
+    assert chi_squared_in_words(SimpleNamespace(**told)) == "chi-squared 12.8 on 4 degrees of freedom (p = 0.012)"
+    rows = [Measurement(kind="frequency", posture=(0.0,), value=4.0, sigma=0.1)] * 4
+    z = {"farthest_off": (0, 1, 2, 3), "standardised": np.full(4, np.nan), "suspicious": np.zeros(4, bool)}
+    fit = SimpleNamespace(campaign=Campaign(measurements=tuple(rows)), weights=None, cross_predictions=(), **z)
+    fit.contradictory = False
+    assert _residuals(fit) == "None of the 4 residuals can be judged: no measurement checks another."
 
 
 @pytest.mark.parametrize(
