@@ -457,7 +457,7 @@ def _by_labels(problem: InverseProblem, campaign: Campaign) -> tuple[Expected, s
 
     def is_far_off(i: int, value: float) -> bool:
         expected.value[i] = value
-        return any(_far_off(i, campaign, expected))
+        return any(far_off(i, campaign, expected))
 
     costs, here = expected.label_cost, expected.value.tolist()
     odd = [i for i, m in enumerate(campaign) if m.mode and (costs[i] >= FAR or is_far_off(i, here[i]))]
@@ -494,13 +494,12 @@ UNITS = {
     "rotation": "rad mrad deg",
     "damping_ratio": "1 %",
 }
-"""Units in which values may be that are said to be in another one."""
-HOPELESS = ("hopeless",)
-"""Of what no trust mends."""
+STIFFNESS_UNITS = {"N mm/deg": NMM_PER_DEG, "N m/deg": 180 / math.pi, "N mm/rad": 1e-3, "N m/arcmin": 10800 / math.pi}
+"""Units that are taken for each other; of stiffnesses those that are taken for N m/rad."""
 TRIED, COMMON = 1000, 0.1
 """Rows up to which a common cause is looked for; mean |ln factor| that it may leave of the rows in doubt; assumed."""
-STIFFNESS_UNITS = {"N mm/deg": NMM_PER_DEG, "N m/deg": 180 / math.pi, "N mm/rad": 1e-3, "N m/arcmin": 10800 / math.pi}
-"""The same of stiffnesses, beside N m/rad."""
+HOPELESS = ("hopeless",)
+"""Of what no trust mends."""
 
 
 def _in_doubt(posed: Posed, expected: Expected, missing: Collection[int], trusted: Collection[str]) -> Iterator[_Doubt]:
@@ -526,10 +525,10 @@ def _in_doubt(posed: Posed, expected: Expected, missing: Collection[int], truste
                 label = _no_such_mode(m, posed.arm, "leave it empty")
                 yield from (_Doubt(i, each, ("mode", m.mode)) for each in label)
             else:
-                yield from _far_off(i, posed.campaign, expected)
+                yield from far_off(i, posed.campaign, expected)
 
 
-def _far_off(i: int, campaign: Campaign, expected: Expected) -> Iterator[_Doubt]:
+def far_off(i: int, campaign: Campaign, expected: Expected) -> Iterator[_Doubt]:
     """Refuse a value beyond what plausible arms would read, even if its sigma is considered."""
     m, value = campaign.measurements[i], float(expected.value[i])
     if m.kind in POSITIONS and abs(m.value - value) > AWAY + SUSPICIOUS * m.spread:
@@ -568,17 +567,18 @@ def _merged(doubts: Sequence[_Doubt], posed: Posed, expected: Expected, trusted:
     """Return a problem for each mistake: one in angles or stiffnesses that explains all, or those that rows share."""
     places, campaign = list(dict.fromkeys(each.place for each in doubts)), posed.campaign
 
-    def off(at: Posed, there: Expected) -> Float[np.ndarray, "n"]:
-        return np.log(np.abs([at.campaign.measurements[i].value / there.value[i] for i in places]))
+    def off(there: Expected) -> Float[np.ndarray, "n"]:
+        pairs = [(campaign.measurements[i].value, there.value[i]) for i in places]
+        return -np.diff(np.log(np.maximum(np.abs(pairs), 1e-300)))[:, 0]
 
     if 1 < len(places) <= len(campaign) <= TRIED and not all(each.known for each in doubts):
-        before, causes = off(posed, expected), []
+        before, causes = off(expected), []
         limit = max(COMMON, float(np.abs(before - np.median(before)).mean()))  # what one factor would leave
         for where, column, looks, right in _put_right(posed):
             there = Expected.of(right.problem, right.campaign)
             fine = np.isfinite(there.value).all() and (there.label_cost < FAR).all()
             if fine and not any(_in_doubt(right, there, (), trusted)):
-                causes.append((float(np.abs(off(right, there)).mean()), where, column, looks))
+                causes.append((float(np.abs(off(there)).mean()), where, column, looks))
         if causes and min(causes)[0] < limit:
             _, where, column, looks = min(causes)
             rows = ", ".join(_row_name(campaign.measurements[i], i) for i in places)

@@ -14,7 +14,7 @@ from ident.arm.arm import Arm
 from ident.arm.parts import Body, Joint, Point
 from ident.errors import InputError
 from ident.identify.fit import fit_campaign
-from ident.identify.problem import Expected, _far_off, check_values, pose
+from ident.identify.problem import Expected, check_values, far_off, pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
@@ -94,7 +94,7 @@ def test_what_nearly_cancels_may_be_of_either_sign_and_ten_times_as_large_but_no
         rows = (Measurement(kind="deflection", posture=(0.0,), value=x, sigma=1e-6, point="tip") for x in values)
         campaign = Campaign(measurements=tuple(rows))
         expected = Expected.of(problem, campaign)
-        return [bool(list(_far_off(i, campaign, expected))) for i in range(3)]
+        return [bool(list(far_off(i, campaign, expected))) for i in range(3)]
 
     assert refused(1e-3, 4.9e-3, 0.21e-3) == [False, False, False]
     assert refused(-1e-3, 5.1e-3, 0.19e-3) == [False, True, True]

@@ -10,7 +10,7 @@ from scipy.stats import binom
 from ident.errors import InputError
 from ident.identify.conditions import shared_error
 from ident.identify.fit import CampaignFit
-from ident.identify.problem import Expected, _far_off, _of_all, pose
+from ident.identify.problem import Expected, _of_all, far_off, pose
 from ident.inference.fit import fit
 from ident.inference.search import evaluate
 from ident.measure import Campaign, parse_campaign
@@ -84,7 +84,7 @@ def test_readings_without_a_label_are_said_to_count_as_modes():
     rows = [f"frequency,0,0,0,,{value},Hz,0.02,," for value in (4.38, 4.41, 5.07, 5.1, 14.8, 14.9)]
     campaign = parse_campaign((HEADER + "\n".join(rows)).encode(), "twice.csv")
     predicted = np.full(6, 16.1)
-    problem = _of_all([*_far_off(3, campaign, Expected(predicted, *np.zeros((3, 6))))], campaign)
+    problem = _of_all([*far_off(3, campaign, Expected(predicted, *np.zeros((3, 6))))], campaign)
     assert problem.where == "twice.csv:5"
     assert "taken as number 4 of 6 modes without a label there: label repeats, or" in problem.remedy
 
