@@ -266,7 +266,7 @@ def oddities(
     every = links(arm)
     found = list(_lengths(arm, reach)) or list(_whole(arm, reach))
     found = found or [*_bodies(every, reach, extents), *_light(arm), *_placeholders(every, reach, extents)]
-    found += [] if found else [*_giving(arm), *_proportion(arm, free)]  # of wrong lengths and masses, all stiffnesses are odd
+    found += [] if found else [*_giving(arm), *_proportion(arm, free)]  # wrong masses make all odd
     found += _end_point(arm, reach)
     first: dict[str, Oddity] = {}
     for each in (*found, *_limits(arm), *_drives(arm)):
