@@ -95,7 +95,7 @@ def allowed_errors(arm: Arm) -> tuple[float, float]:
     """
     arm = arm.replace({f"{drive.name}.error": np.deg2rad(0.5 / 3600) for drive in arm.drives})
     phases = [f"{drive.name}.{end}" for end in ("phase", "error_phase") for drive in arm.drives]
-    whole = superposition(arm, stroke(arm.stroke, percent=10, dwell=4.0), phases, rate=RATE)
+    whole = superposition(arm, stroke(arm.stroke, percent=10, dwell=4.0), phases, rate=RATE, measured=True)
     size, half = np.hypot(whole.cosine, whole.sine), len(phases) // 2
     alone = np.abs(whole.sure) + size[:half].sum(0)
     errors = np.arange(0.1, 8.0, 0.1)

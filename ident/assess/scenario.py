@@ -16,6 +16,7 @@ from ident.identify.binding import loads_of
 from ident.identify.values import Values
 from ident.measure import OWN_WEIGHT, Load, Log
 from ident.vibrate.motion import Motion
+from ident.vibrate.response import gear_error
 from ident.vibrate.simulate import Superposition
 
 # -------- Phases
@@ -23,6 +24,8 @@ from ident.vibrate.simulate import Superposition
 
 GUESSED = ("assumed", "calibrated", "derived", "designed", "")
 """Origins of a phase with which it is not known: it was not seen on this arm."""
+POSTURES = 200
+"""Of a motion in which the gears' own error is computed."""
 IDENTIFIED = "identified"
 """Origin of a number that was taken over from a fit or a posterior, or set."""
 
@@ -156,6 +159,12 @@ class Basis:
         values = posterior.without(self.changed) if posterior else {}
         count = len(next(iter(values.values()))) if values else 0
         return values | self.unknown.draws(count, seed) if values else {}
+
+    @cached_property
+    def gear_error(self) -> float:
+        """How far transmission errors move the end point at rest, and so at any speed [m]: at most along the motion."""
+        times = np.linspace(self.motion.breaks[0], self.motion.breaks[-1], POSTURES)
+        return float(gear_error(self.arm, self.motion(times)[0]).max())
 
     @property
     def origins(self) -> dict[str, str]:

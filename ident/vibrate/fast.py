@@ -315,7 +315,7 @@ cost next to nothing."""
 
 
 class Solution(NamedTuple):
-    """Coordinates and rates (n, T), path, displacement and quasi-static deflection of the end point (3, T).
+    """Coordinates and rates (n, T), path, displacement, quasi-static deflection and gear error of the end point (3, T).
 
     Where springs are curved, also the size of each bushing's spring moment by which the tangent misses the curve, and
     of that moment's change (2 N, T) [N m], see `beyond_tangent`; None otherwise.
@@ -326,6 +326,7 @@ class Solution(NamedTuple):
     path: AnyArray
     displacement: AnyArray
     quasi_static: AnyArray
+    gear_error: AnyArray
     missed: AnyArray | None = None
 
 
@@ -340,7 +341,11 @@ class Linearised(NamedTuple):
 
 
 class FastMethod(eqx.Module):
-    """The fast method for one arm, all else given."""
+    """The fast method for one arm, all else given.
+
+    What the transmission error does to the arm at rest, at any speed, is no vibration, but a sensor has it in its
+    trace: `measured` counts it in.
+    """
 
     motion: Motion
     loads: Loads | None
@@ -350,6 +355,7 @@ class FastMethod(eqx.Module):
     weights: StepWeights
     elastic: bool = eqx.field(static=True)
     transmission_error: bool = eqx.field(static=True)
+    measured: bool = eqx.field(static=True, default=False)
 
     def linearised(self, arm: Arm) -> Linearised:
         """Linearise an arm's equations of motion along the motion."""
@@ -369,7 +375,7 @@ class FastMethod(eqx.Module):
         return excited(self.model(arm), self.motion, self.grid, self.weights, linear.equations)
 
     def vibration(self, arm: Arm, linear: Linearised, solved: Fast, time: Times | None = None) -> Float[Array, "3 T"]:
-        """Return the displacement of the end point from its quasi-static deflection [m].
+        """Return the displacement of the end point from its quasi-static position [m].
 
         Args:
             arm: the arm.
@@ -381,7 +387,8 @@ class FastMethod(eqx.Module):
 
         def at(time: Array) -> Array:
             static = between_nodes(self.grid, linear.bent, time)[0]
-            return end_point_of(model, self.motion, time, solved.at(self.grid, time)[0])[1] - static
+            moved = end_point_of(model, self.motion, time, solved.at(self.grid, time)[0])[1] - static
+            return moved if self.measured else moved - self._gear_error(model, linear, time)
 
         return at(jnp.asarray(time)) if time is not None else by_time(at, jnp.asarray(self.time))
 
@@ -392,7 +399,8 @@ class FastMethod(eqx.Module):
         def at(time: Array) -> Solution:
             y, yd = solved.at(self.grid, time)
             static, missed = between_nodes(self.grid, linear.bent, time)[0], self._missed(model, linear, time, y)
-            return Solution(y, yd, *end_point_of(model, self.motion, time, y), static, missed)
+            error = self._gear_error(model, linear, time)
+            return Solution(y, yd, *end_point_of(model, self.motion, time, y), static, error, missed)
 
         whole: Solution = by_time(at, jnp.asarray(self.time))
         return whole
@@ -411,6 +419,14 @@ class FastMethod(eqx.Module):
         return multibody(
             arm, self.loads, rank=1, elastic_belts=self.elastic, transmission_error=self.transmission_error
         )
+
+    def _gear_error(self, model: Multibody, linear: Linearised, time: Array) -> Float[Array, "3 T"]:
+        """Return the displacement of the end point at static equilibrium by the transmission error."""
+        if not model.transmission_error:
+            return jnp.zeros((3, *time.shape))
+        rest = between_nodes(self.grid, linear.equations.quasi_static, time)[0]
+        erring, exact = (end_point_of(each, self.motion, time, rest)[1] for each in (model, balanced(model)))
+        return erring - exact
 
     def _missed(self, model: Multibody, linear: Linearised, time: Times, y: Array) -> Array | None:
         if model.curved is None:

@@ -19,8 +19,11 @@ from ident.arm.multibody import (
     bushing_rotations,
     deviations,
     drive_torques,
+    end_point,
     kinematics,
     mass_and_forces,
+    multibody,
+    of_joints,
     pins,
     stretch,
     tensions,
@@ -46,6 +49,7 @@ class Response(eqx.Module):
         path: (3, T) [m] where the end point would be, were the joints rigid.
         displacement: (3, T, *batch) [m] of the end point from that path, in the base frame.
         quasi_static: (3, T, *batch) [m] quasi-static deflection, the part of it at static equilibrium.
+        gear_error: (3, T, *batch) [m] the part of it that the transmission error makes at rest, at any speed.
         method: how it was computed.
     """
 
@@ -57,11 +61,17 @@ class Response(eqx.Module):
     path: Float[AnyArray, "3 T"]
     displacement: Vibration
     quasi_static: Vibration
+    gear_error: Vibration
     method: str = eqx.field(static=True)
 
     @property
     def vibration(self) -> Vibration:
-        """(3, T, *batch) [m] displacement of the end point from its quasi-static deflection."""
+        """(3, T, *batch) [m] displacement of the end point from its quasi-static position, as its gears err at rest."""
+        return self.measured - self.gear_error
+
+    @property
+    def measured(self) -> Vibration:
+        """(3, T, *batch) [m] displacement from the quasi-static deflection, as a sensor sees it."""
         return self.displacement - self.quasi_static
 
     @property
@@ -128,6 +138,15 @@ def settling_time(response: Response, tolerance: float) -> Float[np.ndarray, "3 
     last = beyond.shape[1] - 1 - np.argmax(beyond[:, ::-1], 1)
     after = np.append(time[late], np.inf)[last + 1] - response.motion.arrival
     return np.where(beyond.any(1), after, 0.0)
+
+
+@jit
+def gear_error(arm: Arm, postures: Float[AnyArray, "driven T"]) -> Float[Array, "3 T"]:
+    """Return how far transmission errors move the end point of the resting arm [m], with their worst phases."""
+    model = multibody(arm, rank=1)
+    q, amplitude = of_joints(model, jnp.asarray(postures)), sum(map(jnp.abs, model.drives.error))
+    each = [end_point(model, q.at[joint].add(amplitude[joint])) for joint in range(model.joints)]
+    return sum(jnp.abs(moved - end_point(model, q)) for moved in each)
 
 
 # -------- Belt tension

@@ -85,7 +85,7 @@ def simulate(
         refuse_curved(arm, solution.missed)
     model = _multibody(arm, loads, 1 + len(batch), elastic_belts, has_transmission_error(arm))
     path = solution.path.reshape((3, len(time), -1))[..., 0]
-    return Response(model, motion, time, *solution[:2], path, *solution[3:5], method)
+    return Response(model, motion, time, *solution[:2], path, *solution[3:6], method)
 
 
 def _whole(arm: Arm, solve: FastMethod) -> Solution:
@@ -97,7 +97,14 @@ def _whole(arm: Arm, solve: FastMethod) -> Solution:
 
 
 def fast_method(
-    arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float, step: float | None
+    arm: Arm,
+    motion: Motion,
+    loads: Loads | None,
+    elastic: bool,
+    rate: float,
+    step: float | None,
+    *,
+    measured: bool = False,
 ) -> FastMethod:
     """Set up the fast method for a motion."""
     _check(arm, rate, step)
@@ -108,7 +115,8 @@ def fast_method(
     _refuse_short(float(time[-1] - time[0]), longest, step is None)
     grid = time_intervals(motion, time[-1], longest, turn=TURN_WITH_ERROR if error else TURN)
     weights, samples = step_weights(int(grid.steps)), np.asarray(len(time))
-    return FastMethod(filled_up(motion), loads, repeated(time), samples, grid.filled_up(), weights, elastic, error)
+    given = filled_up(motion), loads, repeated(time), samples, grid.filled_up(), weights
+    return FastMethod(*given, elastic, error, measured and error)
 
 
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
@@ -332,6 +340,7 @@ def superposition(
     elastic_belts: bool = False,
     rate: float = RATE,
     step: float | None = None,
+    measured: bool = False,
 ) -> Superposition:
     """Return the vibration over a motion by what excites it, with the fast method.
 
@@ -343,12 +352,13 @@ def superposition(
         elastic_belts: whether belts stretch.
         rate: samples a second.
         step: longest time step [s]; see `fast.step_for` when None.
+        measured: whether what the transmission error does to the arm at rest counts, as for a sensor.
 
     Raises:
         InputError: see `simulate`.
         ModelError: the arm collapses.
     """
-    solve = fast_method(arm, motion, loads, elastic_belts, rate, step)
+    solve = fast_method(arm, motion, loads, elastic_belts, rate, step, measured=measured)
     numbers = {path: np.asarray(x)[None] for path, x in numbers_of(arm).items()}
     members = np.asarray(vibrations(arm, numbers, solve, sets_of(unknown)))[..., 0]
     refuse_collapse(motion, members)

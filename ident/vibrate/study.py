@@ -170,7 +170,7 @@ def against(
     """
     comparisons, at = {}, np.asarray(response.time)
     for direction, measured in values.items():
-        ours = Trace(at, np.asarray(response.vibration[DIRECTIONS.index(direction)]))
+        ours = Trace(at, np.asarray(response.measured[DIRECTIONS.index(direction)]))
         theirs = Trace(time, measured, "acceleration" if kind == "acceleration" else "displacement")
         comparisons[direction] = compare(ours, theirs, band=band)
     return comparisons

@@ -143,7 +143,7 @@ def work(number: int, seed: int, wrong: str, mujoco: bool = False) -> dict[str, 
 def by_exact(true: Arm, driven: Motion, load: Load) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return times, and the vibration of the end point (3, T) by the exact equations; no peer's times."""
     response = simulate(true, driven, method="exact", loads=loads_of(true, load), rate=250.0)
-    return np.asarray(response.time), np.asarray(response.vibration), np.zeros(2)
+    return np.asarray(response.time), np.asarray(response.measured), np.zeros(2)
 
 
 def by_mujoco(true: Arm, driven: Motion, load: Load) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

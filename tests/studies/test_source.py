@@ -412,7 +412,7 @@ def test_a_peak_has_a_cause_on_the_first_screen(asked, true_arm, tmp_path):
     energy, motions = {}, [stroke(true_arm.stroke, percent=speed, dwell=1.0) for speed in (12.0, 15.0)]
     for kind, other in (("imbalance", "error"), ("error", "eccentricity")):
         alone = true_arm.replace({f"drive{k}.{other}": 1e-15 for k in (1, 2, 3)})  # none, by the program of the runs
-        each = [simulate(alone, motion, loads=no_loads(alone), rate=200.0).vibration for motion in motions]
+        each = [simulate(alone, motion, loads=no_loads(alone), rate=200.0).measured for motion in motions]
         energy[kind] = sum(np.square(Band(9.0, WIDTH * 9.0, 200.0)(np.asarray(seen)[1:].T)).sum() for seen in each)
     assert asked.causes[0]["kind"] == max(energy, key=energy.get)
     assert asked.causes[0]["told"]

@@ -43,7 +43,7 @@ def columns(percent: float, retract: bool, profile: str) -> tuple[Motion, Superp
     """The vibration by each imbalance, by transmission errors of one arc second, and by the motion itself."""
     arm = lcd_arm().replace({f"{drive.name}.error": ARCSEC for drive in lcd_arm().drives})
     motion = stroke(arm.stroke, percent=percent, profile=profile, retract=retract, dwell=DWELL)
-    return motion, superposition(arm, motion, list(SOURCES), rate=RATE)
+    return motion, superposition(arm, motion, list(SOURCES), rate=RATE, measured=True)
 
 
 def case(number: int, seed: int = 0) -> Case:

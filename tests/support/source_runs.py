@@ -41,7 +41,7 @@ def measure(folder, arm, speed, load="", offset=0.01, seed=0, name=""):
     """Write a run of an arm as a recorder would: 100 samples a second, noise of 5 % of the peak, another clock."""
     motion = stroke(arm.stroke, percent=speed, dwell=1.0)
     response = simulate(arm, motion, loads=loads_of(arm, Load.parse(load)), rate=200.0)
-    curve = make_interp_spline(response.time, 1e3 * np.asarray(response.vibration).T, k=5)
+    curve = make_interp_spline(response.time, 1e3 * np.asarray(response.measured).T, k=5)
     time = np.arange(0.1, float(response.time[-1]) - 0.1, 0.01)
     values = curve(time + offset)[:, 1:]
     values += 0.05 * np.abs(values).max(0) * np.random.default_rng(seed).standard_normal(values.shape)

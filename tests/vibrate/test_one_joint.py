@@ -22,7 +22,7 @@ from ident.arm.mechanics import deflection, equilibrium
 from ident.arm.multibody import possible_orders
 from ident.arm.parts import Body, Drive, Joint, Point
 from ident.vibrate import exact
-from ident.vibrate.response import peak, rms
+from ident.vibrate.response import gear_error, peak, rms
 from ident.vibrate.simulate import fast_method, simulate, superposition
 from ident.vibrate.source_problem import Channel, Prior, SourceProblem
 from ident.vibrate.sources import Response, Run, unit_response
@@ -49,6 +49,20 @@ def shaken(method: str):
 def test_the_fast_method_agrees_with_the_exact_equations():
     assert np.abs(shaken("exact").vibration).max() > 1e-3
     assert off(shaken("fast").vibration, shaken("exact").vibration) < 5e-4
+
+
+@pytest.mark.parametrize("method", ["fast", "exact"])
+def test_what_the_gear_errs_at_rest_is_no_vibration_but_a_sensor_has_it_in_its_trace(method):
+    """The tip is 1 m from the axis: it moves by 1 m times the error, which is 0.1 mm at most."""
+    response = shaken(method)
+    (angle,), _ = response.pulley
+    moved = np.linalg.norm(response.gear_error, axis=0)
+    np.testing.assert_allclose(moved, 1e-4 * np.abs(np.sin(2 * np.asarray(angle) + 2.0)), atol=1e-7)
+    at_rest = np.linalg.norm(response.vibration, axis=0)[0], np.linalg.norm(response.measured, axis=0)[0]
+    assert at_rest == pytest.approx((0.0, moved[0]), abs=5e-6)  # the imbalance's weight is all that is left
+    largest, sizes = np.asarray(gear_error(ARM, response.posture)), np.abs(response.gear_error)
+    assert (sizes <= largest + 1e-8).all()
+    assert sizes.max() == pytest.approx(largest.max(), rel=0.01)
 
 
 def test_the_exact_method_is_of_sixth_order():

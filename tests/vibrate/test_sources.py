@@ -48,7 +48,7 @@ def response(arm, run):
 def test_their_sum_is_what_a_simulation_gives(arm, run, response):
     sources = possible_orders(arm)
     whole = simulate(arm.replace(excited_by(sources, PARTS)), run.motion, rate=250.0)
-    moved = make_interp_spline(whole.time, np.asarray(whole.vibration).T, k=5)
+    moved = make_interp_spline(whole.time, np.asarray(whole.measured).T, k=5)
     weights = np.append(1.0, PARTS.ravel())
     for number, expected in ((0, moved(TIME)[:, 1]), (1, moved(TIME, nu=1) @ [0.0, 0.6, 0.8])):
         seen = response.along(number, TIME) @ weights

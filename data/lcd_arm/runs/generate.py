@@ -44,7 +44,7 @@ def main() -> None:
     for speed in SPEEDS:
         motion = stroke(arm.stroke, percent=speed, dwell=2.0)
         response = simulate(arm, motion, method="exact", rate=200.0)
-        curve = make_interp_spline(response.time, 1e3 * np.asarray(response.vibration).T[:, 1:], k=5)
+        curve = make_interp_spline(response.time, 1e3 * np.asarray(response.measured).T[:, 1:], k=5)
         time, offset = np.arange(0.1, float(response.time[-1]) - 0.1, 1 / RATE), rng.uniform(-OFFSET, OFFSET)
         values = curve(time + offset)
         values += NOISE * np.abs(values).max(0) * rng.standard_normal(values.shape)
