@@ -61,7 +61,7 @@ def test_what_the_gear_errs_at_rest_is_no_vibration_but_a_sensor_has_it_in_its_t
     at_rest = np.linalg.norm(response.vibration, axis=0)[0], np.linalg.norm(response.measured, axis=0)[0]
     assert at_rest == pytest.approx((0.0, moved[0]), abs=5e-6)  # the imbalance's weight is all that is left
     largest, sizes = np.asarray(gear_error(ARM, response.posture)), np.abs(response.gear_error)
-    assert (sizes <= largest + 1e-8).all()
+    assert (sizes <= largest + 5e-7).all()  # the arm sags
     assert sizes.max() == pytest.approx(largest.max(), rel=0.01)
 
 
