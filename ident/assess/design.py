@@ -59,9 +59,11 @@ def same(design: Design) -> int:
 
 
 def bound_of(arm: Arm, variable: Variable, change: float) -> str:
-    """Say at which bound a change is; empty if at none."""
+    """Say at which bound a change is; empty if at none, or if nothing is changed."""
     low, high = variable.span(arm)
     near = AT_BOUND * (high - low)
+    if abs(change) < near:
+        return ""
     return "lower" if change - low < near else "upper" if high - change < near else ""
 
 

@@ -1,4 +1,4 @@
-"""Whether an arm keeps a limit, and with which other speed, mass centre or torsional stiffness it does."""
+"""Whether an arm keeps a limit, and with which other speed, stiffness, mass centre or transmission error it does."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,13 +9,22 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import binom, binomtest
 
+from ident.arm.multibody import exciting_orders
 from ident.assess.balance import Rotor
 from ident.assess.effort import DiagnosisEffort
 from ident.assess.scenario import Basis, OverPhases, at_share, over_phases
 from ident.errors import refusal
 from ident.programs import Progress
 from ident.vibrate.design_search import Point, Requirements, Search
-from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, Variable, binomial_estimate, side_by_side
+from ident.vibrate.evaluator import (
+    BinomialEstimate,
+    Draws,
+    Evaluator,
+    Variable,
+    binomial_estimate,
+    is_shifted,
+    side_by_side,
+)
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import Response, peak
 from ident.vibrate.schedule import Schedule
@@ -25,7 +34,9 @@ from ident.vibrate.simulate import simulate
 # What a diagnosis is asked: an arm in motion, a limit, and what of the arm is uncertain.
 
 STIFFER = 2.0
-"""Factor by which a torsional stiffness may be raised or lowered; our assumption of what another drive can be."""
+"""Factor by which a torsional stiffness may be raised; our assumption of what another drive can be."""
+FINER = 10.0
+"""Factor by which transmission errors may be less; our assumption of what other drives can be."""
 MOVED = 0.2
 """Share of a body's length by which its mass centre may be moved either way; our assumption."""
 CONFIDENT = 0.95
@@ -42,11 +53,13 @@ class Task:
         basis: the arm with the medians of the draws, its motion and its load; its draws in random order.
         limit: [m] largest vibration, in any direction, that is accepted.
         effort: how much is computed.
+        softer: whether a remedy may make joints softer as well: vibration may fall, but nobody orders that unasked.
     """
 
     basis: Basis
     limit: float
     effort: DiagnosisEffort = field(default_factory=DiagnosisEffort)
+    softer: bool = False
 
     @property
     def assessment_draws(self) -> Draws:
@@ -68,7 +81,15 @@ class Task:
         """The torsional stiffnesses."""
         present = {f"{j.name}.k_tors": float(j.k_tors) for j in self.basis.arm.joints if j.k_tors is not None}
         soft = {path: k for path, k in present.items() if 0 < k < np.inf}
-        return tuple(Variable((path,), k / STIFFER, k * STIFFER) for path, k in soft.items())
+        least = 1 / STIFFER if self.softer else 1.0
+        return tuple(Variable((path,), k * least, k * STIFFER) for path, k in soft.items())
+
+    @cached_property
+    def errors(self) -> tuple[Variable, ...]:
+        """The transmission errors of all drives, by one factor; nothing without any."""
+        paths = tuple(each.amplitude for each in exciting_orders(self.basis.arm) if each.of_error)
+        own = float(self.basis.arm.get(paths[0])) if paths else 0.0
+        return (Variable(paths, own / FINER, own),) if paths else ()
 
     @cached_property
     def centres(self) -> tuple[Variable, ...]:
@@ -288,10 +309,13 @@ EFFORTS = {
     "schedule": "software",
     "speed": "software",
     "balance": "screwdriver",
-    "mass centre": "screwdriver",
+    "transmission error": "new part",
     "torsion": "new part",
+    "mass centre": "new part",
 }
 """Kinds of remedies and what each takes, the least effort first; assumed."""
+SLOTTED = 0.02
+"""Distance [m] up to which a mass centre is moved with a screwdriver, as in slotted holes; assumed."""
 AND = " + "
 """Between the kinds of a remedy that combines two."""
 FULL = 100.0
@@ -345,9 +369,16 @@ class Remedy:
     rotors: tuple[Rotor, ...] = ()
 
     @property
+    def efforts(self) -> tuple[str, ...]:
+        """What each of its kinds takes."""
+        moved = [abs(x - self.before[path]) for path, x in self.values.items() if is_shifted(path)]
+        own = EFFORTS if max(moved, default=0.0) > SLOTTED else EFFORTS | {"mass centre": EFFORTS["balance"]}
+        return tuple(own[kind] for kind in self.kind.split(AND))
+
+    @property
     def effort(self) -> str:
         """What it takes: software, a screwdriver, a new part; or two of them."""
-        return " and ".join(EFFORTS[kind] for kind in self.kind.split(AND))
+        return " and ".join(self.efforts)
 
     @property
     def meets_limit(self) -> bool:
@@ -399,12 +430,14 @@ def single_remedies(task: Task, scatter: float, progress: Progress = iter) -> li
         progress: shows how far it is, over the remedies.
     """
     groups, aim = {"torsion": task.torsion, "mass centre": task.centres}, task.limit / max(scatter, 1.0)
+    groups["transmission error"] = task.errors
     jobs = [partial(_alone, task, variable, kind) for kind, group in groups.items() for variable in group]
     found = side_by_side([partial(_slower_or_faster, task), *jobs], progress)
 
     enough = {remedy.kind for remedy in found if remedy.meets_limit}
     several = [(group, kind) for kind, group in groups.items() if len(group) > 1 and kind not in enough]
-    return found + side_by_side([partial(_together, task, group, kind, aim) for group, kind in several], progress)
+    found += side_by_side([partial(_together, task, group, kind, aim) for group, kind in several], progress)
+    return [each for each in found if each.change_norm > 0]  # where each change makes it worse, none is left
 
 
 def rank(remedy: Remedy) -> tuple[bool, Any, float, int, float]:
@@ -414,7 +447,7 @@ def rank(remedy: Remedy) -> tuple[bool, Any, float, int, float]:
     """
     kinds, efforts = remedy.kind.split(AND), list(dict.fromkeys(EFFORTS.values()))
     if remedy.meets_limit:
-        every = len(kinds), [efforts.index(EFFORTS[kind]) for kind in kinds]
+        every = len(kinds), [efforts.index(effort) for effort in remedy.efforts]
         return False, every, remedy.time, list(EFFORTS).index(kinds[0]), remedy.change_norm
     return True, (), remedy.largest, 0, 0.0
 

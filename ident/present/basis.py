@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.arm.multibody import has_transmission_error
+from ident.arm.multibody import exciting_orders, has_transmission_error
 from ident.arm.plausibility import belt_mismatches
 from ident.present.report import Finding, Section, cut
-from ident.present.words import counted, degrees, sentence, unit_of
+from ident.present.words import MM, arc_seconds, counted, degrees, sentence, unit_of
 from ident.text import as_word
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def same_motion(basis: "Basis") -> str:
     """Return the options with which another command takes the same motion, load and values; each after a space."""
     values = [("--fit", basis.fit), ("--posterior", basis.posterior), ("--path", basis.log)]
     words = [f"{option} {as_word(given.path)}" for option, given in values if given and given.path]
-    if not basis.log and basis.percent != 10.0:  # full speed is 100, without `--speed` it is 10
+    if basis.percent != (100.0 if basis.log else 10.0):  # what it is without `--speed`
         words.append(f"--speed {basis.percent:g}")
     words += ["--retract"] * (not basis.log and basis.motion.name.startswith("retraction"))
     words += [f"--load {as_word(str(basis.load))}"] * bool(basis.load)
@@ -79,7 +79,7 @@ def motion_section(
 def _excitation(basis: "Basis", *, varied: bool) -> Iterator[str]:
     """Say what is unknown of the excitation, and what the draws have."""
     for low, high in sorted(set(basis.unknown.errors.values())):
-        ends = " to ".join(f"{2 * np.rad2deg(end) * 3600:g}" for end in (low, high))
+        ends = " to ".join(f"{arc_seconds(end):g}" for end in (low, high))
         yield f"Transmission error: {ends} arc seconds peak to peak, twice a turn; the nominal arm has the largest."
     if basis.unknown.phases and varied:
         yield "The imbalance phases are unknown: amplitudes are the largest over all phases (rms: the mean over them)."
@@ -112,9 +112,24 @@ def assumption_findings(basis: "Basis") -> Iterator[Finding]:
 
 
 def transmission_finding(basis: "Basis") -> Iterator[Finding]:
-    """Yield that the drives are taken to have no transmission error, where they are."""
+    """Yield what the drives' transmission errors do to the arm at rest, or that they are taken to have none."""
     if without_transmission_error(basis):
         yield Finding("transmission error is set to 0, real drives have some", "try --errors 30:60 (arc seconds)")
+    elif words := gear_words(basis):
+        yield Finding(words)
+
+
+def gear_words(basis: "Basis") -> str:
+    """Say how far transmission errors move the end at any speed, which is no vibration; empty without any."""
+    paths = [each.amplitude for each in exciting_orders(basis.arm) if each.of_error]
+    if not paths:
+        return ""
+    sizes = sorted({f"{arc_seconds(float(basis.arm.get(path))):.3g}" for path in paths}, key=float)
+    guessed = any(basis.origins.get(path) in GUESSED or path in basis.unknown.errors for path in paths)
+    return (
+        f"the gears' own error is up to {MM * basis.gear_error:.2g} mm at any speed, not counted as vibration ("
+        f"{' to '.join(sizes[:: max(len(sizes) - 1, 1)])} arc seconds peak to peak{', assumed' * guessed})"
+    )
 
 
 def all_findings(basis: "Basis") -> Iterator[Finding]:

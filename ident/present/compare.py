@@ -1,5 +1,6 @@
 """A comparison of two campaigns: what is said of it, and its rows for programs."""
 
+import shlex
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ from ident.inference.change import LEVEL
 from ident.inference.information import holm, p_in_words
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut, with_remedy, without_empty_columns
 from ident.present.words import counted, in_shown_unit, percent, sentence, some, unit_of
+from ident.text import one_line
 
 if TYPE_CHECKING:
     from ident.identify.compare import Comparison
@@ -27,8 +29,17 @@ def compare_sections(comparisons: Sequence["Comparison"], unpaired: Sequence[str
         (one,) = comparisons
         subject = f"{_campaigns(one)}\n  {_counts(one)}"
         notes = Section("How to read it", (_meaning(one),))
-        return Report(subject, _verdict(one), (_table(one),), tuple(_findings(one)), details=(notes,))
+        return Report(subject, _verdict(one), (_table(one),), tuple(_findings(one)), next=_next(one), details=(notes,))
     return _overview(comparisons, unpaired)
+
+
+def _next(comparison: "Comparison") -> str:
+    """Ask of a changed arm whether it still keeps its limit, else for what shows less of a change."""
+    after, path = comparison.second, ""
+    if isinstance(after, CampaignFit):
+        path = shlex.quote(one_line(after.campaign.path)).replace("{", "{{").replace("}", "}}")
+    works = comparison.change.seen and comparison.fits and comparison.fits[-1].arm.stroke
+    return f"ident {'diagnose' if works else 'plan'} {path or 'CAMPAIGN'}"
 
 
 def _campaigns(comparison: "Comparison") -> str:
@@ -150,6 +161,7 @@ def _overview(comparisons: Sequence["Comparison"], unpaired: Sequence[str]) -> R
         f"Comparison of {counted(count, 'pair')} of campaigns",
         verdict,
         (Table("", head, tuple(rows[i] for i in shown), forms), *alone),
+        next=_next(comparisons[int(np.argmin(together))]),
         details=(every, *map(_pair, comparisons)),
     )
 

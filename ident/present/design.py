@@ -31,11 +31,23 @@ UNSURE = "~"
 """Marks a sensitivity whose sign is another for nearby arms."""
 RISE = 0.05
 """Share from which on it is said that a direction vibrates more."""
+NEAR_LIMIT = 0.5
+"""Share of the limit from which on such a direction is part of the verdict; assumed."""
 
 
 def design_sections(study: DesignStudy) -> Report:
     """Return all that is said of a design, or of sensitivities alone."""
     return _sensitivities_alone(study) if study.design is None else _design(study, study.design)
+
+
+def risen(before: np.ndarray, after: np.ndarray, limit: float) -> list[str]:
+    """Say which directions vibrate more after a change [m] that keeps a limit [m], and come near it by that."""
+    each = zip(DIRECTIONS, before, after, strict=True)
+    return [_rise(d, a, b) for d, a, b in each if b > max(a * (1 + RISE), NEAR_LIMIT * limit)]
+
+
+def _rise(direction: str, before: float, after: float) -> str:
+    return f"{direction} rises by {100 * (after / before - 1):.0f} %, from {mm(before)} to {mm(after)} mm"
 
 
 # -------- Sensitivities
@@ -125,7 +137,10 @@ def _verdict(study: DesignStudy, design: Design) -> Verdict | None:
     what = f"it is the change that {'makes exceeding it least probable' if study.draws else 'vibrates least'}"
     if least is not None and np.array_equal(least.changes, design.best.changes):
         what = "it is the least change that keeps it"
-    return Verdict("MET", f"{mm(largest)} mm keeps the limit of {limit} ({before}); {what}{chance}.", "good")
+    if rises := risen(design.present.amplitude, design.best.amplitude, design.limit):
+        what += f", but {' and '.join(rises)}"
+    kind = "caution" if rises else "good"
+    return Verdict("MET", f"{mm(largest)} mm keeps the limit of {limit} ({before}); {what}{chance}.", kind)
 
 
 def _next(study: DesignStudy, design: Design, verdict: Verdict | None) -> str:
@@ -146,9 +161,10 @@ def _findings(study: DesignStudy, design: Design) -> Iterator[Finding]:
     ]
     if bounds:
         yield Finding(f"at the end of the allowed range: {', '.join(bounds)}", "widen --change if the design allows it")
+    said = NEAR_LIMIT * (design.limit or math.inf)
     for d, a, b in zip(DIRECTIONS, design.present.amplitude, design.best.amplitude, strict=True):
-        if b > a * (1 + RISE):
-            text = f"{study.evaluator.measure} in {d} rises by {100 * (b / a - 1):.0f} %, from {mm(a)} to {mm(b)} mm"
+        if a * (1 + RISE) < b <= said:
+            text = f"{study.evaluator.measure} in {_rise(d, a, b)}"
             yield Finding(text, f"check that this much is acceptable in {d}")
     if study.starts > 1 and same(design) < 2 and not unchanged(design.best):
         text = f"1 of {study.starts} starts reached the least amplitude: there may be a better design"

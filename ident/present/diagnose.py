@@ -3,30 +3,43 @@
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ident.arm.multibody import IMBALANCE, exciting_orders
 from ident.assess.cures import SHARES
-from ident.assess.remedies import AND, CONFIDENT, EFFORTS, MOVED, STIFFER, VERIFIED, Remedy
+from ident.assess.remedies import AND, CONFIDENT, EFFORTS, FINER, MOVED, STIFFER, VERIFIED, Remedy
 from ident.inference.information import chi_squared_in_words
 from ident.present.balance import needs_words
 from ident.present.basis import (
     assumed,
     basis_findings,
+    gear_words,
     same_motion,
     subject,
     transmission_finding,
     without_transmission_error,
 )
-from ident.present.design import UNSURE, unsure_words
+from ident.present.design import UNSURE, risen, unsure_words
 from ident.present.report import Cell, Finding, Part, Report, Section, Table, Verdict, short_power
 from ident.present.resonance import caused_words, grouped, sources_words
 from ident.present.source import estimates, source_findings, source_verdict
 from ident.present.warnings import untested
-from ident.present.words import MM, beside, counted, in_shown_unit, is_stiffness, joined, percent, rounded, sentence
+from ident.present.words import (
+    MM,
+    arc_seconds,
+    beside,
+    counted,
+    in_shown_unit,
+    is_stiffness,
+    joined,
+    percent,
+    rounded,
+    sentence,
+)
+from ident.vibrate.evaluator import is_shifted
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -49,13 +62,17 @@ def change_words(remedy: Remedy) -> str:
     for rotor in remedy.rotors:
         mass = joined([f"{1e3 * body.mass:.3g} g at {np.degrees(body.angle):.0f} deg" for body in rotor.bodies])
         words += [f"mount {mass}, {MM * rotor.pulley.radius:.3g} mm from the axis, on {spaced(rotor.drive.name)}"]
-    stiffer, moved = [], []
+    stiffer, moved, finest = [], [], 0.0
     for path, value in remedy.values.items():
         more, further = value / remedy.before[path] - 1, value - remedy.before[path]
         if is_stiffness(path) and abs(more) > 0.005:
             stiffer.append(f"{spaced(path)} {100 * abs(more):.0f} % {'stiffer' if more > 0 else 'softer'}")
-        elif not is_stiffness(path) and abs(further) > 0.0005:
-            moved.append(f"the mass centre of {spaced(path)} by {MM * further:+.0f} mm in {path[-1]}")
+        elif is_shifted(path):
+            where = f"the mass centre of {spaced(path)} by {MM * further:+.0f} mm in {path[-1]}"
+            moved += [where] if abs(further) > 0.0005 else []
+        elif not is_stiffness(path):
+            finest = max(finest, arc_seconds(value))
+    words += [f"take drives with a transmission error of {finest:.2g} arc seconds peak to peak"] if finest else []
     words += [f"make {joined(stiffer)} in torsion"] if stiffer else []
     words += [f"move {joined(moved)}"] if moved else []
     return joined(words) or "change nothing"
@@ -81,7 +98,7 @@ def diagnose_sections(diagnosis: "Diagnosis") -> Report:
         tuple(f"{label + ':':8s} {sentence(text)}" for label, text in cause_and_remedies(diagnosis)),
         tuple(_cautions(diagnosis)),
         f"Model: {of_model(diagnosis)}.",
-        _next(diagnosis, good=verdict.kind == "good"),
+        _next(diagnosis, verdict),
         tuple(Section(title, tuple(of(diagnosis))) for title, of in map(_DETAILS.__getitem__, diagnosis.stages)),
     )
 
@@ -93,17 +110,18 @@ def judged(diagnosis: "Diagnosis") -> Verdict:
     size = f"{beside(MM * peak, MM * limit)} mm"
     chance = f"probability of keeping it {chance_words(vibration.keeps)} (95 % interval)"
     compared = f"{size} {'is within' if peak <= limit else 'exceeds'} the limit of {MM * limit:g} mm"
+    end = f"; {gears}." if (gears := gear_words(diagnosis.task.basis)) else "."
     if diagnosis.in_doubt:
         doubtful, excited = bool(diagnosis.identification.sampled.fitted.doubts), diagnosis.excited
         what = "The fit is in doubt." if doubtful or not excited else source_verdict(excited.study).reason
-        reason = f"{what} All that follows is in doubt: with the fitted values {compared}; {chance}."
+        reason = f"{what} All that follows is in doubt: with the fitted values {compared}; {chance}{end}"
         return Verdict("NOT DECIDED", reason, "caution")
     if vibration.accepted:
-        return Verdict("OK", f"{compared}; {chance}.", "good")
+        return Verdict("OK", f"{compared}; {chance}{end}", "good")
     if peak <= limit:
         asked = f"{100 * CONFIDENT:g} % is required"
-        return Verdict("NOT DECIDED", f"{compared}, but not safely: {chance}, {asked}.", "caution")
-    return Verdict("NOT OK", f"{compared}; {chance}.", "bad")
+        return Verdict("NOT DECIDED", f"{compared}, but not safely: {chance}, {asked}{end}", "caution")
+    return Verdict("NOT OK", f"{compared}; {chance}{end}", "bad")
 
 
 def chance_words(estimate: "BinomialEstimate") -> str:
@@ -127,7 +145,8 @@ def cause_and_remedies(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
         none = held if best.meets_limit else f"none of the {tried} remedies tried keeps the limit"
         yield "Remedy", f"{none}; the best: {change_words(best)}: {outcome}"
         return
-    yield "Remedy", f"{_offer(diagnosis, best)}: {outcome} (exact equations and fresh draws)"
+    rises = "".join(f"; {each}" for each in risen(diagnosis.vibration.peak, verified.amplitude, verified.limit))
+    yield "Remedy", f"{_offer(diagnosis, best)}: {outcome} (exact equations and fresh draws){rises}"
     further = diagnosis.remedies[len(diagnosis.verifications) :]
     balanced = next((each for each in diagnosis.remedies if each.kind == "balance"), None)
     if balanced is None and best.effort != EFFORTS["torsion"] and cause.startswith(IMBALANCE):
@@ -208,17 +227,30 @@ def of_model(diagnosis: "Diagnosis") -> str:
     return f"{fixed} ({chi_squared_in_words(fit)}){far}{told}"
 
 
-def _next(diagnosis: "Diagnosis", *, good: bool) -> str:
+def _next(diagnosis: "Diagnosis", verdict: Verdict) -> str:
     fit = diagnosis.identification.sampled.fitted
     if fit.doubts:
         return "ident fit {campaign}"
     if diagnosis.in_doubt:
         return "ident source {runs} --arm {arm}"
-    if fit.information.fixed < len(fit.information.names) or diagnosis.beyond or diagnosis.validation.missed:
+    weak = fit.information.fixed < len(fit.information.names) or diagnosis.beyond or diagnosis.validation.missed
+    if weak and verdict.kind != "bad":
         return "ident plan {campaign}"
-    basis, limit = diagnosis.task.basis, f"--limit {MM * diagnosis.task.limit:g}"
-    study = "motion" if _has_schedule(diagnosis) else "design"  # the one changes no part
-    return "" if good else f"ident {study} {{arm}} {limit}{same_motion(basis)}"
+    return "" if verdict.kind == "good" else remedy_command(diagnosis)
+
+
+def remedy_command(diagnosis: "Diagnosis") -> str:
+    """Return the command that carries out the remedy that holds, on the medians of the draws; else one that seeks."""
+    basis, best, verified = diagnosis.task.basis, diagnosis.advised, diagnosis.verified
+    study, sets = "motion" if _has_schedule(diagnosis) else "design", dict(basis.changed)  # the one changes no part
+    if best and verified and best.meets_limit and verified.holds:
+        if best.rotors:
+            return "ident source {runs} --arm {arm}"  # and ident balance with its result
+        study, sets = "motion" if best.schedule else "simulate", sets | best.values
+        basis = replace(basis, percent=best.percent)
+    values = "".join(f" --set {path}={value:.6g}" for path, value in sets.items())
+    posterior = f"--limit {MM * diagnosis.task.limit:g} --posterior {{result}}.nc"
+    return f"ident {study} {{arm}} {posterior}{same_motion(basis)}{values}"
 
 
 def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
@@ -256,7 +288,8 @@ def _cautions(diagnosis: "Diagnosis") -> Iterator[Finding]:
             share = each.elasticity[strongest, int(np.argmax(each.amplitude))]
             remedy = f"measure {each.paths[strongest]} first (vibration {share:+.2g} % per percent)"
         yield Finding(text, remedy)
-    yield from transmission_finding(basis)
+    if without_transmission_error(basis):
+        yield from transmission_finding(basis)
 
 
 def _of_runs(diagnosis: "Diagnosis", study: "SourceStudy") -> Iterator[Finding]:
@@ -495,10 +528,12 @@ def _remedies(diagnosis: "Diagnosis") -> Iterator[Part]:
         f" speeds along the path with an order of a pulley at {100 * SHARES[0]:g} to {100 * SHARES[-1]:g} % of the "
         "first natural frequency (`ident motion` searches the speed of each segment, and may find a quicker one),"
     )
+    softer = f"from 1/{STIFFER:g} " * diagnosis.task.softer
+    finer = f" transmission errors down to 1/{FINER:g}," * bool(diagnosis.task.errors)
     yield (
-        f"Tried: torsional stiffness from 1/{STIFFER:g} to {STIFFER:g} times,{moved * bool(diagnosis.task.centres)}"
-        f"{path * _has_schedule(diagnosis)} speeds from half to one and a half times, not above full speed. These "
-        "ranges are assumed."
+        f"Tried: torsional stiffness {softer}up to {STIFFER:g} times,{moved * bool(diagnosis.task.centres)}"
+        f"{finer}{path * _has_schedule(diagnosis)} speeds from half to one and a half times, not above full speed. "
+        "These ranges are assumed."
     )
     if any(AND in each.kind for each in diagnosis.remedies):
         yield "No remedy keeps the limit alone: the best of each effort were combined, two at a time."
@@ -557,7 +592,7 @@ def _verification(diagnosis: "Diagnosis") -> Iterator[Part]:
     for path, value in remedy.values.items():
         now, unit = in_shown_unit(path, remedy.before[path])
         moved = f"{MM * (value - remedy.before[path]):+.1f} mm"
-        change = f"x {value / remedy.before[path]:.3f}" if is_stiffness(path) else moved
+        change = moved if is_shifted(path) else f"x {value / remedy.before[path]:.3f}"
         changes.append((path, now, in_shown_unit(path, value)[0], change, unit))
     if changes:
         yield Table(title, ("number", "now", "after", "change", "unit"), tuple(changes), ("", ".4g", ".4g", "", ""))

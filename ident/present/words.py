@@ -36,6 +36,11 @@ MM = 1e3
 """mm in a metre."""
 
 
+def arc_seconds(amplitude: float) -> float:
+    """Return an amplitude of a transmission error [rad] as catalogues have it: peak to peak [arc seconds]."""
+    return 2 * math.degrees(amplitude) * 3600
+
+
 def in_read_unit(kind: str, value: float) -> tuple[float, str]:
     """Return a measured or predicted SI value in the unit that its kind is read in, and the unit."""
     if kind == "shape":

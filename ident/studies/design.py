@@ -45,10 +45,11 @@ class DesignOptions(AmplitudeOptions):
         {},
         "number that may be changed, with bounds in SI or, with an x, in multiples of the present value, and the "
         "weight of its change: joint1.k_tors, link1.mass=0.5x:2x, fingers.com.x=1.3:1.8:2; several by one factor: "
-        "a.k_tors=b.k_tors; may be repeated; default: all torsional stiffnesses",
+        "a.k_tors=b.k_tors; may be repeated; default: all torsional stiffnesses, up to twice as stiff",
         argument="variables",
         read=ranges.ranges,
     )
+    softer: bool = option(False, "a stiffness without bounds may fall to half as well; otherwise it may only rise")
     min_frequency: float | None = option(
         None, "first natural frequency [Hz] to keep at both ends of the motion", above=0.0, high=1000.0
     )
@@ -226,7 +227,7 @@ def _evaluator(basis: "Basis", options: DesignOptions) -> "Evaluator":
     from ident.vibrate.sweep import Range, variable_of
 
     def variable(interval: Range) -> "Variable":
-        return variable_of(basis.arm, interval, basis.arm_file.extents)
+        return variable_of(basis.arm, interval, basis.arm_file.extents, softer=options.softer)
 
     variables = () if options.sensitivities else tuple(ranges.each("change", options.change, basis.arm, variable))
     return options.evaluator(basis, variables)

@@ -246,7 +246,7 @@ def _task(job: Job, draws: "Values") -> "Task":
     from ident.assess.remedies import Task, at_confidence
 
     basis = basis_of(job.arm, job.options, path=job.log, posterior=draws)
-    return at_confidence(Task(basis, job.options.limit / 1e3, job.options.effort))
+    return at_confidence(Task(basis, job.options.limit / 1e3, job.options.effort, job.options.softer))
 
 
 # -------- Diagnose
@@ -265,6 +265,7 @@ class DiagnoseOptions(FitOptions, HeldMotionOptions):
 
     limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
     dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
+    softer: bool = option(False, "a remedy may also make joints softer")
     radius: dict[str, float] = option(
         {},
         "with --runs: radius [mm] at which balancing masses can sit, as drive2=90; default: the largest pulley's",

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ident.arm.arm import Arm, check_drives
-from ident.arm.fields import COMPONENTS, SPEED, field_of
+from ident.arm.fields import COMPONENTS, SPEED, STIFFNESS, field_of
 from ident.errors import refusal, refuse
 from ident.programs import Progress, cores
 from ident.vibrate.evaluator import (
@@ -278,20 +278,23 @@ def axis_of(arm: Arm, interval: Range, percent: float, extents: Extents | None =
     return swept
 
 
-def variable_of(arm: Arm, interval: Range, extents: Extents | None = None) -> Variable:
+def variable_of(arm: Arm, interval: Range, extents: Extents | None = None, *, softer: bool = True) -> Variable:
     """Return what may be changed within a range.
 
     Args:
         arm: as it is.
         interval: the range; its third number is the weight.
         extents: of the arm's bodies; a mass centre stays within.
+        softer: whether a stiffness without bounds may fall, too.
     """
     if SPEED in interval.paths:
         raise refusal("", "the speed", "a number of the arm", "sweep it instead (ident sweep)")
     for path in interval.paths:
         check_path(arm, path)
     present, shifted = float(arm.get(interval.paths[0])), is_shifted(interval.paths[0])
-    low, high = _ends(interval, present, shifted, CHANGED, None, extents or {})
+    stiffness = getattr(field_of(interval.paths[0]), "name", "") in STIFFNESS
+    factors = (1.0, CHANGED[1]) if stiffness and not softer else CHANGED
+    low, high = _ends(interval, present, shifted, factors, None, extents or {})
     variable = Variable(interval.paths, low, high, 1.0 if interval.third is None else interval.third)
     check(arm, variable, extents)
     return variable
