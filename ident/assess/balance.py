@@ -459,7 +459,7 @@ def balanced(basis: Basis, rotors: Sequence[Rotor], tried: Sequence[Tried], midd
         ModelError: the arm collapses.
     """
     arm, draws = basis.arm.replace(middle), basis.draws
-    solve = fast_method(arm, basis.motion, basis.loads, False, RATE, None, measured=True)
+    solve = replace(fast_method(arm, basis.motion, basis.loads, False, RATE, None), measured=True)
     own = {path: np.asarray(x) for path, x in numbers_of(arm).items()}
     nominal = _responses(arm, rotors, basis, solve, {path: x[None] for path, x in own.items()})
     found = np.array([[each.found] for each in rotors])

@@ -22,7 +22,6 @@ from ident.vibrate.evaluator import (
     Evaluator,
     Variable,
     binomial_estimate,
-    is_shifted,
     side_by_side,
 )
 from ident.vibrate.motion import Motion
@@ -314,8 +313,6 @@ EFFORTS = {
     "mass centre": "new part",
 }
 """Kinds of remedies and what each takes, the least effort first; assumed."""
-SLOTTED = 0.02
-"""Distance [m] up to which a mass centre is moved with a screwdriver, as in slotted holes; assumed."""
 AND = " + "
 """Between the kinds of a remedy that combines two."""
 FULL = 100.0
@@ -369,16 +366,9 @@ class Remedy:
     rotors: tuple[Rotor, ...] = ()
 
     @property
-    def efforts(self) -> tuple[str, ...]:
-        """What each of its kinds takes."""
-        moved = [abs(x - self.before[path]) for path, x in self.values.items() if is_shifted(path)]
-        own = EFFORTS if max(moved, default=0.0) > SLOTTED else EFFORTS | {"mass centre": EFFORTS["balance"]}
-        return tuple(own[kind] for kind in self.kind.split(AND))
-
-    @property
     def effort(self) -> str:
         """What it takes: software, a screwdriver, a new part; or two of them."""
-        return " and ".join(self.efforts)
+        return " and ".join(EFFORTS[kind] for kind in self.kind.split(AND))
 
     @property
     def meets_limit(self) -> bool:
@@ -447,7 +437,7 @@ def rank(remedy: Remedy) -> tuple[bool, Any, float, int, float]:
     """
     kinds, efforts = remedy.kind.split(AND), list(dict.fromkeys(EFFORTS.values()))
     if remedy.meets_limit:
-        every = len(kinds), [efforts.index(effort) for effort in remedy.efforts]
+        every = len(kinds), [efforts.index(EFFORTS[kind]) for kind in kinds]
         return False, every, remedy.time, list(EFFORTS).index(kinds[0]), remedy.change_norm
     return True, (), remedy.largest, 0, 0.0
 

@@ -163,8 +163,7 @@ class Basis:
     @cached_property
     def gear_error(self) -> float:
         """How far transmission errors move the end point at rest, and so at any speed [m]: at most along the motion."""
-        times = np.linspace(self.motion.breaks[0], self.motion.breaks[-1], POSTURES)
-        return float(gear_error(self.arm, self.motion(times)[0]).max())
+        return float(gear_error(self.arm, self.motion(np.linspace(*self.motion.breaks[[0, -1]], POSTURES))[0]).max())
 
     @property
     def origins(self) -> dict[str, str]:

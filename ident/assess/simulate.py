@@ -13,7 +13,7 @@ from ident.arm.arm import Arm
 from ident.assess.scenario import Basis, OverPhases, over_phases
 from ident.measure import Trace
 from ident.vibrate.compare import Comparison
-from ident.vibrate.fast import LeavesTangentError, Passage, passages
+from ident.vibrate.fast import LeavesTangentError
 from ident.vibrate.response import Response, belt_tension, slack
 from ident.vibrate.simulate import superposition
 from ident.vibrate.study import Draws, Sizes, measures
@@ -116,11 +116,6 @@ class Simulation:
         angle, frequency = (np.asarray(part) for part in self.response.pulley)
         places = {drive.name: names.index(drive.joint) for drive in self.arm.drives}
         return {name: (angle[place], frequency[place]) for name, place in places.items()}
-
-    @cached_property
-    def passages(self) -> tuple[Passage, ...]:
-        """Curved springs whose load passes T1."""
-        return passages(self.arm, self.response)
 
     @cached_property
     def moments(self) -> tuple[Float[np.ndarray, "N T"], Float[np.ndarray, "N T"]]:

@@ -124,12 +124,9 @@ def gear_words(basis: "Basis") -> str:
     paths = [each.amplitude for each in exciting_orders(basis.arm) if each.of_error]
     if not paths:
         return ""
-    sizes = sorted({f"{arc_seconds(float(basis.arm.get(path))):.3g}" for path in paths}, key=float)
-    guessed = any(basis.origins.get(path) in GUESSED or path in basis.unknown.errors for path in paths)
-    return (
-        f"the gears' own error is up to {MM * basis.gear_error:.2g} mm at any speed, not counted as vibration ("
-        f"{' to '.join(sizes[:: max(len(sizes) - 1, 1)])} arc seconds peak to peak{', assumed' * guessed})"
-    )
+    size = f"{max(arc_seconds(float(basis.arm.get(path))) for path in paths):.3g} arc seconds peak to peak"
+    size += ", assumed" * any(basis.origins.get(path) in GUESSED for path in paths)
+    return f"the gears' own error ({size}) is up to {MM * basis.gear_error:.2g} mm at any speed, and no vibration"
 
 
 def all_findings(basis: "Basis") -> Iterator[Finding]:

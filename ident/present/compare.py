@@ -35,11 +35,11 @@ def compare_sections(comparisons: Sequence["Comparison"], unpaired: Sequence[str
 
 def _next(comparison: "Comparison") -> str:
     """Ask of a changed arm whether it still keeps its limit, else for what shows less of a change."""
-    after, path = comparison.second, ""
-    if isinstance(after, CampaignFit):
-        path = shlex.quote(one_line(after.campaign.path)).replace("{", "{{").replace("}", "}}")
-    works = comparison.change.seen and comparison.fits and comparison.fits[-1].arm.stroke
-    return f"ident {'diagnose' if works else 'plan'} {path or 'CAMPAIGN'}"
+    after = comparison.second
+    if not isinstance(after, CampaignFit):
+        return "ident fit CAMPAIGN"
+    path = shlex.quote(one_line(after.campaign.path or "CAMPAIGN")).replace("{", "{{").replace("}", "}}")
+    return f"ident {'diagnose' if comparison.change.seen and after.arm.stroke else 'plan'} {path}"
 
 
 def _campaigns(comparison: "Comparison") -> str:

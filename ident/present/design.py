@@ -40,14 +40,13 @@ def design_sections(study: DesignStudy) -> Report:
     return _sensitivities_alone(study) if study.design is None else _design(study, study.design)
 
 
-def risen(before: np.ndarray, after: np.ndarray, limit: float) -> list[str]:
-    """Say which directions vibrate more after a change [m] that keeps a limit [m], and come near it by that."""
-    each = zip(DIRECTIONS, before, after, strict=True)
-    return [_rise(d, a, b) for d, a, b in each if b > max(a * (1 + RISE), NEAR_LIMIT * limit)]
-
-
-def _rise(direction: str, before: float, after: float) -> str:
-    return f"{direction} rises by {100 * (after / before - 1):.0f} %, from {mm(before)} to {mm(after)} mm"
+def risen(before: np.ndarray, after: np.ndarray, limit: float | None) -> list[str]:
+    """Say which directions vibrate more after a change [m]; with a limit [m] those that come near it by that."""
+    return [
+        f"{d} rises by {100 * (b / a - 1):.0f} %, from {mm(a)} to {mm(b)} mm"
+        for d, a, b in zip(DIRECTIONS, before, after, strict=True)
+        if b > max(a * (1 + RISE), NEAR_LIMIT * (limit or 0.0))
+    ]
 
 
 # -------- Sensitivities
@@ -161,11 +160,8 @@ def _findings(study: DesignStudy, design: Design) -> Iterator[Finding]:
     ]
     if bounds:
         yield Finding(f"at the end of the allowed range: {', '.join(bounds)}", "widen --change if the design allows it")
-    said = NEAR_LIMIT * (design.limit or math.inf)
-    for d, a, b in zip(DIRECTIONS, design.present.amplitude, design.best.amplitude, strict=True):
-        if a * (1 + RISE) < b <= said:
-            text = f"{study.evaluator.measure} in {_rise(d, a, b)}"
-            yield Finding(text, f"check that this much is acceptable in {d}")
+    for rise in risen(design.present.amplitude, design.best.amplitude, None) if design.limit is None else ():
+        yield Finding(f"{study.evaluator.measure} in {rise}", f"check that this much is acceptable in {rise[0]}")
     if study.starts > 1 and same(design) < 2 and not unchanged(design.best):
         text = f"1 of {study.starts} starts reached the least amplitude: there may be a better design"
         yield Finding(text, "search from more starts (--starts)")

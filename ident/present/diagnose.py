@@ -234,9 +234,9 @@ def _next(diagnosis: "Diagnosis", verdict: Verdict) -> str:
     if diagnosis.in_doubt:
         return "ident source {runs} --arm {arm}"
     weak = fit.information.fixed < len(fit.information.names) or diagnosis.beyond or diagnosis.validation.missed
-    if weak and verdict.kind != "bad":
-        return "ident plan {campaign}"
-    return "" if verdict.kind == "good" else remedy_command(diagnosis)
+    if verdict.kind == "bad" or not (weak or verdict.kind == "good"):
+        return remedy_command(diagnosis)
+    return "ident plan {campaign}" if weak else ""
 
 
 def remedy_command(diagnosis: "Diagnosis") -> str:

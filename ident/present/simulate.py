@@ -19,6 +19,7 @@ from ident.present.basis import (
 )
 from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut
 from ident.present.words import MM, counted, degrees, percent
+from ident.vibrate.fast import passages
 from ident.vibrate.study import DIRECTIONS
 
 if TYPE_CHECKING:
@@ -163,7 +164,7 @@ def _findings(simulation: "Simulation") -> Iterator[Finding]:
             yield Finding(f"{text}; the fast method then pulls on, below zero", "use --method exact, or raise it")
         else:
             yield Finding(text, "raise the pretension")
-    yield from passage_findings(simulation.passages)
+    yield from passage_findings(passages(simulation.arm, simulation.response))
     yield from basis_findings(basis)
     if simulation.phases is None and simulation.arm.springs and basis.unknown.phases:
         yield Finding("only the arm file's imbalance phases were simulated: curved springs do not superpose")

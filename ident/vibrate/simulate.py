@@ -1,7 +1,7 @@
 """An arm carries out a motion: the one function that runs it and samples what happens."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -97,14 +97,7 @@ def _whole(arm: Arm, solve: FastMethod) -> Solution:
 
 
 def fast_method(
-    arm: Arm,
-    motion: Motion,
-    loads: Loads | None,
-    elastic: bool,
-    rate: float,
-    step: float | None,
-    *,
-    measured: bool = False,
+    arm: Arm, motion: Motion, loads: Loads | None, elastic: bool, rate: float, step: float | None
 ) -> FastMethod:
     """Set up the fast method for a motion."""
     _check(arm, rate, step)
@@ -115,8 +108,7 @@ def fast_method(
     _refuse_short(float(time[-1] - time[0]), longest, step is None)
     grid = time_intervals(motion, time[-1], longest, turn=TURN_WITH_ERROR if error else TURN)
     weights, samples = step_weights(int(grid.steps)), np.asarray(len(time))
-    given = filled_up(motion), loads, repeated(time), samples, grid.filled_up(), weights
-    return FastMethod(*given, elastic, error, measured and error)
+    return FastMethod(filled_up(motion), loads, repeated(time), samples, grid.filled_up(), weights, elastic, error)
 
 
 def sample_times(motion: Motion, rate: float) -> Float[np.ndarray, "T"]:
@@ -358,7 +350,7 @@ def superposition(
         InputError: see `simulate`.
         ModelError: the arm collapses.
     """
-    solve = fast_method(arm, motion, loads, elastic_belts, rate, step, measured=measured)
+    solve = replace(fast_method(arm, motion, loads, elastic_belts, rate, step), measured=measured)
     numbers = {path: np.asarray(x)[None] for path, x in numbers_of(arm).items()}
     members = np.asarray(vibrations(arm, numbers, solve, sets_of(unknown)))[..., 0]
     refuse_collapse(motion, members)

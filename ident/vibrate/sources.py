@@ -212,7 +212,7 @@ def _response(
     for point in run.points:
         pointed = _ending_at(arm, point)
         felt = any(sensor.derivative == 2 for sensor in run.sensors if sensor.point == point)
-        solve = fast_method(pointed, run.motion, run.loads, False, RATE, None, measured=True)
+        solve = replace(fast_method(pointed, run.motion, run.loads, False, RATE, None), measured=True)
         keep = _path_and_turn if felt else FastMethod.vibration
         time = np.asarray(solve.time)[: int(solve.samples)]
         own = numbers_of(pointed)

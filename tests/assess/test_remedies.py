@@ -1,6 +1,7 @@
 """Which remedy is advised, by what the verification says of those that should meet the limit."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from ident.assess.remedies import (
 )
 from ident.identify.values import Values
 from ident.measure import Log
-from ident.present.diagnose import change_words
+from ident.present.diagnose import change_words, remedy_command
 from ident.studies.diagnose import DiagnoseOptions
 from ident.studies.motion_options import basis_of
 from ident.vibrate.evaluator import binomial_estimate
@@ -67,14 +68,14 @@ def test_remedies_are_verified_in_turn_until_one_holds(meets, holds, verified, a
 
 
 def test_what_takes_less_effort_comes_first_among_what_meets_the_limit():
-    kinds = ("torsion", "speed", "mass centre")
+    kinds = ("mass centre", "torsion", "speed", "balance")
     every = [replace(remedy(meets), kind=kind) for meets in (True, False) for kind in kinds]
     every.append(replace(remedy(True), kind="torsion", change_norm=0.1))
     ranked = sorted(every, key=rank)
-    assert [each.kind for each in ranked[:4]] == ["speed", "mass centre", "torsion", "torsion"]
+    assert [each.kind for each in ranked[:5]] == ["speed", "balance", "torsion", "torsion", "mass centre"]
     assert ranked[2].change_norm == 0.1
-    assert not any(each.meets_limit for each in ranked[4:])
-    assert [each.effort for each in ranked[:3]] == ["software", "screwdriver", "new part"]
+    assert not any(each.meets_limit for each in ranked[5:])
+    assert [each.effort for each in ranked[1:5]] == ["screwdriver", *["new part"] * 3]
 
 
 @pytest.mark.parametrize(
@@ -94,6 +95,55 @@ def test_several_numbers_are_changed_together_where_one_is_not_enough(monkeypatc
     task = Task(basis_of(ARM, DiagnoseOptions()), LIMIT)
     module.single_remedies(task, 1.0)
     assert sorted(together) == [(kind, {"mass centre": 2, "torsion": 3}[kind]) for kind in searched]
+
+
+def test_what_makes_it_worse_is_no_remedy(monkeypatch):
+    """Joint 2 is best left as it is: its remedy would change nothing."""
+    left = {"joint2.k_tors": 0.0}
+    alone = lambda task, v, kind: replace(remedy(True), kind=kind, change_norm=left.get(v.name, 0.5))  # noqa: E731
+    monkeypatch.setattr(module, "_alone", alone)
+    monkeypatch.setattr(module, "_slower_or_faster", lambda task: replace(remedy(True), kind="speed"))
+    found = module.single_remedies(Task(basis_of(ARM, DiagnoseOptions()), LIMIT), 1.0)
+    assert sorted(each.kind for each in found) == ["mass centre", "mass centre", "speed", "torsion", "torsion"]
+
+
+def test_a_remedy_makes_stiffer_unless_asked_and_gears_more_accurate_where_they_err():
+    basis = basis_of(ARM, DiagnoseOptions(errors=(30.0, 60.0)))
+    for softer, low in ((False, 1.0), (True, 0.5)):
+        spans = [
+            (v.low / v.present(ARM.arm), v.high / v.present(ARM.arm)) for v in Task(basis, 1.0, softer=softer).torsion
+        ]
+        assert spans == [(low, 2.0)] * 3
+    (errors,) = Task(basis, 1.0).errors
+    assert errors.paths == ("drive1.error", "drive2.error", "drive3.error")
+    assert errors.high == pytest.approx(np.deg2rad(30 / 3600))  # 60 arc seconds peak to peak
+    assert errors.low == pytest.approx(errors.high / 10)
+    assert Task(basis_of(ARM, DiagnoseOptions()), 1.0).errors == ()
+    values = dict.fromkeys(errors.paths, errors.low)
+    finer = replace(remedy(True), kind="transmission error", values=values, before=dict.fromkeys(values, errors.high))
+    assert change_words(finer) == "take drives with a transmission error of 6 arc seconds peak to peak"
+    assert finer.effort == "new part"
+
+
+@pytest.mark.parametrize("holds", [True, False])
+@pytest.mark.parametrize(
+    ("best", "command"),
+    [
+        (
+            {"values": {"joint1.k_tors": 3e5}},
+            "simulate {arm} --limit 0.5 --posterior {result}.nc --set joint1.k_tors=300000",
+        ),
+        ({"kind": "speed", "percent": 5.0}, "simulate {arm} --limit 0.5 --posterior {result}.nc --speed 5"),
+        ({"kind": "schedule", "schedule": True}, "motion {arm} --limit 0.5 --posterior {result}.nc"),
+        ({"kind": "balance", "rotors": (1,)}, "source {runs} --arm {arm}"),
+    ],
+)
+def test_what_comes_next_carries_out_the_remedy_or_seeks_one(best, command, holds):
+    advised, verified = SimpleNamespace(**vars(remedy(True)) | best, meets_limit=True), SimpleNamespace(holds=holds)
+    task = Task(basis_of(ARM, DiagnoseOptions()), LIMIT)
+    diagnosed = SimpleNamespace(task=task, advised=advised, verified=verified, remedies=())
+    seeks = "motion {arm} --limit 0.5 --posterior {result}.nc"
+    assert remedy_command(diagnosed) == f"ident {command if holds else seeks}"
 
 
 @pytest.mark.parametrize("curve", ["falling", "valley", "hill", "above"])

@@ -68,6 +68,7 @@ def test_what_it_says(result, files):
     assert any("has become softer" in finding.text and "belt" in finding.remedy for finding in report.findings)
     (table,) = report.answer
     assert [row[-1] == "changed" for row in table.rows] == list(result.changed.values())
+    assert report.next == f"ident diagnose {files[1].with_name('later.csv')}"
     assert result.name == "campaign-later.compare"
     assert [source.path for source in result.inputs.values()] == [str(path) for path in files]
     softer = [row for row in result.table() if row["changed"]]
@@ -86,6 +87,7 @@ def test_values_and_files_say_the_same(result, before, files):
 def test_no_change_where_nothing_has_changed(before):
     same = compare(before, before)
     verdict = same.sections().verdict
+    assert same.sections().next == f"ident plan {ARM.with_name('campaign.csv')}"
     assert (verdict.word, verdict.reason) == ("NO CHANGE", "T = 0 on 6.0 degrees of freedom, p = 1.")
     assert [row["ratio"] for row in same.table()] == pytest.approx([1.0] * 6, abs=1e-6)
 

@@ -105,8 +105,12 @@ def test_with_a_limit_the_least_change_that_keeps_it_is_proposed_and_verified(re
     assert_one_screen(found.report(width=80), files=5)
     assert not too_wide(found.report(details=True))
     loud = replace(design, present=replace(design.present, amplitude=design.best.amplitude / 1.5))
-    findings = with_design(found, loud).sections().findings
-    assert any("peak in z rises by 50 %" in finding.text for finding in findings)
+    said = with_design(found, loud).sections()
+    way = "xyz"[int(found.best.argmax())]
+    assert (said.verdict.word, said.verdict.kind) == ("MET", "caution")
+    assert f"it is the least change that keeps it, but {way} rises by 50 %, from " in said.verdict.reason
+    aimless = with_design(found, replace(loud, limit=None)).sections()
+    assert any("peak in z rises by 50 %" in finding.text for finding in aimless.findings)
 
 
 def test_a_design_that_misses_its_limit_says_so(result, found):

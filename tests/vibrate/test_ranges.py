@@ -52,6 +52,8 @@ def test_what_may_be_changed_and_how_dear_that_is():
     present = float(FILE.arm.get("joint1.k_tors"))
     assert variable_of(FILE.arm, Range(("joint1.k_tors",))) == Variable(("joint1.k_tors",), present / 2, 2 * present)
     bounds = Bound(1.3), Bound(2.0, times=True)
+    stiffer = variable_of(FILE.arm, Range(("joint1.k_tors",)), softer=False)
+    assert stiffer == Variable(("joint1.k_tors",), present, 2 * present)
     shifted = variable_of(FILE.arm, Range(("fingers.com.x",), bounds, 3.0))
     assert shifted == Variable(("fingers.com.x",), 1.3, 2 * float(FILE.arm.get("fingers.com.x")), 3.0)
     high = FILE.arm.replace({"bracket.com.x": 0.25})

@@ -54,7 +54,9 @@ def test_measures_of_made_signals() -> None:
     traces = np.stack([2e-3 * np.exp(-t), -3e-3 * np.cos(2 * np.pi * t), np.full_like(t, 1e-4)])
     traces[2, 300] = -5e-3
     motion = Motion("made", swing().breaks, swing().coefficients, 1.0)
-    response = Response(shaken().model, motion, t, *np.zeros((2, 9, 501)), 0 * traces, traces, *np.zeros((2, *traces.shape)), "fast")
+    response = Response(
+        shaken().model, motion, t, *np.zeros((2, 9, 501)), 0 * traces, traces, *np.zeros((2, *traces.shape)), "fast"
+    )
     np.testing.assert_allclose(peak(response.vibration), [2e-3, 3e-3, 5e-3], rtol=1e-12)
     np.testing.assert_allclose(rms(response.vibration[:, :500])[1], 3e-3 / np.sqrt(2), rtol=1e-12)
     # 2e-3 exp(-t) falls below 1e-3 after ln 2 = 0.69 s; the cosine never; the outlier at 3.00 s is the last
