@@ -126,7 +126,8 @@ def gear_words(basis: "Basis") -> str:
         return ""
     size = f"{max(arc_seconds(float(basis.arm.get(path))) for path in paths):.3g} arc seconds peak to peak"
     size += ", assumed" * any(basis.origins.get(path) in GUESSED for path in paths)
-    return f"the gears' own error ({size}) is up to {MM * basis.gear_error:.2g} mm at any speed, and no vibration"
+    moved = f"moves the end by up to {MM * basis.gear_error:.2g} mm at any speed"
+    return f"the gears' own error ({size}) {moved}; it is not counted as vibration"
 
 
 def all_findings(basis: "Basis") -> Iterator[Finding]:
