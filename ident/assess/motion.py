@@ -9,11 +9,11 @@ from jaxtyping import Float
 
 from ident.arm.multibody import exciting_orders
 from ident.arm.parts import Stroke
-from ident.assess.remedies import CONFIDENT, exact_response, keeping
+from ident.assess.remedies import CONFIDENT, keeping
 from ident.assess.scenario import Basis, over_phases
 from ident.errors import refusal
 from ident.programs import Progress
-from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, binomial_estimate
+from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, binomial_estimate, exact_response
 from ident.vibrate.motion import PROFILES, Motion, stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.response import belt_tension, peak, slack

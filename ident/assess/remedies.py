@@ -22,12 +22,12 @@ from ident.vibrate.evaluator import (
     Evaluator,
     Variable,
     binomial_estimate,
+    exact_response,
     side_by_side,
 )
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import Response, peak
 from ident.vibrate.schedule import Schedule
-from ident.vibrate.simulate import simulate
 
 # -------- Task
 # What a diagnosis is asked: an arm in motion, a limit, and what of the arm is uncertain.
@@ -232,11 +232,6 @@ class VibrationAssessment:
         return np.asarray(peak(self.response.vibration))
 
     @property
-    def band(self) -> Float[np.ndarray, "2 3"]:
-        """5 and 95 % quantiles over the draws [m]."""
-        return np.quantile(self.draws, (0.05, 0.95), axis=1)
-
-    @property
     def scatter(self) -> float:
         """Factor from the largest amplitude of the arm itself to what most draws keep, see `tolerance_limit`."""
         return tolerance_limit(self.draws.max(0)) / float(self.amplitude.max())
@@ -295,11 +290,6 @@ def likely_excitation(task: Task, evaluator: Evaluator, change: Float[np.ndarray
         return {}
     over = task.over_phases(evaluator)
     return at_share(over.arm, over.superposition(change), task.basis.unknown, CONFIDENT)
-
-
-def exact_response(evaluator: Evaluator) -> Response:
-    """Simulate the motion of an evaluator's arm by the exact equations."""
-    return simulate(evaluator.arm, evaluator.motion, loads=evaluator.loads, method="exact", rate=evaluator.rate)
 
 
 # -------- Remedies

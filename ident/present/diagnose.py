@@ -241,9 +241,9 @@ def _next(diagnosis: "Diagnosis", verdict: Verdict) -> str:
 
 def remedy_command(diagnosis: "Diagnosis") -> str:
     """Return the command that carries out the remedy that holds, on the medians of the draws; else one that seeks."""
-    basis, best, verified = diagnosis.task.basis, diagnosis.advised, diagnosis.verified
+    basis, best = diagnosis.task.basis, diagnosis.advised
     study, sets = "motion" if _has_schedule(diagnosis) else "design", dict(basis.changed)  # the one changes no part
-    if best and verified and best.meets_limit and verified.holds:
+    if best and diagnosis.verdict == "warn":
         if best.rotors:
             return "ident source {runs} --arm {arm}"  # and ident balance with its result
         study, sets = "motion" if best.schedule else "simulate", sets | best.values
@@ -461,7 +461,9 @@ def _vibration(diagnosis: "Diagnosis") -> Iterator[Part]:
         yield "Nothing needs to be changed."
     rows = tuple(
         (direction, MM * at, f"{MM * low:.3f} to {MM * high:.3f}")
-        for direction, at, low, high in zip("xyz", peak, *vibration.band, strict=True)
+        for direction, at, low, high in zip(
+            "xyz", peak, *np.quantile(vibration.draws, (0.05, 0.95), axis=1), strict=True
+        )
     )
     note = "Displacement of the end point from its quasi-static position. Draws: by the fast method."
     if vibration.phases is not None:

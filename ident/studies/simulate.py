@@ -89,7 +89,7 @@ class SimulateResult(Result):
 
     @property
     def vibration(self) -> 'Float[np.ndarray, "3 T"]':
-        """Displacement of the end point less the quasi-static deflection, in x, y and z of the base frame [m]."""
+        """Displacement of the end point from its quasi-static position, in x, y and z of the base frame [m]."""
         return self.simulation.vibration
 
     @property

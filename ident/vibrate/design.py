@@ -17,9 +17,9 @@ from ident.vibrate.evaluator import (
     Extents,
     binomial_estimate,
     check,
+    exact_response,
     side_by_side,
 )
-from ident.vibrate.simulate import simulate
 
 STARTS = 3
 """Starts, the arm as it is among them."""
@@ -300,15 +300,7 @@ def _exact(evaluator: Evaluator, change: Float[np.ndarray, "V"]) -> Check:
         first = 0 if evaluator.measure == "rms" else int(evaluator.amplitude.first)
         arm = arm.replace(evaluator.superposition(change).worst_phases(first))
     fast = replace(evaluator, arm=arm, unknown=()).amplitudes(0 * change[None])[:, 0, 0]
-    response = simulate(
-        arm,
-        evaluator.motion,
-        loads=evaluator.loads,
-        method="exact",
-        elastic_belts=evaluator.elastic_belts,
-        rate=evaluator.rate,
-        step=evaluator.step,
-    )
+    response = exact_response(replace(evaluator, arm=arm))
     vibration = np.asarray(response.vibration)
     amplitude = evaluator.amplitude(vibration)
     return Check(np.asarray(response.time), vibration, amplitude, (fast - amplitude) / amplitude.max())

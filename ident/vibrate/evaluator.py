@@ -23,6 +23,7 @@ from ident.text import did_you_mean
 from ident.vibrate.fast import Fast, FastMethod, Linearised, at_once, numbers_of, refuse_collapse, step_for, vibrations
 from ident.vibrate.linear import TimeIntervals, some_at_a_time
 from ident.vibrate.motion import Motion
+from ident.vibrate.response import Response
 from ident.vibrate.simulate import (
     RATE,
     Amplitude,
@@ -33,6 +34,7 @@ from ident.vibrate.simulate import (
     parts_of,
     rms_over_phases,
     sets_of,
+    simulate,
     superposition,
 )
 
@@ -576,6 +578,12 @@ class Evaluator:
             words = ", ".join(f"{v.name} = {values[v.paths[0]]:.4g}" for v in self.variables)
             return f"the arm collapses at {words}: no stable equilibrium; narrow the range"
         return ""
+
+
+def exact_response(of: Evaluator) -> Response:
+    """Simulate the motion of an evaluator's arm by the exact equations."""
+    how: dict[str, Any] = {"loads": of.loads, "elastic_belts": of.elastic_belts, "rate": of.rate, "step": of.step}
+    return simulate(of.arm, of.motion, method="exact", **how)
 
 
 # -------- Side by side

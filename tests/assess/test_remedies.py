@@ -139,9 +139,9 @@ def test_a_remedy_makes_stiffer_unless_asked_and_gears_more_accurate_where_they_
     ],
 )
 def test_what_comes_next_carries_out_the_remedy_or_seeks_one(best, command, holds):
-    advised, verified = SimpleNamespace(**vars(remedy(True)) | best, meets_limit=True), SimpleNamespace(holds=holds)
+    advised, verdict = SimpleNamespace(**vars(remedy(True)) | best), "warn" if holds else "reject"
     task = Task(basis_of(ARM, DiagnoseOptions()), LIMIT)
-    diagnosed = SimpleNamespace(task=task, advised=advised, verified=verified, remedies=())
+    diagnosed = SimpleNamespace(task=task, advised=advised, verdict=verdict, remedies=())
     seeks = "motion {arm} --limit 0.5 --posterior {result}.nc"
     assert remedy_command(diagnosed) == f"ident {command if holds else seeks}"
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ident.assess.simulate import Simulation
 
 
-LESS = "displacement of the end point less the quasi-static deflection"
+LESS = "displacement of the end point less the quasi-static deflection and the gears' own error"
 SPANS = ("upper", "lower")
 DIGITS = "%.10g"
 
@@ -101,6 +101,7 @@ def _variables(simulation: "Simulation") -> Iterator[tuple[str, tuple[str, ...],
         yield "vibration_worst_phases", moved, simulation.phases.envelope, "m", words
     yield "displacement", moved, response.displacement, "m", "of the end point from the rigid arm's"
     yield "quasi_static_deflection", moved, response.quasi_static, "m", "of the end point, part of the displacement"
+    yield "gear_error", moved, response.gear_error, "m", "of the end point at rest, part of the displacement"
     yield "path", moved, response.path, "m", "where the end point would be with rigid joints"
     yield "posture", ("driven", "time"), response.posture, "rad", "commanded angles"
     by_joint = ("axis", "joint", "time")
