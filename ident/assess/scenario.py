@@ -163,7 +163,8 @@ class Basis:
     @cached_property
     def gear_error(self) -> float:
         """How far transmission errors move the end point at rest, and so at any speed [m]: at most along the motion."""
-        return float(gear_error(self.arm, self.motion(np.linspace(*self.motion.breaks[[0, -1]], POSTURES))[0]).max())
+        start, end = map(float, np.asarray(self.motion.breaks)[[0, -1]])
+        return float(gear_error(self.arm, self.motion(np.linspace(start, end, POSTURES))[0]).max())
 
     @property
     def origins(self) -> dict[str, str]:

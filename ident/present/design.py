@@ -138,8 +138,8 @@ def _verdict(study: DesignStudy, design: Design) -> Verdict | None:
         what = "it is the least change that keeps it"
     if rises := risen(design.present.amplitude, design.best.amplitude, design.limit):
         what += f", but {' and '.join(rises)}"
-    kind = "caution" if rises else "good"
-    return Verdict("MET", f"{mm(largest)} mm keeps the limit of {limit} ({before}); {what}{chance}.", kind)
+    reason = f"{mm(largest)} mm keeps the limit of {limit} ({before}); {what}{chance}."
+    return Verdict("MET", reason, "caution" if rises else "good")
 
 
 def _next(study: DesignStudy, design: Design, verdict: Verdict | None) -> str:

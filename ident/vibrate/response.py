@@ -144,9 +144,9 @@ def settling_time(response: Response, tolerance: float) -> Float[np.ndarray, "3 
 def gear_error(arm: Arm, postures: Float[AnyArray, "driven T"]) -> Float[Array, "3 T"]:
     """Return how far transmission errors move the end point of the resting arm [m], with their worst phases."""
     model = multibody(arm, rank=1)
-    q, amplitude = of_joints(model, jnp.asarray(postures)), sum(map(jnp.abs, model.drives.error))
+    q, amplitude = of_joints(model, jnp.asarray(postures)), jnp.abs(jnp.stack(model.drives.error)).sum(0)
     each = [end_point(model, q.at[joint].add(amplitude[joint])) for joint in range(model.joints)]
-    return sum(jnp.abs(moved - end_point(model, q)) for moved in each)
+    return jnp.abs(jnp.stack(each) - end_point(model, q)).sum(0)
 
 
 # -------- Belt tension

@@ -323,6 +323,20 @@ def test_along_a_given_path_the_speed_is_chosen_too(asked, along, tmp_path):
     assert found.largest == pytest.approx(along.largest, rel=0.02)
 
 
+@pytest.mark.slow
+def test_more_accurate_drives_keep_a_limit_that_transmission_errors_exceed(task):
+    """60 arc seconds make nearly all of the vibration, which is proportional to them."""
+    basis = basis_of(ARM, DiagnoseOptions(speed=100.0, dwell=0.2, errors=(60.0, 60.0)), posterior=task.basis.posterior)
+    asked = at_confidence(replace(task, basis=basis))
+    present = asked.evaluator(*asked.errors).amplitudes(np.zeros((1, 1)))[:, 0, 0].max()
+    asked = replace(asked, limit=0.4 * present)
+    finer = module._alone(asked, *asked.errors, "transmission error")
+    assert finer.meets_limit
+    assert finer.largest <= asked.limit < present
+    assert 0.25 < finer.values["drive2.error"] / finer.before["drive2.error"] < 0.41
+    assert change_words(finer).startswith("take drives with a transmission error of ")
+
+
 def test_a_remedy_holds_by_the_exact_equations_and_by_the_draws():
     keeps, exceeds = remedy(True).keeps, remedy(False).keeps
     small, large = np.full(3, 4e-4), np.array([4e-4, 6e-4, 4e-4])
