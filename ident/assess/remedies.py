@@ -289,7 +289,7 @@ def likely_excitation(task: Task, evaluator: Evaluator, change: Float[np.ndarray
     if not task.basis.unknown.phases:
         return {}
     over = task.over_phases(evaluator)
-    return at_share(over.arm, over.superposition(change), task.basis.unknown, CONFIDENT)
+    return at_share(over.changed_arm(change), over.superposition(change), task.basis.unknown, CONFIDENT)
 
 
 # -------- Remedies

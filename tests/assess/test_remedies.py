@@ -335,6 +335,7 @@ def test_more_accurate_drives_keep_a_limit_that_transmission_errors_exceed(task)
     assert finer.largest <= asked.limit < present
     assert 0.25 < finer.values["drive2.error"] / finer.before["drive2.error"] < 0.41
     assert change_words(finer).startswith("take drives with a transmission error of ")
+    assert verify_remedy(asked, finer).largest <= asked.limit  # of errors that are drawn as well
 
 
 def test_a_remedy_holds_by_the_exact_equations_and_by_the_draws():
