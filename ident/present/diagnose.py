@@ -64,14 +64,14 @@ def change_words(remedy: Remedy) -> str:
         words += [f"mount {mass}, {MM * rotor.pulley.radius:.3g} mm from the axis, on {spaced(rotor.drive.name)}"]
     stiffer, moved, finest = [], [], 0.0
     for path, value in remedy.values.items():
-        more, further = value / remedy.before[path] - 1, value - remedy.before[path]
-        if is_stiffness(path) and abs(more) > 0.005:
-            stiffer.append(f"{spaced(path)} {100 * abs(more):.0f} % {'stiffer' if more > 0 else 'softer'}")
-        elif is_shifted(path):
-            where = f"the mass centre of {spaced(path)} by {MM * further:+.0f} mm in {path[-1]}"
-            moved += [where] if abs(further) > 0.0005 else []
+        before = remedy.before[path]
+        if is_shifted(path):
+            where = f"the mass centre of {spaced(path)} by {MM * (value - before):+.0f} mm in {path[-1]}"
+            moved += [where] if abs(value - before) > 0.0005 else []
         elif not is_stiffness(path):
             finest = max(finest, arc_seconds(value))
+        elif abs(more := value / before - 1) > 0.005:
+            stiffer.append(f"{spaced(path)} {100 * abs(more):.0f} % {'stiffer' if more > 0 else 'softer'}")
     words += [f"take drives with a transmission error of {finest:.2g} arc seconds peak to peak"] if finest else []
     words += [f"make {joined(stiffer)} in torsion"] if stiffer else []
     words += [f"move {joined(moved)}"] if moved else []

@@ -110,7 +110,10 @@ CASES: dict[str, tuple[bool, Case]] = {
     "simulate fit": (False, lambda: ident.simulate(ARM, fit=fitted(ARM, CAMPAIGN))),
     "spectrum": (False, lambda: ident.spectrum(simulated())),
     "sweep": (False, lambda: ident.sweep(ARM, vary=VARY)),
-    "design": (False, lambda: ident.design(ARM, limit=0.4)),
+    "design": (
+        False,
+        lambda: ident.design(ARM, limit=0.4, change={f"joint{j}.k_tors": ("0.5x", "2x") for j in (1, 2, 3)}),
+    ),
     "diagnose": (False, lambda: ident.diagnose(ARM, CAMPAIGN)),
 }
 

@@ -81,7 +81,7 @@ SHIPPED = [
     "simulate data/lcd_arm/arm.toml",
     "spectrum out/arm.extend-10.simulate.csv --arm data/lcd_arm/arm.toml --spectrogram --orders 1,2",
     "sweep data/lcd_arm/arm.toml --vary joint1.k_tors --vary bracket.com.x=0:0.29 --vary speed=4:20:17",
-    "design data/lcd_arm/arm.toml --limit 0.4",
+    "design data/lcd_arm/arm.toml --limit 0.5",
     "explore data/lcd_arm/arm.toml",
     "diagnose data/lcd_arm/campaign.csv --limit 0.5",
     "joint data/kr300/a.csv data/kr300/b.csv data/kr300/c.csv --inertia axis1=609,axis2=843.9,axis3=751.3",
