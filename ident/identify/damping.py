@@ -29,8 +29,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from scipy.optimize import nnls
-from scipy.special import stdtr
 
 from ident.arm.arm import Arm
 from ident.arm.fields import DAMPING, LOSS
@@ -370,7 +368,7 @@ class _Fitting(NamedTuple):
         off = self.residuals(x, at)
         for _ in range(STEPS):
             A = self.slopes(x, at)
-            way = nnls(A, off + A @ x)[0] - x
+            way = _nnls(A, off + A @ x) - x
             tried = (x + share * way for share in (1.0, 0.5, 0.25, 0.125))
             better = next((y for y in tried if (there := self.residuals(y, at)) @ there <= off @ off), None)
             if better is None:
@@ -394,7 +392,7 @@ class _Fitting(NamedTuple):
     def law(self, groups: Groups) -> Law:
         """Fit the numbers, then share and scatter, one after the other until these stay."""
         measured = np.exp(self.ratios.log)
-        x = nnls(self.design.columns / measured[:, None], np.maximum(1 - self.design.kept / measured, 0.0))[0]
+        x = _nnls(self.design.columns / measured[:, None], np.maximum(1 - self.design.kept / measured, 0.0))
         x = np.where(self.design.narrow > 0, self.design.centre, x)
         at = len(OF_MODE) - 1, int(np.argmin(np.abs(SCATTERS - START_SCATTER)))
         for _ in range(STEPS):
@@ -421,7 +419,7 @@ class _Fitting(NamedTuple):
         A = self.slopes(x, at)
         noise = rng.standard_normal((len(A), count))
         noise[len(self.ratios.log) :] *= self.design.narrow[:, None] > 0
-        return np.array([nnls(A, b)[0] for b in ((self.residuals(x, at) + A @ x)[:, None] + noise).T]).T
+        return np.array([_nnls(A, b) for b in ((self.residuals(x, at) + A @ x)[:, None] + noise).T]).T
 
     def drawn(
         self, law: Law, like: tuple[_Design, Ratios], at: Place, count: int, rng: np.random.Generator
@@ -441,6 +439,12 @@ class _Fitting(NamedTuple):
         size, Q = np.linalg.eigh(like[1].shared(like[1], at) - gain.T @ gain)
         beside = Q @ (np.sqrt(np.maximum(size, 0.0))[:, None] * rng.standard_normal((len(size), count)))
         return np.log(like[0].of(numbers)) + gain.T @ off + beside
+
+
+def _nnls(A: Float[np.ndarray, "n k"], b: Float[np.ndarray, "n"]) -> Float[np.ndarray, "k"]:
+    from scipy.optimize import nnls  # takes a tenth of a second, which fits without damping ratios can spare
+
+    return np.asarray(nnls(A, b)[0])
 
 
 def _highest(x: Float[np.ndarray, "3 G"]) -> Place:
@@ -638,6 +642,8 @@ def _design(groups: Groups, columns: Mapping[str, np.ndarray], arm: Arm, unknown
 
 def _marked(law: Law, design: _Design, ratios: Ratios) -> Bool[np.ndarray, "D"]:
     """Return which rows lie too far from what the others say by the same law."""
+    from scipy.special import stdtr  # likewise
+
     rows = np.arange(len(ratios.log))
     off = np.abs(ratios.log - np.log(design.of(law.values))) / np.sqrt(np.diag(ratios.covariance))
     marked = np.zeros(len(rows), bool)
