@@ -295,6 +295,10 @@ class HeldArm:
     files: tuple[str, ...]
 
 
+MOVING = "the arm was still moving before"
+"""What is said of a hit before which the arm had not calmed down."""
+
+
 @dataclass(frozen=True)
 class ModalTest(HeldArm):
     """What was measured at one posture under one load.
@@ -326,9 +330,14 @@ class ModalTest(HeldArm):
         return len(self.frf.hits) * len(self.frf.references)
 
     @property
+    def moving(self) -> tuple[str, ...]:
+        """Of each file before which of its hits the arm had not calmed down, where there are such."""
+        return tuple(remark for remark in self.remarks if MOVING in remark)
+
+    @property
     def good(self) -> bool:
-        """Whether driving points and reciprocal responses do not contradict each other."""
-        return all(check.good for check in self.checks)
+        """Whether the arm was at rest before each hit, and driving points and reciprocal responses agree."""
+        return not self.moving and all(check.good for check in self.checks)
 
 
 # -------- Windows

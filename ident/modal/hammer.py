@@ -13,6 +13,7 @@ from ident.errors import refusal
 from ident.measure.channels import ChannelTable
 from ident.measure.recordings import Recording
 from ident.modal.frf import (
+    MOVING,
     Frf,
     ModalTest,
     Place,
@@ -214,10 +215,8 @@ FALLEN = 0.1
 """Share of its largest value to which the force's spectrum may fall within the band: 20 dB."""
 BEFORE = 0.05
 """Largest share of a record that is kept from before the hit: the offset is taken there."""
-MOVING = "the arm was still moving before"
-"""What is said of a hit before which the arm had not calmed down."""
 CALM = 0.1
-"""Motion before a hit, as a share of that after it, beyond which the arm had not calmed down; assumed."""
+"""Velocity before a hit, as a share of that after it, beyond which the arm had not calmed down; assumed."""
 
 
 @dataclass
@@ -305,13 +304,19 @@ def _transformed(source: Source, record: _Record, decay: float) -> tuple[np.ndar
 
 
 def _moves(record: _Record) -> bool:
-    """Tell whether all responses were there before the hit already."""
+    """Tell whether all responses were there before the hit already, as velocities: what rings for long is slow."""
     before = record.begin - 1
     if before < 4:
         return False
-    moved = record.answers - record.offset[1:, None]
-    early, late = moved[:, :before].std(1), moved[:, record.end : record.end + 4 * before].std(1)
-    return bool((early > CALM * late).all())
+    early, *late = (_swing(record.answers[:, at : at + before]) for at in (0, *record.end + before * np.arange(4)))
+    return bool((early > CALM**2 * np.mean(late, axis=0)).all())
+
+
+def _swing(answers: np.ndarray) -> np.ndarray:
+    """Return the variance (O,) of the sums of samples (O, T), less twice what white noise adds to it."""
+    summed = np.cumsum(answers - answers.mean(1, keepdims=True), 1)
+    white: np.ndarray = (np.diff(answers, 2, axis=1) ** 2).mean(1) / 6
+    return summed.var(1) - white * answers.shape[1] / 6
 
 
 def _overloaded(source: Source, record: _Record) -> str:

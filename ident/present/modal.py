@@ -11,8 +11,7 @@ from ident.assess.modal import IdentifiedModes, Labelled, NamedModes
 from ident.measure import Campaign
 from ident.measure.covariance_and_frames import Reproducibility
 from ident.modal.ambient import AmbientTest
-from ident.modal.frf import Check, ModalTest
-from ident.modal.hammer import MOVING
+from ident.modal.frf import MOVING, Check, ModalTest
 from ident.modal.modes import Modes, Ratio
 from ident.modal.operational import DECAYS, OperationalModes
 from ident.modal.sources import POLE, FinishedTest
@@ -83,14 +82,16 @@ def _name_count(modes: Sequence[Labelled]) -> int:
 
 
 def _verdict(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[IdentifiedModes]) -> Verdict:
-    """Judge a test: NOT CONVERGED, DOUBTFUL where checks fail, NOT CHECKED where there are none, else GOOD."""
+    """Judge a test: NOT CONVERGED, DOUBTFUL where checks fail or the arm moved, NOT CHECKED without any, else GOOD."""
     checks = [check for test in _hammer(tests) for check in test.checks]
     ratios = [each.modes.ratio for each in identified if isinstance(each.modes, Modes)]
     short = [each.modes for each in identified if isinstance(each.modes, OperationalModes)]
     if not _all_converged(identified):
         return Verdict("NOT CONVERGED", "The search for the most probable modes has not ended.", "bad")
     failed = [check for check in checks if not check.good]
-    parts = []
+    parts, moving = [], sum(len(test.moving) for test in _hammer(tests))
+    if moving:
+        parts.append(f"{MOVING} hits in {counted(moving, 'file')}")
     if checks:
         worst = max(failed or checks, key=lambda check: check.value / check.limit)
         size, limit = f"{100 * worst.value:.1f} %", f"limit {100 * worst.limit:.0f} %"
@@ -107,7 +108,7 @@ def _verdict(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[Iden
     if not parts:
         unchecked = "no driving point and no reciprocal pair were measured" if tests else "no recordings, only modes"
         return Verdict("NOT CHECKED", f"There is nothing to check the modes by: {unchecked}.", "caution")
-    doubtful = failed or any(each.modes.doubtful for each in identified)
+    doubtful = failed or moving or any(each.modes.doubtful for each in identified)
     reason = sentence("; ".join(parts))
     return Verdict("DOUBTFUL", reason, "bad") if doubtful else Verdict("GOOD", reason, "good")
 

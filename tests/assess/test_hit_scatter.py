@@ -4,16 +4,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hammer_files import one_record
 
 from ident.arm.modes import parse_label
 from ident.assess.modal import IdentifiedModes, with_effect
 from ident.identify.mode_names import ModeLabels
 from ident.measure.covariance_and_frames import Reproducibility
-from ident.modal.frf import Frf, Place
-from ident.modal.hammer import MOVING
+from ident.measure.load import Load
+from ident.modal.frf import MOVING, Frf, ModalTest, Place
 from ident.modal.modes import Modes, Ratio
 from ident.modal.poles import Diagram, ModalModel
 from ident.present.modal import _findings, _verdict
+from ident.studies.modal import ModalOptions, modal_test
 
 FREQUENCY = 5.0
 
@@ -52,6 +54,15 @@ def test_scatter_counts_by_what_it_does_to_the_reported_errors(sigma, share, lab
     )
 
 
+def test_an_arm_that_still_moves_is_doubtful_whatever_the_scatter():
+    each = with_effect(identified(3e-5, ratio=1.0), Reproducibility())
+    for remarks, word in (((), "GOOD"), ((f"a.uff: {MOVING} hit 2",), "DOUBTFUL")):
+        test = ModalTest((0.0,), Load(), "brake", ("a.uff",), each.modes.frf, np.ones((1, 1, 2)), 8.0, (), (), remarks)
+        verdict = _verdict([test], [each])
+        assert (verdict.word, test.good) == (word, word == "GOOD")
+        assert ("The arm was still moving before hits in 1 file;" in verdict.reason) == (word != "GOOD")
+
+
 def test_scatter_within_its_band_is_said_as_before():
     each = with_effect(identified(5e-3, ratio=0.97), Reproducibility())
     assert _verdict([], [each]).reason == "Hit scatter 0.97 times the expected variance, within 0.58 to 1.55."
@@ -64,3 +75,22 @@ def test_an_arm_that_still_moves_is_the_first_finding_and_explains_the_others():
     assert [(each.text, each.remedy) for each in found] == [(remark, "wait longer between hits"), ("outside", "")]
     still = SimpleNamespace(checks=(), remarks=())
     assert len(list(_findings([still], [identified(5e-3, converged=False)], [], [], None))) == 2
+
+
+@pytest.mark.slow  # identifies modes of two records of 150 s and one of 20 s
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(
+    ("gap", "noise", "least", "word"),
+    [(30.0, 0.005, 0.01, "GOOD"), (30.0, 0.1, 0.01, "GOOD"), (4.0, 0.005, 0.0, "DOUBTFUL")],
+    ids=["quiet", "noisy", "ringing"],
+)
+def test_quiet_hits_of_an_arm_at_rest_are_good_and_those_of_one_that_rings_never(gap, noise, least, word, tmp_path):
+    """Noise of 0.0005 and 0.01 g. After 4 s, 0.67 of the mode at 5.01 Hz is left, which is damped by 0.32 %."""
+    truth = np.abs(one_record(tmp_path, gap, noise, least=least).poles) / (2 * np.pi)
+    result = modal_test(tmp_path, options=ModalOptions(band=(3.0, 18.0)))
+    found = _verdict(result.tests, result.identified).word
+    assert found == word or (word != "GOOD" and found == "NOT CONVERGED")
+    assert result.doubtful == (word != "GOOD")
+    if word == "GOOD":
+        for frequency in result.identified[0].modes.frequency:
+            assert np.abs(truth / frequency - 1).min() < 1e-3
