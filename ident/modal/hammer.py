@@ -304,12 +304,14 @@ def _transformed(source: Source, record: _Record, decay: float) -> tuple[np.ndar
 
 
 def _moves(record: _Record) -> bool:
-    """Tell whether all responses were there before the hit already, as velocities: what rings for long is slow."""
+    """Tell whether all responses that feel the hit moved before it, as velocities: what rings for long is slow."""
     before = record.begin - 1
     if before < 4:
         return False
-    early, *late = (_swing(record.answers[:, at : at + before]) for at in (0, *record.end + before * np.arange(4)))
-    return bool((early > CALM**2 * np.mean(late, axis=0)).all())
+    early, *parts = (_swing(record.answers[:, at : at + before]) for at in (0, *record.end + before * np.arange(4)))
+    late = np.mean(parts, axis=0)
+    moved = (early > CALM**2 * late)[late > 0]
+    return bool(moved.size and moved.all())
 
 
 def _swing(answers: np.ndarray) -> np.ndarray:

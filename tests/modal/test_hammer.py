@@ -104,12 +104,17 @@ def test_an_arm_that_still_moves_before_a_hit_is_said():
 
 @pytest.mark.parametrize(("size", "noise", "moving"), [(0.0, 1.5, False), (1.0, 0.05, True)], ids=["noisy", "ringing"])
 def test_a_slow_mode_that_rings_below_a_fast_one_is_seen_and_noise_is_no_motion(size, noise, moving):
-    """Of the acceleration behind a hit the ringing is 8 %, of the velocity 21 %; of noise it is 17 % and 2 %."""
+    """Of the acceleration behind a hit the ringing is 8 %, of the velocity 21 %; of noise it is 17 % and 2 %.
+
+    Across, the hit is not felt: there is noise alone.
+    """
     force, answer = blocks(3, noise=0.0)
     time = (np.arange(COUNT) - 100) * STEP
     fast, slow = 12.0 * np.sin(2 * np.pi * 60 * time) * (time > 0), size * np.sin(2 * np.pi * FREQUENCY * time)
     error = noise * np.random.default_rng(5).normal(size=answer.shape)
-    (test,) = modal_tests(table(), recording(force, answer + fast + slow + error))
+    across = Channel("x", 0.05 * np.random.default_rng(6).normal(size=answer.shape), "m/s^2", STEP)
+    channels = table(row("x", "response", direction=(1.0, 0.0, 0.0)))
+    (test,) = modal_tests(channels, recording(force, answer + fast + slow + error, more=(across,)))
     assert bool(test.moving) == moving
 
 
