@@ -306,9 +306,15 @@ def repeatability(phase: Sequence[float], sd: Sequence[float]) -> tuple[float, f
 
 
 def tried_in(record: Mapping[str, Any], count: int) -> Tried:
-    """Return what a result of `ident source` has of a trial mass, with the first of its draws."""
+    """Return what a result of `ident source` has of a trial mass, with the first of its draws.
+
+    Raises:
+        ValueError, TypeError, KeyError: it has something else.
+    """
     (a, b), (c, d) = record["stated"], record["factor"]
     drawn = np.asarray(record["draws"], float)[:, :count]
+    if drawn.ndim != 2 or len(drawn) != 2 or not np.isfinite(drawn).all():
+        raise ValueError("draws of no trial mass")
     return Tried(record["run"], record["drive"], complex(a, b), complex(c, d), drawn[0] + 1j * drawn[1])
 
 

@@ -49,6 +49,8 @@ COMMENTS = (
 )
 RATE = 250.0
 """Samples a second to which faster recordings are brought: what drives excite lies below 25 Hz."""
+MOST_ROWS = 100
+"""Traces at most: what the search holds of them takes some 20 MB each."""
 FASTEST = 200.0
 """Speed [%] at most: an override may exceed the file's full speed, a typing error exceeds it by more; assumed."""
 SLOWEST = 50.0
@@ -273,6 +275,9 @@ def _rows(data: bytes, path: str | Path) -> list[RunRow]:
         rows += [] if mine else [row]
         findings += mine
     findings += _unequal(rows)
+    if len(rows) > MOST_ROWS:
+        remedy = "leave the direction of others blank, or split the table"
+        findings.append(Problem(file, f"{len(rows)} rows with a direction", f"at most {MOST_ROWS}", remedy))
     if not rows and not findings:
         findings.append(Problem(file, "no row with a direction", "at least one", "fill in the column direction"))
     refuse(findings)

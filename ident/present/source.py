@@ -49,6 +49,8 @@ def source_verdict(study: "SourceStudy") -> Verdict:
     """Say how many sources are determined, or why the runs are of no use."""
     told, count = study.told, len(study.found.estimates)
     explained = f"they explain {_range(100 * study.found.explained)} % of the mean square of each trace"
+    if study.doubtful and study.astray and not (study.moved or study.contradicting or study.poor):
+        return Verdict("DOUBTFUL", "A run that was left out is not predicted. No interval is reported.", "bad")
     if study.doubtful:
         return Verdict("NOT USABLE", "The runs contradict the model or each other. No interval is reported.", "bad")
     if not study.found.settled:
@@ -108,11 +110,23 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
         yield Finding("the search did not settle", check)
     for source in study.contradicting:
         yield Finding(f"{named(source)}: the runs contradict each other", "check their table, or use each run alone")
+    off = [name for name in study.moved if name.startswith("clock of ")]
+    if off:
+        rates = [
+            rate
+            for (_, rate), run in zip(study.found.place.clock, study.found.problem.runs, strict=True)
+            if f"clock of {run.name}" in off
+        ]
+        text = f"{cut(', '.join(off), 60)} would have to be {100 * max(rates, key=abs):+.2g} % off"
+        yield Finding(text, "check the recorder's sampling rate, and the speed")
     for name, shift in study.moved.items():
         remedy = "check the load of the runs, and what the stiffnesses and damping are from"
         if name.endswith("k_tors") and shift < 0:
             remedy += "; a soft servo acts as a softer joint"
-        yield Finding(f"{name} would have to move by {abs(shift):.1f} sigma", remedy)
+        if " of " in name:
+            remedy = "check the table of runs"
+        if name not in off:
+            yield Finding(f"{name} would have to move by {abs(shift):.1f} sigma", remedy)
     for each in study.tried():
         if each.told and not each.right:
             remedy = "check mass, radius, angle and mark; ident balance allows for it"
@@ -122,7 +136,9 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
         shares = _range(100 * max(0.0, each.explained) for each in study.held)
         rms = max((100 * (each.ratio - 1) for each in study.held), key=abs)
         predicted = f"predicted {shares} % of the mean square, and the rms to {abs(rms):.0f} %"
-        yield Finding(f"left out: {cut(names, 40)}; {predicted}")
+        rate = next((each.rate for each in study.astray), 0.0)
+        like = f"its clock or speed looks {100 * rate:+.2g} % off: " if rate else ""
+        yield Finding(f"left out: {cut(names, 40)}; {predicted}", like + check if study.astray else "")
     pairs = list(zip(study.found.estimates, study.found.makes.tolist(), strict=True))
     hidden = [named(each.source) for each, _ in pairs if not each.told]
     if hidden and study.usable:

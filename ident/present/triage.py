@@ -4,14 +4,20 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut
-from ident.present.words import counted
+from ident.present.words import TRACE_UNITS, counted
 
 if TYPE_CHECKING:
     from ident.measure.runs import Runs
     from ident.vibrate.triage import Finding as Part
     from ident.vibrate.triage import Triage
 
-WORDS = {"drive": "DRIVE", "mode": "STRUCTURE", "line": "FIXED LINE", "unexplained": "UNEXPLAINED"}
+WORDS = {
+    "drive": "DRIVE",
+    "mode": "STRUCTURE",
+    "kicks": "STRUCTURE",
+    "line": "FIXED LINE",
+    "unexplained": "UNEXPLAINED",
+}
 """Verdict by what makes the largest part."""
 MAINS, OFF_MAINS = (16.7, 50.0, 60.0), 0.1
 """Frequencies [Hz] of the mains, and by how much a line may be off one."""
@@ -19,7 +25,8 @@ REMEDIES = {
     "profile": "smooth the command, or see ident motion",
     "standstill": "record at rest: a line of servo, mains or floor stays",
     "speed": "record a run at another speed",
-    "modes": "raise --orders, or look for a source that the arm file lacks",
+    "modes": "add the multiple to --orders, or look for a source that the arm file lacks",
+    "kicks": "look for shocks: end stops, cables, what passes by",
 }
 """What to do, by the hint of a part."""
 
@@ -32,7 +39,7 @@ def triage_sections(triage: "Triage", runs: "Runs") -> Report:
         f"What vibrates in {counted(len(runs.traces), 'trace')} of {counted(len(runs.names), 'run')}",
         _verdict(triage),
         (_parts(triage),) if found else (),
-        tuple(_findings(triage)),
+        tuple(_findings(triage, runs)),
         next=following,
         details=(_strongest(triage, runs), _compared(triage)),
     )
@@ -46,23 +53,33 @@ def _verdict(triage: "Triage") -> Verdict:
     if not largest.told:
         return Verdict("CANNOT TELL", f"{share}: {what(largest)} or another cause.", "caution")
     if largest.kind == "unexplained":
-        return Verdict("UNEXPLAINED", f"{share} follows neither a drive, a mode nor a fixed frequency.", "caution")
+        like = f"; it moves with speed like {_drive(largest)}" if largest.drives else ""
+        return Verdict(
+            "UNEXPLAINED", f"{share} follows no drive, mode or fixed frequency that is known{like}.", "caution"
+        )
     return Verdict(WORDS[largest.kind], f"{share}: {what(largest)}.", "caution")
 
 
 def what(part: "Part") -> str:
     """Say what a part follows: `drive2 x 1 or drive1/drive3 x 2`, `lateral torsion 1, rung by the command`."""
     if part.kind == "drive":
-        by_order: dict[int, list[str]] = {}
+        by_order: dict[float, list[str]] = {}
         for drive, order in part.drives:
             by_order.setdefault(order, []).append(drive)
         return " or ".join(f"{'/'.join(names)} x {order}" for order, names in by_order.items())
-    if part.kind == "mode":
-        return ", ".join(part.modes) + (", rung by the command" if part.by_command else "")
+    if part.kind in ("mode", "kicks"):
+        by = ", rung by the command" if part.by_command else ", rung by kicks" if part.kind == "kicks" else ""
+        return ", ".join(part.modes) + by
     if part.kind == "unexplained":
-        return "unexplained"
+        return f"unexplained, like {_drive(part)}" if part.drives else "unexplained"
     mains = next((f" (mains, {own:g} Hz)" for own in MAINS if abs(part.frequency[0] - own) < OFF_MAINS), "")
     return f"a line at {part.frequency[0]:.4g} Hz{mains}"
+
+
+def _drive(part: "Part") -> str:
+    """Say with which multiple of a drive's frequency a part moves: `0.35 x drive2`."""
+    ((drive, order), *_) = part.drives
+    return f"{order:.3g} x {drive}"
 
 
 def _parts(triage: "Triage") -> Table:
@@ -71,8 +88,8 @@ def _parts(triage: "Triage") -> Table:
     for part in triage.findings:
         low, high = (f"{end:.1f}" for end in part.frequency)
         frequency, modes = low if low == high else f"{low} .. {high}", ", ".join(part.modes)
-        known = (100 * part.probability, frequency) if part.kind != "unexplained" else (None, "")
-        rows.append((what(part), 100 * part.share, *known, modes if part.kind == "drive" else ""))
+        known = None if part.track is None else 100 * part.probability
+        rows.append((what(part), 100 * part.share, known, frequency, modes if part.kind == "drive" else ""))
     note = "x 2: twice the frequency of that drive's pulley; drives whose frequencies coincide stand together."
     return Table("", head, tuple(rows), ("", ".0f", ".0f", "", ""), note)
 
@@ -80,18 +97,25 @@ def _parts(triage: "Triage") -> Table:
 def _strongest(triage: "Triage", runs: "Runs") -> Section:
     rows = []
     for part in triage.findings:
-        if part.kind != "unexplained":
-            row = runs.traces[part.trace].row
-            rows.append((what(part), f"{row.file} {row.channel}", part.time))
-    head = ("What it follows", "trace", "time [s]")
-    return Section("Where each part is strongest", (Table("", head, tuple(rows), ("", "", ".1f")),))
+        row = runs.traces[part.trace].row
+        rows.append((what(part), f"{row.file} {row.channel}", part.time, *_size(part, runs)))
+    head = ("What it follows", "trace", "time [s]", "amplitude", "unit")
+    return Section("Where each part is strongest", (Table("", head, tuple(rows), ("", "", ".1f", ".3g", "")),))
 
 
-def _findings(triage: "Triage") -> Iterator[Finding]:
+def _size(part: "Part", runs: "Runs") -> tuple[float, str]:
+    """Return the amplitude of a part where it is strongest, and its unit."""
+    factor, unit = tuple(TRACE_UNITS.values())[runs.traces[part.trace].derivative]
+    return factor * part.amplitude, unit
+
+
+def _findings(triage: "Triage", runs: "Runs") -> Iterator[Finding]:
     for part in triage.findings:
         if part.next != "source":  # which the next command does
             doubt = "" if part.told else " cannot be told from another cause"
-            yield Finding(f"{cut(what(part), 60)}{doubt}", REMEDIES[part.next])
+            size, unit = _size(part, runs)
+            where = f", {size:.2g} {unit} at {part.frequency[0]:.1f} to {part.frequency[1]:.1f} Hz"
+            yield Finding(f"{cut(what(part), 60)}{where * (part.kind == 'unexplained')}{doubt}", REMEDIES[part.next])
 
 
 def _compared(triage: "Triage") -> Section:

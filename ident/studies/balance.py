@@ -186,7 +186,7 @@ def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tup
     """Return the arm that a result of `ident source` is of, the result, and the first of its draws."""
     from ident.arm.multibody import IMBALANCE
     from ident.identify.values import Values
-    from ident.present.files.values import draws_of
+    from ident.present.files.values import UNSOUND, draws_of
     from ident.studies.source import SourceResult
 
     expected, remedy = "a result of ident source (.source.json)", "give the file that ident source wrote"
@@ -203,7 +203,7 @@ def _taken(source: "SourceResult | str | Path", options: BalanceOptions) -> "tup
         of_arm = {name: each for name, each in record.inputs.items() if input_of(name) == "arm"}
         with reading(record):
             arm = as_file(files_of(of_arm, Path(source).parent).paths["arm"], options.soft_base)
-            usable = record.record["verdict"] != "NOT USABLE"
+            usable = record.record["verdict"] not in UNSOUND
     else:
         raise refusal("source", f"a {type(source).__name__}", expected, remedy)
     with reading(record):

@@ -106,6 +106,8 @@ class Options:
 
     refuses: ClassVar[tuple[str, ...]] = ()
     """Options that the study does not know of, though those that it shares them with do: help does not offer them."""
+    instead: ClassVar[str] = "leave it out; `ident fit` takes it"
+    """What to do with such an option."""
 
     def __post_init__(self) -> None:
         problems = []
@@ -134,8 +136,9 @@ class Options:
         raise refusal("options", f"a {type(options).__name__}", f"{cls.__name__}(...)", "give those")
 
     def problems(self) -> list[Problem]:
-        """Return what does not go together; `where` of each is an option's name."""
-        return []
+        """Return what this study would leave out, and what does not go together; `where` is an option's name."""
+        given = [name for name in self.refuses if getattr(self, name)]
+        return [Problem(name, "it", f"no `{name}` in this study", self.instead) for name in given]
 
     def recorded(self) -> dict[str, Any]:
         """Return the options as result files record them."""

@@ -101,12 +101,6 @@ class ProblemOptions(BaseOptions):
 
     refuses: ClassVar[tuple[str, ...]] = ("uncertain",)
 
-    def problems(self) -> list[Problem]:
-        """Refuse what this study would leave out."""
-        given = [name for name in self.refuses if getattr(self, name)]
-        remedy = "leave it out; `ident fit` takes it"
-        return [*super().problems(), *(Problem(name, "it", f"no `{name}` in this study", remedy) for name in given)]
-
     def unknowns_of(self, arm: "ArmFile") -> "Unknowns":
         """Return what is unknown of an arm, as identification takes it, with what its file says is not exactly known.
 
@@ -153,7 +147,7 @@ class ArmOptions(BaseOptions):
         from ident.arm.fields import EXPECTED, LARGEST, field_of
 
         fields = {path: field_of(path) for path in self.set}
-        return [
+        bad = [
             Problem("set", f"{path}={self.set[path]:g}", EXPECTED[each.sign], "correct it")
             for path, each in fields.items()
             if each and not each.allows(self.set[path])
@@ -162,6 +156,15 @@ class ArmOptions(BaseOptions):
             for path, value in self.set.items()
             if not abs(value) <= LARGEST
         ]
+        return [*super().problems(), *bad]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunsOptions(ArmOptions):
+    """Options of a study of a table of runs: what the arm carried stands in the table."""
+
+    refuses: ClassVar[tuple[str, ...]] = ("load",)
+    instead: ClassVar[str] = "give it in the column load of the table of runs"
 
 
 def is_angle(value: Any) -> bool:

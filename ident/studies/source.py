@@ -11,7 +11,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
 from ident.studies.result import Progress, Result, silent
-from ident.studies.shared import ArmOptions, as_file, with_numbers
+from ident.studies.shared import RunsOptions, as_file, with_numbers
 from ident.studies.values import drawn_values
 from ident.text import one_line
 
@@ -29,7 +29,7 @@ MOST_DRAWS = 4000
 
 
 @dataclass(frozen=True, kw_only=True)
-class SourceOptions(ArmOptions):
+class SourceOptions(RunsOptions):
     """Options of `ident.source`: how well the clocks agree, and which runs are kept to test with."""
 
     offset: float = option(0.05, "time [s] by which a recorder's clock may be off the motion's", above=0.0, high=1.0)

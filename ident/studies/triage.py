@@ -5,11 +5,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ident.errors import Problem
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
 from ident.studies.result import Result
-from ident.studies.shared import ArmOptions, with_numbers
+from ident.studies.shared import RunsOptions, with_numbers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,18 +20,26 @@ if TYPE_CHECKING:
     from ident.vibrate.triage import Triage
 
 
+MOST_ORDERS = 12
+"""Multiples of a pulley's frequency at most: what is compared with each other grows with them, its time by the cube."""
 SEGMENT = 2.0
 """Length [s] of a segment of the order map: frequencies half a hertz apart are told apart."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TriageOptions(ArmOptions):
+class TriageOptions(RunsOptions):
     """Options of `ident.triage`: which multiples of a pulley's frequency are looked at."""
 
     orders: tuple[int, ...] = option(
         (1, 2, 4), "multiples of each pulley's frequency that are looked at", read=reading.whole_numbers, text="1,2,4"
     )
     upto: float = option(20.0, "highest frequency [Hz] that is drawn", above=0.0)
+
+    def problems(self) -> list[Problem]:
+        """Refuse more multiples than a search has an end with."""
+        count, remedy = len(self.orders), "name those that are likely"
+        many = [Problem("orders", f"{count} multiples", f"at most {MOST_ORDERS}", remedy)] * (count > MOST_ORDERS)
+        return [*super().problems(), *many]
 
 
 @dataclass(frozen=True, repr=False, eq=False)

@@ -25,9 +25,11 @@ from scipy.stats import chi2
 
 from ident.arm.multibody import ExcitingOrder
 from ident.vibrate.source_problem import (
+    CLOCK_SD,
     LARGEST,
     LEVEL,
     STEP,
+    TILT_SD,
     Channel,
     Place,
     SourceProblem,
@@ -167,10 +169,17 @@ class Identification:
 
     @property
     def moved(self) -> dict[str, float]:
-        """By how many standard deviations a priori each number of the arm has moved."""
-        sd = np.sqrt(np.diag(self.problem.prior.covariance))
-        shifts = (self.place.changes - self.problem.prior.mean) / sd
-        return dict(zip(self.problem.prior.groups, shifts.tolist(), strict=True))
+        """By how many standard deviations a priori all that has a prior has moved: numbers, clocks, sensors."""
+        problem, place = self.problem, self.place
+        sd = np.sqrt(np.diag(problem.prior.covariance))
+        shifts = dict(zip(problem.prior.groups, ((place.changes - problem.prior.mean) / sd).tolist(), strict=True))
+        for run, (_, rate) in zip(problem.runs, place.clock.tolist(), strict=True):
+            shifts[f"clock of {run.name}"] = rate / CLOCK_SD
+        for k, (channel, tilt) in enumerate(zip(problem.channels, np.abs(place.tilt).max(1).tolist(), strict=True)):
+            shifts[f"direction of {channel.name}"] = tilt / TILT_SD
+            if problem.calibration:
+                shifts[f"calibration of {channel.name}"] = (problem.factor(k, place) - 1) / problem.calibration
+        return shifts
 
     def numbers(self, group: int = 0) -> dict[str, float]:
         """Return the arm's numbers as identified, by path [SI]: sources in a phase group, stiffness, damping."""

@@ -75,11 +75,19 @@ HEIGHT, LINES = 4.0, 3
 """Power over that of noise from which a line is looked at, and most of them in a trace; assumed."""
 ABOUT = 3.0
 """Frequencies [Hz] to either side of which the median is the level of noise; assumed."""
+RATIOS = np.geomspace(0.1, 10.0, 401)
+"""Multiples of the fastest drive's frequency that are tried for what follows nothing known: a hundredth apart."""
+ELSEWHERE = 0.03
+"""Distance of such a track from all known ones, relative to them: a track nearer is theirs; assumed."""
+FURTHER = 2
+"""Tracks that are looked for at most in what nothing known explains."""
+KICK, BEFORE, KICKS = 4.0, 0.25, 12
+"""By which factor the energy rises at a kick, from within so many seconds to the next, and most of them; assumed."""
 STANDS_OUT = 5.0
 """Standard deviations of the noise's energy that a vibration must have."""
 
-Kind = Literal["drive", "mode", "line", "unexplained"]
-Next = Literal["source", "profile", "standstill", "speed", "modes"]
+Kind = Literal["drive", "mode", "kicks", "line", "unexplained"]
+Next = Literal["source", "profile", "standstill", "speed", "modes", "kicks"]
 
 
 @dataclass(frozen=True)
@@ -104,16 +112,18 @@ class Hypothesis:
     """What may make a vibration.
 
     Attributes:
-        kind: drive, mode or line.
+        kind: drive, mode or line; `unexplained` of what moves with a drive's speed, at no multiple that is known.
         drives: (name, order) of all that turn alike for the whole motion, the lowest order first.
-        mode: number of the mode; None of a drive, a line, and of the command, which rings all modes.
-        frequency: (T_r,) [Hz] over the grid of each trace; none of the command.
+        mode: number of the mode; None of a drive, a line, and of the command and of kicks, which ring all modes.
+        frequency: (T_r,) [Hz] over the grid of each trace; none of the command and of kicks.
+        starts: of each trace the samples from which the command, or kicks, ring all modes.
     """
 
     kind: Kind
-    drives: tuple[tuple[str, int], ...]
+    drives: tuple[tuple[str, float], ...]
     mode: int | None
     frequency: tuple[Float[np.ndarray, "_"], ...]
+    starts: tuple[tuple[int, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -122,23 +132,24 @@ class Finding:
 
     Attributes:
         kind: drive, mode, line, or unexplained.
-        drives: (name, order) of drives; frequency does not tell which of several.
+        drives: (name, order) of drives; frequency does not tell which of several. Of what is unexplained, if it moves
+            with a drive's speed, that with the ratio.
         modes: labels of the modes that ring, or that amplify a drive, the strongest first; at least a quarter of it.
         by_command: whether a mode rings from jumps of the commanded acceleration on.
         share: () [-] of the energy of vibration, where each frequency counts by its noise; the mean over the traces.
-        probability: () [-] that it is this and none of its rivals; 1 of what is unexplained.
+        probability: () [-] that it is this and none of its rivals; 1 of what follows nothing.
         rival: what else it most likely is; None for nothing.
-        track: number of the hypothesis whose track it follows most; None of what is unexplained.
+        track: number of the hypothesis whose track it follows most; None of what follows nothing.
         trace: number of the trace of which it has the largest share.
         frequency: [Hz] lowest and highest there, while above half of its largest amplitude.
         time: () [s] when it is strongest there.
         amplitude: () [unit of the values] 0-peak, then.
         next: what to do: `source` (identify the drive), `profile` (a smoother command), `standstill` (record at rest),
-            `speed` (run at another speed, as it cannot be told), `modes` (look at more modes).
+            `speed` (run at another speed, as it cannot be told), `modes` (look at more modes), `kicks` (for shocks).
     """
 
     kind: Kind
-    drives: tuple[tuple[str, int], ...]
+    drives: tuple[tuple[str, float], ...]
     modes: tuple[str, ...]
     by_command: bool
     share: float
@@ -192,28 +203,34 @@ def triage(arm: Arm, traces: Sequence[MovingTrace], *, orders: Sequence[int] = O
     along = _numbered([branches(arm, t.motion, count=MODES, times=x, loads=t.loads) for t, (x, _) in each])
     records = [_record(*grid, LOWEST * float(a.natural.min())) for grid, a in zip(grids, along, strict=True)]
     along = _scaled(records, along)
-    hypotheses = (
+    jumps = tuple(_jumps(record, motion) for record, motion in zip(records, motions, strict=True))
+    kicks = tuple(_kicks(record, own) for record, own in zip(records, jumps, strict=True))
+    hypotheses = [
         *_drives(arm, orders, motions, records),
         *(Hypothesis("mode", (), k, tuple(a.natural[k] for a in along)) for k in range(len(along[0].natural))),
-        Hypothesis("mode", (), None, ()),
+        Hypothesis("mode", (), None, (), jumps),
+        *(Hypothesis("kicks", (), None, (), kicks) for _ in range(any(kicks))),
         *_lines(records),
-    )
-    every = enumerate(zip(records, along, motions, strict=True))
-    fit = _Fit([_system(record, hypotheses, n, a, motion) for n, (record, a, motion) in every], hypotheses)
+    ]
+    fit = _Fit([_system(*own, hypotheses, n) for n, own in enumerate(zip(records, along, strict=True))], hypotheses)
     loud = any(system.energy > STANDS_OUT * np.sqrt(2 * system.noise) for system in fit.systems)
     chosen = fit.seen(fit.search()) if loud else ()
-    shares = fit.shares(chosen)
+    for _ in range(FURTHER if loud else 0):
+        others = [h for h in chosen if not fit.hypotheses[h].drives]
+        if fit.left(others).mean() < SEEN or not (further := _further(fit, others)):
+            break
+        fit = fit.extended(along, further)
+        chosen = fit.seen(fit.search(chosen))
+    shares, left = fit.shares(chosen), fit.left(chosen)
     findings = [_finding(fit, along, chosen, h, shares[:, i]) for i, h in enumerate(chosen)]
     findings.sort(key=lambda finding: -finding.share)
-    left = 1.0 - sum(finding.share for finding in findings)
-    if loud and left >= SEEN:
-        rest: tuple = (None, None, 0, (0.0, 0.0), 0.0, 0.0, "modes")
-        findings.append(Finding("unexplained", (), (), False, left, 1.0, *rest))
+    if loud and left.mean() >= SEEN:
+        findings.append(_unexplained(fit, chosen, left))
     labels = tuple(
         tuple(a.label(k, float(r.time[-1])) for k in range(len(a.natural))) for a, r in zip(along, records, strict=True)
     )
     noise = tuple(float(np.sqrt(2 * s.scatter * (s.record.level**2).sum() / len(s.record.time))) for s in fit.systems)
-    return Triage(tuple(findings), hypotheses, labels, tuple(r.time for r in records), noise)
+    return Triage(tuple(findings), tuple(fit.hypotheses), labels, tuple(r.time for r in records), noise)
 
 
 # -------- Records
@@ -261,11 +278,16 @@ def _record(time: np.ndarray, values: np.ndarray, low: float) -> _Record:
 
 def _often(values: np.ndarray, step: float, seconds: float, overlap: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the power that a spectrum has for three quarters of the time, 1 of white noise of variance 1."""
+    power, at = _power(values, step, seconds, overlap)
+    return np.quantile(power, OFTEN, axis=1) / -np.log(1 - OFTEN), at
+
+
+def _power(values: np.ndarray, step: float, seconds: float, overlap: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the power over frequency and time, of white noise of variance 1 on average 1, and the frequencies [Hz]."""
     length = round(min(seconds / step, len(values) / 6))
     transform = ShortTimeFFT(np.hanning(length), length // overlap, 1 / step, mfft=4 * length, scale_to="psd")
     edge = -(-length // 2 // transform.hop)
-    power = np.abs(transform.stft(values)[:, edge:-edge]) ** 2 / step
-    return np.quantile(power, OFTEN, axis=1) / -np.log(1 - OFTEN), transform.f
+    return np.abs(transform.stft(values)[:, edge:-edge]) ** 2 / step, transform.f
 
 
 # -------- Tracks
@@ -298,18 +320,53 @@ def _numbered(along: Sequence[Branches]) -> list[_Along]:
 
 def _scaled(records: Sequence[_Record], along: Sequence[_Along]) -> list[_Along]:
     """Scale each mode's frequencies by the factor with which most bumps of the traces stand out of noise."""
-
-    def stands_out(track: np.ndarray, record: _Record) -> float:
-        bumps = _bumps(record.time, np.arange(record.time[0], record.time[-1] + STEADY, STEADY))
-        turned = bumps.T @ (record.white * np.exp(-1j * record.phase(track)))
-        return float(np.log1p(np.abs(turned) ** 2 / (bumps**2).sum(0)).sum())  # a strong drive passing counts once
+    waves = [_waves(record.time, STEADY) for record in records]
+    each = list(zip(along, records, waves, strict=True))
 
     def factor(k: int) -> float:
-        each = list(zip(records, along, strict=True))
-        return max(SCALES.tolist(), key=lambda scale: sum(stands_out(scale * a.natural[k], r) for r, a in each))
+        return max(SCALES.tolist(), key=lambda x: sum(_stands_out(x * a.natural[k], r, r.white, w) for a, r, w in each))
 
     factors = np.array([[factor(k)] for k in range(len(along[0].natural))])
     return [a._replace(natural=a.natural * factors) for a in along]
+
+
+def _waves(time: np.ndarray, spacing: float) -> csr_array:
+    """Return bumps (T, K) all over a trace, each of norm 1."""
+    bumps = _bumps(time, np.arange(time[0], time[-1] + spacing, spacing))
+    return csr_array(bumps / np.linalg.norm(bumps, axis=0))
+
+
+def _stands_out(track: np.ndarray, record: _Record, white: np.ndarray, waves: csr_array) -> float:
+    """Return how much of a whitened trace stands out of noise along a track; a strong drive passing counts once."""
+    return float(np.log1p(np.abs(waves.T @ (white * np.exp(-1j * record.phase(track)))) ** 2).sum())
+
+
+def _further(fit: "_Fit", chosen: Sequence[int]) -> Hypothesis | None:
+    """Return the track at a drive's speed, but not at a known one, along which most of what hypotheses leave is."""
+    drives = [(each, np.concatenate(each.frequency)) for each in fit.hypotheses if each.drives]
+    records, left = [s.record for s in fit.systems], [s.left(s.of(chosen)) for s in fit.systems]
+    waves, tried, bases = [_waves(r.time, TRACK) for r in records], list[tuple[float, Hypothesis]](), list[np.ndarray]()
+    for each, own in sorted(drives, key=lambda pair: (pair[0].drives[0][1], -pair[1].mean())):  # the fastest first
+        if any(own @ x > (1 - 1e-4) * np.linalg.norm(own) * np.linalg.norm(x) for x in bases):
+            continue  # its joint moves as another's
+        bases.append(own)
+        for ratio in RATIOS.tolist():
+            if not any((np.abs(ratio * own - x) <= np.maximum(ELSEWHERE * x, 1 / TRACK)).all() for _, x in drives):
+                tracks, (name, order) = tuple(ratio * f for f in each.frequency), each.drives[0]
+                height = sum(map(_stands_out, tracks, records, left, waves))
+                tried.append((height, Hypothesis("unexplained", ((name, ratio * order),), None, tracks)))
+    return max(tried, key=lambda pair: pair[0], default=(0.0, None))[1]
+
+
+def _kicks(record: _Record, jumps: Sequence[int]) -> tuple[int, ...]:
+    """Return the samples before which the energy is a fraction of that behind, but for those of the command."""
+    width = round(BEFORE / record.step)
+    energy = np.convolve(record.white**2, np.ones(width), "full")[width - 1 :]  # of the samples from here on
+    quiet = 2 * (record.band[1] - record.band[0]) * record.step * width
+    rise = np.log((energy[width:] + quiet) / (energy[:-width] + quiet))
+    places, found = find_peaks(rise, height=np.log(KICK), distance=width)
+    places = places[np.argsort(-found["peak_heights"])][:KICKS] + width
+    return tuple(sorted(int(k) for k in places if all(abs(k - jump) > 2 * width for jump in jumps)))
 
 
 def _drives(
@@ -376,6 +433,10 @@ class _System(NamedTuple):
         """Energy of the whitened trace beyond that of noise."""
         return float(self.record.white @ self.record.white) - self.noise
 
+    def of(self, chosen: Sequence[int]) -> np.ndarray:
+        """Return the numbers of the columns of some hypotheses."""
+        return np.flatnonzero(np.isin(self.owner, chosen))
+
     def solve(self, at: np.ndarray) -> tuple[np.ndarray, float]:
         """Return coefficients of some columns, and the energy that they explain beyond what they take of noise."""
         gram, moment = self.gram[np.ix_(at, at)], self.moment[at]
@@ -384,13 +445,30 @@ class _System(NamedTuple):
         freedom = len(at) - RIDGE * np.trace(inverse)
         return found, float(2 * found @ moment - found @ gram @ found - self.scatter * freedom)
 
+    def left(self, at: np.ndarray) -> np.ndarray:
+        """Return what some columns leave of the whitened trace."""
+        return np.asarray(self.record.white - self.matrix[:, at] @ self.solve(at)[0])
 
-def _system(record: _Record, hypotheses: Sequence[Hypothesis], n: int, along: _Along, motion: Motion) -> _System:
+
+def _scatter(record: _Record, left: np.ndarray, taken: float) -> float:
+    """Return the energy of a sample's noise: what is left is narrow, so that the median over the band is noise's.
+
+    Args:
+        record: the trace.
+        left: (T,) of it by columns.
+        taken: share of the noise that they take, out of the median, too.
+    """
+    power, at = _power(left, record.step, TRACK, 2)
+    inside = power[(at > record.band[0]) & (at < record.band[1])]
+    return float(np.quantile(inside, (1 + min(taken, 0.8)) / 2, axis=0).mean() / np.log(2))
+
+
+def _system(record: _Record, along: _Along, hypotheses: Sequence[Hypothesis], n: int) -> _System:
     """Set up the normal equations of trace n."""
     parts, owner, mode = [], list[int](), list[int]()
     for h, each in enumerate(hypotheses):
         track = each.frequency[n] if each.frequency else along.natural[0]
-        for k, envelope in _envelopes(each, track, record, along, motion):
+        for k, envelope in _envelopes(each, n, track, record, along):
             waves = envelope * np.exp(1j * record.phase(track if k < 0 else along.natural[k]))[:, None]
             parts += [csr_array(waves.real), csr_array(waves.imag)]
             owner += [h] * 2 * waves.shape[1]
@@ -401,23 +479,21 @@ def _system(record: _Record, hypotheses: Sequence[Hypothesis], n: int, along: _A
     matrix = csr_array(matrix[:, used] @ diags_array(1 / size[used]))
     gram, moment = (matrix.T @ matrix).toarray(), matrix.T @ record.white
     system = _System(record, matrix, np.array(owner)[used], np.array(mode)[used], gram, moment)
-    _, most = system.solve(np.arange(len(used)))
-    left = system.energy - most  # beyond noise of 1, by all together: by so much is its level off
-    return system._replace(scatter=max(1 + left / (system.noise - len(used)), 0.1))
+    return system._replace(scatter=_scatter(record, system.left(np.arange(len(used))), len(used) / system.noise))
 
 
 def _envelopes(
-    each: Hypothesis, track: np.ndarray, record: _Record, along: _Along, motion: Motion
+    each: Hypothesis, n: int, track: np.ndarray, record: _Record, along: _Along
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield envelopes (T, K) about a hypothesis' own track, -1, or about that of a mode which it rings."""
     time, step = record.time, record.step
     decays = DAMPED * 2 * np.pi * step * along.natural * along.damping_ratio
     modes = list(enumerate(zip(along.natural, decays, strict=True)))
-    spacing = {"line": STEADY, "drive": TRACK}.get(each.kind, FREE)
+    spacing = STEADY if each.kind == "line" else TRACK if each.drives else FREE
     bumps = _bumps(time, np.linspace(time[0], time[-1], max(2, round((time[-1] - time[0]) / spacing) + 1)))
     if each.kind == "line" or each.mode is not None:
         yield -1, bumps
-    elif each.kind == "drive":
+    elif each.drives:
         bumps = bumps * ((track > record.band[0] / 2) & (track < record.band[1]))[:, None]
         yield -1, bumps[:, (bumps**2).sum(0) > TRACK / step / 20]
         for k, (natural, decay) in modes:
@@ -426,11 +502,11 @@ def _envelopes(
                     near = (track**2 * np.exp(1j * (record.phase(track) - record.phase(natural))))[first : last + 1]
                     yield k, _ringing(time, first, last, near, decay)
     else:
-        for first, (k, (_, decay)) in ((first, mode) for first in _jumps(record, motion) for mode in modes):
+        for first, (k, (_, decay)) in ((first, mode) for first in each.starts[n] for mode in modes):
             yield k, _ringing(time, first, first, np.ones(1), decay)
 
 
-def _jumps(record: _Record, motion: Motion) -> list[int]:
+def _jumps(record: _Record, motion: Motion) -> tuple[int, ...]:
     """Return the samples at which the commanded acceleration jumps, within half a period of the lowest mode."""
     quarter = LOWEST / (4 * record.band[0])
     ahead = int(3 * quarter / record.step)  # so that a jump at the start of a trace is a peak
@@ -438,7 +514,7 @@ def _jumps(record: _Record, motion: Motion) -> list[int]:
     before, after = (np.asarray(motion(time + side)[2]) for side in (-quarter, quarter))
     height = JUMP * np.abs(np.asarray(motion(record.time)[2])).max() + np.finfo(float).tiny
     places, _ = find_peaks(np.abs(after - before).max(0), height=height, plateau_size=1)
-    return sorted({max(0, int(place) - ahead) for place in places})
+    return tuple(sorted({max(0, int(place) - ahead) for place in places}))
 
 
 def _ringing(time: np.ndarray, first: int, last: int, force: np.ndarray, decay: np.ndarray) -> np.ndarray:
@@ -472,24 +548,40 @@ class _Fit:
         self.systems, self.hypotheses = systems, hypotheses
         self._explained = dict[tuple[int, ...], np.ndarray]()
 
+    def extended(self, along: Sequence[_Along], further: Hypothesis) -> "_Fit":
+        """Return the same with a further hypothesis, and the same noise, so that no score changes."""
+        hypotheses, each = [*self.hypotheses, further], enumerate(zip(self.systems, along, strict=True))
+        systems = [_system(s.record, a, hypotheses, n)._replace(scatter=s.scatter) for n, (s, a) in each]
+        new = _Fit(systems, hypotheses)
+        new._explained = self._explained
+        return new
+
+    def left(self, chosen: Sequence[int]) -> np.ndarray:
+        """Return the share of each trace's energy that a set does not explain."""
+        return np.clip(1 - self.explained(chosen), 0, 1)
+
     def explained(self, chosen: Sequence[int]) -> np.ndarray:
         """Return the share of each trace's energy that a set explains."""
         key = tuple(sorted(chosen))
         if key not in self._explained:
             energy = [max(s.energy, STANDS_OUT * np.sqrt(2 * s.noise)) for s in self.systems]
-            parts = [s.solve(np.flatnonzero(np.isin(s.owner, key)))[1] for s in self.systems]
+            parts = [s.solve(s.of(key))[1] for s in self.systems]
             self._explained[key] = np.array(parts) / energy
         return self._explained[key]
 
     def score(self, chosen: Sequence[int]) -> float:
         """Return the score of a set."""
         length = np.array([s.record.step * len(s.record.time) for s in self.systems])
-        left = np.maximum(1 - self.explained(chosen), 0)
-        return float(-(length / (2 * FREE) * np.log(left + MISFIT**2)).sum() - COST * len(chosen))
+        return float(
+            -(length / (2 * FREE) * np.log(self.left(chosen) + MISFIT**2)).sum() - COST * sum(map(self.price, chosen))
+        )
 
-    def search(self) -> tuple[int, ...]:
-        """Return the best set that adding, leaving out or exchanging one hypothesis at a time finds."""
-        best: tuple[int, ...] = ()
+    def price(self, h: int) -> float:
+        """Return how many hypotheses one counts as: a track that was searched for, and kicks, could be anywhere."""
+        return 2.0 if self.hypotheses[h].kind in ("unexplained", "kicks") else 1.0
+
+    def search(self, best: tuple[int, ...] = ()) -> tuple[int, ...]:
+        """Return the best set that adding, leaving out or exchanging one hypothesis at a time finds, from one on."""
         while True:
             better = max(self._neighbours(best), key=self.score)
             if self.score(better) <= self.score(best):
@@ -538,7 +630,7 @@ def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int
     each, waves = fit.hypotheses[h], list[np.ndarray]()
     of_mode = np.zeros((len(fit.systems), len(along[0].natural)))
     for n, system in enumerate(fit.systems):
-        at = np.flatnonzero(np.isin(system.owner, chosen))
+        at = system.of(chosen)
         found, _ = system.solve(at)
         own = at[system.owner[at] == h], found[system.owner[at] == h]
         white = system.matrix[:, own[0]] @ own[1]
@@ -552,7 +644,7 @@ def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int
     ranked = [int(k) for k in np.argsort(-of_mode[n]) if of_mode[n, k] >= 0.25]
     by_command = each.kind == "mode" and each.mode is None
     number = h
-    if by_command:
+    if not each.frequency:
         mode = int(of_mode[n].argmax())
         number = next(i for i, other in enumerate(fit.hypotheses) if other.kind == "mode" and other.mode == mode)
     tracks = fit.hypotheses[number].frequency
@@ -560,7 +652,7 @@ def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int
     if not _moves(fit, each, tracks, waves):
         probability = min(probability, 0.5)
     track = tracks[n][size > 0.5 * size[strongest]]
-    follow: dict[str, Next] = {"drive": "source", "mode": "profile", "line": "standstill"}
+    follow: dict[str, Next] = {"drive": "source", "mode": "profile", "kicks": "kicks", "line": "standstill"}
     return Finding(
         each.kind,
         each.drives,
@@ -574,7 +666,23 @@ def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int
         (float(track.min()), float(track.max())),
         float(time[strongest]),
         float(size[strongest]),
-        follow[each.kind] if probability >= SURE else "speed",
+        follow.get(each.kind, "modes") if probability >= SURE else "speed",
+    )
+
+
+def _unexplained(fit: _Fit, chosen: Sequence[int], left: np.ndarray) -> Finding:
+    """Describe what no hypothesis explains, by its spectrum over time above noise."""
+    n = int(left.argmax())
+    system, record = fit.systems[n], fit.systems[n].record
+    power, at = _power(system.left(system.of(chosen)), record.step, TRACK, 2)
+    power = np.where(power > HEIGHT * HEIGHT * system.scatter, power, 0.0)
+    power *= np.interp(at, np.fft.rfftfreq(len(record.time), record.step), record.level)[:, None] ** 2
+    upto, over = np.cumsum(power.sum(1)), power.sum(0)
+    low, high = (float(at[np.searchsorted(upto, share * upto[-1])]) for share in (0.1, 0.9))
+    size = float(np.sqrt(4 * record.step * (at[1] - at[0]) * over.max()))
+    when = float(record.time[0] + (over.argmax() + 0.5) / len(over) * (record.time[-1] - record.time[0]))
+    return Finding(
+        "unexplained", (), (), False, float(left.mean()), 1.0, None, None, n, (low, high), when, size, "modes"
     )
 
 
@@ -583,8 +691,8 @@ def _moves(fit: _Fit, each: Hypothesis, tracks: Sequence[np.ndarray], waves: Seq
 
     Of a line some drive's does, else it may be an order that nobody named; without drives some mode's.
     """
-    weight = np.concatenate([w**2 if each.kind == "drive" else np.ones(len(w)) for w in waves])
-    drives = [h.frequency for h in fit.hypotheses if h.kind == "drive"]
+    weight = np.concatenate([w**2 if each.drives else np.ones(len(w)) for w in waves])
+    drives = [h.frequency for h in fit.hypotheses if h.drives]
     others = drives or [h.frequency for h in fit.hypotheses if h.mode is not None]
     resolution = (weight**2).sum() / weight.sum() ** 2 / fit.systems[0].record.step
     for track in others if each.kind == "line" else [tracks]:

@@ -23,6 +23,8 @@ SIZE = (9.0, 5.6)
 LOOK: dict[str, Style] = {
     "drive": {"color": ORANGE, "linestyle": (0, (6, 2))},
     "mode": {"color": GREEN, "linestyle": "-"},
+    "kicks": {"color": GREEN, "linestyle": "-"},
+    "unexplained": {"color": BLUE, "linestyle": (0, (6, 2, 1.5, 2))},
     "line": {"color": PINK, "linestyle": (0, (1.5, 1.5))},
 }
 """Colours and lines by kind; thin for what was compared, thick for what was found."""
@@ -50,7 +52,7 @@ def triage_figure(
     figure, axes = amplitude_figure(SIZE, spectrogram, title, upto, kind)
     found = {finding.track for finding in triage.findings}
     for number, each in enumerate(triage.hypotheses):
-        if each.frequency and (each.kind != "line" or number in found):
+        if each.frequency and (each.kind in ("drive", "mode") or number in found):
             look: Style = {"linewidth": 2.2, "alpha": 1.0} if number in found else {"linewidth": 0.9, "alpha": 0.65}
             axes.plot(triage.time[trace], each.frequency[trace], **LOOK[each.kind], **look)
             _name(axes, triage, number, trace)
@@ -66,7 +68,7 @@ def _name(axes: Axes, triage: "Triage", number: int, trace: int) -> None:
     each, time = triage.hypotheses[number], triage.time[trace]
     track, top = each.frequency[trace], axes.get_ylim()[1]
     left, right = axes.get_xlim()
-    if each.kind == "drive":
+    if each.drives:
         k = int(np.where((track <= (0.96 - 0.07 * (number % 4)) * top) & (time < right), track, -1.0).argmax())
         text, align = _drives(each.drives[:1]), "center"
     else:
@@ -90,26 +92,23 @@ def _mark(axes: Axes, triage: "Triage", finding: "Finding", rank: int) -> None:
 
 def _entries(triage: "Triage") -> Iterator[Line2D]:
     for rank, finding in enumerate(triage.findings, start=1):
-        if finding.kind != "unexplained":
+        if finding.track is not None:
             yield Line2D([], [], label=f"{rank}: {_words(finding)}", linewidth=2.2, **LOOK[finding.kind])
 
 
 def _words(finding: "Finding") -> str:
-    what = {
-        "drive": _drives(finding.drives),
-        "mode": ", ".join(finding.modes),
-        "line": f"line at {finding.frequency[0]:.4g} Hz",
-    }[finding.kind]
+    what = f"line at {finding.frequency[0]:.4g} Hz" if finding.kind == "line" else ", ".join(finding.modes)
+    what = _drives(finding.drives) if finding.drives else what
     return f"{cut(what, 44)}, {100 * finding.share:.0f} %" + ("" if finding.told else " (cannot tell)")
 
 
-def _drives(drives: tuple[tuple[str, int], ...]) -> str:
-    return " or ".join(name + (f" x {order}" if order > 1 else "") for name, order in drives)
+def _drives(drives: tuple[tuple[str, float], ...]) -> str:
+    return " or ".join(name + (f" x {order:.3g}" if order != 1 else "") for name, order in drives)
 
 
 def _notes(triage: "Triage", spectrogram: "Spectrogram") -> Iterator[str]:
     yield "tracks: drives broken, modes solid; thick and numbered where strongest: what makes the vibration, its share"
-    if any(finding.kind == "unexplained" for finding in triage.findings):
+    if any(finding.track is None for finding in triage.findings):
         yield f"unexplained: {100 * triage.findings[-1].share:.0f} %"
     yield spectrogram.description()
 

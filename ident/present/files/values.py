@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
 
 FIT = "a result file of ident fit (.fit.json)"
+UNSOUND = ("NOT USABLE", "DOUBTFUL")
+"""Verdicts of `ident source` with which its numbers are not to be relied on."""
 POSTERIOR = "a posterior of ident sample (.sample.nc) or source (.source.json)"
 
 
@@ -75,9 +77,9 @@ def read_posterior(path: str | Path) -> Draws:
         scaled = tuple(map(str, json.loads(group.attrs.get("scaled", "[]"))))
         document = json.loads(root.attrs.get("robot", "null")) if of_ident else None
         robot = Robot.read(document, arm_sha256)
+        draws = Draws(by_paths, where, hashlib.sha256(data).hexdigest(), remark, scaled, robot)
     if ours:
         check_version(own, "sample", where, POSTERIOR)
-    draws = Draws(by_paths, where, hashlib.sha256(data).hexdigest(), remark, scaled, robot)
     return draws.doubted(tuple(map(str, doubts)))
 
 
@@ -88,7 +90,7 @@ def _of_source(path: str | Path, where: str) -> Draws:
     try:
         draws = draws_of(document["summary"]["draws"])
         robot = Robot.read(document.get("robot"), str(document["inputs"]["arm"]["sha256"] or ""))
-        sound = document["verdict"] != "NOT USABLE"
+        sound = document["verdict"] not in UNSOUND
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
         raise refusal(where, "other contents", POSTERIOR, "give the file that ident source wrote") from None
     remark = "" if sound else "the runs that it is from are not usable: see ident show of that file"
