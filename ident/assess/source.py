@@ -48,7 +48,7 @@ COMMON = 0.5
 FARTHEST = 4.0
 """Standard deviations a priori by which a stiffness, a damping, a clock's rate or a direction may move; assumed."""
 MISSED = 0.2
-"""Share of the mean square of a left-out run that the prediction may miss beyond noise: paper: 2 %; assumed."""
+"""Share of a left-out run's mean square that its prediction may miss beyond noise; assumed."""
 RATES = np.linspace(-5e-3, 5e-3, 21)
 """Relative errors of a clock that are tried where a left-out run is not predicted; assumed."""
 LATEST = 1.0

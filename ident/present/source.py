@@ -110,22 +110,17 @@ def source_findings(study: "SourceStudy") -> Iterator[Finding]:
         yield Finding("the search did not settle", check)
     for source in study.contradicting:
         yield Finding(f"{named(source)}: the runs contradict each other", "check their table, or use each run alone")
-    off = [name for name in study.moved if name.startswith("clock of ")]
-    if off:
-        rates = [
-            rate
-            for (_, rate), run in zip(study.found.place.clock, study.found.problem.runs, strict=True)
-            if f"clock of {run.name}" in off
-        ]
-        text = f"{cut(', '.join(off), 60)} would have to be {100 * max(rates, key=abs):+.2g} % off"
+    runs = zip(study.found.problem.runs, study.found.place.clock[:, 1].tolist(), strict=True)
+    clocks = {f"clock of {run.name}": rate for run, rate in runs if f"clock of {run.name}" in study.moved}
+    if clocks:
+        text = f"{cut(', '.join(clocks), 60)} would have to be {100 * max(clocks.values(), key=abs):+.2g} % off"
         yield Finding(text, "check the recorder's sampling rate, and the speed")
     for name, shift in study.moved.items():
         remedy = "check the load of the runs, and what the stiffnesses and damping are from"
         if name.endswith("k_tors") and shift < 0:
             remedy += "; a soft servo acts as a softer joint"
-        if " of " in name:
-            remedy = "check the table of runs"
-        if name not in off:
+        if name not in clocks:
+            remedy = "check the table of runs" if " of " in name else remedy
             yield Finding(f"{name} would have to move by {abs(shift):.1f} sigma", remedy)
     for each in study.tried():
         if each.told and not each.right:

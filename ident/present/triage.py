@@ -11,13 +11,7 @@ if TYPE_CHECKING:
     from ident.vibrate.triage import Finding as Part
     from ident.vibrate.triage import Triage
 
-WORDS = {
-    "drive": "DRIVE",
-    "mode": "STRUCTURE",
-    "kicks": "STRUCTURE",
-    "line": "FIXED LINE",
-    "unexplained": "UNEXPLAINED",
-}
+WORDS = {"drive": "DRIVE", "mode": "STRUCTURE", "kicks": "STRUCTURE", "line": "FIXED LINE"}
 """Verdict by what makes the largest part."""
 MAINS, OFF_MAINS = (16.7, 50.0, 60.0), 0.1
 """Frequencies [Hz] of the mains, and by how much a line may be off one."""
@@ -54,9 +48,7 @@ def _verdict(triage: "Triage") -> Verdict:
         return Verdict("CANNOT TELL", f"{share}: {what(largest)} or another cause.", "caution")
     if largest.kind == "unexplained":
         like = f"; it moves with speed like {_drive(largest)}" if largest.drives else ""
-        return Verdict(
-            "UNEXPLAINED", f"{share} follows no drive, mode or fixed frequency that is known{like}.", "caution"
-        )
+        return Verdict("UNEXPLAINED", f"{share} follows no known drive, mode or fixed frequency{like}.", "caution")
     return Verdict(WORDS[largest.kind], f"{share}: {what(largest)}.", "caution")
 
 
@@ -68,8 +60,8 @@ def what(part: "Part") -> str:
             by_order.setdefault(order, []).append(drive)
         return " or ".join(f"{'/'.join(names)} x {order}" for order, names in by_order.items())
     if part.kind in ("mode", "kicks"):
-        by = ", rung by the command" if part.by_command else ", rung by kicks" if part.kind == "kicks" else ""
-        return ", ".join(part.modes) + by
+        by = "the command" if part.by_command else "kicks" if part.kind == "kicks" else ""
+        return ", ".join(part.modes) + (f", rung by {by}" if by else "")
     if part.kind == "unexplained":
         return f"unexplained, like {_drive(part)}" if part.drives else "unexplained"
     mains = next((f" (mains, {own:g} Hz)" for own in MAINS if abs(part.frequency[0] - own) < OFF_MAINS), "")
@@ -98,24 +90,19 @@ def _strongest(triage: "Triage", runs: "Runs") -> Section:
     rows = []
     for part in triage.findings:
         row = runs.traces[part.trace].row
-        rows.append((what(part), f"{row.file} {row.channel}", part.time, *_size(part, runs)))
-    head = ("What it follows", "trace", "time [s]", "amplitude", "unit")
-    return Section("Where each part is strongest", (Table("", head, tuple(rows), ("", "", ".1f", ".3g", "")),))
-
-
-def _size(part: "Part", runs: "Runs") -> tuple[float, str]:
-    """Return the amplitude of a part where it is strongest, and its unit."""
-    factor, unit = tuple(TRACE_UNITS.values())[runs.traces[part.trace].derivative]
-    return factor * part.amplitude, unit
+        rows.append((what(part), f"{row.file} {row.channel}", part.time))
+    head = ("What it follows", "trace", "time [s]")
+    return Section("Where each part is strongest", (Table("", head, tuple(rows), ("", "", ".1f")),))
 
 
 def _findings(triage: "Triage", runs: "Runs") -> Iterator[Finding]:
     for part in triage.findings:
         if part.next != "source":  # which the next command does
-            doubt = "" if part.told else " cannot be told from another cause"
-            size, unit = _size(part, runs)
-            where = f", {size:.2g} {unit} at {part.frequency[0]:.1f} to {part.frequency[1]:.1f} Hz"
-            yield Finding(f"{cut(what(part), 60)}{where * (part.kind == 'unexplained')}{doubt}", REMEDIES[part.next])
+            text, (low, high) = cut(what(part), 60), part.frequency
+            if part.kind == "unexplained":
+                factor, unit = tuple(TRACE_UNITS.values())[runs.traces[part.trace].derivative]
+                text += f", {factor * part.amplitude:.2g} {unit} at {low:.1f} to {high:.1f} Hz"
+            yield Finding(text + ("" if part.told else " cannot be told from another cause"), REMEDIES[part.next])
 
 
 def _compared(triage: "Triage") -> Section:

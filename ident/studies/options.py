@@ -136,7 +136,7 @@ class Options:
         raise refusal("options", f"a {type(options).__name__}", f"{cls.__name__}(...)", "give those")
 
     def problems(self) -> list[Problem]:
-        """Return what this study would leave out, and what does not go together; `where` is an option's name."""
+        """Return what this study leaves out, and what does not go together; `where` of each is an option's name."""
         given = [name for name in self.refuses if getattr(self, name)]
         return [Problem(name, "it", f"no `{name}` in this study", self.instead) for name in given]
 

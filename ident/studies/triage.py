@@ -37,8 +37,8 @@ class TriageOptions(RunsOptions):
 
     def problems(self) -> list[Problem]:
         """Refuse more multiples than a search has an end with."""
-        count, remedy = len(self.orders), "name those that are likely"
-        many = [Problem("orders", f"{count} multiples", f"at most {MOST_ORDERS}", remedy)] * (count > MOST_ORDERS)
+        got, remedy = f"{len(self.orders)} multiples", "name those that are likely"
+        many = [Problem("orders", got, f"at most {MOST_ORDERS}", remedy)] if len(self.orders) > MOST_ORDERS else []
         return [*super().problems(), *many]
 
 

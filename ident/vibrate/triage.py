@@ -345,11 +345,10 @@ def _further(fit: "_Fit", chosen: Sequence[int]) -> Hypothesis | None:
     """Return the track at a drive's speed, but not at a known one, along which most of what hypotheses leave is."""
     drives = [(each, np.concatenate(each.frequency)) for each in fit.hypotheses if each.drives]
     records, left = [s.record for s in fit.systems], [s.left(s.of(chosen)) for s in fit.systems]
-    waves, tried, bases = [_waves(r.time, TRACK) for r in records], list[tuple[float, Hypothesis]](), list[np.ndarray]()
-    for each, own in sorted(drives, key=lambda pair: (pair[0].drives[0][1], -pair[1].mean())):  # the fastest first
-        if any(own @ x > (1 - 1e-4) * np.linalg.norm(own) * np.linalg.norm(x) for x in bases):
-            continue  # its joint moves as another's
-        bases.append(own)
+    waves, tried = [_waves(r.time, TRACK) for r in records], list[tuple[float, Hypothesis]]()
+    drives.sort(key=lambda pair: (-pair[0].drives[0][1], pair[1].mean()))  # the fastest last: where joints move alike
+    bases = {tuple(np.round(own[::50] / own.max(), 3)): (each, own) for each, own in drives}
+    for each, own in bases.values():
         for ratio in RATIOS.tolist():
             if not any((np.abs(ratio * own - x) <= np.maximum(ELSEWHERE * x, 1 / TRACK)).all() for _, x in drives):
                 tracks, (name, order) = tuple(ratio * f for f in each.frequency), each.drives[0]
@@ -572,9 +571,8 @@ class _Fit:
     def score(self, chosen: Sequence[int]) -> float:
         """Return the score of a set."""
         length = np.array([s.record.step * len(s.record.time) for s in self.systems])
-        return float(
-            -(length / (2 * FREE) * np.log(self.left(chosen) + MISFIT**2)).sum() - COST * sum(map(self.price, chosen))
-        )
+        misfit = (length / (2 * FREE) * np.log(self.left(chosen) + MISFIT**2)).sum()
+        return float(-misfit - COST * sum(map(self.price, chosen)))
 
     def price(self, h: int) -> float:
         """Return how many hypotheses one counts as: a track that was searched for, and kicks, could be anywhere."""
@@ -681,9 +679,8 @@ def _unexplained(fit: _Fit, chosen: Sequence[int], left: np.ndarray) -> Finding:
     low, high = (float(at[np.searchsorted(upto, share * upto[-1])]) for share in (0.1, 0.9))
     size = float(np.sqrt(4 * record.step * (at[1] - at[0]) * over.max()))
     when = float(record.time[0] + (over.argmax() + 0.5) / len(over) * (record.time[-1] - record.time[0]))
-    return Finding(
-        "unexplained", (), (), False, float(left.mean()), 1.0, None, None, n, (low, high), when, size, "modes"
-    )
+    none: tuple = ("unexplained", (), (), False, float(left.mean()), 1.0, None, None)
+    return Finding(*none, n, (low, high), when, size, "modes")
 
 
 def _moves(fit: _Fit, each: Hypothesis, tracks: Sequence[np.ndarray], waves: Sequence[np.ndarray]) -> bool:

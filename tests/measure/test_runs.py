@@ -8,7 +8,7 @@ from arms import DATA
 
 import ident
 from ident.arm.multibody import possible_orders
-from ident.assess.source import moving_traces, with_notes
+from ident.assess.source import moving_traces, posed, with_notes
 from ident.errors import InputError
 from ident.measure.runs import read_runs
 from ident.present.source import too_large
@@ -42,6 +42,61 @@ def test_a_vibration_that_no_arm_has_is_a_wrong_unit(tmp_path, unit, times):
     said = refused(tmp_path, RECORDED.replace("y [mm]", f"y [{unit}]").replace("z [mm]", f"z [{unit}]"))
     assert said.startswith("runs.csv:2, unit: got a vibration of ")
     assert said.endswith(f"in run7.csv y, expected at most {bound} of this arm; check the unit")
+
+
+@pytest.mark.parametrize(
+    ("column", "cell", "complaint"),
+    [
+        ("point", "tipp", "runs.csv:2, point: got tipp, expected one of "),
+        ("trial", "12 g @ drive9 40 mm 0 deg", "runs.csv:2, trial: got drive9, expected one of drive1, drive2, drive3"),
+        (
+            "load",
+            "12 N*m about y @ tip",
+            "runs.csv:2, load: got a moment, expected payloads, masses and forces",
+        ),
+        (
+            "trial",  # 0.5 kg at 8 mm are 4000 g mm
+            "12 kg @ drive2 40 mm 0 deg",
+            "runs.csv:2, trial: got an imbalance of 4.8e+05 g mm on drive2, expected at most 8e+04 g mm; check",
+        ),
+    ],
+)
+def test_triage_refuses_what_source_refuses(tmp_path, column, cell, complaint):
+    (tmp_path / "run7.csv").write_text(RECORDED)
+    (tmp_path / "runs.csv").write_text(f"{HEAD.strip()},group,{column}\nrun7.csv,y,y,7,a,{cell}\n")
+    arm, runs = ident.read_arm(ARM).arm, read_runs(tmp_path / "runs.csv")
+    for read in (moving_traces, lambda *given: posed(*given, offset=0.05)):
+        with pytest.raises(InputError) as error:
+            read(arm, runs)
+        assert str(error.value).replace(f"{tmp_path}/", "").startswith(complaint)
+
+
+def test_a_trial_mass_that_balances_is_taken_and_alone_by_triage(tmp_path):
+    (tmp_path / "run7.csv").write_text(RECORDED)
+    (tmp_path / "runs.csv").write_text(f"{HEAD.strip()},group,trial\nrun7.csv,y,y,7,a,150 g @ drive2 40 mm 0 deg\n")
+    assert len(moving_traces(ident.read_arm(ARM).arm, read_runs(tmp_path / "runs.csv"))) == 1
+
+
+def test_more_rows_than_a_search_holds_are_refused_at_once(tmp_path):
+    rows = "".join(f"a{k}.csv,y,y,7,mm\n" for k in range(20_000))
+    (tmp_path / "planned.csv").write_text(f"{HEAD.strip()},unit\n{rows}")
+    with pytest.raises(InputError, match="20000 rows with a direction, expected at most 100; leave the direction"):
+        ident.plan(ARM, runs=tmp_path / "planned.csv")
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"orders": tuple(range(1, 400))}, "orders: got 399 multiples, expected at most 12"),
+        ({"load": "glass"}, "give it in the column load of the table of runs"),
+    ],
+)
+def test_options_that_do_nothing_or_have_no_end_are_refused(options, complaint):
+    with pytest.raises(InputError, match=complaint):
+        ident.TriageOptions(**options)
+    if "load" in options:
+        with pytest.raises(InputError, match=complaint):
+            ident.SourceOptions(**options)
 
 
 def test_milliseconds_called_seconds(tmp_path):

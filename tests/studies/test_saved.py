@@ -1,6 +1,7 @@
 """Result files of every version: each is read, shows one screen, and its numbers are taken over."""
 
 import importlib
+import json
 from pathlib import Path
 
 import pytest
@@ -8,11 +9,14 @@ from arms import lcd_arm
 from reports import assert_one_screen, too_wide
 
 import ident
+from ident.errors import InputError
 from ident.present.files.document import FIRST, NEWEST
 from ident.studies import STUDIES
 from ident.studies.values import drawn_values, fitted_values
 
 FOLDER = Path(__file__).parents[1] / "data" / "results"
+SOURCE = FOLDER / "10" / "runs.source.json"
+TRIED = {"run": "a", "drive": "drive2", "stated": [1.0, 2.0], "factor": [1.0, 0.0]}
 FILES = sorted(path for path in FOLDER.glob("*/*") if path.suffix in (".json", ".nc"))
 WITH_FIT = [path for path in FILES if path.name.endswith((".fit.json", ".sample.nc", ".diagnose.json"))]
 by_file = pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}-{path.name}")
@@ -60,3 +64,48 @@ def test_values_and_draws_are_taken_over():
             assert len(drawn_values(path, lcd_arm(), 10).medians) == 6
         elif path.name == "campaign.fit.json":
             assert fitted_values(path, lcd_arm()).medians == ident.load(path).parameters
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda summary, draws: draws["drive2.phase"].pop(),
+        lambda summary, draws: draws["drive2.phase"].__setitem__(2, None),
+        lambda summary, draws: draws["drive2.phase"].__setitem__(2, [1.0, 2.0]),
+        lambda summary, draws: draws["drive2.phase"].__setitem__(2, "much"),
+        lambda summary, draws: draws.update({"drive2.phase": 0.5}),
+        lambda summary, draws: draws.update({"drive2.phase": [[0.5] * 5]}),
+    ],
+    ids=["short", "null", "list", "text", "number", "nested"],
+)
+def test_a_damaged_draw_is_refused_in_one_line_by_all_that_read_it(damage, tmp_path):
+    document = json.loads(SOURCE.read_text())
+    damage(document["summary"], document["summary"]["draws"])
+    assert_refused(document, tmp_path, lambda file: drawn_values(file, lcd_arm(), 10))
+    assert_refused(document, tmp_path, ident.balance)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda summary: summary["parameters"].update({"drive2.phase": None}),
+        lambda summary: summary["phases"].update({"drive2": 3}),
+        lambda summary: summary["phases"].update({"drive2": [[None], [None]]}),
+        lambda summary: summary.update(trials=[{"run": "a", "drive": "drive2", "stated": [1, 2], "factor": [1, 0]}]),
+        lambda summary: summary.update(trials=[TRIED | {"draws": [[1.0, None], [0.0, 0.0]]}]),
+        lambda summary: summary.update(trials=[TRIED | {"draws": [1.0, 1.0]}]),
+    ],
+    ids=["parameter", "number", "phases", "no draws", "null", "flat"],
+)
+def test_a_damaged_number_of_a_source_is_refused_by_balance(damage, tmp_path):
+    document = json.loads(SOURCE.read_text())
+    damage(document["summary"])
+    assert_refused(document, tmp_path, lambda file: ident.balance(file, speed=24.0))
+
+
+def assert_refused(document, folder, read):
+    (folder / "runs.source.json").write_text(json.dumps(document))
+    with pytest.raises(InputError) as error:
+        read(folder / "runs.source.json")
+    assert len(error.value.problems) == 1
+    assert error.value.problems[0].where.endswith("runs.source.json")

@@ -127,6 +127,47 @@ def test_an_uncertain_calibration_widens_amplitudes_not_phases(folder, result):
     assert np.divide(sizes[1], sizes[0]) == pytest.approx((1 + wrong) / (1 + found.place.calibration), rel=1e-3)
 
 
+def test_a_clock_that_its_prior_holds_back_counts_as_moved(result):
+    """A rate of 0.28 % against one of 0.01 % (sd) beforehand; and a sensor turned by 10 degrees against 2."""
+    found, place = result.study.found, result.study.found.place
+    assert not result.study.moved
+    for change, text in (
+        ({"clock": place.clock + [0.0, -2.755e-3]}, "clock of run12.csv would have to be -0.28 % off"),
+        ({"tilt": place.tilt + np.deg2rad(10.0)}, "direction of run12.csv y would have to move by"),
+    ):
+        off = replace(result, study=replace(result.study, found=replace(found, place=place._replace(**change))))
+        assert off.doubtful
+        assert off.sections().verdict.word == "NOT USABLE"
+        assert any(finding.text.startswith(text) for finding in off.sections().findings)
+
+
+def test_a_left_out_run_that_is_not_predicted_makes_the_result_doubtful(folder, result):
+    """Its clock 0.3 % off, or its speed; it is predicted itself, and noise of twice the vibration is no doubt."""
+    record, found = np.loadtxt(folder / "run12.csv", delimiter=",", skiprows=1), result.study.found
+    rng = np.random.default_rng(1)
+    for name, factor in (("slow", 1.003), ("speed", 1.02)):
+        rows = np.column_stack([record[:, 0] * factor, record[:, 1:]])
+        np.savetxt(folder / f"{name}.csv", rows, "%.7g", ",", header="time [s],y [mm],z [mm]", comments="")
+    names = ("run12.csv", "slow.csv", "speed.csv")
+    rows = [f"{name},{way},{way},12,a,\n" for name in names for way in "yz"]
+    (folder / "left.csv").write_text(HEAD + "".join(rows))
+    runs = read_runs(folder / "left.csv")
+    right, slow, speed = (_predicted(found, runs, name, ["run12.csv"]) for name in names)
+    loud = [
+        replace(each, shown=each.shown + 2 * sd * rng.standard_normal(len(each.shown)), noise=4 * sd**2)
+        for each, sd in ((each, each.shown.std()) for each in right)
+    ]
+    for held in (right, loud):
+        assert not replace(result.study, held=tuple(held)).doubtful
+    for held, text in ((slow, "its clock or speed looks -0.3 % off"), (speed, "check speed, load")):
+        off = replace(result, study=replace(result.study, held=tuple(held)))
+        assert off.doubtful
+        assert off.sections().verdict.word == "DOUBTFUL"
+        assert any(
+            finding.text.startswith("left out") and text in finding.remedy for finding in off.sections().findings
+        )
+
+
 def test_it_comes_back_and_fits_a_screen(result, tmp_path):
     assert_plain(assert_comes_back(result, tmp_path).table())
     assert_one_screen(result.report(), files=2)

@@ -36,7 +36,7 @@ def oscillator(force: np.ndarray, natural: np.ndarray, damping: float) -> np.nda
 
 
 @cache
-def driven(percent: float = 16.0, order: int = 1) -> np.ndarray:
+def driven(percent: float = 16.0, order: float = 1) -> np.ndarray:
     """Of two modes under a force that turns with drive 2."""
     motion, time, along = run(percent)
     turn = order * 160 * motion(time)[0][1]
@@ -132,6 +132,39 @@ def test_a_shock_from_outside_is_a_mode_that_nothing_known_rings():
     values = sum(oscillator(shock, OFF * along.median[k], 0.005) for k in (0,))
     found = told(values).findings[0]
     assert (found.kind, found.by_command) == ("mode", False)
+
+
+@pytest.mark.parametrize("order", [0.6, 3.0])
+def test_an_order_that_is_not_looked_at_is_unexplained_and_named_by_its_ratio(order):
+    """Of a belt's slow pulley, or of a mesh: as large as what is known, and 20 times the noise."""
+    (part,) = told(driven(order=order)).findings
+    assert part.kind == "unexplained"
+    assert part.drives[0] == ("drive2", pytest.approx(order, rel=0.01))
+    assert part.share > 0.95
+    assert part.amplitude == pytest.approx(np.abs(driven(order=order)).max(), rel=0.1)
+
+
+def test_what_follows_nothing_is_not_counted_as_noise():
+    """A frequency that sweeps against the speed: no noise, no drive, its size and range are said."""
+    _, time, _ = run()
+    turn = 2 * np.pi * (14.0 * time + 5.0 * np.sin(2 * np.pi * time / 9.0))  # 10.5 to 17.5 Hz
+    found = told(3e-4 * np.sin(turn))
+    (part,) = found.findings
+    assert (part.kind, part.drives, part.track) == ("unexplained", (), None)
+    assert part.share > 0.95
+    assert part.amplitude == pytest.approx(3e-4, rel=0.25)
+    assert 9.5 < part.frequency[0] < part.frequency[1] < 18.5
+    assert found.noise[0] < 0.1 * 3e-4
+
+
+def test_kicks_give_nothing_to_drives_that_never_excited_it():
+    _, time, along = run()
+    shock = sum(np.where(np.abs(time - at) < 0.011, 1.0, 0.0) for at in (6.0, 9.3, 12.1))
+    values = sum(oscillator(shock, OFF * along.median[k], 0.01) for k in (0, 1, 2))
+    found = told(values).findings
+    assert (found[0].kind, found[0].told, found[0].next) == ("kicks", True, "kicks")
+    assert found[0].share > 0.9
+    assert not any(part.kind == "drive" for part in found)
 
 
 def test_a_faster_record_says_the_same():
