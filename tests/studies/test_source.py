@@ -132,7 +132,7 @@ def test_a_clock_that_its_prior_holds_back_counts_as_moved(result):
     found, place = result.study.found, result.study.found.place
     assert not result.study.moved
     for change, text in (
-        ({"clock": place.clock + [0.0, -2.755e-3]}, "clock of run12.csv would have to be -0.28 % off"),
+        ({"clock": place.clock + np.array([0.0, -2.755e-3])}, "clock of run12.csv would have to be -0.28 % off"),
         ({"tilt": place.tilt + np.deg2rad(10.0)}, "direction of run12.csv y would have to move by"),
     ):
         off = replace(result, study=replace(result.study, found=replace(found, place=place._replace(**change))))
