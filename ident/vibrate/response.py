@@ -294,13 +294,12 @@ def _lines(
     """Return bushing centres and end point of the arm at rest in the posture of the moment, and as it vibrates [m]."""
     commanded, y_now = command(model, motion, times), jnp.asarray(y)
 
-    def line(y: Array, error: float) -> Array:
+    def line(y: Array) -> Array:
         phi = bushing_rotations(model, y)
-        turning = pins(model, commanded, at_rest(deviations(model, y)))
-        angle = turning.pin.angle - (1 - error) * turning.error
+        angle = pins(model, commanded, at_rest(deviations(model, y))).pin.angle
         at = kinematics(model, at_rest(angle), phi, jnp.zeros_like(phi), jnp.zeros_like(phi))
         body = model.carrier[-1]
         end = at.centre[:, body] + matvec(at.link[:, :, body], model.position[:, -1])
         return jnp.concatenate([at.centre, end[:, None]], 1)
 
-    return line(quasi_static_deflection(arm, model, commanded.q, loads), 0.0), line(y_now, 1.0)
+    return line(quasi_static_deflection(arm, model, commanded.q, loads)), line(y_now)

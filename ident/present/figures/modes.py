@@ -37,7 +37,7 @@ def path_figure(response: "Response", shown: "Outline") -> Figure:
         response: of one set.
         shown: the arm at the moments to draw; the factor is taken from it.
     """
-    path = np.asarray(response.path + response.quasi_static)
+    path = np.asarray(response.path + response.displacement - response.vibration)
     way = path + shown.factor * np.asarray(response.vibration)
     figure, panels = _panels(np.concatenate([way, shown.rest.reshape(3, -1)], 1))
     for axes, (_, across, up) in zip(panels, VIEWS, strict=True):
