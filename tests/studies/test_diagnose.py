@@ -212,8 +212,8 @@ def test_an_interrupted_one_goes_on_and_comes_to_the_same(diagnosed, tmp_path):
     np.testing.assert_equal(resumed.table(), result.table())
     for one, other in zip(resumed.diagnosis.remedies, result.diagnosis.remedies, strict=True):
         assert one.values == other.values
-    for one, other in zip(resumed.save(tmp_path / "resumed"), result.save(tmp_path / "whole"), strict=True):
-        np.testing.assert_equal(contents(one), contents(other))
+    first = [contents(path) for path in resumed.save(tmp_path / "saved")]  # the same folder, which Next: names
+    np.testing.assert_equal(first, [contents(path) for path in result.save(tmp_path / "saved")])
     discard_stages(part)
     assert not part.exists()
 
