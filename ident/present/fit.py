@@ -68,7 +68,7 @@ from ident.present.words import (
 from ident.units import QUANTITIES
 
 if TYPE_CHECKING:
-    from ident.identify.damping import Damping
+    from ident.identify.damping import Damping, Law
     from ident.identify.fit import CampaignFit
     from ident.inference.fit import Fit
     from ident.inference.parameters import Parameter
@@ -334,8 +334,10 @@ def damping_in_words(damping: "Damping | None") -> Iterator[str]:
     size = (
         f"{100 * ratio.mean():.2g} % in all modes" if same else f"{100 * ratio.min():.2g} to {100 * ratio.max():.2g} %"
     )
-    size = size if "loss" in best.family else " and ".join(each)
+    numbers = _law_words(best)
+    size = size if "loss" in best.family or len(numbers) > 1 else " and ".join(each)
     words = f"Damping: {size}; it {trend}" if len(best.family) == 1 else f"Damping: {size}, a sum of laws"
+    words += f" ({', '.join(numbers)})" if len(numbers) == 2 else ""
     if damping.rivals:
         words = f"Damping: {size}; {' and '.join(dict.fromkeys(names))} laws cannot be told apart"
     yield f"{words}{f', within {percent(best.scatter)} from mode to mode' if best.scatter > MUCH else ''}."
@@ -364,18 +366,18 @@ def damping_section(damping: "Damping | None") -> Iterator[Section]:
     note = "given stiffness: no ratio moves a stiffness. measured: as expected given the errors of the frequencies."
     head = ("row", "measurement", "mode [Hz]", "measured [%]", "law [%]", "ratio", "")
     yield Section("Damping ratios", (Table("", head, tuple(rows), ("", "", ".3f", ".3g", ".3g", ".2f", ""), note),))
-    laws = []
-    for law in damping.laws:
-        each = zip(law.groups, law.values, strict=True)
-        numbers = [
-            f"{_number_words(group)} {x:.3g} {unit_of(group[0])}".removesuffix(" -") for group, x in each if x > 0
-        ]
-        laws.append((", ".join(numbers), law.bic - damping.best.bic, law.scatter))
+    laws = [(", ".join(_law_words(law)), law.bic - damping.best.bic, law.scatter) for law in damping.laws]
     note = (
         "BIC: less is better; a difference below 6 does not tell laws apart, and a sum of laws must be better by as "
         "much. scatter: of ln(ratio) from mode to mode, which the law does not explain."
     )
     yield Section("Laws of damping", (Table("", ("law", "BIC", "scatter"), tuple(laws), ("", "+.1f", ".3f"), note),))
+
+
+def _law_words(law: "Law") -> list[str]:
+    """Write the numbers of a law that are above zero: `loss factor in bending 0.02`."""
+    each = zip(law.groups, law.values, strict=True)
+    return [f"{_number_words(group)} {x:.3g} {unit_of(group[0])}".removesuffix(" -") for group, x in each if x > 0]
 
 
 def _number_words(group: tuple[str, ...]) -> str:

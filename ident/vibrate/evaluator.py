@@ -226,7 +226,7 @@ def check(arm: Arm, variable: Variable, extents: Extents | None = None) -> None:
     """
     for path in variable.paths:
         check_path(arm, path)
-    refuse([*_bounds(arm, variable), *outside(arm, variable, extents or {})])
+    refuse([*_bounds(arm, variable)] or outside(arm, variable, extents or {}))
 
 
 def _bounds(arm: Arm, variable: Variable) -> Iterable[Problem]:

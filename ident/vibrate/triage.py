@@ -679,8 +679,8 @@ def _unexplained(fit: _Fit, chosen: Sequence[int], left: np.ndarray) -> Finding:
     low, high = (float(at[np.searchsorted(upto, share * upto[-1])]) for share in (0.1, 0.9))
     size = float(np.sqrt(4 * record.step * (at[1] - at[0]) * over.max()))
     when = float(record.time[0] + (over.argmax() + 0.5) / len(over) * (record.time[-1] - record.time[0]))
-    none: tuple = ("unexplained", (), (), False, float(left.mean()), 1.0, None, None)
-    return Finding(*none, n, (low, high), when, size, "modes")
+    of_all = float(left.mean())
+    return Finding("unexplained", (), (), False, of_all, 1.0, None, None, n, (low, high), when, size, "modes")
 
 
 def _moves(fit: _Fit, each: Hypothesis, tracks: Sequence[np.ndarray], waves: Sequence[np.ndarray]) -> bool:
