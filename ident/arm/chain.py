@@ -375,6 +375,7 @@ def _unpinned(held: Chain, shaft: Moments, link: Moments) -> Chain:
         bend=at_bushings(held.bend, 2),
         tors=at_bushings(held.tors, 2),
         damping=at_bushings(held.damping, 2),
+        loss=None if held.loss is None else at_bushings(held.loss, 2),
         frame=both(held.frame, held.frame, 2),
         rigid=None if held.rigid is None else at_bushings(held.rigid, 2),
         carrier=tuple(2 * body + 1 for body in held.carrier),
