@@ -1,6 +1,5 @@
 """A comparison of two campaigns: what is said of it, and its rows for programs."""
 
-import shlex
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ from ident.inference.change import LEVEL
 from ident.inference.information import holm, p_in_words
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut, with_remedy, without_empty_columns
 from ident.present.words import counted, in_shown_unit, percent, sentence, some, unit_of
-from ident.text import one_line
+from ident.text import as_word
 
 if TYPE_CHECKING:
     from ident.identify.compare import Comparison
@@ -38,7 +37,7 @@ def _next(comparison: "Comparison") -> str:
     after = comparison.second
     if not isinstance(after, CampaignFit):
         return "ident fit CAMPAIGN"
-    path = shlex.quote(one_line(after.campaign.path or "CAMPAIGN")).replace("{", "{{").replace("}", "}}")
+    path = as_word(after.campaign.path or "CAMPAIGN").replace("{", "{{").replace("}", "}}")
     return f"ident {'diagnose' if comparison.change.seen and after.arm.stroke else 'plan'} {path}"
 
 
