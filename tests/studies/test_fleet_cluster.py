@@ -33,7 +33,7 @@ def robots(tmp_path_factory):
 
 def files(folder):
     """The contents of all files by name, but for the time that a result was made."""
-    paths = [path for path in folder.rglob("*") if path.is_file() and ".part" not in path.name]
+    paths = [path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".ident-")]
     paths = [path for path in paths if not path.parent.name.startswith(".attempts-")]  # of a client that was killed
     return {path.relative_to(folder): TIME.sub("", path.read_text()) for path in paths}
 
