@@ -95,7 +95,8 @@ def descent(
 
     def at(here: End) -> tuple[End, np.ndarray, np.ndarray]:
         residuals, slope = weigh(here)
-        here = here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
+        with np.errstate(over="ignore", invalid="ignore"):  # a pole at critical damping has no slope
+            here = here._replace(cost=residuals @ residuals, gradient=2 * slope.T @ residuals)
         if len(residuals) > MANY:  # the triangle of both has their lengths and angles, so all that a step needs
             both = _triangle(np.column_stack([slope, residuals]))
             residuals, slope = both[:, -1], both[:, :-1]
