@@ -603,11 +603,10 @@ def fit_campaign(
     if coupled and np.isfinite((first := solve(posed.problem, posed.problem.parameters.theta_start)).cost):
         poles = _poles(arm, campaign, unknowns, posed, first)
     for _ in range(ROUNDS):
-        posed = with_poles(arm, campaign, unknowns, poles)
+        used, posed = poles, with_poles(arm, campaign, unknowns, poles)
         best = fit(posed.problem, starts=starts, seed=seed, progress=progress)
-        before, poles = poles, _poles(arm, campaign, unknowns, posed, best.end) if coupled else poles
-        if not coupled or _moved(arm, campaign, unknowns, (before, poles), best) < STILL:
-            poles = before
+        poles = _poles(arm, campaign, unknowns, posed, best.end) if coupled else poles
+        if not coupled or _moved(arm, campaign, unknowns, (used, poles), best) < STILL:
             break
     weights = None if robust is None else robust_weights(best, units_of(posed.campaign), robust)
     if weights is not None:
@@ -621,7 +620,7 @@ def fit_campaign(
     known = {each.name: getattr(best, each.name) for each in fields(best)}
     damping = damping_given(arm, posed, best, campaign, unknowns)
     whole = CampaignFit(
-        **known, arm=arm, campaign=posed.campaign, assumptions=granted, weights=weights, damping=damping, poles=poles
+        **known, arm=arm, campaign=posed.campaign, assumptions=granted, weights=weights, damping=damping, poles=used
     )
     whole = replace(whole, exchanges=_suspected(whole))
     widths = not whole.doubts
