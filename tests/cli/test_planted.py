@@ -29,9 +29,9 @@ def planted(folder, package=True):
     """A recording of SciPy's default, with modules beside it that leave a mark where they are executed."""
     folder.mkdir()
     savemat(folder / "hit.mat", {"hammer": np.sin(np.arange(64.0)), "tip": np.cos(np.arange(64.0))})
-    (folder / "ident").mkdir()
     places = [folder / f"{name}.py" for name in MODULES] + [folder / "ident" / "__init__.py"] * package
     for place in places:
+        place.parent.mkdir(exist_ok=True)
         place.write_text(f"open({str(folder / 'executed')!r}, 'a').write(__name__)\nraise SystemExit(5)\n")
 
 
