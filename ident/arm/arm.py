@@ -361,11 +361,14 @@ class Arm(eqx.Module):
     def get(self, path: str) -> AnyArray:
         """Return the number [SI] at a path such as `joint1.k_bend`, `link2.mass` or `fingers.com.x`.
 
+        A loss factor that a joint does not have is zero.
+
         Raises:
             InputError: the path names no number of this arm; the nearest names are suggested.
         """
         part, field, component = self._found(path)
-        return _component(getattr(part, field), component)
+        value = getattr(part, field)
+        return np.zeros(()) if value is None else _component(value, component)
 
     def replace(self, values: Mapping[str, Any]) -> "Arm":
         """Return an arm that has these numbers at these paths; differentiable in the numbers.
@@ -387,7 +390,10 @@ class Arm(eqx.Module):
                 old, number = new.get(field, getattr(node, field)), jnp.asarray(value, float)
                 new[field] = _with_component(old, component, number) if component else number
             if new:
-                node = eqx.tree_at(lambda node: [getattr(node, field) for field in new], node, list(new.values()))
+                own = [*new.values()]
+                node = eqx.tree_at(
+                    lambda x: [getattr(x, field) for field in new], node, own, is_leaf=lambda x: x is None
+                )
             return node
 
         def joint(old: Joint) -> Joint:
@@ -445,10 +451,11 @@ class Arm(eqx.Module):
     def _found(self, path: str) -> tuple[NamedPart, str, tuple[int, ...]]:
         name, _, rest = path.partition(".")
         for part in (part for part in self.parts() if part.name == name):
-            if rest in (*STIFFNESS, *DAMPING) and getattr(part, rest, 0.0) is None:
+            way = rest.replace("tau", "k").replace("loss", "k") if rest in (*STIFFNESS, *DAMPING, *LOSS) else ""
+            if way and getattr(part, way, 0.0) is None:
                 remedy = "give it a value in the arm file, or leave it out here"
                 raise refusal("", f"{path}, which is rigid", "a number of the arm", remedy)
-            for field in fields_in(part):
+            for field in fields_of(type(part).__name__):
                 for end, component in field.ends.items():
                     if rest == field.name + end:
                         return part, field.name, component
@@ -460,6 +467,11 @@ def stiffness_paths(arm: Arm) -> tuple[str, ...]:
     """Paths of all bushing stiffnesses, without rigid ones: bending of every joint, then torsion of every joint."""
     pairs = ((joint, field) for field in STIFFNESS for joint in arm.joints)
     return tuple(f"{joint.name}.{field}" for joint, field in pairs if getattr(joint, field) is not None)
+
+
+def loss_paths(arm: Arm) -> tuple[str, ...]:
+    """Paths of the loss factors of all bushings that give, whether they have any or not."""
+    return tuple(path.replace(".k_", ".loss_") for path in stiffness_paths(arm))
 
 
 def stiffness_or_stiffest(arm: Arm, joint: Joint, field: str) -> AnyArray:

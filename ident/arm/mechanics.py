@@ -400,15 +400,16 @@ def system(chain: Chain, phi: Phi) -> tuple[Matrix, Matrix, Matrix]:
     Where brakes hold the motors nothing is coupled with them, and each is a mode of its own above all others.
     """
     M, H = mass_matrix(chain, phi), potential_derivatives(chain, phi)[1]
-    C = _block_diagonal(chain.damping)
+    C = block_diagonal(chain.damping)
     if chain.rigid is not None:  # what is rigid is a mode of its own, too
-        R = _block_diagonal(chain.rigid)
+        R = block_diagonal(chain.rigid)
         M = M + R
         H = H + _above_all(M, H) * R
     return (M, C, H) if chain.motors is None else _with_motors(chain.motors, phi, M, C, H)
 
 
-def _block_diagonal(blocks: Float[Array, "3 3 N *#batch"]) -> Matrix:
+def block_diagonal(blocks: Float[Array, "3 3 N *#batch"]) -> Matrix:
+    """Return the flat matrix of one block for each joint."""
     return flatten_blocks(blocks[:, :, :, None] * identity(blocks.shape[2], blocks.ndim - 3))
 
 
@@ -427,7 +428,7 @@ def structural(chain: Chain) -> Matrix | None:
     """Return L of structural damping in the same coordinates; servos have none. None without any."""
     if chain.loss is None:
         return None
-    L = _block_diagonal(chain.loss)
+    L = block_diagonal(chain.loss)
     return L if chain.motors is None else _beside(L, jnp.zeros_like(chain.motors.stiffness))
 
 
@@ -490,7 +491,7 @@ def _with_motors(motors: Motors, phi: Phi, M: Matrix, C: Matrix, H: Matrix) -> t
     stiffness = matmul(matmul(transpose(ways), potential_derivatives(free, rest)[1]), ways)
     apart = _above_all(M, H)
     if free.rigid is not None:
-        R = _beside(_block_diagonal(free.rigid[:, :, ::2]), jnp.zeros_like(motors.stiffness))
+        R = _beside(block_diagonal(free.rigid[:, :, ::2]), jnp.zeros_like(motors.stiffness))
         whole, stiffness = whole + R, stiffness + apart * R
     mass = jnp.where(motors.on > 0, whole, _beside(M, jnp.ones_like(motors.stiffness)))
     servos = _beside(jnp.zeros_like(H), motors.stiffness)

@@ -45,6 +45,7 @@ from ident.arm.chain import (
     bushings,
     carriers,
     curved_springs,
+    losses,
     moments,
     no_loads,
     offsets,
@@ -52,7 +53,6 @@ from ident.arm.chain import (
     rigid_directions,
     stack,
 )
-from ident.arm.fields import LOSS
 from ident.arm.mechanics import Phi, elastic, flat, inboard, unflatten
 from ident.arm.parts import CurvedSprings, Drive, ErrorOrder
 from ident.arm.rotations import (
@@ -74,28 +74,6 @@ from ident.arm.rotations import (
 )
 from ident.errors import refusal
 from ident.programs import AnyArray
-
-# -------- Losses
-# Structural damping (loss factors), of which motion in time knows nothing.
-
-
-def refuse_losses(arm: Arm) -> None:
-    """Refuse an arm with loss factors where it moves in time.
-
-    A complex stiffness is a law of harmonic motion alone: in time it is not causal (Crandall, "The role of damping in
-    vibration theory", J. Sound Vib. 11(1), 1970). A damping time tau = eta / (2 pi f) loses as much at one frequency f.
-
-    Raises:
-        InputError: some joint has a loss factor.
-    """
-    given = [f"{joint.name}.{field}" for joint in arm.joints for field in LOSS if getattr(joint, field) is not None]
-    if given:
-        got = f"a loss factor ({given[0]})"
-        expected = "damping times, as loss factors hold for harmonic motion only"
-        time = given[0].replace("loss", "tau")
-        remedy = f"take them out, and give {time} = loss factor / (2 pi f) instead, which is exact at one frequency f"
-        raise refusal(arm.name, got, expected, remedy)
-
 
 # -------- Multibody
 
@@ -157,7 +135,9 @@ class Multibody(eqx.Module):
         shaft: moments of all bodies before the pin, along the shaft's axes.
         link: moments of all bodies behind the pin, loads included, along the link's axes.
         stiffness: (3, 3, N, *batch) [N m/rad] of the bushings, along the shaft's axes.
-        damping: (3, 3, N, *batch) [N m s/rad]
+        damping: (3, 3, N, *batch) [N m s/rad] by the damping times.
+        loss: (3, 3, N, *batch) [N m/rad] what they lose by their loss factors, see `ident.arm.structural`; None
+            without any.
         position: (3, P, *batch) [m] named points along the axes of their link.
         force: (3, P, *batch) [N] on them, in base axes.
         gravity: (3,) [m/s^2]
@@ -178,6 +158,7 @@ class Multibody(eqx.Module):
     link: Moments
     stiffness: Float[Array, "3 3 N *#batch"]
     damping: Float[Array, "3 3 N *#batch"]
+    loss: Float[Array, "3 3 N *#batch"] | None
     position: Float[Array, "3 P *#batch"]
     force: Float[Array, "3 P *#batch"]
     gravity: Float[Array, "3"]
@@ -290,9 +271,8 @@ def multibody(
 
     Raises:
         ModelError: the arm has more batch axes than `rank`.
-        InputError: the arm has loss factors, see `refuse_losses`; a load with a moment.
+        InputError: a load with a moment.
     """
-    refuse_losses(arm)
     loads = (no_loads(arm) if loads is None else loads).lifted(rank)
     refuse_moments(loads)
     axis, (shaft, link) = axes(arm, rank), moments(arm, loads, rank)
@@ -304,6 +284,7 @@ def multibody(
         link=link,
         stiffness=bend + tors,
         damping=damping,
+        loss=losses(arm, bend, tors),
         position=positions(arm, rank),
         force=loads.force,
         gravity=arm.gravity,

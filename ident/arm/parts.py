@@ -61,7 +61,7 @@ class Joint(eqx.Module):
     The bushing's moment is K phi with K = k_bend (1 - a a') + k_tors a a', a the axis, phi the rotation vector;
     its damping moment is C dphi/dt with the coefficients c = tau k. With loss factors eta it also loses, in harmonic
     motion at any frequency, 2 pi eta times its largest strain energy in a cycle: a moment i eta k phi (structural, or
-    hysteretic, damping). That has no equation in time, see `ident.arm.multibody`.
+    hysteretic, damping). In time: see `ident.arm.structural`.
 
     Attributes:
         name: unique in its arm.

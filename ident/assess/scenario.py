@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.arm.multibody import exciting_orders, refuse_losses
+from ident.arm.multibody import exciting_orders
 from ident.description.file import ArmFile
 from ident.identify.binding import loads_of
 from ident.identify.values import Values
@@ -124,9 +124,6 @@ class Basis:
         changed: numbers that were set, by path [SI].
         name: what files are called: arm, motion, percent.
         unknown: what is unknown of the excitation, which is drawn with the posterior.
-
-    Raises:
-        InputError: the arm has loss factors, of which motion in time knows nothing.
     """
 
     arm_file: ArmFile
@@ -140,9 +137,6 @@ class Basis:
     changed: Mapping[str, float] = field(default_factory=dict)
     name: str = ""
     unknown: Unknowns = field(default_factory=Unknowns)
-
-    def __post_init__(self) -> None:
-        refuse_losses(self.arm)
 
     @cached_property
     def loads(self) -> Loads:

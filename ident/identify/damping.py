@@ -30,7 +30,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ident.arm.arm import Arm
+from ident.arm.arm import LOSS_OF, Arm
 from ident.arm.fields import DAMPING, LOSS
 from ident.arm.mechanics import static_equilibrium, unflatten
 from ident.arm.modes import damped_eigenvalues, linearize, modes_about
@@ -505,15 +505,25 @@ class Damping:
 
     @property
     def carried(self) -> dict[tuple[str, ...], float]:
-        """The best law's numbers by their paths, where the arm has a place for each and none besides; else none."""
-        arm, numbers = self.arm, dict(zip(self.best.groups, self.best.values.tolist(), strict=True))
-        free = {path for group in numbers for path in group}
-        others = [path for path in self.columns if path not in free and path in arm.paths() and float(arm.get(path))]
-        alone = damping_parameters(arm, self.unknowns) or not others
-        return numbers if alone and free <= set(arm.paths()) and all(numbers.values()) else {}
+        """The best law's numbers by their paths, and zero for all other damping; none where no arm has a place for it.
+
+        That is damping that falls with frequency, and a loss factor of a spring that is no straight line.
+        """
+        arm, best = self.arm, self.numbers(self.best)
+        curved = {f"{spring.joint}.{LOSS_OF[spring.direction]}" for spring in arm.springs}
+        if curved.union([MASS]).intersection(best):
+            return {}
+        free = {path for group in self.best.groups for path in group}
+        others = (path for path in arm.paths() if path in self.columns and path not in {*free, *best})
+        numbers = zip(self.best.groups, self.best.values.tolist(), strict=True)
+        return {group: x for group, x in numbers if MASS not in group} | {
+            (path,): 0.0 for path in others if float(arm.get(path))
+        }
 
     def given(self, draws: Mapping[str, Float[np.ndarray, "n"]], seed: int = 0) -> dict[tuple[str, ...], np.ndarray]:
         """Draw the numbers that the arm carries once for each draw of its stiffnesses.
+
+        What no law explains of a mode is a factor of all of them, drawn anew for each.
 
         Args:
             draws: numbers of the arm, by path.
@@ -534,8 +544,10 @@ class Damping:
                 there = {path: np.broadcast_to(x, (len(x), CHUNK))[:, i] for path, x in columns.items()}
                 fitting = _Fitting(self._design(law.groups, there).some(kept), data, errors)
                 place = np.unravel_index(at[first + i], law.weights.shape)
-                drawn.append(fitting.numbers(law.values, (int(place[0]), int(place[1])), 1, rng)[:, 0])
-        return dict(zip(law.groups, np.array(drawn).T, strict=True))
+                numbers = fitting.numbers(law.values, (int(place[0]), int(place[1])), 1, rng)[:, 0]
+                drawn.append(numbers * np.exp(SCATTERS[place[1]] * rng.standard_normal()))
+        by_group = dict(zip(law.groups, np.array(drawn).T, strict=True))
+        return {group: by_group.get(group, np.full(count, x)) for group, x in self.carried.items()}
 
     def _design(self, groups: Groups, columns: Mapping[str, np.ndarray]) -> _Design:
         return _design(groups, columns, self.arm, self.unknowns)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from ident.arm.arm import BASE, Arm
+from ident.arm.arm import BASE, Arm, loss_paths
 from ident.arm.fields import COMPONENTS, EXPECTED, STIFFNESS, field_of, fields_in
 from ident.arm.parts import Joint
 from ident.errors import InputError, Problem, refusal
@@ -59,11 +59,10 @@ class Values:
         """
         items = fit.problem.parameters.items
         best = {item.paths: np.asarray(value) for item, value in zip(items, fit.best.values, strict=True)}
-        remarks = [doubtful(fit.doubts)]
-        if fit.damping:
-            best |= {paths: np.asarray(value) for paths, value in fit.damping.carried.items()}
-            remarks += [] if fit.damping.carried else [OTHER_LAW]
-        return cls.of_arm(best, arm, remark="; ".join(filter(None, remarks)), scaled=scaled_by(fit.problem))
+        carried = fit.damping.carried if fit.damping else {}
+        best |= {paths: np.asarray(value) for paths, value in carried.items()}
+        remark = remark_on(fit.doubts, bool(carried) or not fit.damping)
+        return cls.of_arm(best, arm, remark=remark, scaled=scaled_by(fit.problem))
 
     @classmethod
     def of_arm(
@@ -82,7 +81,7 @@ class Values:
         Raises:
             InputError: there are none, some are not finite, or the arm has not the base that was fitted.
         """
-        own = set(arm.paths())
+        own = {*arm.paths(), *loss_paths(arm)}
         values = {name: np.asarray(value) for names, value in by_paths.items() for name in names if name in own}
         for body in scaled:
             values |= _inertia(arm, body, values)
@@ -305,7 +304,7 @@ def _impossible(path: str, name: str, value: np.ndarray, arm: Arm) -> Iterator[P
         yield Problem(path, got, EXPECTED[field.sign], remedy, name)
     elif field and field.has_factor(own):
         middle = float(np.median(value))
-        if not 1 / VANISHING <= abs(middle / own) <= FARTHEST:
+        if middle and not 1 / VANISHING <= abs(middle / own) <= FARTHEST:
             expected = f"a value of the order of {own:.4g}, as the arm file has it"
             yield Problem(path, f"{middle:.4g} {field.unit}", expected, remedy, name)
 
@@ -324,10 +323,10 @@ def scaled_by(problem: "InverseProblem") -> tuple[str, ...]:
     return tuple(getattr(problem.model, "scaled", ()))
 
 
-def doubtful(doubts: Sequence[str]) -> str:
-    """Say that a fit is in doubt; nothing if it is not."""
-    reasons = "; ".join(doubts)
-    return f"the fit is in doubt: {reasons}" if reasons else ""
+def remark_on(doubts: Sequence[str], damping: bool = True) -> str:
+    """Say that a fit is in doubt, and that the law of its damping is none that an arm can have; nothing otherwise."""
+    doubt = f"the fit is in doubt: {'; '.join(doubts)}" if doubts else ""
+    return "; ".join(filter(None, (doubt, "" if damping else OTHER_LAW)))
 
 
 @dataclass(frozen=True)
@@ -364,7 +363,7 @@ class Draws:
 
     def doubted(self, doubts: Sequence[str]) -> "Draws":
         """Return the same with a remark on the objections to the fit that they started from."""
-        return replace(self, remark="; ".join(filter(None, (doubtful(doubts), self.remark))))
+        return replace(self, remark="; ".join(filter(None, (remark_on(doubts), self.remark))))
 
     @property
     def total(self) -> int:

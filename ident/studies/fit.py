@@ -64,6 +64,7 @@ class FitResult(FromFit):
     numbers = ("parameters", "fit.predicted", "fit.chi_squared")
     summary = (
         "parameters",
+        "damping",
         "scaled",
         "doubts",
         "fit.chi_squared",
@@ -76,6 +77,16 @@ class FitResult(FromFit):
     def parameters(self) -> Mapping[str, float]:
         """Fitted values by path [SI: N m/rad for a stiffness]; tied numbers each by its own path."""
         return self.fit.parameters
+
+    @property
+    def damping(self) -> Mapping[str, float] | None:
+        """Damping by the law that the measured ratios follow, by path [s or -]; None where an arm has no place for it.
+
+        Empty without measured ratios.
+        """
+        known = self.fit.damping
+        numbers = known.carried if known else {}
+        return {path: x for paths, x in numbers.items() for path in paths} if numbers or not known else None
 
     @property
     def scaled(self) -> tuple[str, ...]:

@@ -308,8 +308,12 @@ def _modes(
     modes = modes_about(chain, at, count)
     batch = modes.frequency.shape[1:]
     shape = unflatten(jnp.moveaxis(modes.shape, 1, -1))
-    loss = (shape * matvec(chain.damping[..., None], shape)).sum((0, 1))
-    ratio = jnp.moveaxis(loss, -1, 0) / (4 * jnp.pi * modes.frequency)
+    omega = 2 * jnp.pi * modes.frequency
+    ratio = jnp.zeros_like(omega)
+    for power, lost in ((1, chain.damping), (2, chain.loss)):
+        if lost is not None:
+            quotient = jnp.moveaxis((shape * matvec(lost[..., None], shape)).sum((0, 1)), -1, 0)
+            ratio = ratio + quotient / (2 * omega**power)
     turned = jax.vmap(lambda x: flat(in_shaft_axes(chain, x)), -1, 1)(shape)
     M = jnp.broadcast_to(mass_matrix(chain, at.phi), (*modes.shape.shape[:1] * 2, *batch))
     half = jax.vmap(lambda row: flat(in_shaft_axes(chain, unflatten(row))))(M)

@@ -28,6 +28,7 @@ from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm
 from ident.arm.multibody import Command, mass_and_forces, residual
+from ident.arm.rotations import matvec
 from ident.errors import ConvergenceError, InputError
 from ident.programs import LONG_LOOPS, AnyArray, concrete, jit
 from ident.vibrate.fast import (
@@ -188,7 +189,9 @@ def _solved(
 
             def corrected(now: tuple) -> tuple:
                 count, size, (z, states, a), shift = now
-                off = residual(model, commanded, *(y + x for y, x in zip(line, _at_stages(h, states, a), strict=True)))
+                y, yd, ydd = (part + x for part, x in zip(line, _at_stages(h, states, a), strict=True))
+                off = residual(model, commanded, y, yd, ydd)
+                off = off if here.lost is None else off + matvec(interpolate(here.lost, stages[0]), yd)
                 more = stepped(here, middles, real, push, shift, by_stage(-balance @ off))
                 size = jnp.abs(more[1][:, :n]).max() + h * h * jnp.abs(jnp.where(real[:, None], more[2], 0.0)).max()
                 return count + 1, size, jax.tree.map(jnp.add, (z, states, a), more), jnp.zeros_like(shift)

@@ -18,7 +18,7 @@ from numpy.polynomial import Polynomial
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
 from ident.arm.linalg import inverse_unpivoted, solve_positive
-from ident.arm.mechanics import equilibrium, flat
+from ident.arm.mechanics import block_diagonal, equilibrium, flat
 from ident.arm.modes import in_shaft_axes
 from ident.arm.multibody import (
     Command,
@@ -33,6 +33,8 @@ from ident.arm.multibody import (
     residual,
     residual_of,
 )
+from ident.arm.rotations import matvec
+from ident.arm.structural import structural_damping
 from ident.programs import AnyArray, library
 from ident.vibrate.motion import Motion, command, last_before
 
@@ -468,6 +470,7 @@ class Linear(NamedTuple):
         K: stiffness.
         by_pin: derivatives of the residual by the pins' angles and their two rates; none without transmission errors.
         residual: of the quasi-static deflection.
+        lost: damping by loss factors, which acts on all rates; None without any.
         kinematics: there.
         gain: the accelerations at the stages of a step about the node by the state at its start,
         yields: and by the forces at the stages.
@@ -478,6 +481,7 @@ class Linear(NamedTuple):
     K: Float[Array, "P n n m"]
     by_pin: tuple[Array, ...]
     residual: Float[Array, "P n m"]
+    lost: Float[Array, "P n n m"] | None
     kinematics: Kinematics
     gain: Float[Array, "P m stages state"]
     yields: Float[Array, "P m stages stages"]
@@ -537,17 +541,35 @@ def _slow(
     still = jnp.zeros((model.joints, *y.shape[1:]))
     M = slope(lambda ydd: residual(smooth, commanded, y, none, ydd), none)
     D = slope(lambda yd: residual(smooth, commanded, y, yd, none), none)
+    off, lost = residual_of(smooth, turning, *line), _lost(smooth, commanded, y, M)
+    if lost is not None:
+        D, off = D + lost, off + matvec(lost, line[1])
     slow = {
         "quasi_static": y,
         "K": slope(lambda y: residual(smooth, commanded, y, none, none), y),
         "by_pin": tuple(slope(partial(shifted, k), still) for k in range(3)) if model.transmission_error else (),
-        "residual": residual_of(smooth, turning, *line),
+        "residual": off,
+        "lost": lost,
         "kinematics": kinematics(smooth, turning.pin, *(bushing_rotations(model, part) for part in line)),
     }
     whole: tuple[Array, Array, dict[str, Any]] = jax.tree.map(
         lambda x: jnp.moveaxis(by_interval(x), -2, 0), (M, D, slow)
     )
     return whole
+
+
+def _lost(
+    model: Multibody, commanded: Command, y: Float[Array, "n *batch"], M: Float[Array, "n n *batch"]
+) -> Float[Array, "n n *batch"] | None:
+    """Return the damping by loss factors of the bushings at rest in y: belts lose by their own damping time."""
+    if model.loss is None:
+        return None
+    none, still = jnp.zeros_like(y), Command(commanded.q, *(jnp.zeros_like(commanded.q),) * 2)
+    K = slope(lambda y: residual(model, still, y, none, none), y)
+    own, more = 3 * model.joints, len(model.belt_driven)
+    L = jnp.broadcast_to(block_diagonal(model.loss), (own, own, *M.shape[2:]))
+    D = structural_damping(M[:own, :own], K[:own, :own], L)
+    return jnp.pad(D, ((0, more), (0, more), *((0, 0),) * (M.ndim - 2)))
 
 
 def advance(h: Array, n: int) -> tuple[Float[Array, "state state"], Float[Array, "state stages"]]:

@@ -228,13 +228,6 @@ def test_a_motion_on_which_a_belt_goes_slack_is_not_confirmed(limited):
     assert "belt1 go slack: not confirmed" in result.report()
 
 
-def test_loss_factors_are_refused():
-    arm = ident.read_arm(FILE).arm
-    lossy = eqx.tree_at(lambda a: a.joints[0].loss_bend, arm, 0.01, is_leaf=lambda x: x is None)
-    with pytest.raises(InputError, match="loss factor"):
-        ident.motion(lossy)
-
-
 def test_a_path_that_starts_moving_is_refused(tmp_path):
     time = np.linspace(0.0, 10.0, 51)
     columns = np.column_stack([time, 100 - 4 * time, 8 * time - 200, 100 - 4 * time])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.errors import refusal
-from ident.identify.values import BEST_ONLY, Draws, Robot, Values, doubtful
+from ident.identify.values import BEST_ONLY, Draws, Robot, Values, remark_on
 from ident.present.files.document import check_version, read_document, read_group, whole
 from ident.text import LARGEST_BINARY, one_line, read_bytes
 
@@ -38,11 +38,12 @@ def read_fit(
     document = document or read_document(path, FIT)
     check_version(document["format"], "fit", where, FIT)
     try:
-        parameters: dict[str, Any] = document["summary"]["parameters"]
+        damping = document["summary"].get("damping", {})
+        parameters: dict[str, Any] = document["summary"]["parameters"] | (damping or {})
         best: dict[tuple[str, ...], float] = {(name,): _number(value) for name, value in parameters.items()}
         doubts, fitted = document["summary"]["doubts"], document["inputs"]["arm"]["sha256"]
         scaled = tuple(map(str, document["summary"]["scaled"]))
-        remark, base = doubtful(doubts), document["options"]["soft_base"]
+        remark, base = remark_on(doubts, damping is not None), document["options"]["soft_base"]
         soft_base = None if base is None else _number(base)
         robot = Robot.read(document.get("robot"), str(fitted or ""))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError):

@@ -106,6 +106,7 @@ function chainAt(model, q, mass, k, more = { masses: [], forces: [] }) {
       second: parts.map(([m, axes, s]) => scale(matmul(matmul(axes, m.second), transpose(axes)), s)).reduce(add),
       stiffness: add(bend, tors),
       damping: add(scale(bend, joint.tau[0]), scale(tors, joint.tau[1])),
+      loss: add(scale(bend, joint.loss[0]), scale(tors, joint.loss[1])),
     };
   });
   const points = model.points.map((point) => (

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup
 
-from ident.arm.fields import DAMPING
+from ident.arm.fields import DAMPING, LOSS
 from ident.arm.multibody import orders_of
 from ident.assess.explore import Carried, Exploration, added, mass_of
 from ident.measure.load import DIFFERENCES
@@ -76,6 +76,7 @@ def _joint(exploration: Exploration, j: int) -> dict[str, Any]:
         "offset": _plain(model.offset[:, j]),
         "stiffness": [float(arm.get(path)) for path in paths],
         "tau": [float(arm.get(f"{joint.name}.{field}")) for field in DAMPING],
+        "loss": [float(arm.get(f"{joint.name}.{field}")) for field in LOSS],
         "paths": paths,
         "bands": [exploration.bands.get(path) for path in paths],
         "shaft": _moments(model.shaft, j),

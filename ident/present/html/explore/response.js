@@ -10,8 +10,8 @@ function solveAt(model, q, mass, k, guess) {
   const straight = forwardKinematics(chain, phi.map(() => [0, 0, 0]));
   const line = [...at.map((body) => body.centre), ...pointPositions(chain, at)];
   const rigid = [...straight.map((body) => body.centre), ...pointPositions(chain, straight)];
-  const damping = chain.joints.map((joint) => joint.damping);
-  return { q, phi, line, rigid, M, modes, damping, torques: harmonicTorques(model, chain, at) };
+  const [damping, loss] = ["damping", "loss"].map((field) => chain.joints.map((joint) => joint[field]));
+  return { q, phi, line, rigid, M, modes, damping, loss, torques: harmonicTorques(model, chain, at) };
 }
 
 // H v = omega^2 M v by the largest eigenvalues of L^-1 M L^-T, the most accurate ones; V' M V = 1.
@@ -39,13 +39,14 @@ function eigenmodes(chain, at, L, M, n) {
 // Damping ratio of light damping, shares of strain energy, motion of the line, label (ident.arm.modes).
 function describe(chain, at, shape, omega, counts) {
   const by = byJoint(shape), form = (field) => by.map((x, j) => dot(x, matvec(chain.joints[j][field], x)));
-  const [bend, tors, loss] = ["bend", "tors", "damping"].map(form), sum = (x) => x.reduce((a, b) => a + b, 0);
+  const [bend, tors, viscous, loss] = ["bend", "tors", "damping", "loss"].map(form), sum = (x) => x.reduce((a, b) => a + b, 0);
   const motion = movement(chain, at, by), end = motion[motion.length - 1];
   const torsion = sum(tors) / (sum(bend) + sum(tors)), vertical = end[2] ** 2 / dot(end, end);
   const name = `${vertical > 0.5 ? "vertical" : "lateral"} ${torsion > 0.5 ? "torsion" : "bending"}`;
   counts[name] = (counts[name] || 0) + 1;
   return {
-    omega, frequency: omega / (2 * Math.PI), damping: sum(loss) / (2 * omega), shape, motion,
+    omega, frequency: omega / (2 * Math.PI), damping: (sum(viscous) + sum(loss) / omega) / (2 * omega),
+    shape, motion,
     label: `${name} ${counts[name]}`,
     reach: Math.max(...end.map(Math.abs)),
     unsure: Math.abs(torsion - 0.5) < 0.1 || Math.abs(vertical - 0.5) < 0.1,
@@ -81,14 +82,16 @@ function dampingRatio(solved, r) {
   return -x / Math.hypot(x, y);
 }
 
-// V' C V, row by row; computed once for each solution.
+// V' C V, row by row, with 2 v_i' L v_r / (omega_i + omega_r) for loss factors (ident.arm.structural); computed once for
+// each solution.
 function modalDamping(solved) {
   if (solved.C) return solved.C;
   const n = solved.modes.length, C = new Float64Array(n * n), shapes = solved.modes.map((mode) => byJoint(mode.shape));
   shapes.forEach((shape, i) => {
-    const lost = shape.map((x, j) => matvec(solved.damping[j], x));
+    const by = (matrices) => shape.map((x, j) => matvec(matrices[j], x)), viscous = by(solved.damping), lost = by(solved.loss);
     for (let r = 0; r <= i; r++) {
-      C[i * n + r] = C[r * n + i] = shapes[r].reduce((sum, x, j) => sum + dot(x, lost[j]), 0);
+      const share = 2 / (solved.modes[i].omega + solved.modes[r].omega);
+      C[i * n + r] = C[r * n + i] = shapes[r].reduce((sum, x, j) => sum + dot(x, viscous[j]) + share * dot(x, lost[j]), 0);
     }
   });
   solved.C = C;
