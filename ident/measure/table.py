@@ -251,9 +251,9 @@ def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, str]], comments
 def guarded(cell: str) -> str:
     """Return a cell that no spreadsheet program takes for a formula, also where it splits it at another delimiter.
 
-    An apostrophe stands before what it would compute; `read_records` removes it.
+    An apostrophe stands before what it would compute, but numbers and directions; `read_records` removes it.
     """
-    return cell if re.fullmatch(NUMBER, cell) else _FORMULA.sub(r"\1'", cell)
+    return cell if re.fullmatch(rf"{NUMBER}|[+-][xyz]", cell) else _FORMULA.sub(r"\1'", cell)
 
 
 def sniff_delimiter(text: str, is_column: Callable[[str], bool]) -> str:

@@ -10,11 +10,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ident.arm.arm import Arm, nominal
-from ident.arm.chain import Loads, at_posture
+from ident.arm.chain import Chain, Loads, at_posture
 from ident.arm.mechanics import flat, mass_matrix, static_equilibrium, unflatten
 from ident.arm.modes import (
     Label,
+    Linearized,
     assigned,
+    damped_eigenvalues,
     follow,
     in_shaft_axes,
     labels_of_shares,
@@ -22,7 +24,7 @@ from ident.arm.modes import (
     torsion_share,
     vertical_share,
 )
-from ident.arm.rotations import matvec
+from ident.arm.rotations import identity, matvec
 from ident.errors import ModelError, refusal
 from ident.programs import jit
 from ident.vibrate.motion import Motion, check_joints, lengths
@@ -308,17 +310,28 @@ def _modes(
     modes = modes_about(chain, at, count)
     batch = modes.frequency.shape[1:]
     shape = unflatten(jnp.moveaxis(modes.shape, 1, -1))
-    omega = 2 * jnp.pi * modes.frequency
-    ratio = jnp.zeros_like(omega)
-    for power, lost in ((1, chain.damping), (2, chain.loss)):
-        if lost is not None:
-            quotient = jnp.moveaxis((shape * matvec(lost[..., None], shape)).sum((0, 1)), -1, 0)
-            ratio = ratio + quotient / (2 * omega**power)
+    ratio = _damping_ratios(chain, shape, 2 * jnp.pi * modes.frequency)
     turned = jax.vmap(lambda x: flat(in_shaft_axes(chain, x)), -1, 1)(shape)
     M = jnp.broadcast_to(mass_matrix(chain, at.phi), (*modes.shape.shape[:1] * 2, *batch))
     half = jax.vmap(lambda row: flat(in_shaft_axes(chain, unflatten(row))))(M)
     whole = jax.vmap(lambda column: flat(in_shaft_axes(chain, unflatten(column))), 1, 1)(half)
     return modes.frequency, ratio, torsion_share(modes), vertical_share(modes), turned, whole
+
+
+def _damping_ratios(
+    chain: Chain, shape: Float[Array, "3 N *batch m"], omega: Float[Array, "m *batch"]
+) -> Float[Array, "m *batch"]:
+    """Return the damping ratios of some modes, of which damping couples those that are near: see `structural`."""
+
+    def between(lost: Array) -> Float[Array, "m m *batch"]:
+        moment = matvec(lost[..., None], shape)
+        return jnp.moveaxis((shape[..., None] * moment[..., None, :]).sum((0, 1)), (-2, -1), (0, 1))
+
+    unit = jnp.broadcast_to(identity(len(omega), omega.ndim - 1), (len(omega), *omega.shape))
+    C = between(chain.damping)
+    C = C if chain.loss is None else C + 2 * between(chain.loss) / (omega[:, None] + omega[None])
+    s = damped_eigenvalues(Linearized(unit[:0], unit, C, unit * omega**2))
+    return -s.real / jnp.abs(s)
 
 
 # -------- Branches
