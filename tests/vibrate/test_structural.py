@@ -1,4 +1,4 @@
-"""Loss factors in motion: the exact equations beside SciPy's integrator, the fast method, and what lies between nodes."""
+"""Loss factors in motion: the exact equations beside SciPy's integrator, the fast method, the matrix between nodes."""
 
 from functools import partial
 
