@@ -137,7 +137,7 @@ def test_a_peak_is_named_by_what_is_longest_near_it_in_its_direction():
 
 def test_a_path_that_does_not_cover_the_trace_is_refused():
     angles = dict.fromkeys(("joint1", "joint2", "joint3"), np.linspace(0, 0.5, 50))
-    with pytest.raises(InputError, match=r"log.csv, path: got 0 to 5 s, expected the span of the trace, 0 to 9.99 s"):
+    with pytest.raises(InputError, match=r"log.csv, time: got 0 to 5 s, expected the span of the trace, 0 to 9.99 s"):
         spectrum(sine(1e-3, 4.1), arm=ARM, path=Log("log.csv", "", np.linspace(0, 5, 50), angles))
 
 
