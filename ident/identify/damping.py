@@ -141,9 +141,10 @@ class ModesOfRows(NamedTuple):
         arm, conditions = replace(model, conditions=conditions, frames=None).applied(parameters)
         return cls(arm, conditions, data, places)
 
-    def columns(self) -> tuple[Float[np.ndarray, "D"], dict[str, Float[np.ndarray, "D"]]]:
+    def columns(self) -> tuple[Float[np.ndarray, "D *draws"], dict[str, Float[np.ndarray, "D *draws"]]]:
         """Return the frequency [Hz] of each mode, and its ratio by a unit of each damping number."""
-        omega, *energy = (np.asarray(x)[..., self.places] for x in _quotients(self.arm, self.conditions, self.data)[1:])
+        omega, *energy = map(np.asarray, _quotients(self.arm, self.conditions, self.data)[1:])
+        omega, energy = omega[self.places], [x[:, self.places] for x in energy]
         columns = {MASS: 1 / (2 * omega)}
         for fields, power in ((DAMPING, 1), (LOSS, 2)):
             for number, each in zip(fields, energy, strict=False):

@@ -1,10 +1,15 @@
 """Rates of the law of damping: named rightly, its intervals, single rows that are wrong; truths by five laws.
 
-`python tests/benchmarks/damping.py [--draws 40] [--seed 0]`
+`python tests/benchmarks/damping.py [--draws 40] [--seed 0] [--stages N] [--of pole] [--only ARM]`
 
 Three arms (the paper's, a SCARA, six axes), measured at postures of their own: ratios of the exact poles of an arm that
 loses by damping times, a constant, one loss factor by kind, at random mode by mode (0.5 to 3 %), or less at higher
 frequencies; each read with a standard error of 5 %. The stiffnesses are the true ones: no ratio moves them.
+
+`--stages 5 [--of pole]`: fits to frequencies, static deflections and such ratios, against fits without the ratios:
+equal verdicts and numbers of starts, and the largest difference of a value or an end of an interval, in standard
+errors. Frequencies of poles are those of the damped arm, which also is the arm of both fits; ratios at random, and
+falling ones, have no place in an arm, whose frequencies then are the undamped ones.
 """
 
 import argparse
@@ -21,15 +26,21 @@ jax.config.update("jax_enable_x64", True)
 import numpy as np
 from shell import ROOT
 
+sys.path.insert(0, str(ROOT / "tests" / "support"))
+from one_program import shown
+
 import ident
-from ident.identify.damping import MASS, RATIO, ModesOfRows, damping_of
+from ident.identify.damping import MASS, RATIO, ModesOfRows, damped, damping_of
+from ident.identify.fit import fit_campaign
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.predict import ArmModel
 from ident.identify.unknowns import Unknowns
-from ident.measure import Campaign, Measurement
+from ident.measure import Campaign, Load, Measurement
+from ident.measure.load import AXES
+from ident.present.fit import fit_sections
 
 LAWS = ("viscous", "constant", "by kind", "random", "falling")
-NOISE, MODES = 0.05, 4
+NOISE, HERTZ, MODES = 0.05, 0.002, 4
 SHARES = {"viscous": {"tau"}, "constant": {"loss"}, "by kind": {"loss"}, "falling": {"mass"}}
 
 
@@ -86,13 +97,67 @@ def found(arm, rows):
     return damping_of(arm, ArmModel(arm, None), Campaign(measurements=tuple(rows)), np.zeros(0), {}, Unknowns())
 
 
+def stages(name, arm, rows, given):
+    """Print how far fits with ratios are from those without."""
+    states, tip = dict.fromkeys(m.posture for m in rows), arm.points[-1].name
+    loads = (f"15 N -z @ {tip}", "-z"), (f"15 N y @ {tip}", "y")
+    still = [
+        Measurement(kind="deflection_difference", posture=q, value=1e-3, sigma=3e-5, point=tip, load=Load.parse(load),
+                    direction=AXES[along]) for q in states for load, along in loads
+    ]  # fmt: skip
+    hertz = [replace(m, kind="frequency", value=5.0, of=given.of) for m in rows]
+    alone = {}
+    for law in LAWS:
+        off, same, count = [], 0, 0
+        began = time.perf_counter()
+        for draw in range(given.stages):
+            rng = np.random.default_rng((given.seed, LAWS.index(law), draw))
+            held = rng.bit_generator.state
+            numbers = {} if law == "random" else truth(law, arm, rng)
+            true = damped(arm, numbers) if given.of and numbers and MASS not in numbers else arm
+            rng.bit_generator.state = held
+            ratios = true_ratios(law, arm, rows, rng) * (1 + NOISE * rng.standard_normal(len(rows)))
+            noise = np.random.default_rng((given.seed, draw)).standard_normal(len(hertz) + len(still))
+            values = shown(true, Campaign(measurements=(*hertz, *still)))
+            sigma = np.where(np.arange(len(noise)) < len(hertz), HERTZ * np.abs(values), 3e-5)
+            others = [
+                replace(m, value=float(v), sigma=float(s))
+                for m, v, s in zip([*hertz, *still], values + sigma * noise, sigma, strict=True)
+            ]
+            more = [replace(m, value=float(v), sigma=float(NOISE * v)) for m, v in zip(rows, ratios, strict=True)]
+            key = draw if true is arm else (law, draw)
+            if key not in alone:
+                alone[key] = fit_campaign(true, Campaign(measurements=tuple(others)))
+            one, both = alone[key], fit_campaign(true, Campaign(measurements=(*others, *more)))
+            sd, words = one.information.sd, [fit_sections(each).verdict for each in (one, both)]
+            ends = np.log(both.interval() / one.interval())
+            off.append(max(np.nanmax(np.abs(x) / s) for x, s in [(both.best.theta - one.best.theta, sd),
+                                                                 (ends, sd[:, None])]))  # fmt: skip
+            starts = [(len(each.optima), sum(o.starts for o in each.optima)) for each in (one, both)]
+            equal = (words[0].word, one.doubts, starts[0]) == (words[1].word, both.doubts, starts[1])
+            same, count = same + equal, count + 1
+            if not equal:
+                print(f"    {law} {draw}: {words[0].word} {starts[0]} / {words[1].word} {starts[1]} {both.doubts}")
+        took = (time.perf_counter() - began) / count
+        print(f"  {name} {law:9s} {given.of or 'undamped'}: verdict and starts alike in {same} of {count}, "
+              f"largest difference {max(off):.2g} std. errors, {took:.0f} s", flush=True)  # fmt: skip
+
+
 def main():
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--draws", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--stages", type=int, default=0, help="campaigns for each arm and law that are fitted twice")
+    parser.add_argument("--of", choices=("pole",), help="what their frequencies are of damped modes")
+    parser.add_argument("--only", help="an arm")
     given = parser.parse_args()
     for name, arm, measured, others in arms():
+        if given.only not in (None, name):
+            continue
+        if given.stages:
+            stages(name, arm, rows_at(arm, measured), given)
+            continue
         rows, beyond = rows_at(arm, measured), rows_at(arm, others)
         print(f"\n{name}: {len(rows)} ratios at {len(measured)} postures")
         for law in LAWS:

@@ -78,6 +78,21 @@ def test_ratios_belong_to_the_modes_of_their_labels():
     assert exact("falling") == pytest.approx(1 / (4 * np.pi * hertz), rel=1e-9)
 
 
+def test_ratios_of_several_stiffnesses_are_those_of_each():
+    """More draws than rows: which axis is which."""
+    factors = np.linspace(0.8, 1.2, 20)
+    path = "joint2.k_tors"
+    stiffness = factors * float(lcd_arm().get(path))
+    of = lambda k: ModesOfRows.of(model(), {path: k}, rows_of(), ()).columns()[1]  # noqa: E731
+    every = of(stiffness)
+    for draw in (0, 19):
+        alone = of(stiffness[draw])
+        assert every.keys() == alone.keys()
+        for name, column in alone.items():
+            np.testing.assert_allclose(every[name][:, draw], column, rtol=1e-9)
+    assert abs(every[MASS][:, 0] / every[MASS][:, 19] - 1).max() > 0.05
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_the_data_choose_the_law(law):
     for seed in range(3):
