@@ -116,13 +116,13 @@ class ModesOfRows(NamedTuple):
 
     Attributes:
         arm, conditions: in one of few sizes.
-        data: of the modes' frequencies, as far as they were measured.
+        quotients: of the rows of these, see `_quotients`.
         places: (D,) of each row among those of the conditions.
     """
 
     arm: Arm
     conditions: Conditions
-    data: Data
+    quotients: tuple[Array, ...]
     places: Int[np.ndarray, "D"]
 
     @classmethod
@@ -139,11 +139,11 @@ class ModesOfRows(NamedTuple):
         conditions, own, places = padded(bind(model.arm, Campaign(measurements=tuple(twins))))
         data = Data(*np.array([(twins[i].value, twins[i].sigma) for i in own]).T)
         arm, conditions = replace(model, conditions=conditions, frames=None).applied(parameters)
-        return cls(arm, conditions, data, places)
+        return cls(arm, conditions, _quotients(arm, conditions, data), places)
 
     def columns(self) -> tuple[Float[np.ndarray, "D *draws"], dict[str, Float[np.ndarray, "D *draws"]]]:
         """Return the frequency [Hz] of each mode, and its ratio by a unit of each damping number."""
-        omega, *energy = map(np.asarray, _quotients(self.arm, self.conditions, self.data)[1:])
+        omega, *energy = map(np.asarray, self.quotients[1:])
         omega, energy = omega[self.places], [x[:, self.places] for x in energy]
         columns = {MASS: 1 / (2 * omega)}
         for fields, power in ((DAMPING, 1), (LOSS, 2)):
@@ -156,8 +156,8 @@ class ModesOfRows(NamedTuple):
 
     def poles(self, damping: Mapping[str, float]) -> Float[np.ndarray, "D"]:
         """Return the ratios of the poles with these damping numbers."""
-        chosen, alpha = _quotients(self.arm, self.conditions, self.data)[0], jnp.asarray(damping.get(MASS, 0.0))
-        return np.asarray(_poles(damped(self.arm, damping), self.conditions, chosen, alpha))[self.places]
+        alpha = jnp.asarray(damping.get(MASS, 0.0))
+        return np.asarray(_poles(damped(self.arm, damping), self.conditions, self.quotients[0], alpha))[self.places]
 
 
 def _mode(m: Measurement) -> tuple[object, ...]:
@@ -179,7 +179,7 @@ def damped(arm: Arm, damping: Mapping[str, float]) -> Arm:
 
     servos = {f"{servo.name}.tau" for servo in arm.servos}.intersection(damping)
     arm = eqx.tree_at(lambda a: a.joints, arm, tuple(map(joint, arm.joints)))
-    return arm.replace({path: damping[path] for path in servos})
+    return arm.replace({path: damping[path] for path in servos}) if servos else arm
 
 
 @dataclass(frozen=True)
@@ -420,7 +420,11 @@ class _Fitting(NamedTuple):
         A = self.slopes(x, at)
         noise = rng.standard_normal((len(A), count))
         noise[len(self.ratios.log) :] *= self.design.narrow[:, None] > 0
-        return np.array([_nnls(A, b) for b in ((self.residuals(x, at) + A @ x)[:, None] + noise).T]).T
+        wanted = (self.residuals(x, at) + A @ x)[:, None] + noise
+        numbers = np.linalg.pinv(A) @ wanted  # at once, where no number would be negative
+        for i in np.flatnonzero((numbers < 0).any(0)):
+            numbers[:, i] = _nnls(A, wanted[:, i])
+        return numbers
 
     def drawn(
         self, law: Law, like: tuple[_Design, Ratios], at: Place, count: int, rng: np.random.Generator
