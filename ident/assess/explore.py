@@ -14,7 +14,7 @@ from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Moments
 from ident.arm.multibody import Multibody, multibody
 from ident.errors import refusal
-from ident.identify.binding import loads_of
+from ident.identify.binding import check_references, loads_of
 from ident.measure import Campaign, Load
 from ident.measure.load import Vector
 from ident.text import did_you_mean, quoted
@@ -185,9 +185,8 @@ def _check(arm: Arm, payload: str, measured: Campaign | None) -> None:
     if payload and payload not in names:
         expected = f"one of {', '.join(names)}"
         raise refusal("payload", quoted(payload), expected, did_you_mean(payload, names, "correct it"))
-    if measured and measured.joints != len(arm.driven):
-        got, expected = f"{measured.joints} joint angles", f"{len(arm.driven)}, one for each driven joint of {arm.name}"
-        raise refusal(measured.path or measured.name, got, expected, "give the campaign of this arm")
+    if measured is not None:
+        check_references(arm, measured)
 
 
 def _carried(arm: Arm, load: Load, name: str) -> Carried:

@@ -63,10 +63,10 @@ from ident.inference.problem import (
 )
 from ident.inference.search import evaluate
 from ident.measure import Campaign, Measurement
-from ident.measure.load import KINDS, POSITIONS, SHAPES
+from ident.measure.load import DIFFERENCES, KINDS, POSITIONS, SHAPES
 from ident.programs import RUNS_ONCE, jit
 from ident.text import one_line, quoted
-from ident.units import NMM_PER_DEG, QUANTITIES, si_factor
+from ident.units import NMM_PER_DEG, QUANTITIES, STANDARD_GRAVITY, si_factor
 
 # -------- Pose
 
@@ -545,7 +545,7 @@ def far_off(i: int, campaign: Campaign, expected: Expected) -> Iterator[_Doubt]:
     looks = _looks_like(m, ratio)
     times = np.format_float_positional(ratio, precision=3, fractional=False, trim="-")  # `567`, `0.0000042`
     got = f"{_written(m, m.value)}, {times} times what the arm file predicts"
-    remedy = f"it looks like {looks}: " * bool(looks) + "check value and unit"
+    remedy = f"it looks like {looks}: correct the file" if looks else "check value and unit"
     tag = m.kind, looks or (ratio > 0, round(4 * math.log(abs(ratio) or 1.0)))
     yield _Doubt(i, Problem(m.where, got, f"about {_written(m, value)}", remedy, "value"), tag, bool(looks))
 
@@ -556,10 +556,12 @@ def _looks_like(m: Measurement, ratio: float) -> str:
         return "a wrong sign or direction"
     with suppress(InputError, ValueError):  # a unit made in code, which is a remark; a negative ratio
         quantity, size = KINDS[m.kind], math.log(ratio)
-        own = math.log(si_factor(m.unit, quantity))
-        factor = {unit: own - math.log(si_factor(unit, quantity)) for unit in UNITS[quantity].split()}
-        unit = min(factor, key=lambda unit: abs(size - factor[unit]))
-        return f"{unit} written as {m.unit}" if abs(size - factor[unit]) < abs(factor[unit]) / 12 else ""
+        own, units = math.log(si_factor(m.unit, quantity)), UNITS[quantity].split()
+        factors = {f"{unit} written as {m.unit}": own - math.log(si_factor(unit, quantity)) for unit in units}
+        if m.kind in DIFFERENCES:  # what is read without a load does not count
+            hung = (m.load.masses, -1, "N written as kg"), (m.load.forces, 1, "kg written as N")
+            factors |= {f"a load in {words}": way * math.log(STANDARD_GRAVITY) for loads, way, words in hung if loads}
+        return " or ".join(words for words, factor in factors.items() if abs(size - factor) < abs(factor) / 12)
     return ""
 
 
@@ -582,7 +584,7 @@ def _merged(doubts: Sequence[_Doubt], posed: Posed, expected: Expected, trusted:
         if causes and min(causes)[0] < limit:
             _, where, column, looks = min(causes)
             rows = ", ".join(_row_name(campaign.measurements[i], i) for i in places)
-            remedy = f"{looks}: correct it, or {_right(ALL)}"
+            remedy = f"{looks}: correct it; {_right(ALL)}"
             return [Problem(where, f"{len(places)} rows in doubt ({rows})", "none", remedy, column)]
     together: dict[tuple[object, ...], list[_Doubt]] = {}
     for each in doubts:
@@ -601,7 +603,7 @@ def _of_all(doubts: Sequence[_Doubt], campaign: Campaign) -> Problem:
         place = f"number {alike.index(m.value) + 1} of {len(alike)} modes" if alike[1:] else ""
         hint = f"it is taken as {place} without a label there: label repeats, or " * bool(place)
     more = f", and {len(rows)} more like it (row{'s' * (len(rows) > 1)} {', '.join(rows)})" if rows else ""
-    remedy = f"{hint}{first.remedy}, or {_right(ALL if rows else name)}"
+    remedy = f"{hint}{first.remedy}; {_right(ALL if rows else name)}"
     return replace(first, got=first.got + more, remedy=remedy)
 
 
@@ -638,7 +640,7 @@ def _written(m: Measurement, value: float) -> str:
 
 def _right(row: str) -> str:
     """Return the remedy of who knows better."""
-    return f"say that {'they are' if row == ALL else 'it is'} right (`trust_values` {row})"
+    return f"if {'they are' if row == ALL else 'it is'} right all the same, say so (`trust_values` {row})"
 
 
 def contradictory_repeats(campaign: Campaign) -> Iterator[tuple[int, int]]:
@@ -698,7 +700,7 @@ def _contradictions(campaign: Campaign, names: Sequence[str], trusted: Collectio
         same = f"has the label '{first.mode}', too" if first.mode else "measured the same"
         got = f"{_written(second, second.value)}, {apart:.2g} sd from row {a}, which {same}"
         label = "correct one of the labels, " if first.mode else "correct point, posture or load of one, "
-        remedy = f"{label}drop the wrong one, widen their sigmas, or say that both are right (`trust_values` {b})"
+        remedy = f"{label}drop the wrong one, or widen their sigmas; if both are right, say so (`trust_values` {b})"
         about, column = f"about {_written(second, first.value)}", "" if first.mode else "value"
         yield Problem(second.where, got, about, remedy, column)
 

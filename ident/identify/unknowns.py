@@ -15,7 +15,7 @@ from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Loads
 from ident.arm.fields import DAMPING, LOSS, field_of
 from ident.arm.parts import Body
-from ident.errors import refusal
+from ident.errors import placed, refusal
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.priors import Prior
 from ident.text import did_you_mean, quoted
@@ -125,11 +125,11 @@ class Unknowns:
         paths = arm.paths()
         return replace(
             self,
-            fixed=_named(self.fixed, paths),
-            tied=tuple(_named(group, paths) for group in self.tied),
-            free=_spread(self.free, paths),
-            priors=_spread(self.priors, paths),
-            uncertain=_spread(self.uncertain, paths),
+            fixed=_named(self.fixed, paths, "fix"),
+            tied=tuple(_named(group, paths, "tie") for group in self.tied),
+            free=_spread(self.free, paths, "free"),
+            priors=_spread(self.priors, paths, "prior"),
+            uncertain=_spread(self.uncertain, paths, "uncertain"),
         )
 
 
@@ -137,27 +137,27 @@ def _is_pattern(path: str) -> bool:
     return "*" in path or "?" in path
 
 
-def _named(given: Sequence[str], paths: Sequence[str]) -> tuple[str, ...]:
+def _named(given: Sequence[str], paths: Sequence[str], option: str) -> tuple[str, ...]:
     """Return names, in place of each pattern those that fit it and are not given besides."""
     found: list[str] = []
     for name in given:
-        found += [path for path in _fitting(name, paths) if path not in found and path not in given]
+        found += [path for path in _fitting(name, paths, option) if path not in found and path not in given]
         found += [] if _is_pattern(name) else [name]
     return tuple(found)
 
 
-def _spread(given: Mapping[str, V], paths: Sequence[str]) -> dict[str, V]:
+def _spread(given: Mapping[str, V], paths: Sequence[str], option: str) -> dict[str, V]:
     """Return what is given by name, in place of each pattern by the names that fit it."""
-    spread = {path: value for pattern, value in given.items() for path in _fitting(pattern, paths)}
+    spread = {path: value for pattern, value in given.items() for path in _fitting(pattern, paths, option)}
     return spread | {name: value for name, value in given.items() if not _is_pattern(name)}
 
 
-def _fitting(pattern: str, paths: Sequence[str]) -> list[str]:
+def _fitting(pattern: str, paths: Sequence[str], option: str) -> list[str]:
     if not _is_pattern(pattern):
         return []
     if not (fitting := [path for path in paths if fnmatchcase(path, pattern)]):
         remedy = did_you_mean(pattern, paths, "see `ident show ARM --names`")
-        raise refusal("", f"the pattern {quoted(pattern)}", "one that fits a number of the arm", remedy)
+        raise refusal(option, f"the pattern {quoted(pattern)}", "one that fits a number of the arm", remedy)
     return fitting
 
 
@@ -179,39 +179,42 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None) -> Paramete
     widths |= unknowns.free
     fixed, groups = tuple(unknowns.fixed), [tuple(group) for group in unknowns.tied]
     taken = [*fixed, *(path for group in groups for path in group)]
-    for path in (*widths, *taken):
-        arm.get(path)
+    given = {"fix": fixed, "tie": taken[len(fixed) :], "free": unknowns.free, "uncertain": unknowns.uncertain}
+    for option, paths in given.items():
+        with placed(option):
+            for path in {*paths} - {LOAD}:
+                arm.get(path)
     for path in taken:
         if taken.count(path) > 1:
             remedy = "name it once among the fixed and the tied"
-            raise refusal("", f"{path} twice", "each parameter once", remedy)
+            raise refusal("fix" if path in fixed else "tie", f"{path} twice", "each parameter once", remedy)
     for path in set(unknowns.free).intersection(fixed):
-        raise refusal("", f"{path} fixed and freed", "one of the two", "drop it from `fix` or from `free`")
+        raise refusal("free", f"{path} fixed and freed", "one of the two", "drop it from `fix` or from `free`")
     for group in groups:
         units = {path: field.unit for path in group if (field := field_of(path))}
         if len(set(units.values())) > 1:
             got = ", ".join(f"{path} [{unit}]" for path, unit in units.items())
             remedy = "tie only what can be equal (`tie`)"
-            raise refusal("", f"a tie of {got}", "numbers of one unit", remedy)
+            raise refusal("tie", f"a tie of {got}", "numbers of one unit", remedy)
     if unknowns.uncertain and unknowns.discrepancy:
         remedy = "leave out `discrepancy`, or `uncertain`"
-        raise refusal("", "uncertain numbers beside a discrepancy", "one of both", remedy)
+        raise refusal("uncertain", "uncertain numbers beside a discrepancy", "one of both", remedy)
     for path in {*widths, *taken}.intersection(unknowns.uncertain):
         remedy = "drop it from `uncertain`, or from `free`, `fix` and `tie`"
-        raise refusal("", f"{path} uncertain and an unknown, fixed or tied", "one of them", remedy)
+        raise refusal("uncertain", f"{path} uncertain and an unknown, fixed or tied", "one of them", remedy)
     group_of = {path: group for group in groups for path in group}
     unknown = dict.fromkeys(group_of.get(path, (path,)) for path in widths if path not in fixed)
     for group in groups:
         if group not in unknown:
             got, remedy = "=".join(group), "free one of them too"
-            raise refusal("", got, "at least one unknown among them", remedy)
+            raise refusal("tie", got, "at least one unknown among them", remedy)
     if not unknown:
-        raise refusal("", "no unknown", "at least one", "fix fewer parameters")
+        raise refusal("fix", "no unknown", "at least one", "fix fewer parameters")
     for path in unknowns.priors:
         if not any(path in group for group in unknown):
             known = [path for group in unknown for path in group]
             remedy = did_you_mean(path, known, "free it, or drop its prior")
-            raise refusal("", f"a prior for {path}, which is not fitted", "an unknown", remedy)
+            raise refusal("prior", f"a prior for {path}, which is not fitted", "an unknown", remedy)
     items = []
     for group in unknown:
         width = next(widths[path] for path in group if path in widths)

@@ -46,6 +46,8 @@ SAME_PROBLEM = (
     *("discrepancy", "trust_values", "robust", "soft_base"),
 )
 """Options without which the next command would pose another problem."""
+SAME_MOTION = {"profile": "--path", "phases": "ident resonance", "errors": "ident resonance"}
+"""Options without which the next command would compute another motion, each with what does not take it."""
 R = TypeVar("R")
 """What such a method returns."""
 
@@ -356,7 +358,12 @@ class Result(Reported):
         results = {end: as_word(f"{FOLDER.get() / self.name}{end}") for end in ends}
         named = re.sub(r"(?<!\{)\{result\}([.\w]*)", r"{results[\1]}", words)
         filled = named.format(arm=arm, campaign=campaign, trace=trace, runs=runs, results=results)
-        posed = any(getattr(vars(self)["options"], name, None) for name in SAME_PROBLEM)
+        options, moved = vars(self)["options"], words.split()[2:3] == ["{arm}"]
+        given = {name: getattr(options, name, None) for name, bar in SAME_MOTION.items() if moved and bar not in words}
+        if given.get("errors"):
+            given["errors"] = ":".join(f"{size:g}" for size in given["errors"])
+        filled += "".join(f" --{name} {value}" for name, value in given.items() if value not in (None, "unknown"))
+        posed = any(getattr(options, name, None) for name in SAME_PROBLEM)
         again = "{campaign}" in words or "{result}.csv" in words
         return f"{filled}  (with the same options)" if posed and again else filled
 

@@ -60,8 +60,20 @@ def test_numbers_that_are_set_pass_the_arm_files_own_checks(run, command, change
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--free=link1.mass:0.1", "--fix=link1.mass"], "link1.mass fixed and freed, expected one of the two"),
-        (["--tie=joint1.k_bend=joint1.tau_bend"], "a tie of joint1.k_bend [N m/rad], joint1.tau_bend [s]"),
+        (["--free=link1.mass:0.1", "--fix=link1.mass"], "--free: got link1.mass fixed and freed, expected one of"),
+        (["--tie=joint1.k_bend=joint1.tau_bend"], "--tie: got a tie of joint1.k_bend [N m/rad], joint1.tau_bend [s]"),
+        (["--fix=jint1.k_tors"], "--fix: got jint1.k_tors, expected a number of the arm"),
+        (["--fix=*.k_bond"], "--fix: got the pattern '*.k_bond'"),
+        (["--tie=joint1.k_tors=joint9.k_tors"], "--tie: got joint9.k_tors, expected a number of the arm"),
+        (["--tie=joint1.k_tors=joint1.k_tors"], "--tie: got joint1.k_tors twice"),
+        (
+            ["--tie=joint1.tau_bend=joint2.tau_bend"],
+            "--tie: got joint1.tau_bend=joint2.tau_bend, expected at least one",
+        ),
+        (["--free=foo:0.1"], "--free: got foo, expected a number of the arm"),
+        (["--uncertain=foo:5%"], "--uncertain: got foo, expected a number of the arm"),
+        (["--prior=link1.mass=log-uniform:1:2"], "--prior: got a prior for link1.mass, which is not fitted"),
+        (["--fix=*.k_bend", "--fix=*.k_tors"], "--fix: got no unknown"),
         (["--prior=joint1.k_bend=log-uniform:1:1"], "log-uniform from 1 to 1, expected low < high"),
         (["--prior=joint1.k_bend=catalogue:1:2"], "a factor of 3.6e+05 from the arm's 7.173e+05"),
         (["--prior=joint1.k_bend=log-normal:7e5:1e9"], "a prior width of 1e+09"),

@@ -63,6 +63,15 @@ def test_a_campaign_of_another_arm_is_refused(run, tmp_path):
     assert "2 joint angles, expected 3" in err
 
 
+def test_a_campaign_with_a_load_that_the_arm_has_not_is_refused_with_its_row(run, tmp_path):
+    row = "frequency,0,0,0,glas,4,Hz,0.1"
+    (tmp_path / "c.csv").write_text(f"kind,q1 [deg],q2 [deg],q3 [deg],load,value,unit,sigma\n{row}\n")
+    code, out, err = run("explore", ARM, "--campaign=c.csv")
+    assert (code, out) == (2, "")
+    assert err == "ident: c.csv:2, load: got 'glas', expected one of glass; did you mean glass?\n"
+    assert files(tmp_path) == ["c.csv"]
+
+
 def test_an_arm_that_collapses_has_no_page(run, tmp_path):
     code, out, err = run("explore", ARM, *(f"--set=joint{j}.k_bend=1" for j in (1, 2, 3)))
     assert (code, out) == (1, "")

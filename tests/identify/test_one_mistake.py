@@ -1,6 +1,7 @@
 """One mistake is one problem that names it; right rows that nearly cancel are none, and wrong ones still are."""
 
 import math
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -47,10 +48,31 @@ def times(kind: str, factor: float):
     return lambda m: m.value * (factor if m.kind == kind else 1.0)
 
 
+G = 9.80665
+
+
+def loaded(load: str, factor: float) -> Campaign:
+    """What a load adds to the tip's deflection in two postures, times a factor."""
+    both = {"kind": "deflection_difference", "point": "tip", "unit": "mm", "direction": (0.0, 0.0, -1.0), "sigma": 1e-5}
+    angles = [tuple(np.radians(q).tolist()) for q in POSTURES]
+    rows = [
+        Measurement(posture=q, load=Load.parse(load), value=1.0, where=f"c.csv:{i}", **both)
+        for i, q in enumerate(angles, 2)
+    ]
+    values = shown(lcd_arm(), Campaign(measurements=tuple(rows)), {}).tolist()
+    return Campaign(measurements=tuple(replace(m, value=factor * x) for m, x in zip(rows, values, strict=True)))
+
+
 ALL_K = tuple(path for path in lcd_arm().paths() if path.endswith(("k_bend", "k_tors")))
 MISTAKES = {
     "sign": (changed(value=times("deflection", -1.0)), {}, "c.csv:4, value: .*3 more.*a wrong sign or direction"),
     "m": (changed(value=times("deflection", 1e-3)), {}, "c.csv:4, value: .*3 more.*looks like m written as mm"),
+    "N": (
+        loaded("50 kg @ tip", 1 / G),
+        {},
+        "c.csv:2, value: .*1 more.*looks like.* a load in N written as kg: correct",
+    ),
+    "kg": (loaded("50 N -z @ tip", G), {}, "c.csv:2, value: .*1 more.*looks like.* a load in kg written as N: correct"),
     "rad/s": (changed(value=times("frequency", 2 * math.pi)), {}, "c.csv:2, .*3 more.*rad/s written as Hz"),
     "a factor": (changed(value=times("deflection", 8.0)), {}, r"c.csv:4, value: got .*, 8 times .*3 more like it"),
     "swapped": (
@@ -73,7 +95,11 @@ def test_one_mistake_is_one_problem_that_names_it(campaign, factors, words):
     arm = lcd_arm().replace({path: factor * float(lcd_arm().get(path)) for path, factor in factors.items()})
     with pytest.raises(InputError, match=words) as refused:
         check_values(pose(arm, campaign))
-    assert len(refused.value.problems) == 1
+    (problem,) = refused.value.problems
+    assert re.search(
+        r"correct (it|the file); if they are right all the same, say so \(`trust_values` all\)$|check value",
+        problem.remedy,
+    )
 
 
 def test_the_right_campaign_passes():

@@ -169,7 +169,7 @@ def test_radians_per_second_taken_for_hertz_are_questioned():
 
 def test_only_the_rows_named_are_trusted():
     posed = typed(27.5, None, 0.26)
-    with pytest.raises(InputError, match=r"say that it is right \(`trust_values` 4\)") as error:
+    with pytest.raises(InputError, match=r"if it is right all the same, say so \(`trust_values` 4\)") as error:
         check_values(posed, ("2",))
     assert [p.where for p in error.value.problems] == ["t.csv:4"]
     for trusted in (("2", "4"), ("all",)):

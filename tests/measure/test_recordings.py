@@ -624,11 +624,21 @@ def test_real_and_imaginary_part_in_two_arrays_are_a_frequency_response(tmp_path
 
 
 @each_array_file
-def test_arrays_of_three_dimensions_are_named_as_unused(tmp_path, write):
-    hits = np.arange(2 * 64 * 3.0).reshape(2, 64, 3)
+@pytest.mark.parametrize("sizes", [(2, 64, 3), (5, 400), (100, 30), (800, 65)])
+def test_arrays_whose_rows_may_be_hits_are_named_as_unused(tmp_path, write, sizes):
+    hits = np.arange(1.0 * np.prod(sizes)).reshape(sizes)
     force, several = read_recording(write(tmp_path / "a.h5", {"force": FORCE, "hits": hits})).channels
-    assert (force.flaw, several.flaw) == ("", "an array of 2 x 64 x 3")
-    assert several.remedy.startswith("save each channel as a vector of its own")
+    assert (force.flaw, several.flaw) == ("", f"an array of {' x '.join(map(str, sizes))}")
+    assert several.remedy.startswith("save each channel as a column or a vector of its own, and each hit")
+
+
+@each_array_file
+@pytest.mark.parametrize("sizes", [(120, 30), (800, 64)])
+def test_a_matrix_of_samples_and_few_columns_is_channels(tmp_path, write, sizes):
+    table = np.arange(1.0 * np.prod(sizes)).reshape(sizes)
+    found = read_recording(write(tmp_path / "a.h5", {"a": table})).channels
+    assert [(each.name, each.flaw) for each in found] == [(f"a:{i + 1}", "") for i in range(sizes[1])]
+    np.testing.assert_array_equal(np.vstack([each.values for each in found]), table.T)
 
 
 def test_what_matlab_holds_vectors_in_is_named_as_unused(tmp_path):

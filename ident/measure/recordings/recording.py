@@ -129,14 +129,13 @@ Contents = tuple[tuple[Channel, ...], tuple[Shape, ...], dict[str, tuple[float, 
 
 
 def columns(name: str, values: np.ndarray, unit: str) -> list[Channel]:
-    """Return a vector or matrix as channels: each column one; the longer side of an array is time."""
+    """Return a vector or a matrix of samples x channels as channels: each column one."""
     table = np.squeeze(values).astype(float)
     if table.size < 2:
         return []
     if table.ndim == 1:
         return [Channel(name, table[None], unit)]
-    table = table.T if table.shape[0] > table.shape[1] else table
-    return [Channel(f"{name}:{i}", row[None], unit) for i, row in enumerate(table, 1)]
+    return [Channel(f"{name}:{i}", row[None], unit) for i, row in enumerate(table.T, 1)]
 
 
 def over(channel: Channel, unit: str, quantity: str, later: float = 0.0) -> Channel:
@@ -176,7 +175,9 @@ _PART = re.compile(
 """Names of the real and the imaginary part of a response, as `real H`, `H_imag`, `Re(H)`."""
 Array = tuple[str, np.ndarray, str]
 """An array of a file: its name, values and unit."""
-VECTORS = "save each channel as a vector of its own, and each hit in a file of its own"
+VECTORS = "save each channel as a column or a vector of its own, and each hit in a file of its own"
+CHANNELS_MAX, SAMPLES_MIN = 64, 4
+"""Columns that a matrix of channels has at most, and rows per column at least; of another one, rows may be hits."""
 REAL = "values over frequency without an imaginary part"
 EXPORT = "export the real and the imaginary part of the frequency response"
 
@@ -207,7 +208,8 @@ def array_channels(arrays: Iterable[Array]) -> Iterator[Channel]:
     made: list[tuple[str, list[Channel]]] = []
     for name, values, unit in _complex(every, {v.size for v, _ in axes.values()}):
         near, axis, sizes = sorted(axes, key=lambda axis: _group(axis) != _group(name)), None, np.squeeze(values).shape
-        if values.dtype.kind == "U" or (values.dtype.kind != "c" and len(sizes) > 2):
+        most = min(CHANNELS_MAX, sizes[0] / SAMPLES_MIN) if len(sizes) == 2 else 0
+        if values.dtype.kind == "U" or (values.dtype.kind != "c" and len(sizes) > 1 and sizes[-1] > most):
             flaw = str(values) if values.dtype.kind == "U" else f"an array of {' x '.join(map(str, sizes))}"
             made.append((name, [Channel(name, np.zeros((1, 1)), flaw=flaw, remedy=VECTORS)]))
         elif values.dtype.kind == "c":
