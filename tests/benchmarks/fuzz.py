@@ -423,8 +423,12 @@ class OutOfTime(BaseException):
 
 def run(case: Case, base: Path, folder: Path) -> Outcome:
     """Run a case in this process, in a folder that is removed behind it."""
-    from ident import cli
+    from diagnose_small import SMALL
 
+    from ident import cli
+    from ident.assess.effort import DiagnosisEffort
+
+    DiagnosisEffort.__init__.__kwdefaults__.update(asdict(SMALL))  # type: ignore[attr-defined]  # minutes, where right
     outcome = Outcome(case.number, case.command, case.kind)
     shutil.copytree(base, folder)
     if case.file:
@@ -550,6 +554,9 @@ class Worker:
             outcome = Outcome(number, case.command, case.kind, faults=[fault])
         if outcome.status is None or not line:
             self.end()
+        if outcome.megabytes > MEMORY and self.served > 1:  # of programs that others have compiled, maybe
+            self.end()
+            return self.ask(number)
         return outcome
 
     def end(self) -> None:

@@ -185,3 +185,14 @@ def test_a_shorter_step_brings_the_same():
     np.testing.assert_allclose(half.peak, whole.peak, rtol=1e-3)
     with pytest.raises(InputError, match="step: got it with another method"):
         SimulateOptions(step=5e-4)
+
+
+def test_the_next_command_computes_the_same_motion():
+    """What it does not take, it is not given: resonance knows no phases and no transmission error."""
+    more = {"profile": "cycloid", "phases": "file", "errors": (30.0, 60.0), "method": "fast"}
+    resonance, design = (simulate(FILE, SimulateOptions(**SHORT, **more, limit=x)).sections() for x in (None, 1e-6))
+    arm = DATA / "lcd_arm" / "arm.toml"
+    assert resonance.next == f"ident resonance {arm} --speed 200 --profile cycloid"
+    same = "--speed 200 --profile cycloid --phases file --errors 30:60"
+    assert design.next == f"ident design {arm} --limit 1e-06 {same}"
+    assert "--phases" not in simulate(FILE, replace(FAST, limit=1e-6)).sections().next
