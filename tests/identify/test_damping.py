@@ -9,6 +9,7 @@ import pytest
 from arms import DATA, lcd_arm
 from one_program import shown
 
+import ident
 from ident.identify.conditions import bind
 from ident.identify.damping import MASS, RATIO, ModesOfRows, damped, damping_of, ratios_of
 from ident.identify.fit import fit_campaign
@@ -19,6 +20,7 @@ from ident.identify.values import OTHER_LAW, Values
 from ident.measure import Campaign, Measurement, read_campaign
 from ident.measure.covariance_and_frames import Covariance, Group
 from ident.present.files.document import plain
+from ident.present.files.values import read_fit
 from ident.present.fit import fit_sections
 from ident.present.report import text_of
 
@@ -184,12 +186,17 @@ def test_no_ratio_moves_a_stiffness():
     text = text_of(fit_sections(both))
     assert "Damping: 0.9" in text.replace("1 %", "0.99 %")
     assert "does not change with frequency" in text
-    assert OTHER_LAW in Values.of_fit(both, lcd_arm()).remark
+    taken = Values.of_fit(both, lcd_arm())
+    assert taken.values["joint2.loss_tors"] == pytest.approx(0.02, rel=0.1)
+    assert (float(taken.values["joint2.tau_tors"]), taken.remark) == (0.0, "")
     again = fit_of(lcd_arm(), more, Unknowns(), json.loads(json.dumps(plain(fit_state(both), str))))
     assert again.damping.best.values == pytest.approx(both.damping.best.values, rel=1e-6)
     _, viscous = shipped("viscous")
     taken = Values.of_fit(fit_campaign(lcd_arm(), viscous), lcd_arm()).values
     assert taken["joint2.tau_tors"] == pytest.approx(2e-3, rel=0.1)
+    assert not any("loss" in path for path in taken)
+    _, falling = shipped("falling")
+    assert OTHER_LAW in Values.of_fit(fit_campaign(lcd_arm(), falling), lcd_arm()).remark
 
 
 @pytest.mark.slow
@@ -208,3 +215,14 @@ def test_poles_have_the_damping_that_was_measured():
     start = np.array([float(lcd_arm().get(name)) for name in fit.problem.parameters.names])
     assert fit.poles.numbers
     assert np.log(fit.best.values / start) == pytest.approx(0, abs=2e-4)
+
+
+@pytest.mark.slow
+def test_a_saved_fit_hands_on_the_law_of_its_damping(tmp_path):
+    """Of a fit whose law no arm can have it says so."""
+    for law in ("constant", "falling"):
+        result = ident.fit(DATA / "lcd_arm" / "arm.toml", shipped(law)[1])
+        saved, *_ = result.save(tmp_path / law)
+        taken, read = result.values_of(lcd_arm())[0], read_fit(saved, lcd_arm())[0]
+        assert (read.values, read.remark) == (taken.values, taken.remark)
+        assert ("joint1.loss_bend" in read.values) == (law == "constant") == (not read.remark)
