@@ -9,7 +9,7 @@ from arms import lcd_arm, random_arm
 from commands import posterior
 from equinox import filter_jit
 
-from ident.arm.arm import Arm, stiffness_paths
+from ident.arm.arm import Arm, loss_paths, stiffness_paths
 from ident.arm.chain import at_posture
 from ident.arm.mechanics import flat, point_positions, static_equilibrium, unflatten
 from ident.arm.modes import linearize
@@ -24,6 +24,8 @@ pytestmark = pytest.mark.slow
 
 CAMPAIGN = "data/lcd_arm/campaign.csv"
 SIX = random_arm(np.random.default_rng(0), 6)
+LOSSY = lcd_arm().replace(dict.fromkeys(loss_paths(lcd_arm())[:4], 0.002))
+"""With damping times in all directions, and loss factors in four of six."""
 ROWS = "[...document.querySelectorAll('#modes tr')].map((row) => [...row.cells].map((c) => c.innerText.trim()))"
 HOSTILE = "</script><img src=x onerror=alert(1)><!--"
 
@@ -58,6 +60,11 @@ def six_page(browser, tmp_path_factory):
     return explore(SIX).save(tmp_path_factory.mktemp("six"))[0]
 
 
+@pytest.fixture(scope="module")
+def lossy_page(browser, tmp_path_factory):
+    return explore(LOSSY).save(tmp_path_factory.mktemp("lossy"))[0]
+
+
 def until(page, condition):
     """Wait; playwright's own way evaluates text, which the page's policy refuses."""
     for _ in range(200):
@@ -82,6 +89,7 @@ def solved(opened, posture, mass, numbers, arm):
 @pytest.mark.parametrize(("arm", "page", "posture", "load"), [
     (lcd_arm(), "plain_page", (0, 0, 0), "own weight"),
     (lcd_arm(), "plain_page", (71, -142, 71), "glass"),
+    (LOSSY, "lossy_page", (46, -92, 46), "own weight"),
     (SIX, "six_page", (10, 20, -30, 40, 50, 60), "glass"),
 ])  # fmt: skip
 def test_frequencies_and_deflections_are_those_of_predict(arm, page, posture, load, request, browser_page):
