@@ -43,11 +43,10 @@ faulty
 # %% [markdown]
 # ## From files to a population
 #
-# Each robot is fitted under a wide prior; robots with the same measurements together, 50 at a time. The
-# likelihoods, with the prior divided out, determine the population. A second call would reuse the fits in `folder`.
+# Each robot is fitted under a wide prior. The likelihoods, with the prior divided out, determine the population. A second call would reuse the fits in `folder`.
 
 # %%
-options = ident.FleetOptions(starts=4, batch=50)
+options = ident.FleetOptions(starts=4)
 result = ident.fleet(robots, options=options, folder=Path(folder.name) / "fits")
 print(result.report().replace(f"{folder.name}/", ""))
 
