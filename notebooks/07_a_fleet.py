@@ -43,7 +43,8 @@ faulty
 # %% [markdown]
 # ## From files to a population
 #
-# Each robot is fitted under a wide prior. The likelihoods, with the prior divided out, determine the population. A second call would reuse the fits in `folder`.
+# Each robot is fitted under a wide prior. The likelihoods, with the prior divided out, determine the population. A
+# second call would reuse the fits in `folder`.
 
 # %%
 options = ident.FleetOptions(starts=4)
