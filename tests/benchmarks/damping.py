@@ -114,7 +114,7 @@ def stages(name, arm, rows, given):
             rng = np.random.default_rng((given.seed, LAWS.index(law), draw))
             held = rng.bit_generator.state
             numbers = {} if law == "random" else truth(law, arm, rng)
-            true = damped(arm, numbers) if given.of and numbers and MASS not in numbers else arm
+            true = damped(arm, numbers) if given.of else arm
             rng.bit_generator.state = held
             ratios = true_ratios(law, arm, rows, rng) * (1 + NOISE * rng.standard_normal(len(rows)))
             noise = np.random.default_rng((given.seed, draw)).standard_normal(len(hertz) + len(still))

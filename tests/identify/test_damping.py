@@ -95,6 +95,20 @@ def test_ratios_of_several_stiffnesses_are_those_of_each():
     assert abs(every[MASS][:, 0] / every[MASS][:, 19] - 1).max() > 0.05
 
 
+def test_damping_is_drawn_for_each_draw_of_a_stiffness():
+    """More draws than are computed at once, of an arm twice as stiff too: the same ratios, half the time or so."""
+    path, count = "joint2.k_tors", 300
+    k = float(lcd_arm().get(path)) * np.where(np.arange(count) % 2, 2.0, 1.0)
+    damping = found(exact("viscous"), 0)
+    given = damping.given({path: k})
+    assert given.keys() == {group for group, x in damping.carried.items() if x}
+    tors = next(x for paths, x in given.items() if "joint2.tau_tors" in paths)
+    assert len(tors) == count
+    assert np.median(tors[::2]) == pytest.approx(2e-3, rel=0.1)
+    assert np.median(tors[1::2]) < 0.97 * np.median(tors[::2])
+    assert 0.005 < tors[::2].std() / 2e-3 < 0.1
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_the_data_choose_the_law(law):
     for seed in range(3):

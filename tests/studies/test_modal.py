@@ -348,3 +348,36 @@ def test_a_folder_without_table_or_arm(tmp_path):
 def test_a_table_may_be_a_value(result, posture):
     (test,) = ident.modal_test(FOLDER, posture, FOLDER / "arm.toml", ident.ModalOptions(no_modes=True)).tests
     np.testing.assert_array_equal(test.frf.hits, result.tests[2].frf.hits)
+
+
+def test_one_damping_ratio_in_all_modes_to_the_posterior(monkeypatch, tmp_path):
+    """Recordings of an arm that loses 1 % in each mode, which its file does not say: C = 0.02 M (M^-1 H)^(1/2)."""
+    made, of_the_file = generator(), generator()._matrices
+
+    def matrices(*given):
+        M, _, H, *maps = map(np.asarray, of_the_file(*given))
+        L = np.linalg.cholesky(M)
+        squared, shapes = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, H).T))
+        return M, 0.02 * (L @ shapes * np.sqrt(squared)) @ (L @ shapes).T, H, *maps
+
+    monkeypatch.setattr(made, "_matrices", matrices)
+    # at 1 % the arm still rings at the end of a record: the analyser's window
+    for name, value in {"ALPHA": (0, 60), "HITS": 3, "FAULTS": {}, "WINDOW": {0: 0.3, 60: 0.3}}.items():
+        monkeypatch.setattr(made, name, value)
+    made.main(tmp_path)
+    modes = ident.modal_test(tmp_path)
+    assert modes.sections().verdict.word == "GOOD"
+    fit = ident.fit(modes.arm, modes.campaign)
+    said, damping = fit.sections(), fit.fit.damping
+    assert said.verdict.word.startswith("GOOD")
+    assert not any("damping" in finding.text for finding in said.findings)
+    assert "Damping: 1 % in all modes; it does not change with frequency." in fit.report()
+    assert damping.predicted == pytest.approx(0.01, rel=0.02)
+    assert not (fit.doubts or damping.marked.any())
+    for path, value in fit.parameters.items():
+        assert value == pytest.approx(float(modes.arm.arm.get(path)), rel=0.01)
+    sampled = ident.sample(modes.arm, modes.campaign, steps=500)
+    assert sampled.sections().verdict.word.startswith("GOOD")
+    for paths, drawn in sampled.sample.damping.items():
+        assert np.median(drawn) == pytest.approx(0.02 if "loss" in paths[0] else 0.0, rel=0.1)
+    sampled.save(tmp_path)
