@@ -17,7 +17,14 @@ from pydantic import ValidationError
 from ident.arm.arm import Arm, check_size, massless_joints, on_soft_base
 from ident.arm.parts import Payload, Point
 from ident.description.problems import Source, lines_of, load_toml
-from ident.description.rewriting import changed_numbers, joint_text, set_inertias, set_numbers, with_first_joint
+from ident.description.rewriting import (
+    changed_numbers,
+    joint_text,
+    place_damping,
+    set_inertias,
+    set_numbers,
+    with_first_joint,
+)
 from ident.description.robot import (
     JointsFile,
     Robot,
@@ -208,9 +215,10 @@ def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where
         origin: the origin of these numbers from now on; a vector has one origin for all its components.
         where: names the text in errors.
     """
-    parse_document(text, where)
-    document = tomlkit.parse(text)
-    set_numbers(_tables(document), values, origin, where)
+    before, document = parse_arm(text, where), tomlkit.parse(text)
+    tables = _tables(document)
+    place_damping(tables, before, values)
+    set_numbers(tables, values, origin, where)
     updated = tomlkit.dumps(document)
     parse_document(updated, where)
     return updated

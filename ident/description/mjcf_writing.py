@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm, on_soft_base
 from ident.arm.chain import at_posture
+from ident.arm.fields import LOSS
 from ident.arm.mechanics import equilibrium
 from ident.arm.parts import Body, Joint
 from ident.arm.rotations import matmul, rotation, rotation_vector
@@ -153,8 +154,8 @@ def mjcf_with_bushings(
     """Return an MJCF file of another arm of the same parts, with its bushings, and a comment before it.
 
     A hinge of a bushing has the stiffness k [N m/rad] and the damping tau k [N m s/rad]; loss factors have no place
-    there. Masses, mass centres, inertias and offsets that differ are written too. Included files are written in their
-    places, keyframes get the angle 0 of each new hinge.
+    there, which the comment says. Masses, mass centres, inertias and offsets that differ are written too. Included
+    files are written in their places, keyframes get the angle 0 of each new hinge.
 
     Args:
         path: the file that the arm was read from.
@@ -186,7 +187,11 @@ def mjcf_with_bushings(
                 words = enumerate(key.attrib[name].split())
                 each = " ".join(added.get(named.get(n, ""), "") * (named.get(n) in own) + word for n, word in words)
                 key.set(name, each if arm.base is None else added[arm.base.name] + each)
-    return data[: root_start(data)] + comment(lines) + ElementTree.tostring(tree.root, encoding="utf-8") + b"\n"
+    lost = [joint.name for joint in joints if any(float(getattr(joint, key) or 0.0) for key in LOSS)]
+    more = [f"Not in this file: the loss factors of {', '.join(lost)}. MuJoCo has none."] if lost else []
+    return (
+        data[: root_start(data)] + comment([*lines, *more]) + ElementTree.tostring(tree.root, encoding="utf-8") + b"\n"
+    )
 
 
 def _check_free(tree: Tree, arm: Arm) -> None:

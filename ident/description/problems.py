@@ -47,6 +47,8 @@ ADD = {
 BODY = document.BodyTable
 TABLES: dict[str, type[Table]] = {
     "": document.ArmDocument,
+    "damping": document.DampingTable,
+    "value": document.EachWay,
     "joint": document.JointTable,
     "shaft": BODY,
     "link": BODY,

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import tomlkit
 from ident.arm.arm import GRAVITY, Arm
 from ident.arm.fields import COMPONENTS, DAMPING, LOSS, STIFFNESS
 from ident.arm.parts import Body, Joint
-from ident.description.schema import RIGID, Origin, si
+from ident.description.schema import RIGID, DampingTable, Origin, si
 from ident.errors import refusal
 from ident.text import one_line
 
@@ -29,6 +29,28 @@ def set_numbers(tables: Mapping[str, Any], values: Mapping[str, float], origin: 
         entry, holder, key = _slot(tables, path, where)
         holder[key] = _in_unit(entry, value)
         entry["origin"] = origin
+
+
+def place_damping(joints: Mapping[str, Any], arm: Arm, paths: Collection[str]) -> None:
+    """Write all damping of joints whose tables lack the place of some, as times and loss factors, in their own tables.
+
+    Args:
+        joints: tables by name; other tables may be among them.
+        arm: the arm that they describe.
+        paths: numbers that need a place.
+    """
+    for joint in arm.joints:
+        keys = [key for key in (*DAMPING, *LOSS) if key not in joints.get(joint.name, {})]
+        if missing := [key for key in keys if f"{joint.name}.{key}" in paths]:
+            table = joints[joint.name]
+            for word in DampingTable.model_fields:
+                table.pop(word, None)
+            for key in keys:
+                value = float(getattr(joint, key) or 0.0)
+                if value or key in missing:
+                    table[key] = tomlkit.inline_table()
+                    table[key].update({"value": value} | ({"unit": UNITS[key]} if key in UNITS else {}))
+                    table[key]["origin"] = "derived"
 
 
 def changed_numbers(before: Arm, after: Arm) -> dict[str, float]:

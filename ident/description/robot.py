@@ -15,17 +15,24 @@ from jaxtyping import Float
 from pydantic import Field, ValidationError
 
 from ident.arm.arm import GRAVITY, Arm, massless_joints, on_soft_base
-from ident.arm.fields import LARGEST, LOSS
+from ident.arm.fields import LARGEST
 from ident.arm.parts import Body, Joint, Payload, Point
 from ident.description.problems import TABLES, Source, load_toml
-from ident.description.rewriting import bushing_text, changed_numbers, set_inertias, set_numbers, with_first_joint
+from ident.description.rewriting import (
+    bushing_text,
+    changed_numbers,
+    place_damping,
+    set_inertias,
+    set_numbers,
+    with_first_joint,
+)
 from ident.description.schema import (
     BUSHING,
     BushingTable,
+    Damped,
     Origin,
     PayloadTable,
     PointTable,
-    Table,
 )
 from ident.errors import InputError, Problem, refusal, refuse
 from ident.text import NAME, NAME_RULE, decode, did_you_mean, one_line, read_bytes
@@ -354,7 +361,7 @@ def _in_range(pair: Any, what: str) -> bool:
 SUFFIX = ".joints.toml"
 
 
-class JointsDocument(Table):
+class JointsDocument(Damped):
     """All that such a file says."""
 
     format: Literal["ident-joints/1"]
@@ -446,9 +453,7 @@ def joints_text(text: str, before: Arm, arm: Arm, origin: Origin, where: str) ->
         if name not in others and not (name in joints and field in BUSHING):
             continue
         own[path] = value
-        if name in joints and field not in joints[name]:
-            joints[name][field] = tomlkit.inline_table()
-            joints[name][field].update({"value": value} | ({} if field in LOSS else {"unit": "s"}))
+    place_damping(joints, before, own)
     set_numbers(joints | others, own, origin, where)
     written = JointsDocument.model_validate(load_toml(tomlkit.dumps(document), where))
     payloads = tuple(Payload(each.joint, each.body()) for each in written.payload)

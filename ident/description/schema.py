@@ -378,11 +378,69 @@ UPRIGHT = Direction.model_construct(value=[0.0, 0.0, 1.0], origin="assumed")
 STANDARD = Acceleration.model_construct(value=list(GRAVITY), unit="m/s^2", origin="assumed")
 
 
+class EachWay(Table, Generic[Value]):
+    """A number for bending and one for torsion."""
+
+    bend: Value | None = None
+    tors: Value | None = None
+
+
+ONE_OR_EACH = Discriminator(lambda v: "table" if isinstance(v, dict | EachWay) else "number")
+Share = Annotated[float, Field(ge=0, le=1)]
+Shared = Annotated[Annotated[Share, Tag("number")] | Annotated[EachWay[Share], Tag("table")], ONE_OR_EACH]
+Lost = Annotated[Annotated[NonNegative, Tag("number")] | Annotated[EachWay[NonNegative], Tag("table")], ONE_OR_EACH]
+
+
+class DampingTable(Table):
+    """Damping in the field's words, of a bushing or of all: one word for each direction.
+
+    Attributes:
+        ratio: damping ratio of a light mode of such bushings alone: half the loss factor.
+        loss_factor: share of the strain energy lost per cycle, over 2 pi.
+        time: damping per stiffness.
+    """
+
+    ratio: Plain[Shared] | None = None
+    loss_factor: Plain[Lost] | None = None
+    time: Quantity[Annotated[str, _unit("tau_bend", "ms")], Lost] | None = None
+
+    def by_way(self) -> dict[str, tuple[str, str, Any]]:
+        """Return for `bend` and `tors` the word that is given, and the field of a joint that it is, as a quantity."""
+        found: dict[str, tuple[str, str, Any]] = {}
+        for word, field, factor in (("ratio", "loss", 2.0), ("loss_factor", "loss", 1.0), ("time", "tau", 1.0)):
+            if given := getattr(self, word):
+                values = vars(given.value) if isinstance(given.value, EachWay) else dict.fromkeys(WAYS, given.value)
+                for way in (way for way in WAYS if values[way] is not None):
+                    check_one_word(found.get(way, (word,))[0], word)
+                    number = given.model_copy(update={"value": factor * values[way]})
+                    found[way] = word, f"{field}_{way}", number
+        return found
+
+    @model_validator(mode="after")
+    def _one_word(self) -> "DampingTable":
+        self.by_way()
+        return self
+
+
+WAYS = ("bend", "tors")
+
+
+def check_one_word(one: str, other: str) -> None:
+    """Refuse two words for the damping of a bushing in one direction."""
+    if one != other:
+        raise complaint(f"{one} and {other}", "one word for the damping of a bushing", f"take {one} or {other} out")
+
+
+def damping_of_way(way: str) -> tuple[str, str]:
+    """Return the fields of damping in bending or torsion."""
+    return f"tau_{way}", f"loss_{way}"
+
+
 BUSHING = ("k_bend", "k_tors", "tau_bend", "tau_tors", *LOSS)
 """What a joint's bushing has."""
 
 
-class BushingTable(Table):
+class BushingTable(DampingTable):
     """The bushing of a joint; the meaning of each key is that of `Joint`'s attribute."""
 
     name: Name
@@ -398,7 +456,17 @@ class BushingTable(Table):
         for key in self.model_fields_set.intersection(BUSHING[2:]):
             if getattr(self, k := f"k_{key.partition('_')[2]}") == RIGID:
                 raise complaint(f'{key} and {k} = "rigid"', "damping where it gives", f"take {key} out")
+        for way, (word, *_) in self.by_way().items():
+            for key in self.model_fields_set.intersection(damping_of_way(way)):
+                check_one_word(word, key)
+        self.fill(self)
         return self
+
+    def fill(self, damping: DampingTable) -> None:
+        """Take damping where the bushing gives and has none of its own."""
+        for way, (_, field, number) in damping.by_way().items():
+            if getattr(self, f"k_{way}") != RIGID and not self.model_fields_set.intersection(damping_of_way(way)):
+                setattr(self, field, number)
 
     def bushing(self) -> dict[str, Any]:
         """Return what `Joint` takes."""
@@ -551,7 +619,20 @@ def _given(table: Table, fields: tuple[str, ...]) -> dict[str, Any]:
     return {field: quantity.number for field in fields if (quantity := getattr(table, field)) is not None}
 
 
-class ArmDocument(Table):
+class Damped(Table):
+    """A file of joints, with the damping of those that say none."""
+
+    damping: DampingTable = Field(default_factory=DampingTable)
+    joint: Any
+
+    @model_validator(mode="after")
+    def _damped(self) -> "Damped":
+        for joint in self.joint:
+            joint.fill(self.damping)
+        return self
+
+
+class ArmDocument(Damped):
     """All that `arm.toml` says."""
 
     format: Literal["ident-arm/1"]

@@ -279,6 +279,82 @@ def test_a_rigid_direction_is_a_word_and_no_number():
     )
 
 
+RATIO, LOST = '{ value = 0.01, origin = "measured" }', '{ value = { bend = 0.03 }, origin = "paper" }'
+MS = '{ value = { tors = 2 }, unit = "ms", origin = "assumed" }'
+FIELDS = ("tau_bend", "tau_tors", "loss_bend", "loss_tors")
+
+
+def with_damping(words, joint=""):
+    """The text with a table of damping, and words of joint 1."""
+    text = TEXT.replace("[[joint]]", f"[damping]\n{words}\n\n[[joint]]", 1) if words else TEXT
+    return text.replace('name = "joint1"\n', f'name = "joint1"\n{joint}\n', 1)
+
+
+def damping(text):
+    return [tuple(getattr(joint, field) for field in FIELDS) for joint in parse_arm(text).joints]
+
+
+@pytest.mark.parametrize(
+    ("words", "joint", "expected"),
+    [
+        (f"ratio = {RATIO}", "", [(0, 0, 0.02, 0.02), (0, 0.002, 0.02, None)]),
+        (f"loss_factor = {LOST}", "", [(0, 0, 0.03, None), (0, 0.002, 0.03, None)]),
+        (f"time = {MS}\nratio = {LOST}", "", [(0, 0.002, 0.06, None)] * 2),
+        (f"ratio = {RATIO}", f"loss_factor = {LOST}", [(0, 0, 0.03, 0.02), (0, 0.002, 0.02, None)]),
+        ("", f"time = {MS}", [(0, 0.002, None, None)] * 2),
+        (
+            f"ratio = {RATIO}",
+            f"tau_bend = {TAU}\nloss_bend = {RATIO}",
+            [(0.002, 0, 0.01, 0.02), (0, 0.002, 0.02, None)],
+        ),
+    ],
+)
+def test_damping_in_the_fields_words_is_of_bushings_that_say_none(words, joint, expected):
+    assert damping(with_damping(words, joint)) == expected
+
+
+@pytest.mark.parametrize(
+    ("words", "joint", "line"),
+    [
+        (f"ratio = {RATIO}\ntime = {MS}", "", "arm.toml:4, damping: got ratio and time"),
+        ("", f"ratio = {RATIO}\ntau_tors = {TAU}", "arm.toml:4, joint[0] 'joint1': got ratio and tau_tors"),
+        ("", f"ratio = {LOST}\nloss_factor = {LOST}", "arm.toml:4, joint[0] 'joint1': got ratio and loss_factor"),
+        ('ratio = { value = 1.5, origin = "paper" }', "", "arm.toml:5, damping.ratio.value: got 1.5, expected"),
+        (
+            f"ratio = {LOST.replace('0.03', '-1')}",
+            "",
+            "arm.toml:5, damping.ratio.value.bend: got -1, expected a number >=",
+        ),
+        (
+            f"ratio = {LOST.replace('bend', 'bending')}",
+            "",
+            "unknown key 'bending', expected one of bend, tors; did you",
+        ),
+        (
+            f"ratios = {RATIO}",
+            "",
+            "unknown key 'ratios', expected one of ratio, loss_factor, time; did you mean ratio?",
+        ),
+    ],
+)
+def test_a_wrong_word_of_damping_is_told_in_one_line(words, joint, line):
+    (message,) = problems(with_damping(words, joint))
+    assert line in message
+
+
+def test_damping_that_is_common_keeps_its_origin_and_is_revised_in_its_joint():
+    text = with_damping(f"ratio = {RATIO}")
+    assert parse_document(text).origins()["joint1.loss_tors"] == "measured"
+    assert damping(changed(K_TORS, 'k_tors = "rigid"').replace("[[j", f"[damping]\nratio = {RATIO}\n[[j", 1))[0] == (
+        *(0, None, 0.02, None),
+    )
+    revised = update_file(text, {"joint1.loss_bend": 0.05}, origin="calibrated")
+    assert damping(revised) == [(0, 0, 0.05, 0.02), (0, 0.002, 0.02, None)]
+    own = update_file(with_damping("", f"ratio = {RATIO}"), {"joint1.tau_bend": 0.001}, origin="calibrated")
+    assert damping(own)[0] == (0.001, 0, 0.02, 0.02)
+    assert parse_document(own).origins()["joint1.tau_bend"] == "calibrated"
+
+
 def test_an_arm_that_gives_nowhere_is_refused():
     everywhere = re.sub(r"tau_.*\n", "", re.sub(r"(k_(bend|tors)) = .*", r'\1 = "rigid"', TEXT))
     assert "got every stiffness rigid, expected an arm that gives somewhere" in problems(everywhere)[0]
@@ -413,7 +489,7 @@ def test_revising_every_written_number_to_itself_keeps_the_arm():
 
 
 @pytest.mark.parametrize(
-    "path", ["hand", "hand.mas", "nobody.mass", "hand.inertia.xx", "hand.mass.x", "joint1.tau_bend"]
+    "path", ["hand", "hand.mas", "nobody.mass", "hand.inertia.xx", "hand.mass.x", "joint1.tau_tor"]
 )
 def test_revising_what_is_not_written_is_refused(path):
     with pytest.raises(InputError, match="a number of this file"):

@@ -216,6 +216,19 @@ def test_the_comment_stands_before_the_model_and_dashes_do_not_end_it(robot):
     assert text.startswith("<!--\n  a - - b - - - c\n  - ->\n-->\n<mujoco")
 
 
+def test_loss_factors_that_mujoco_has_not_are_said_in_a_line(robot):
+    beside = robot.parent / "arm.joints.toml"
+    ratio = '[damping]\nratio = { value = 0.01, origin = "measured" }\n\n'
+    beside.write_text(JOINTS.replace("[[joint]]", f"{ratio}[[joint]]", 1))
+    written(robot, read_arm(robot).arm)
+    said = "  Not in this file: the loss factors of"
+    (line,) = (line for line in (robot.parent / "fitted.xml").read_text().splitlines() if line.startswith(said))
+    assert line.endswith(". MuJoCo has none.")
+    beside.write_text(JOINTS)
+    written(robot, read_arm(robot).arm)
+    assert said not in (robot.parent / "fitted.xml").read_text()
+
+
 def test_included_files_are_written_in_their_places(robot):
     text, start, end = WITHOUT_MESHES, WITHOUT_MESHES.index("<worldbody>"), WITHOUT_MESHES.index("<actuator>")
     (robot.parent / "body.xml").write_text(f"<mujoco>{text[start:end]}</mujoco>")

@@ -373,7 +373,8 @@ def test_one_damping_ratio_in_all_modes_to_the_posterior(monkeypatch, tmp_path):
     assert not any("damping" in finding.text for finding in said.findings)
     assert "Damping: 1 % in all modes; it does not change with frequency." in fit.report()
     assert damping.predicted == pytest.approx(0.01, rel=0.02)
-    assert not (fit.doubts or damping.marked.any())
+    assert fit.doubts == ()
+    assert not damping.marked.any()
     for path, value in fit.parameters.items():
         assert value == pytest.approx(float(modes.arm.arm.get(path)), rel=0.01)
     sampled = ident.sample(modes.arm, modes.campaign, steps=500)
