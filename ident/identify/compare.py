@@ -71,6 +71,22 @@ class Comparison:
         return names_of(self.first, self.second)
 
     @property
+    def damping(self) -> tuple[int, float, float] | None:
+        """Modes whose damping ratios both campaigns have, their mean change of ln(ratio) and its standard deviation.
+
+        None where a campaign has no damping ratio. It is not part of the verdict.
+        """
+        pair = [fit.damping for fit in self.fits if fit.damping]
+        if len(pair) < 2:
+            return None
+        rows = [{(m.posture, m.load, m.drives, m.mode): i for i, m in enumerate(each.rows)} for each in pair]
+        both = [mode for mode in rows[0] if mode in rows[1]]
+        before, after = (each.ratios.some([own[mode] for mode in both]) for each, own in zip(pair, rows, strict=True))
+        weights = np.linalg.solve(before.covariance + after.covariance, np.ones(len(both)))
+        share = weights.sum()
+        return len(both), float(weights @ (after.log - before.log) / share) if both else 0.0, float(share**-0.5)
+
+    @property
     def name(self) -> str:
         """Both names; one where they are the same."""
         return "-".join(dict.fromkeys(self.names))
@@ -321,6 +337,12 @@ class Validation:
     def covered(self) -> int:
         """Measurements in the 95 % interval of their prediction."""
         return int((np.abs(self.z) < half_width(LEVEL)).sum())
+
+    @cached_property
+    def ratios(self) -> Float[np.ndarray, "n 3"]:
+        """Damping ratios as measured, as predicted from the other parts, and their distance, see `Damping.left_out`."""
+        damping = self.fit.damping
+        return damping.left_out(parts_of(damping.rows, self.leave).values()) if damping else np.zeros((0, 3))
 
     @property
     def scopes(self) -> tuple[Scope, ...]:

@@ -504,6 +504,17 @@ class Damping:
         """The best law's ratios [-]."""
         return self._design(self.best.groups, self.columns).of(self.best.values)
 
+    def left_out(self, parts: Iterable[Sequence[int]]) -> Float[np.ndarray, "n 3"]:
+        """Return ratios as measured and as the rows of other parts predict them, and how far they are apart.
+
+        The law is the best one, its numbers are those of the other parts. The distance is in standard deviations.
+        """
+        design, found = self._design(self.best.groups, self.columns), [np.zeros((0, 3))]
+        for part in (part for part in parts if len(part) + 1 < len(self.rows)):
+            _, mean, z = _by_others(self.best, design, self.ratios, part)
+            found.append(np.array([np.exp(self.ratios.log[part]), np.exp(mean), z]).T)
+        return np.concatenate(found)
+
     def numbers(self, law: Law) -> dict[str, float]:
         """Return all damping by path: a law's, and what is kept."""
         return _kept(law.groups, self.arm, self.unknowns) | law.numbers
@@ -665,13 +676,24 @@ def _marked(law: Law, design: _Design, ratios: Ratios) -> Bool[np.ndarray, "D"]:
     off = np.abs(ratios.log - np.log(design.of(law.values))) / np.sqrt(np.diag(ratios.covariance))
     marked = np.zeros(len(rows), bool)
     for row in np.argsort(-off)[:SUSPECTS].tolist() if len(rows) > 2 else ():
-        rest = rows[rows != row]
-        data = ratios.some(rest)
-        fitting = _Fitting(design.some(rest), data, _Errors(data))
-        others = fitting.law(law.groups)
-        like = design.some([row]), ratios.some([row])
-        drawn = fitting.drawn(others, like, _highest(others.weights), DRAWS, np.random.default_rng(0))
-        z = (ratios.log[row] - drawn.mean()) / math.hypot(drawn.std(), math.sqrt(ratios.covariance[row, row]))
-        freedom = max(len(rest) - int((others.values > 0).sum()), 1)
-        marked[row] = 2 * stdtr(freedom, -abs(z)) < MARKED / len(rows)
+        others, _, z = _by_others(law, design, ratios, [row])
+        freedom = max(len(rows) - 1 - int((others.values > 0).sum()), 1)
+        marked[row] = 2 * stdtr(freedom, -abs(z[0])) < MARKED / len(rows)
     return marked
+
+
+def _by_others(
+    law: Law, design: _Design, ratios: Ratios, left: Sequence[int]
+) -> tuple[Law, Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """Return a law by the rows that are not left out, ln(ratio) of those that are, and by how much they are off it.
+
+    The latter is in standard deviations, of what was measured and of the prediction.
+    """
+    rest = np.setdiff1d(np.arange(len(ratios.log)), left)
+    data, like = ratios.some(rest), ratios.some(left)
+    fitting = _Fitting(design.some(rest), data, _Errors(data))
+    others = fitting.law(law.groups)
+    place = _highest(others.weights)
+    drawn = fitting.drawn(others, (design.some(left), like), place, DRAWS, np.random.default_rng(0))
+    mean = drawn.mean(1)
+    return others, mean, (like.log - mean) / np.sqrt(drawn.var(1) + np.diag(like.covariance))

@@ -71,6 +71,7 @@ class Robot:
         prior_sd: (P,) infinite for none.
         likelihood: what its data say of theta, prior divided out.
         measurements: number of them.
+        damping_ratio: geometric mean of the measured modes', by the law of its damping; 0 where none was measured.
         doubts: objections to the fit.
     """
 
@@ -85,6 +86,7 @@ class Robot:
     prior_sd: Float[np.ndarray, "P"] = field(default_factory=lambda: np.zeros(0))
     likelihood: Likelihood = field(default_factory=lambda: Likelihood(np.zeros((0, 0)), np.zeros(0)))
     measurements: int = 0
+    damping_ratio: float = 0.0
     doubts: tuple[str, ...] = ()
 
     @property
@@ -196,7 +198,9 @@ def linear(fit: Fit) -> Linear:
 def robot_of(fit: CampaignFit, name: str, campaign: SourceFile, arm: SourceFile) -> Robot:
     """Return what a fit says of its robot's stiffnesses; other unknowns are integrated out under their priors."""
     robot = robot_at(linear(fit), fit.problem.parameters, Stiffnesses.of(fit.problem.parameters))
-    return replace(robot, name=name, campaign=campaign, arm=arm, measurements=len(fit.campaign), doubts=fit.doubts)
+    ratio = float(np.exp(np.nanmean(np.log(fit.damping.predicted)))) if fit.damping else 0.0
+    own = {"name": name, "campaign": campaign, "arm": arm, "measurements": len(fit.campaign), "damping_ratio": ratio}
+    return replace(robot, **own, doubts=fit.doubts)
 
 
 def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Robot:

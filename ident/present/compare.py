@@ -7,7 +7,8 @@ import numpy as np
 
 from ident.identify.fit import CampaignFit
 from ident.inference.change import LEVEL
-from ident.inference.information import holm, p_in_words
+from ident.inference.information import half_width, holm, p_in_words
+from ident.present.fit import damping_in_words
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut, with_remedy, without_empty_columns
 from ident.present.words import counted, in_shown_unit, percent, sentence, some, unit_of
 from ident.text import as_word
@@ -28,7 +29,8 @@ def compare_sections(comparisons: Sequence["Comparison"], unpaired: Sequence[str
         (one,) = comparisons
         subject = f"{_campaigns(one)}\n  {_counts(one)}"
         notes = Section("How to read it", (_meaning(one),))
-        return Report(subject, _verdict(one), (_table(one),), tuple(_findings(one)), next=_next(one), details=(notes,))
+        answer = _table(one), *_damping(one)
+        return Report(subject, _verdict(one), answer, tuple(_findings(one)), next=_next(one), details=(notes,))
     return _overview(comparisons, unpaired)
 
 
@@ -91,6 +93,21 @@ def _table(comparison: "Comparison") -> Table:
     head = (f"Stiffness [{unit}]", "before", "after", "change", "95 % interval", "p", "")
     changed = tuple(np.flatnonzero(change.changed).tolist())
     return without_empty_columns(Table("", head, tuple(rows), ("", ".4g", ".4g", "", "", ".2g", ""), strong=changed))
+
+
+def _damping(comparison: "Comparison") -> Iterator[str]:
+    """Yield the law of damping in both campaigns, and whether it has changed; it is no part of the verdict."""
+    if not (found := comparison.damping):
+        return
+    count, change, sd = found
+    words = (text.removeprefix("Damping: ") for fit in comparison.fits for text in damping_in_words(fit.damping))
+    text = f"Damping: {' Then '.join(words)}"
+    if count:
+        half = half_width(1 - LEVEL) * sd
+        ends = f"{ratio_words(change - half)} to {ratio_words(change + half)}"
+        verdict = "it has changed" if abs(change) > half else "no change"
+        text += f" In {counted(count, 'mode')} of both the ratio differs by {ratio_words(change)} ({ends}): {verdict}."
+    yield text
 
 
 def ratio_words(log: float) -> str:
@@ -169,7 +186,8 @@ def _pair(comparison: "Comparison") -> Section:
     """Return a pair of several: its verdict, its stiffnesses and what to check."""
     verdict, findings = _verdict(comparison), map(with_remedy, _findings(comparison))
     words = f"{_counts(comparison)}. {verdict.word}: {verdict.reason}"
-    return Section(_campaigns(comparison), (words, _table(comparison), *findings, _meaning(comparison)))
+    answer = _table(comparison), *_damping(comparison)
+    return Section(_campaigns(comparison), (words, *answer, *findings, _meaning(comparison)))
 
 
 def level_words() -> str:

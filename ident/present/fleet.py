@@ -36,11 +36,19 @@ def fleet_sections(fleet: Fleet) -> Report:
     return Report(
         f"Fleet of {counted(len(fleet.robots), 'robot')}{stiffnesses}: {', '.join(counts)}",
         _verdict(fleet),
-        (*clearest, *population),
+        (*clearest, *population, *_damping(fleet)),
         tuple(_findings(fleet)),
         next=_next(fleet),
         details=tuple(_details(fleet)),
     )
+
+
+def _damping(fleet: Fleet) -> Iterator[str]:
+    """Yield the median of the robots' damping ratios and their spread; it is no part of the verdict."""
+    ratios = [fleet.robots[i].damping_ratio for i in fleet.members if fleet.robots[i].damping_ratio]
+    if len(ratios) > 1:
+        middle, spread = percent(float(np.median(ratios))), percent(float(np.log(ratios).std(ddof=1)))
+        yield f"Damping ratio, mean of the measured modes: median {middle}, spread {spread} ({len(ratios)} robots)."
 
 
 def member(fleet: Fleet, place: int) -> Robot:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.inference.information import p_in_words
+from ident.inference.information import half_width, p_in_words
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, without_empty_columns
 from ident.present.warnings import drive_states
 from ident.present.words import counted, in_read_unit, percent, sentence, some
@@ -30,11 +30,20 @@ def validate_sections(validation: "Validation") -> Report:
         f"Cross-validation of {cut(fit.arm.name, 30)} on {cut(fit.campaign.name, 30)}: "
         f"{len(validation.parts)} {PARTS[validation.leave]}, each predicted by a fit to the others",
         _verdict(validation),
-        (*_scope_table(validation, absolute), _parts_table(validation, absolute, few=True)),
+        (*_scope_table(validation, absolute), _parts_table(validation, absolute, few=True), *_ratios(validation)),
         tuple(_findings(validation)),
         next=f"{following} {{campaign}}",
         details=tuple(_details(validation, absolute)),
     )
+
+
+def _ratios(validation: "Validation") -> Iterator[str]:
+    """Yield how well the law of damping predicts ratios from those of other parts; it is no part of the verdict."""
+    measured, predicted, off = validation.ratios.T
+    if len(off):
+        inside = f"{(np.abs(off) < half_width(0.95)).sum()} of {len(off)}"
+        error = percent(float(np.sqrt(np.mean(np.log(measured / predicted) ** 2))))
+        yield f"Damping ratios: {inside} lie in the predicted 95 % interval; rms error {error} of the value."
 
 
 def _verdict(validation: "Validation") -> Verdict:

@@ -1,6 +1,7 @@
 """Damping given stiffness: the modes of ratios, the law that is named, correlated errors, and the two stages."""
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -10,19 +11,24 @@ from arms import DATA, lcd_arm
 from one_program import shown
 
 import ident
+from ident.identify.compare import compare_fits, validate_fit
 from ident.identify.conditions import bind
 from ident.identify.damping import MASS, RATIO, ModesOfRows, damped, damping_of, ratios_of
 from ident.identify.fit import fit_campaign
+from ident.identify.fleet import SourceFile, fleet, robot_of
 from ident.identify.predict import ArmModel
 from ident.identify.stored import fit_of, fit_state
 from ident.identify.unknowns import Unknowns
 from ident.identify.values import OTHER_LAW, Values
 from ident.measure import Campaign, Measurement, read_campaign
 from ident.measure.covariance_and_frames import Covariance, Group
+from ident.present.compare import compare_sections
 from ident.present.files.document import plain
 from ident.present.files.values import read_fit
 from ident.present.fit import fit_sections
+from ident.present.fleet import fleet_sections
 from ident.present.report import text_of
+from ident.present.validate import validate_sections
 
 NAMES = ("lateral torsion 1", "vertical bending 1", "vertical bending 2", "lateral torsion 2")
 POSTURES = tuple((a, -2 * a, a) for a in np.radians([0.0, 30.0, 60.0]).tolist())
@@ -211,6 +217,60 @@ def test_no_ratio_moves_a_stiffness():
     assert not any("loss" in path for path in taken)
     _, falling = shipped("falling")
     assert OTHER_LAW in Values.of_fit(fit_campaign(lcd_arm(), falling), lcd_arm()).remark
+
+
+def test_each_ratio_is_predicted_from_those_of_other_postures():
+    parts = [[i for i, m in enumerate(rows_of()) if m.posture == posture] for posture in POSTURES]
+    off = []
+    for seed in range(10):
+        damping = found(exact("viscous"), seed)
+        measured, predicted, z = damping.left_out(parts).T
+        np.testing.assert_array_equal(measured, np.exp(damping.ratios.log))
+        assert predicted == pytest.approx(exact("viscous"), rel=0.2)
+        off.append(z)
+    assert 0.7 < np.std(off) < 1.3
+    values = exact("viscous").copy()
+    values[5] *= 3
+    assert found(values, 0).left_out(parts)[5, 2] > 5
+    assert not len(found(values, 0).left_out([range(12)])), "nothing is left to predict them from"
+
+
+@pytest.mark.slow
+def test_damping_has_lines_of_its_own_and_no_part_in_verdicts():
+    """Of ratios that grow from 1 to 1.5 %, with another scatter; postures are predicted whatever they do."""
+    campaign, more = shipped("constant")
+    _, later = shipped("constant", 1)
+    later = [replace(m, value=1.5 * m.value, sigma=1.5 * m.sigma) if m.kind == RATIO else m for m in later]
+    alone, one, other = (fit_campaign(lcd_arm(), c) for c in (campaign, more, Campaign(measurements=tuple(later))))
+    without, both = (compare_sections([compare_fits(a, b)]) for a, b in ((alone, alone), (one, other)))
+    assert (without.verdict, without.answer[0]) == (both.verdict, both.answer[0])
+    (line,) = both.answer[1:]
+    assert without.answer[1:] == ()
+    assert line.startswith("Damping: 0.9")
+    assert "in all modes; it does not change with frequency. Then 1." in line
+    assert "In 16 modes of both the ratio differs by +" in line
+    assert line.endswith(": it has changed.")
+    count, change, sd = compare_fits(one, other).damping
+    assert (count, change, sd) == (16, pytest.approx(np.log(1.5), abs=3 * sd), pytest.approx(0.05 * 8**-0.5, rel=0.05))
+    (same,) = compare_sections([compare_fits(one, one)]).answer[1:]
+    assert same.endswith(": no change.")
+
+    plain_, scattered = validate_fit(alone), validate_fit(one)
+    wild = replace(one.damping, ratios=one.damping.ratios._replace(log=one.damping.ratios.log + np.tile([0.0, 2.0], 8)))
+    contradicted = validate_fit(replace(one, damping=wild))
+    reports = [validate_sections(each) for each in (plain_, scattered, contradicted)]
+    assert len({report.verdict for report in reports}) == 1
+    assert [len(report.answer) for report in reports] == [2, 3, 3]
+    assert re.match(
+        r"Damping ratios: 1[456] of 16 lie in the predicted 95 % interval; rms error \d", reports[1].answer[2]
+    )
+
+    robots = [robot_of(each, f"robot{i}", SourceFile(), SourceFile()) for i, each in enumerate((one, one, other))]
+    bare = [replace(robot, damping_ratio=0.0) for robot in robots]
+    said, silent = (fleet_sections(fleet(each)) for each in (robots, bare))
+    assert said.verdict == silent.verdict
+    assert said.answer[:-1] == silent.answer
+    assert re.search(r"median 0.9\d* %, spread 2\d % \(3 robots\)", said.answer[-1].replace("1 %", "0.99 %"))
 
 
 @pytest.mark.slow
