@@ -359,7 +359,9 @@ class Result(Reported):
         named = re.sub(r"(?<!\{)\{result\}([.\w]*)", r"{results[\1]}", words)
         filled = named.format(arm=arm, campaign=campaign, trace=trace, runs=runs, results=results)
         options, moved = vars(self)["options"], words.split()[2:3] == ["{arm}"]
-        given = {name: getattr(options, name, None) for name, bar in SAME_MOTION.items() if moved and bar not in words}
+        given: dict[str, Any] = {
+            name: getattr(options, name, None) for name, bar in SAME_MOTION.items() if moved and bar not in words
+        }
         if given.get("errors"):
             given["errors"] = ":".join(f"{size:g}" for size in given["errors"])
         filled += "".join(f" --{name} {value}" for name, value in given.items() if value not in (None, "unknown"))
