@@ -36,21 +36,17 @@ def place_damping(joints: Mapping[str, Any], arm: Arm, paths: Collection[str]) -
 
     Args:
         joints: tables by name; other tables may be among them.
-        arm: the arm that they describe.
+        arm: whose numbers they get.
         paths: numbers that need a place.
     """
     for joint in arm.joints:
-        keys = [key for key in (*DAMPING, *LOSS) if key not in joints.get(joint.name, {})]
-        if missing := [key for key in keys if f"{joint.name}.{key}" in paths]:
-            table = joints[joint.name]
+        table = joints.get(joint.name, {})
+        if any(f"{joint.name}.{key}" in paths and key not in table for key in (*DAMPING, *LOSS)):
             for word in DampingTable.model_fields:
                 table.pop(word, None)
-            for key in keys:
-                value = float(getattr(joint, key) or 0.0)
-                if value or key in missing:
-                    table[key] = tomlkit.inline_table()
-                    table[key].update({"value": value} | ({"unit": UNITS[key]} if key in UNITS else {}))
-                    table[key]["origin"] = "derived"
+            written = tomlkit.parse("\n".join(_Writer("derived", (), "", {}).bushing(joint)))
+            for key in written.keys() - table.keys():
+                table[key] = written[key]
 
 
 def changed_numbers(before: Arm, after: Arm) -> dict[str, float]:

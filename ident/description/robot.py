@@ -453,7 +453,7 @@ def joints_text(text: str, before: Arm, arm: Arm, origin: Origin, where: str) ->
         if name not in others and not (name in joints and field in BUSHING):
             continue
         own[path] = value
-    place_damping(joints, before, own)
+    place_damping(joints, arm, own)
     set_numbers(joints | others, own, origin, where)
     written = JointsDocument.model_validate(load_toml(tomlkit.dumps(document), where))
     payloads = tuple(Payload(each.joint, each.body()) for each in written.payload)

@@ -1,6 +1,6 @@
 """What `arm.toml` may say: its tables, and the arm that they describe. How a number is written: `quantities`."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field
 from pydantic_core import PydanticCustomError
 
 from ident.arm.arm import GRAVITY, Arm, Workspace
-from ident.arm.fields import LARGEST, LOSS, field_named, names_of
+from ident.arm.fields import DAMPING, LARGEST, LOSS, STIFFNESS, field_named, names_of
 from ident.arm.parts import (
     Belt,
     Body,
@@ -91,16 +91,15 @@ def _checked_unit(*examples: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-def _ordered(limits: list[float]) -> list[float]:
-    if limits[0] >= limits[1]:
-        raise complaint(as_written(limits), "lower limit < upper limit", "swap or correct them")
-    return limits
+def _but(wrong: Callable[[Any], Any], expected: str, remedy: str) -> AfterValidator:
+    """Refuse some values."""
 
+    def check(value: Any) -> Any:
+        if wrong(value):
+            raise complaint("0" if value == 0 else as_written(value), expected, remedy)
+        return value
 
-def _not_zero(vector: list[float]) -> list[float]:
-    if np.abs(vector).max() < 1e-9:
-        raise complaint(as_written(vector), "a direction, such as [0, 0, 1]", "give the axis of the pin")
-    return vector
+    return AfterValidator(check)
 
 
 def _possible_order(order: float) -> float:
@@ -109,17 +108,15 @@ def _possible_order(order: float) -> float:
     return order
 
 
-def _no_zero(ratio: float) -> float:
-    if ratio == 0:
-        raise complaint("0", "a ratio that is not zero", "give the turns of the wave generator for one of the joint")
-    return ratio
-
-
+_ordered = _but(lambda limits: limits[0] >= limits[1], "lower limit < upper limit", "swap or correct them")
+_a_way = _but(lambda v: np.abs(v).max() < 1e-9, "a direction, such as [0, 0, 1]", "give the axis of the pin")
+TURNS = "give the turns of the wave generator for one of the joint"
+_turning = _but(lambda x: x == 0, "a ratio that is not zero", TURNS)
 Name = Annotated[str, Field(pattern=f"^{NAME}$")]
 Line = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
-Interval = Annotated[list[Number], Field(min_length=2, max_length=2), AfterValidator(_ordered)]
+Interval = Annotated[list[Number], Field(min_length=2, max_length=2), _ordered]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
 Tensor = Annotated[
@@ -209,7 +206,7 @@ class Plain(Sourced, Generic[Value]):
         return np.asarray(self.value)
 
 
-class Direction(Plain[Annotated[Vector, AfterValidator(_not_zero)]]):
+class Direction(Plain[Annotated[Vector, _a_way]]):
     """A direction of any length but zero."""
 
     @property
@@ -218,9 +215,9 @@ class Direction(Plain[Annotated[Vector, AfterValidator(_not_zero)]]):
         return np.asarray(self.value) / np.linalg.norm(self.value)
 
 
-Shares = Plain[Annotated[list[Number], Field(min_length=1), AfterValidator(_not_zero)]]
+Shares = Plain[Annotated[list[Number], Field(min_length=1), _a_way]]
 """Shares of the pins in one motion."""
-NonZero = Plain[Annotated[Number, AfterValidator(_no_zero)]]
+NonZero = Plain[Annotated[Number, _turning]]
 Ratio = Plain[Annotated[float, _range("ratio2")]]
 LossFactor = Plain[Annotated[float, _range("loss_bend")]]
 
@@ -408,12 +405,11 @@ class DampingTable(Table):
         """Return for `bend` and `tors` the word that is given, and the field of a joint that it is, as a quantity."""
         found: dict[str, tuple[str, str, Any]] = {}
         for word, field, factor in (("ratio", "loss", 2.0), ("loss_factor", "loss", 1.0), ("time", "tau", 1.0)):
-            if given := getattr(self, word):
-                values = vars(given.value) if isinstance(given.value, EachWay) else dict.fromkeys(WAYS, given.value)
-                for way in (way for way in WAYS if values[way] is not None):
+            value = getattr(given := getattr(self, word), "value", None)
+            for way in EachWay.model_fields:
+                if (number := getattr(value, way, value)) is not None:
                     check_one_word(found.get(way, (word,))[0], word)
-                    number = given.model_copy(update={"value": factor * values[way]})
-                    found[way] = word, f"{field}_{way}", number
+                    found[way] = word, f"{field}_{way}", given.model_copy(update={"value": factor * number})
         return found
 
     @model_validator(mode="after")
@@ -422,21 +418,13 @@ class DampingTable(Table):
         return self
 
 
-WAYS = ("bend", "tors")
-
-
 def check_one_word(one: str, other: str) -> None:
     """Refuse two words for the damping of a bushing in one direction."""
     if one != other:
         raise complaint(f"{one} and {other}", "one word for the damping of a bushing", f"take {one} or {other} out")
 
 
-def damping_of_way(way: str) -> tuple[str, str]:
-    """Return the fields of damping in bending or torsion."""
-    return f"tau_{way}", f"loss_{way}"
-
-
-BUSHING = ("k_bend", "k_tors", "tau_bend", "tau_tors", *LOSS)
+BUSHING = (*STIFFNESS, *DAMPING, *LOSS)
 """What a joint's bushing has."""
 
 
@@ -456,16 +444,16 @@ class BushingTable(DampingTable):
         for key in self.model_fields_set.intersection(BUSHING[2:]):
             if getattr(self, k := f"k_{key.partition('_')[2]}") == RIGID:
                 raise complaint(f'{key} and {k} = "rigid"', "damping where it gives", f"take {key} out")
-        for way, (word, *_) in self.by_way().items():
-            for key in self.model_fields_set.intersection(damping_of_way(way)):
-                check_one_word(word, key)
         self.fill(self)
         return self
 
     def fill(self, damping: DampingTable) -> None:
         """Take damping where the bushing gives and has none of its own."""
-        for way, (_, field, number) in damping.by_way().items():
-            if getattr(self, f"k_{way}") != RIGID and not self.model_fields_set.intersection(damping_of_way(way)):
+        for way, (word, field, number) in damping.by_way().items():
+            said = self.model_fields_set.intersection({f"tau_{way}", f"loss_{way}"})
+            for key in said if damping is self else ():
+                check_one_word(word, key)
+            if not said and getattr(self, f"k_{way}") != RIGID:
                 setattr(self, field, number)
 
     def bushing(self) -> dict[str, Any]:

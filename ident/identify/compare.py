@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from ident.arm.arm import stiffness_paths
 from ident.errors import refusal
+from ident.identify.damping import mode_of
 from ident.identify.fit import CampaignFit
 from ident.inference.change import Change, Estimate, change, independent_change
 from ident.inference.draws import PosteriorPredictive, Weights, check_weighable, posterior_predictive, weigh
@@ -68,7 +69,9 @@ class Comparison:
     @property
     def names(self) -> tuple[str, str]:
         """The campaigns' names."""
-        return names_of(self.first, self.second)
+        pair = self.first, self.second
+        one, other = (each.campaign.name if isinstance(each, CampaignFit) else each.name for each in pair)
+        return one, other
 
     @property
     def damping(self) -> tuple[int, float, float] | None:
@@ -79,23 +82,18 @@ class Comparison:
         pair = [fit.damping for fit in self.fits if fit.damping]
         if len(pair) < 2:
             return None
-        rows = [{(m.posture, m.load, m.drives, m.mode): i for i, m in enumerate(each.rows)} for each in pair]
+        rows = [{mode_of(m): i for i, m in enumerate(each.rows)} for each in pair]
         both = [mode for mode in rows[0] if mode in rows[1]]
+        if not both:
+            return 0, 0.0, np.inf
         before, after = (each.ratios.some([own[mode] for mode in both]) for each, own in zip(pair, rows, strict=True))
         weights = np.linalg.solve(before.covariance + after.covariance, np.ones(len(both)))
-        share = weights.sum()
-        return len(both), float(weights @ (after.log - before.log) / share) if both else 0.0, float(share**-0.5)
+        return len(both), float(weights @ (after.log - before.log) / weights.sum()), float(weights.sum() ** -0.5)
 
     @property
     def name(self) -> str:
         """Both names; one where they are the same."""
         return "-".join(dict.fromkeys(self.names))
-
-
-def names_of(first: CampaignFit | Posterior, second: CampaignFit | Posterior) -> tuple[str, str]:
-    """Return the campaigns' names."""
-    one, other = (each.campaign.name if isinstance(each, CampaignFit) else each.name for each in (first, second))
-    return one, other
 
 
 def compare_posteriors(

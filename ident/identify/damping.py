@@ -130,11 +130,11 @@ class ModesOfRows(NamedTuple):
         cls, model: ArmModel, parameters: Mapping[str, Any], rows: Iterable[Measurement], others: Iterable[Measurement]
     ) -> "ModesOfRows":
         """Return those of an arm with these numbers; a frequency of the same label and state helps to find them."""
-        known = {_mode(m): m for m in others if m.kind == "frequency"}
+        known = {mode_of(m): m for m in others if m.kind == "frequency"}
         blank: dict[str, Any] = {"kind": "frequency", "of": None, "group": "", "unit": "", "resolution": 0.0}
         twins = []
         for m in rows:
-            value, sd = (partner.value, partner.sigma) if (partner := known.get(_mode(m))) else (1.0, ANY_SD)
+            value, sd = (partner.value, partner.sigma) if (partner := known.get(mode_of(m))) else (1.0, ANY_SD)
             twins.append(replace(m, value=value, sigma=max(sd, PARTNER_SD * value), **blank))
         conditions, own, places = padded(bind(model.arm, Campaign(measurements=tuple(twins))))
         data = Data(*np.array([(twins[i].value, twins[i].sigma) for i in own]).T)
@@ -160,7 +160,8 @@ class ModesOfRows(NamedTuple):
         return np.asarray(_poles(damped(self.arm, damping), self.conditions, self.quotients[0], alpha))[self.places]
 
 
-def _mode(m: Measurement) -> tuple[object, ...]:
+def mode_of(m: Measurement) -> tuple[object, ...]:
+    """Return what tells which mode a row is of: state and label."""
     return m.posture, m.load, m.drives, m.mode
 
 
@@ -254,7 +255,7 @@ def ratios_of(campaign: Campaign, off: Float[np.ndarray, "n"]) -> Ratios:
 
 def _numbers(rows: Sequence[Measurement]) -> tuple[Int[np.ndarray, "D"], ...]:
     """Return the number of the mode that each row is of, and of the mode at its posture."""
-    each: tuple[list[Any], ...] = [m.mode for m in rows], [*map(_mode, rows)]
+    each: tuple[list[Any], ...] = [m.mode for m in rows], [*map(mode_of, rows)]
     return tuple(np.array([*map(keys.index, keys)], int) for keys in each)
 
 

@@ -199,8 +199,8 @@ def robot_of(fit: CampaignFit, name: str, campaign: SourceFile, arm: SourceFile)
     """Return what a fit says of its robot's stiffnesses; other unknowns are integrated out under their priors."""
     robot = robot_at(linear(fit), fit.problem.parameters, Stiffnesses.of(fit.problem.parameters))
     ratio = float(np.exp(np.nanmean(np.log(fit.damping.predicted)))) if fit.damping else 0.0
-    own = {"name": name, "campaign": campaign, "arm": arm, "measurements": len(fit.campaign), "damping_ratio": ratio}
-    return replace(robot, **own, doubts=fit.doubts)
+    robot = replace(robot, measurements=len(fit.campaign), damping_ratio=ratio, doubts=fit.doubts)
+    return replace(robot, name=name, campaign=campaign, arm=arm)
 
 
 def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Robot:

@@ -29,8 +29,7 @@ def compare_sections(comparisons: Sequence["Comparison"], unpaired: Sequence[str
         (one,) = comparisons
         subject = f"{_campaigns(one)}\n  {_counts(one)}"
         notes = Section("How to read it", (_meaning(one),))
-        answer = _table(one), *_damping(one)
-        return Report(subject, _verdict(one), answer, tuple(_findings(one)), next=_next(one), details=(notes,))
+        return Report(subject, _verdict(one), _answer(one), tuple(_findings(one)), next=_next(one), details=(notes,))
     return _overview(comparisons, unpaired)
 
 
@@ -95,19 +94,16 @@ def _table(comparison: "Comparison") -> Table:
     return without_empty_columns(Table("", head, tuple(rows), ("", ".4g", ".4g", "", "", ".2g", ""), strong=changed))
 
 
-def _damping(comparison: "Comparison") -> Iterator[str]:
-    """Yield the law of damping in both campaigns, and whether it has changed; it is no part of the verdict."""
-    if not (found := comparison.damping):
-        return
-    count, change, sd = found
+def _answer(comparison: "Comparison") -> tuple[Table | str, ...]:
+    """Return the stiffnesses, then the law of damping in both campaigns and whether it has changed."""
+    if (found := comparison.damping) is None:
+        return (_table(comparison),)
+    count, change, half = found[0], found[1], half_width(1 - LEVEL) * found[2]
     words = (text.removeprefix("Damping: ") for fit in comparison.fits for text in damping_in_words(fit.damping))
-    text = f"Damping: {' Then '.join(words)}"
-    if count:
-        half = half_width(1 - LEVEL) * sd
-        ends = f"{ratio_words(change - half)} to {ratio_words(change + half)}"
-        verdict = "it has changed" if abs(change) > half else "no change"
-        text += f" In {counted(count, 'mode')} of both the ratio differs by {ratio_words(change)} ({ends}): {verdict}."
-    yield text
+    ends = f"{ratio_words(change - half)} to {ratio_words(change + half)}"
+    verdict = "it has changed" if abs(change) > half else "no change"
+    more = f" In {counted(count, 'mode')} of both the ratio differs by {ratio_words(change)} ({ends}): {verdict}."
+    return _table(comparison), f"Damping: {' Then '.join(words)}{more if count else ''}"
 
 
 def ratio_words(log: float) -> str:
@@ -121,7 +117,7 @@ def _meaning(comparison: "Comparison") -> str:
     return (
         "T: fall of the minimum chi-squared when all changes are free; p: probability of a larger one if nothing has "
         "changed. In the table p is that of so large a change of one stiffness (Holm); changed: p below "
-        f"{level_words()}. not determined: the value leans on the prior of the change, a factor of e.{together}"
+        f"{percent(LEVEL)}. not determined: the value leans on the prior of the change, a factor of e.{together}"
     )
 
 
@@ -186,13 +182,7 @@ def _pair(comparison: "Comparison") -> Section:
     """Return a pair of several: its verdict, its stiffnesses and what to check."""
     verdict, findings = _verdict(comparison), map(with_remedy, _findings(comparison))
     words = f"{_counts(comparison)}. {verdict.word}: {verdict.reason}"
-    answer = _table(comparison), *_damping(comparison)
-    return Section(_campaigns(comparison), (words, *answer, *findings, _meaning(comparison)))
-
-
-def level_words() -> str:
-    """Return the probability below which a change counts."""
-    return percent(LEVEL)
+    return Section(_campaigns(comparison), (words, *_answer(comparison), *findings, _meaning(comparison)))
 
 
 # -------- Rows

@@ -70,8 +70,7 @@ def _absolute_kinds(validation: "Validation") -> set[str]:
     """Return the kinds that have a value near zero, of which no percentage is given."""
     campaign = validation.fit.campaign
     sizes = {kind: [abs(m.value) for m in campaign if m.kind == kind] for kind in {m.kind for m in campaign}}
-    never = ("frequency", "damping_ratio")
-    return {kind for kind, sizes in sizes.items() if kind not in never and min(sizes) <= SMALL * max(sizes)}
+    return {kind for kind, sizes in sizes.items() if kind != "frequency" and min(sizes) <= SMALL * max(sizes)}
 
 
 def _scope_table(validation: "Validation", absolute: Collection[str]) -> tuple[Table, ...]:

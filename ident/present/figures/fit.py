@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
 
+from ident.inference.change import LEVEL
 from ident.inference.information import WEAK_ABOVE, Direction, p_in_words
 from ident.inference.optima import Ending
 from ident.inference.profile import Profile, threshold
-from ident.present.compare import level_words
 from ident.present.figures.style import (
     BLUE,
     FILLED,
@@ -39,7 +39,7 @@ from ident.present.figures.style import (
 from ident.present.fit import fit_sections, why_no_interval
 from ident.present.profile import level_in_words, span_text
 from ident.present.report import cut, written
-from ident.present.words import MM, direction_name, is_length, lowered, read_unit, short
+from ident.present.words import MM, direction_name, is_length, lowered, percent, read_unit, short
 
 if TYPE_CHECKING:
     from ident.identify.compare import Comparison, Validation
@@ -280,7 +280,7 @@ def compare_figure(comparison: "Comparison") -> Figure:
     rows(axes, [cut(name, 24) for name in change.names])
     handles = [Line2D([], [], label=kind, linestyle="", **marks[kind]) for kind in marks if kind in kinds]
     verdict = "changed" if change.seen else "no change"
-    note = f"all stiffnesses together: {verdict}, {p_in_words(change.p_value)}; changed: p below {level_words()} (Holm)"
+    note = f"all stiffnesses together: {verdict}, {p_in_words(change.p_value)}; changed: p < {percent(LEVEL)} (Holm)"
     key_below(figure, handles, note)
     return figure
 
