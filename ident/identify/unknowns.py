@@ -119,9 +119,6 @@ class Unknowns:
         Raises:
             InputError: a pattern that fits no number.
         """
-        tied = [path for group in self.tied for path in group]
-        if not any(map(_is_pattern, (*self.fixed, *tied, *self.free, *self.priors, *self.uncertain))):
-            return self
         paths = arm.paths()
         return replace(
             self,
@@ -186,19 +183,16 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None) -> Paramete
                 arm.get(path)
     for path in taken:
         if taken.count(path) > 1:
-            remedy = "name it once among the fixed and the tied"
-            raise refusal("fix" if path in fixed else "tie", f"{path} twice", "each parameter once", remedy)
+            raise refusal("fix" if path in fixed else "tie", f"{path} twice", "each parameter once", "name it once")
     for path in set(unknowns.free).intersection(fixed):
         raise refusal("free", f"{path} fixed and freed", "one of the two", "drop it from `fix` or from `free`")
     for group in groups:
         units = {path: field.unit for path in group if (field := field_of(path))}
         if len(set(units.values())) > 1:
             got = ", ".join(f"{path} [{unit}]" for path, unit in units.items())
-            remedy = "tie only what can be equal (`tie`)"
-            raise refusal("tie", f"a tie of {got}", "numbers of one unit", remedy)
+            raise refusal("tie", f"a tie of {got}", "numbers of one unit", "tie only what can be equal")
     if unknowns.uncertain and unknowns.discrepancy:
-        remedy = "leave out `discrepancy`, or `uncertain`"
-        raise refusal("uncertain", "uncertain numbers beside a discrepancy", "one of both", remedy)
+        raise refusal("uncertain", "uncertain numbers beside a discrepancy", "one of both", "drop it, or `discrepancy`")
     for path in {*widths, *taken}.intersection(unknowns.uncertain):
         remedy = "drop it from `uncertain`, or from `free`, `fix` and `tie`"
         raise refusal("uncertain", f"{path} uncertain and an unknown, fixed or tied", "one of them", remedy)
@@ -206,8 +200,7 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None) -> Paramete
     unknown = dict.fromkeys(group_of.get(path, (path,)) for path in widths if path not in fixed)
     for group in groups:
         if group not in unknown:
-            got, remedy = "=".join(group), "free one of them too"
-            raise refusal("tie", got, "at least one unknown among them", remedy)
+            raise refusal("tie", "=".join(group), "at least one unknown among them", "free one of them too")
     if not unknown:
         raise refusal("fix", "no unknown", "at least one", "fix fewer parameters")
     for path in unknowns.priors:

@@ -347,24 +347,19 @@ class Result(Reported):
         """Return the next command with files for `{arm}`, `{campaign}`, `{trace}`, `{runs}` and `{result}`."""
         if not words:
             return ""
-        inputs = self.inputs
-        kinds = ("arm", "campaign", "trace", "runs")
-        arm, campaign, trace, runs = (getattr(inputs.get(name), "path", "") for name in kinds)
-        beside = not (arm and campaign) or Path(arm) == Path(campaign).parent / "arm.toml"
-        files = (arm or "ARM", campaign or "CAMPAIGN", trace or "TRACE", runs or "RUNS")
-        arm, campaign, trace, runs = map(as_word, files)
-        campaign = campaign if beside else f"{campaign} --arm {arm}"
+        inputs, kinds = self.inputs, ("arm", "campaign", "trace", "runs")
+        paths = {name: getattr(inputs.get(name), "path", "") for name in kinds}
+        files = {name: as_word(path or name.upper()) for name, path in paths.items()}
+        if all(map(paths.get, kinds[:2])) and Path(paths["arm"]) != Path(paths["campaign"]).parent / "arm.toml":
+            files["campaign"] += f" --arm {files['arm']}"
         ends = dict.fromkeys(re.findall(r"(?<!\{)\{result\}([.\w]*)", words))
         results = {end: as_word(f"{FOLDER.get() / self.name}{end}") for end in ends}
         named = re.sub(r"(?<!\{)\{result\}([.\w]*)", r"{results[\1]}", words)
-        filled = named.format(arm=arm, campaign=campaign, trace=trace, runs=runs, results=results)
+        filled = named.format(**files, results=results)
         options, moved = vars(self)["options"], words.split()[2:3] == ["{arm}"]
-        given: dict[str, Any] = {
-            name: getattr(options, name, None) for name, bar in SAME_MOTION.items() if moved and bar not in words
-        }
-        if given.get("errors"):
-            given["errors"] = ":".join(f"{size:g}" for size in given["errors"])
-        filled += "".join(f" --{name} {value}" for name, value in given.items() if value not in (None, "unknown"))
+        given = {name: getattr(options, name, None) for name, bar in SAME_MOTION.items() if moved and bar not in words}
+        texts = {name: ":".join(map("{:g}".format, x)) if name == "errors" and x else x for name, x in given.items()}
+        filled += "".join(f" --{name} {text}" for name, text in texts.items() if text not in (None, "unknown"))
         posed = any(getattr(options, name, None) for name in SAME_PROBLEM)
         again = "{campaign}" in words or "{result}.csv" in words
         return f"{filled}  (with the same options)" if posed and again else filled

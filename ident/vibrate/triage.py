@@ -1,4 +1,4 @@
-"""What makes the strong parts of a measured vibration: a drive, a mode or a fixed line, by how its frequency moves.
+"""What makes the strong parts of a measured vibration: drive, mode, command, kick or line, by how its frequency moves.
 
 A hypothesis is a track f(t): order |ratio dq/dt| / (2 pi) of a drive, a natural frequency along the postures, or a
 constant. With phi = 2 pi int f dt it explains Re(sum over j of c_j w_j(t) exp(i phi)), w_j smooth bumps:
@@ -8,7 +8,8 @@ constant. With phi = 2 pi int f dt it explains Re(sum over j of c_j w_j(t) exp(i
       db/dt = -2 pi zeta f_k b + f^2 exp(i (phi - phi_k)),
 
   so that what rings after a resonance is the drive's, and the mode is what amplifies it;
-- of the command about all modes, from each jump of the commanded acceleration on, damped as the modes are;
+- of the command about all modes, from each jump of the commanded acceleration on, damped as the modes are; of kicks
+  from outside alike, from where the energy rises at once and the command does not jump;
 - of a mode that something else rings, a second apart; of a line, four seconds apart, as it is there all the time.
 
 Least squares on the whitened trace leave a share u of its energy, less noise. A set of hypotheses has the score

@@ -133,9 +133,8 @@ def columns(name: str, values: np.ndarray, unit: str) -> list[Channel]:
     table = np.squeeze(values).astype(float)
     if table.size < 2:
         return []
-    if table.ndim == 1:
-        return [Channel(name, table[None], unit)]
-    return [Channel(f"{name}:{i}", row[None], unit) for i, row in enumerate(table.T, 1)]
+    rows = enumerate(np.atleast_2d(table.T), 1)
+    return [Channel(f"{name}:{i}" if table.ndim > 1 else name, row[None], unit) for i, row in rows]
 
 
 def over(channel: Channel, unit: str, quantity: str, later: float = 0.0) -> Channel:
