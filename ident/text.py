@@ -107,6 +107,11 @@ def read_bytes(path: str | PathLike[str], expected: str, largest: int = LARGEST_
         raise refusal(where, reason, expected, remedy) from None
 
 
+def read_text(path: str | PathLike[str], expected: str) -> str:
+    """Return the text of a file that people write, see `read_bytes` and `decode`."""
+    return decode(read_bytes(path, expected), one_line(str(path)))
+
+
 def decode(data: bytes, file: str, *, by_instrument: bool = False) -> str:
     """Return bytes as text, with or without a byte order mark; in what people write no encoding but UTF-8 is guessed.
 

@@ -12,7 +12,7 @@ from copy import copy
 from dataclasses import Field
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import typer
 from typer.models import OptionInfo
@@ -34,7 +34,7 @@ from ident.errors import InputError, Problem, refusal
 from ident.files import keep_earlier, together
 from ident.studies.options import ADDRESSES, Options, Spec, flag_of, renamed, specs
 from ident.studies.result import Result, kept_in, other_inputs
-from ident.text import decode, did_you_mean, one_line, quoted, read_bytes
+from ident.text import did_you_mean, one_line, quoted, read_text
 from ident.units import in_si, width
 
 # -------- Defaults
@@ -131,7 +131,7 @@ def _plain(flag: str) -> str:
 def _read(file: Path) -> dict[str, Any]:
     where = one_line(str(file))
     try:
-        return tomllib.loads(decode(read_bytes(file, "defaults as TOML"), where))
+        return tomllib.loads(read_text(file, "defaults as TOML"))
     except (ValueError, RecursionError) as error:
         raise refusal(where, str(error).lower(), "defaults as TOML", "correct the syntax") from None
 
@@ -219,9 +219,9 @@ RARE: dict[str, set[str]] = {}
 """Flags that the help of a command leaves to `--help-all`."""
 
 
-def flag(help: str, *names: str) -> Any:
-    """Return a flag, in typer's words, that names a file or none."""
-    return Annotated[Path | None, typer.Option(*names, help=help)]
+def flag(help: str, *names: str, kind: Any = Path | None) -> Any:
+    """Return a flag, in typer's words, that names a file or none, or takes a value of another kind."""
+    return Annotated[kind, typer.Option(*names, help=help)]
 
 
 def parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empty) -> inspect.Parameter:
@@ -241,15 +241,16 @@ INPUTS: dict[str, Any] = {
     "against": flag("another trace, drawn over the first, as a measured one"),
 }
 """What studies take besides options, by its name there."""
+F = TypeVar("F", bound=Callable[..., None])
 
 
-def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def command(kind: type[Options]) -> Callable[[F], F]:
     """Hang a function on the program: its parameter `options` becomes the flags of this class of options.
 
-    The function's other parameters are the command's arguments and inputs, in typer's words.
+    The function's other parameters are the command's arguments and inputs, in typer's words. It stays as it is.
     """
 
-    def hang(function: Callable[..., None]) -> Callable[..., None]:
+    def hang(function: F) -> F:
         given = inspect.signature(function).parameters
         own = [p for name, p in given.items() if name != "options"]
         flags = [_parameter(each, spec, hidden=each.name in kind.refuses) for each, spec in specs(kind)]
@@ -270,7 +271,7 @@ def command(kind: type[Options]) -> Callable[[Callable[..., None]], Callable[...
 
         call.__doc__ = function.__doc__
         register(function.__name__.removesuffix("_command"), call, [*first, *flags, *after])
-        return call
+        return function
 
     return hang
 

@@ -1,5 +1,8 @@
 """The commands: each calls the study of its name, prints the report and writes the files."""
 
+# mypy: disable-error-code="valid-type"
+# flags are made by `flag`, whose calls mypy takes for no types
+
 import gc
 import os
 import platform
@@ -36,13 +39,7 @@ from ident.studies.balance import balance
 from ident.studies.check import check
 from ident.studies.compare import compare
 from ident.studies.design import design
-from ident.studies.diagnose import (
-    DiagnoseOptions,
-    DiagnoseResult,
-    diagnose,
-    discard_stages,
-    part_folder,
-)
+from ident.studies.diagnose import DiagnoseOptions, diagnose, discard_stages, part_folder
 from ident.studies.explore import explore
 from ident.studies.fit import fit
 from ident.studies.fleet import FleetOptions, fleet
@@ -63,6 +60,8 @@ from ident.studies.validate import validate
 from ident.text import as_word, one_line, read_bytes
 
 if TYPE_CHECKING:
+    from ident.description.file import ArmFile
+    from ident.measure import Campaign
     from ident.studies.diagnose import StageReport
 
 offer(predict, "Predict natural frequencies, modes and static deflection of an arm.", files=False)
@@ -129,7 +128,7 @@ def plan_command(
         Path | None, typer.Argument(help="what is measured already, a CSV file; leave it out for nothing")
     ] = None,
     arm: ArmOption = None,
-    runs: flag("table of runs to measure on the moving arm (see ident source): what they would tell") = None,  # type: ignore[valid-type]
+    runs: flag("table of runs to measure on the moving arm (see ident source): what they would tell") = None,
     out: OutOption = Path("out"),
     no_figure: NoFigureOption = False,
 ) -> None:
@@ -138,26 +137,24 @@ def plan_command(
     Writes CAMPAIGN.plan.json, CAMPAIGN.plan.csv (a campaign to fill in) and CAMPAIGN.plan.png into the folder given by
     --out. Without CAMPAIGN, name the arm (--arm); the files are then called after its file.
     """
-    from ident.description.file import read_arm
     from ident.measure.table import FOREIGN
 
+    measured: Campaign | None = None
+    described: ArmFile | Path | None = arm
     if runs is not None:
         if campaign is not None:
             raise refusal("--runs", "a campaign too", "one of them", "plan them one after the other")
-        result = plan(arm or runs.parent / "arm.toml", None, options, runs=runs, progress=running.progress)
-        finish(result, out, no_figure)
+        described = arm or runs.parent / "arm.toml"
     elif campaign is not None:
         if FOREIGN.get(campaign.suffix.lower()) == FOREIGN[".toml"]:
             own = one_line(str(campaign))
             raise refusal(own, FOREIGN[".toml"], "measurements, a CSV file, or none", f"as ident plan --arm {own}")
         measured, described = running.read(campaign, arm)
-        result = plan(described, measured, options, progress=running.progress)
-        finish(result, out, no_figure)
-        leave(result, strict=False)
-    elif arm is not None:
-        finish(plan(read_arm(arm), None, options), out, no_figure)
-    else:
+    elif arm is None:
         raise refusal("", "neither campaign nor arm", "one of them", "as ident plan --arm arm.toml")
+    result = plan(described, measured, options, runs=runs, progress=running.progress)
+    finish(result, out, no_figure)
+    leave(result, strict=False)
 
 
 offer(
@@ -245,10 +242,8 @@ offer(
 def source_command(
     runs: Annotated[Path, typer.Argument(help="table of runs, a CSV file; with --init the folder of the recordings")],
     options: SourceOptions,
-    arm: Annotated[
-        Path | None, typer.Option("--arm", help="arm description; default: arm.toml beside the table")
-    ] = None,
-    posterior: flag("posterior of ident sample (.nc), of the stiffnesses") = None,  # type: ignore[valid-type]
+    arm: flag("arm description; default: arm.toml beside the table", "--arm") = None,
+    posterior: flag("posterior of ident sample (.nc), of the stiffnesses") = None,
     init: Annotated[bool, typer.Option("--init", help="write runs.csv to fill in into that folder, and stop")] = False,
     out: OutOption = Path("out"),
     no_figure: NoFigureOption = False,
@@ -315,7 +310,7 @@ offer(
 @plain
 def rerun(
     file: Annotated[Path, typer.Argument(metavar="file", help="a result: .json, or .nc of sample and diagnose")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="folder for the new files; default: none")] = None,
+    out: flag("folder for the new files; default: none", "--out", "-o") = None,
     force: ForceOption = False,
 ) -> None:
     """Repeat what a saved result records, and check that the numbers are the same.
@@ -364,12 +359,10 @@ def show(
             metavar="file", help="an arm (.toml, .urdf or .xml), or a result: .json, or .nc of sample and diagnose"
         ),
     ],
-    posture: Annotated[
-        str | None, typer.Option("--posture", "-q", help="joint angles of the drawn arm in degrees, as 30,-60,30")
-    ] = None,
-    names: Annotated[
-        bool, typer.Option("--names", help="list the names that options, campaigns and --set take, and draw nothing")
-    ] = False,
+    posture: flag("joint angles of the drawn arm in degrees, as 30,-60,30", "--posture", "-q", kind=str | None) = None,
+    names: flag(
+        "list the names that options, campaigns and --set take, and draw nothing", "--names", kind=bool
+    ) = False,
     out: OutOption = Path("out"),
     no_figure: NoFigureOption = False,
 ) -> None:
@@ -421,13 +414,10 @@ def is_result(file: Path) -> bool:
 def new(
     kind: Annotated[str, typer.Argument(help=f"{' or '.join(KINDS)}; with --robot, the folder")],
     folder: Annotated[Path | None, typer.Argument(help="folder to make")] = None,
-    robot: Annotated[
-        Path | None, typer.Option("--robot", "--urdf", help="robot description (URDF or MJCF) to take the arm from")
-    ] = None,
-    tip: Annotated[
-        str | None,
-        typer.Option("--tip", help="link, body or site of it that the arm ends with; default: the end of the chain"),
-    ] = None,
+    robot: flag("robot description (URDF or MJCF) to take the arm from", "--robot", "--urdf") = None,
+    tip: flag(
+        "link, body or site of it that the arm ends with; default: the end of the chain", "--tip", kind=str | None
+    ) = None,
 ) -> None:
     """Write an arm and a campaign with example numbers into a new folder, ready to run and to be filled in.
 
@@ -472,7 +462,7 @@ def diagnose_command(
     options: DiagnoseOptions,
     arm: ArmOption = None,
     path: PathOption = None,
-    runs: flag("table of runs (see ident source), to identify what excites the arm") = None,  # type: ignore[valid-type]
+    runs: flag("table of runs (see ident source), to identify what excites the arm") = None,
     restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
     out: OutOption = Path("out"),
     strict: StrictOption = False,
@@ -484,20 +474,6 @@ def diagnose_command(
     Writes CAMPAIGN.diagnose.html, which opens without a network, CAMPAIGN.diagnose.json and the posterior with all
     results, CAMPAIGN.diagnose.nc. Exit status 3 where the posterior's chains are too short.
     """
-    result = run_diagnose(campaign, options, arm, path, runs, restart, out)
-    leave(result, strict=strict)
-
-
-def run_diagnose(
-    campaign: Path,
-    options: DiagnoseOptions,
-    arm: Path | None,
-    path: Path | None,
-    runs: Path | None,
-    restart: bool,
-    out: Path,
-) -> DiagnoseResult:
-    """Diagnose an arm, name each finished stage on standard error, then print and write the result."""
     measured, arm_file = running.read(campaign, arm)
     import jax
 
@@ -525,7 +501,7 @@ def run_diagnose(
         )
     finish(result, out, no_figure=True)
     running.discard_unless_taken(folder, discard_stages)
-    return result
+    leave(result, strict=strict)
 
 
 # -------- Exploring
@@ -550,22 +526,14 @@ offer(
 @plain
 def export(
     result: Annotated[Path, typer.Argument(help="result of ident fit (.fit.json) or ident sample (.sample.nc)")],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            help="file to write: .xml (MJCF), .urdf, .toml or .json; default: out/ARM.fitted, as ARM ends",
-        ),
-    ] = None,
-    arm: Annotated[
-        Path | None, typer.Option("--arm", help="description to write into; default: the one that was fitted")
-    ] = None,
-    posture: Annotated[
-        str | None,
-        typer.Option("--posture", "-q", help="joint angles in degrees, as 30,-60,30, where MJCF is exact under weight"),
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="write into the description of another robot, too")] = False,
+    out: flag(
+        "file to write: .xml (MJCF), .urdf, .toml or .json; default: out/ARM.fitted, as ARM ends", "--out", "-o"
+    ) = None,
+    arm: flag("description to write into; default: the one that was fitted", "--arm") = None,
+    posture: flag(
+        "joint angles in degrees, as 30,-60,30, where MJCF is exact under weight", "--posture", "-q", kind=str | None
+    ) = None,
+    force: flag("write into the description of another robot, too", "--force", kind=bool) = False,
 ) -> None:
     """Write what was identified into the robot's own description, or as JSON.
 
@@ -589,9 +557,7 @@ def export(
 def fleet_command(
     robots: Annotated[Path, typer.Argument(help="folder with a CSV file, or a folder with one, for each robot")],
     options: FleetOptions,
-    arm: Annotated[
-        Path | None, typer.Option("--arm", help="arm of robots whose folder has none; default: arm.toml beside them")
-    ] = None,
+    arm: flag("arm of robots whose folder has none; default: arm.toml beside them", "--arm") = None,
     out: OutOption = Path("out"),
     no_figure: NoFigureOption = False,
     strict: StrictOption = False,
@@ -620,10 +586,8 @@ def modal_command(
         typer.Argument(help="folder of recordings: UFF, CSV, MAT, LVM, TDMS, WAV or HDF5, see docs/commands/modal.md"),
     ],
     options: ModalOptions,
-    channels: Annotated[
-        Path | None, typer.Option("--channels", help="channel table, a CSV file; default: channels.csv in the folder")
-    ] = None,
-    arm: Annotated[Path | None, typer.Option("--arm", help="arm description; default: arm.toml in the folder")] = None,
+    channels: flag("channel table, a CSV file; default: channels.csv in the folder") = None,
+    arm: flag("arm description; default: arm.toml in the folder", "--arm") = None,
     init: Annotated[bool, typer.Option("--init", help="write the channel table to fill in, and stop")] = False,
     out: OutOption = Path("out"),
     no_figure: NoFigureOption = False,

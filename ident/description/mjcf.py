@@ -33,10 +33,9 @@ from ident.description.robot import (
     own_names,
     renamed_note,
     serial_chain,
-    told_at,
     unclear_branch,
 )
-from ident.errors import InputError, Problem, refusal, refuse
+from ident.errors import InputError, Problem, placed, refusal, refuse
 from ident.text import NAME_RULE, did_you_mean, one_line, read_bytes
 
 ENDS = ("tors", "bend_1", "bend_2")
@@ -89,7 +88,7 @@ def mjcf_robot(path: str, tip: str | None = None) -> Robot:
         InputError: MuJoCo is not installed or can't read the file, or the robot is no serial arm of hinges.
     """
     where = one_line(path)
-    model, data, ties = placed(path, where)
+    model, data, ties = at_zero(path, where)
     tip = tip and own_name(tip)
     tree = _Tree.of(model, ties, tip, where, data.qpos)
     check_size(len(tree.joints), where)
@@ -168,7 +167,7 @@ def _unread(where: str, error: ValueError) -> InputError:
     return refusal(where, f"a model that MuJoCo can't read ({said})", "a valid MJCF", "correct it")
 
 
-def placed(path: str, where: str) -> tuple[Any, Any, "Ties"]:
+def at_zero(path: str, where: str) -> tuple[Any, Any, "Ties"]:
     """Return the model, its data at zero posture, and its equality constraints; shapes are dropped where they can be.
 
     Raises:
@@ -522,7 +521,7 @@ def _bodies(tree: _Tree, data: Any, joint: int, names: Mapping[str, str]) -> Ite
         turn = data.ximat[body].reshape(3, 3)
         inertia = turn @ np.diag(model.body_inertia[body]) @ turn.T
         com, name = data.xipos[body] - data.xanchor[joint], _body_name(model, body)
-        with told_at(f"{tree.where}, body {name}"):
+        with placed(f"{tree.where}, body {name}"):
             yield Body(names[name], model.body_mass[body], com, (inertia + inertia.T) / 2)
 
 
@@ -630,7 +629,7 @@ def tree_of(path: str, where: str) -> Tree:
     Raises:
         InputError: MuJoCo is not installed, or can't read the file.
     """
-    model, data, _ = placed(path, where)
+    model, data, _ = at_zero(path, where)
     return Tree(_elements(Path(path)), model, data, where)
 
 

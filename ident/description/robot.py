@@ -3,7 +3,6 @@
 import hashlib
 import re
 from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -34,7 +33,7 @@ from ident.description.schema import (
     PayloadTable,
     PointTable,
 )
-from ident.errors import InputError, Problem, refusal, refuse
+from ident.errors import InputError, Problem, placed, refusal, refuse
 from ident.text import NAME, NAME_RULE, decode, did_you_mean, one_line, read_bytes
 
 Pair = tuple[float, ...]
@@ -46,15 +45,6 @@ HEAVY = 0.05
 MOST_NAMED = 8
 """Names of a list that a line repeats."""
 Node = TypeVar("Node", bound=Hashable)
-
-
-@contextmanager
-def told_at(where: str) -> Iterator[None]:
-    """Give what is refused within this place instead of its own."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(Problem(where, p.got, p.expected, p.remedy) for p in error.problems) from None
 
 
 def own_name(name: str) -> str:
@@ -296,7 +286,7 @@ class Robot:
         own = ("axis", "offset", "link", "limits", "driven")
         joints = [Joint(p.name, **{key: getattr(p, key) for key in own}, **bushings[p.name]) for p in self.pins]
         refuse(self._massless(joints))
-        with told_at(self.where):
+        with placed(self.where):
             return Arm(self.name, tuple(joints), (*points, self.tip), payloads, self.gravity)
 
     def _massless(self, joints: Sequence[Joint]) -> Iterator[Problem]:

@@ -34,10 +34,9 @@ from ident.description.robot import (
     refuse_xacro,
     renamed_note,
     serial_chain,
-    told_at,
     unclear_branch,
 )
-from ident.errors import Problem, noted, refusal, refuse
+from ident.errors import Problem, noted, placed, refusal, refuse
 from ident.text import NAME_RULE, did_you_mean, one_line, read_bytes
 
 # -------- Chain of a URDF file
@@ -370,7 +369,7 @@ def _body(link: str, name: str, inertial: Any, pose: Any, origin: Any, where: st
     at = pose if inertial.origin is None else pose @ inertial.origin
     turn = at[:3, :3]
     inertia = turn @ inertial.inertia @ turn.T
-    with told_at(place):
+    with placed(place):
         return Body(name, inertial.mass, at[:3, 3] - origin, (inertia + inertia.T) / 2)
 
 

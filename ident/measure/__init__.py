@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from ident.measure.campaign import Campaign, Measurement
 from ident.measure.load import DEFINITIONS, DRIVE_STATES, KINDS, OWN_WEIGHT, Load
-from ident.measure.reading import format_campaign, parse_campaign, read_campaign, write_campaign
+from ident.measure.reading import parse_campaign, read_campaign, write_campaign
 from ident.units import to_si
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ __all__ = [
     "Measurement",
     "Pulley",
     "Trace",
-    "format_campaign",
     "parse_campaign",
     "read_campaign",
     "read_log",

@@ -131,10 +131,8 @@ def read_channels(path: str | Path) -> ChannelTable:
     """
     data, findings = read_table(path), Findings()
     is_column = lambda name: name_and_unit(name)[0].lower() in COLUMNS  # noqa: E731
-    file, delimiter, records = records_of(data, path, is_column, findings)
-    if len(records) < 2:
-        remedy = "see `ident modal --init`, which writes one to fill in"
-        raise InputError([*findings, Problem(file, "no row", "a header and a row for each channel", remedy)])
+    needed = "channel", "see `ident modal --init`, which writes one to fill in"
+    _, delimiter, records = records_of(data, path, is_column, findings, *needed)
     names, angles, length = _header(records[0], findings)
     refuse(findings)
     rows = list[ChannelRow]()
@@ -171,12 +169,8 @@ def _header(record: Record, findings: Findings) -> tuple[list[str], dict[str, fl
             angles[name] = findings.attempt(where, name, _factor, unit, name, "angle") or 1.0
         elif name == "position":
             length = findings.attempt(where, name, _factor, unit, name, "length") or 1.0
-        elif name not in COLUMNS:
-            expected = f"one of {', '.join(COLUMNS)}, q1 [deg], ..."
-            remedy = did_you_mean(name, COLUMNS, "remove or rename the column")
-            findings.append(Problem(where, f"the unknown column {quoted(name)}", expected, remedy))
     names = [name for name, _ in named]
-    findings += header_problems(where, names, REQUIRED)
+    findings += header_problems(where, names, REQUIRED, (*COLUMNS, *angles), f"{', '.join(COLUMNS)}, q1 [deg], ...")
     joints = sorted(int(name[1:]) for name in angles)
     for joint in sorted(set(range(2, max(joints, default=1))) - set(joints)):
         expected, remedy = "joint angles numbered q1, q2, ... without a gap", "add or renumber the column"

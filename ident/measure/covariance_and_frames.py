@@ -2,12 +2,11 @@
 
 import hashlib
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-from ident.errors import InputError, Problem, refusal, refuse
+from ident.errors import InputError, Problem, placed, refusal, refuse
 from ident.measure.load import Vector
 from ident.measure.table import Findings, csv_text, fitting, guarded, parse_number, records_of
 from ident.text import did_you_mean, nearest, quoted
@@ -352,23 +351,20 @@ def _placed(
     if len(given) < 3:
         missing = next(name for name in names if not row[name])
         raise refusal("", "nothing", f"a number, as {sigma} is not {FREE}", "give all three", missing)
-    factor = _in(unit, si_factor, row[unit], quantity)
-    x, y, z = (factor * _in(name, parse_number, row[name], ".") for name in names)
+    with placed("", unit):
+        factor = si_factor(row[unit], quantity)
+    x, y, z = (factor * _number(row, name) for name in names)
     if row[sigma].lower() == FREE:
         return (x, y, z), math.inf
-    number = _in(sigma, parse_number, row[sigma], ".")
+    number = _number(row, sigma)
     if number < 0:
         raise refusal("", quoted(row[sigma]), f"a number, 0 for known, or {FREE}", "correct it", sigma)
     return (x, y, z), factor * number
 
 
-def _in(column: str, read: Callable[..., float], *args: Any) -> float:
-    """Read a cell, and name its column in what is wrong with it."""
-    findings = Findings()
-    value = findings.attempt("", column, read, *args)
-    if value is None:
-        raise InputError(findings)
-    return value
+def _number(row: Mapping[str, str], column: str) -> float:
+    with placed("", column):
+        return parse_number(row[column])
 
 
 def setups_text(setups: Collection[Setup], campaign: str) -> str:

@@ -10,7 +10,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from ident.errors import InputError, Problem, refusal, refuse
+from ident.errors import Problem, refusal, refuse
 from ident.files import remove_file, replace_file, together
 from ident.measure.campaign import Campaign, Measurement, load_problems, role_problems, value_problems
 from ident.measure.covariance_and_frames import (
@@ -167,10 +167,8 @@ def parse_campaign(
 ) -> Campaign:
     """Read a campaign from the bytes of a CSV file, and of those beside it; `path` names it in messages."""
     findings = Findings()
-    file, delimiter, records = records_of(data, path, is_column, findings)
-    if len(records) < 2:
-        expected, remedy = "a header and a row for each measurement", "see data/README.md for the columns"
-        raise InputError([*findings, Problem(file, "only one row" if records else "no row", expected, remedy)])
+    needed = "measurement", "see data/README.md for the columns"
+    _, delimiter, records = records_of(data, path, is_column, findings, *needed)
     header = read_header(records[0], findings)
     read = [_read_row(row, header) for row in _rows(records[1:], header, delimiter, findings)]
     measurements = _numbered(measurement for measurement in read if measurement is not None)
@@ -406,14 +404,9 @@ def _write_beside(path: Path, content: bytes | None) -> None:
 
 
 def campaign_text(campaign: Campaign, *, header_comments: Iterable[str] = (), relative_sigma: bool = False) -> str:
-    """Return a campaign as CSV text under comment lines; see `write_campaign`."""
+    """Return a campaign as CSV text under comment lines, with the columns that are in use; see `write_campaign`."""
     comments = [line for comment in header_comments for line in comment.splitlines() or [""]]
     return csv_text(*campaign_rows(campaign, relative_sigma=relative_sigma), comments)
-
-
-def format_campaign(campaign: Campaign, *, relative_sigma: bool = False) -> str:
-    """Return a campaign as CSV text, with the columns that are in use."""
-    return campaign_text(campaign, relative_sigma=relative_sigma)
 
 
 def campaign_rows(campaign: Campaign, *, relative_sigma: bool = False) -> tuple[list[str], list[dict[str, str]]]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ident.errors import InputError, Problem, noted, refusal, refuse
+from ident.errors import Problem, noted, refusal, refuse
 from ident.measure.channels import FRAMES, check_folder, note_of, recordings_of, write_blank
 from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, read_recording
@@ -246,18 +246,13 @@ def _logs(rows: list[RunRow], folder: Path, findings: Findings) -> Iterator[tupl
 
 def _rows(data: bytes, path: str | Path) -> list[RunRow]:
     findings = Findings()
-    file, delimiter, records = records_of(data, path, lambda cell: name_and_unit(cell)[0].lower() in COLUMNS, findings)
-    if len(records) < 2:
-        remedy = "see `ident source --init`, which writes one to fill in"
-        raise InputError([*findings, Problem(file, "no row", "a header and a row for each channel", remedy)])
+    needed = "channel", "see `ident source --init`, which writes one to fill in"
+    is_column = lambda cell: name_and_unit(cell)[0].lower() in COLUMNS  # noqa: E731
+    file, delimiter, records = records_of(data, path, is_column, findings, *needed)
     where, header = records[0]
     named = [(name.lower(), unit) for name, unit in map(name_and_unit, header)]
     names = [name for name, _ in named]
-    for name in names:
-        if name not in COLUMNS:
-            remedy = did_you_mean(name, COLUMNS, "remove or rename the column")
-            findings.append(Problem(where, f"the unknown column {quoted(name)}", f"one of {', '.join(HEAD)}", remedy))
-    findings += header_problems(where, names, REQUIRED)
+    findings += header_problems(where, names, REQUIRED, COLUMNS, ", ".join(HEAD))
     units = dict(named)
     if units.get("speed", "") not in ("", "%"):
         findings.append(Problem(where, units["speed"], "% of full speed", "convert it", "speed"))

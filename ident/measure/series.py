@@ -100,10 +100,7 @@ def parse_series(
         What could be read.
     """
     is_column = lambda name: name_and_unit(name)[0].lower() == TIME or name.endswith("]")  # noqa: E731
-    file, delimiter, records = records_of(data, path, is_column, findings)
-    if len(records) < 2:
-        got, expected = "only one row" if records else "no row", "a header and a row for each time"
-        raise InputError([*findings, Problem(file, got, expected, "check the file")])
+    file, delimiter, records = records_of(data, path, is_column, findings, "time", "check the file")
     where, header = records[0]
     places = _places(where, header, {TIME: ("time",), **wanted}, findings)
     misfits = Findings()

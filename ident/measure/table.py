@@ -6,14 +6,14 @@ import math
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from ident.errors import InputError, Problem, refusal, refuse
-from ident.text import LARGEST_TEXT, decode, one_line, quoted, read_bytes
+from ident.text import LARGEST_TEXT, decode, did_you_mean, one_line, quoted, read_bytes
 
 # -------- Spreadsheet
 # An Excel sheet (`.xlsx`) as the text of a CSV file, row by row, so that all checks and row numbers are the same.
@@ -163,7 +163,7 @@ def read_table(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
 
 
 def records_of(
-    data: bytes | str, path: str | Path, is_column: Callable[[str], bool], findings: Findings
+    data: bytes | str, path: str | Path, is_column: Callable[[str], bool], findings: Findings, *needed: str
 ) -> tuple[str, str, list[Record]]:
     """Return a table's name for messages, its delimiter and its records; what is no record is noted.
 
@@ -174,9 +174,10 @@ def records_of(
         path: names it.
         is_column: whether a column may have a name, by which the delimiter is found.
         findings: where problems are put.
+        needed: what the rows below the header are for, and what to do where there are none; nothing if that is fine.
 
     Raises:
-        InputError: it is no text, or has numbers without a header.
+        InputError: it is no text, has numbers without a header, or too few rows.
     """
     file = one_line(str(path))
     if isinstance(data, bytes):
@@ -189,6 +190,9 @@ def records_of(
     if _is_numeric(" ".join(header)) and not (len(header) > 2 and header in counts):
         got = f"numbers only: {quoted(delimiter.join(header))}"
         raise refusal(where, got, "a header", "write a line above with a name for each column")
+    if needed and len(records) < 2:
+        (each, remedy), got = needed, "only one row" if records else "no row"
+        raise InputError([*findings, Problem(file, got, f"a header and a row for each {each}", remedy)])
     return file, delimiter, records
 
 
@@ -220,8 +224,14 @@ def fitting(records: list[Record], columns: int, delimiter: str, findings: Findi
     return [(where, cells) for where, cells in records if len(cells) == columns]
 
 
-def header_problems(where: str, names: Sequence[str], required: Iterable[str]) -> Iterator[Problem]:
-    """Yield the columns that a header lacks, and those that it has twice."""
+def header_problems(
+    where: str, names: Sequence[str], required: Iterable[str], known: Collection[str] = (), shown: str = ""
+) -> Iterator[Problem]:
+    """Yield the columns that a header has beside the known ones, if there are such, lacks, and has twice."""
+    for name in names if known else ():
+        if name not in known:
+            remedy = did_you_mean(name, known, "remove or rename the column")
+            yield Problem(where, f"the unknown column {quoted(name)}", f"one of {shown}", remedy)
     for name in required:
         if name not in names:
             yield Problem(where, "no such column", f"a column {name}", "add the column", name)

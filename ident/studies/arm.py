@@ -16,7 +16,7 @@ from ident.present.report import Report
 from ident.studies import STUDIES
 from ident.studies.options import Options, flag_of, specs
 from ident.studies.result import Reported
-from ident.studies.shared import FARTHEST, as_file, is_angle
+from ident.studies.shared import as_file, check_posture
 from ident.text import did_you_mean, one_line, quoted
 
 if TYPE_CHECKING:
@@ -260,10 +260,7 @@ def show(arm: "Arm | ArmFile | str | Path", posture: Sequence[float] | None = No
     arm_file = as_file(arm)
     if posture is None:
         return ArmPicture(arm_view(arm_file))
-    count = len(arm_file.arm.driven)
-    if len(posture) != count or not all(map(is_angle, posture)):
-        expected = f"{count} angles within {FARTHEST:g} deg, one for each driven joint"
-        raise refusal("posture", f"{tuple(posture)}", expected, "give one angle for each joint")
+    check_posture(posture, arm_file.arm)
     return ArmPicture(arm_view(arm_file, tuple(map(radians, posture))))
 
 

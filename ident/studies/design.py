@@ -236,12 +236,12 @@ def _evaluator(basis: "Basis", options: DesignOptions) -> "Evaluator":
 def _checked_text(basis: "Basis", variables: "tuple[Variable, ...]") -> str:
     """Return the text of the arm file; empty without one in TOML."""
     from ident.description.file import parse_arm, update_file
-    from ident.text import decode, one_line, read_bytes
+    from ident.text import one_line, read_text
 
     path, values = basis.arm_file.path, basis.fit or basis.posterior
     if not path or basis.arm_file.bushings:
         return ""
-    text = decode(read_bytes(path, "an arm description (TOML)"), one_line(path))
+    text = read_text(path, "an arm description (TOML)")
     names = [name for variable in variables for name in variable.paths]
     written = parse_arm(text, one_line(path)).numbers()
     for name in [*names, *(values.values if values else ()), *basis.changed]:

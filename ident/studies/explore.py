@@ -128,12 +128,12 @@ def explore(
     from ident.measure import Load
 
     changed = with_numbers(arm.arm, fit or posterior, options.set)
-    _check_posture(changed, options.posture)
     draws, load = posterior.without(options.set) if posterior else {}, Load.parse(options.load)
-    extension = _extension(changed, options.profile)
-    made = exploration(changed, load, options.payload, extension, draws, measured)
-    posture = options.posture or _middle(changed)
+    posture, extension = options.posture or _middle(changed), _extension(changed, options.profile)
     modal_analysis(changed, tuple(map(radians, posture)), load)  # an arm that collapses there has nothing to show
+    if options.posture:
+        _check_on_stroke(changed, options.posture)
+    made = exploration(changed, load, options.payload, extension, draws, measured)
     return ExploreResult(arm, made, options, posture, fit, posterior)
 
 
@@ -157,14 +157,10 @@ def page_of(basis: "Basis", measured: "Campaign", soft_base: float | None, profi
     return explore_page(made, basis.arm_file, start, fit=basis.fit, posterior=drawn)
 
 
-def _check_posture(arm: "Arm", posture: tuple[float, ...]) -> None:
+def _check_on_stroke(arm: "Arm", posture: tuple[float, ...]) -> None:
     import numpy as np
 
-    if posture and len(posture) != len(arm.driven):
-        expected = f"{len(arm.driven)}, one for each driven joint of {arm.name}"
-        got, remedy = f"{len(posture)} joint angle" + "s" * (len(posture) != 1), "give one angle for each joint"
-        raise refusal("posture", got, expected, remedy)
-    if posture and arm.stroke is not None:
+    if arm.stroke is not None:
         direction, q = np.asarray(arm.stroke.direction), np.array(posture)
         alpha = q @ direction / (direction @ direction)
         if np.abs(q - alpha * direction).max() > BESIDE:

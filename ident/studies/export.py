@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ident.errors import refusal
 from ident.studies.result import input_of
-from ident.studies.shared import FARTHEST, as_file, is_angle
+from ident.studies.shared import as_file, check_posture
 from ident.text import one_line, study_of
 
 if TYPE_CHECKING:
@@ -197,7 +197,11 @@ def export(
     if path.suffix not in writers:
         got = f"the ending {path.suffix}" if path.suffix else "no ending"
         raise refusal(one_line(str(path)), got, f"a file *{ENDINGS}", "name it so")
-    _check_posture(asked)
+    if posture is not None:
+        if path.suffix != ".xml":
+            got, expected = "a posture for a file without springs", "a file *.xml"
+            raise refusal("posture", got, expected, "write .xml, or leave it out")
+        check_posture(posture, own.arm)
     files = writers[path.suffix](asked)
     sources = (own.path, own.bushings.path if own.bushings else "")
     for each in files:
@@ -207,18 +211,6 @@ def export(
         for each, data in files.items():
             replace_file(each, lambda file, data=data: file.write(data), make_folders=True)  # type: ignore[misc]
     return tuple(files)
-
-
-def _check_posture(asked: Exported) -> None:
-    """Refuse a posture that the arm has not, or a format that has no springs."""
-    given, count = asked.posture, len(asked.own.arm.driven)
-    if given is None:
-        return
-    if asked.path.suffix != ".xml":
-        raise refusal("posture", "a posture for a file without springs", "a file *.xml", "write .xml, or leave it out")
-    if len(given) != count or not all(map(is_angle, given)):
-        expected = f"{count} angles within {FARTHEST:g} deg"
-        raise refusal("posture", f"{given}", expected, "give one for each driven joint")
 
 
 def _mjcf(asked: Exported) -> Mapping[Path, bytes]:
@@ -257,12 +249,12 @@ def _urdf(asked: Exported) -> Mapping[Path, bytes]:
 def _joints(asked: Exported) -> dict[Path, bytes]:
     """Return the file of bushings that goes beside a robot description, by which ident reads it again."""
     from ident.description.robot import beside, joints_text
-    from ident.text import decode, read_bytes
+    from ident.text import read_text
 
     own = asked.own
     assert own.bushings, "the arm was read from a robot description"
     where = one_line(own.bushings.path)
-    text = decode(read_bytes(own.bushings.path, "the bushings of a robot (TOML)"), where)
+    text = read_text(own.bushings.path, "the bushings of a robot (TOML)")
     written = joints_text(text, own.arm, asked.arm, "calibrated", where)
     return {beside(str(asked.path)): written.encode("utf-8")}
 
@@ -270,7 +262,7 @@ def _joints(asked: Exported) -> dict[Path, bytes]:
 def _toml(asked: Exported) -> Mapping[Path, bytes]:
     from ident.description.file import update_arm
     from ident.description.rewriting import arm_text
-    from ident.text import decode, read_bytes
+    from ident.text import read_text
 
     path, own = asked.path, asked.own
     if not own.path:
@@ -281,9 +273,8 @@ def _toml(asked: Exported) -> Mapping[Path, bytes]:
         said = {f"{joint.name}.{key}": "derived" for joint in own.arm.joints for key in ("axis", "limits")}
         origins = {**said, ".gravity": "derived", **asked.origins}
         return {path: arm_text(asked.arm, origin="assumed", head=head, origins=origins).encode("utf-8")}
-    where = one_line(own.path)
-    text = decode(read_bytes(own.path, "an arm description (TOML)"), where)
-    return {path: update_arm(text, asked.arm, origin="calibrated", where=where).encode("utf-8")}
+    text = read_text(own.path, "an arm description (TOML)")
+    return {path: update_arm(text, asked.arm, origin="calibrated", where=one_line(own.path)).encode("utf-8")}
 
 
 def _json(asked: Exported) -> Mapping[Path, bytes]:

@@ -1,7 +1,7 @@
 """What several studies share: options that pose a problem, and the arm with where it comes from."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -172,6 +172,13 @@ def is_angle(value: Any) -> bool:
     return isinstance(value, Real) and abs(float(value)) <= FARTHEST
 
 
+def check_posture(posture: Sequence[float], arm: "Arm") -> None:
+    """Refuse what is no posture [deg] of an arm."""
+    if len(posture) != len(arm.driven) or not all(map(is_angle, posture)):
+        expected = f"{len(arm.driven)} angles within {FARTHEST:g} deg, one for each driven joint"
+        raise refusal("posture", f"{tuple(posture)}", expected, "give one angle for each joint")
+
+
 def as_file(arm: "Arm | ArmFile | str | Path", soft_base: float | None = None) -> "ArmFile":
     """Return an arm with where it comes from; one that was made in Python comes from no file.
 
@@ -221,14 +228,9 @@ def with_numbers(arm: "Arm", taken_over: "Values | None", changed: Mapping[str, 
             if numbers:
                 check_arm(arm)
         except InputError as error:
-            raise InputError(_from(where, problem) for problem in error.problems) from None
+            parts = [(".".join(filter(None, (each.where, each.column))), each) for each in error.problems]
+            raise InputError(Problem(where, f"{part}: {p.got}", p.expected, p.remedy) for part, p in parts) from None
     return arm
-
-
-def _from(where: str, problem: Problem) -> Problem:
-    """Return a problem of a part of the arm as one of the file, or the option, that its number is from."""
-    part = ".".join(filter(None, (problem.where, problem.column)))
-    return replace(problem, where=where, column="", got=f"{part}: {problem.got}")
 
 
 def as_log(path: "Log | str | Path", arm: "Arm") -> "Log":

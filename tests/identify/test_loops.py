@@ -18,7 +18,7 @@ from ident.identify.problem import check_values, pose, ramps, ramps_of
 from ident.inference.fit import fit
 from ident.inference.search import evaluate
 from ident.measure import Campaign, Load, Measurement
-from ident.measure.reading import format_campaign, parse_campaign
+from ident.measure.reading import campaign_text, parse_campaign
 from ident.present.fit import fit_sections
 from ident.present.validate import validate_sections
 from ident.present.warnings import expected_hysteresis, hysteresis
@@ -182,7 +182,7 @@ def test_a_plan_goes_on_from_ramps():
 
 def test_ramps_are_written_and_read_back():
     campaign = measured(WIDTHS)
-    assert parse_campaign(format_campaign(campaign).encode(), "c.csv") == campaign
+    assert parse_campaign(campaign_text(campaign).encode(), "c.csv") == campaign
 
 
 @pytest.mark.parametrize(

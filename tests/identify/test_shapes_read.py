@@ -16,7 +16,7 @@ from ident.identify.conditions import _compared
 from ident.identify.problem import pose
 from ident.inference.search import evaluate, solve
 from ident.measure import Campaign, Measurement
-from ident.measure.reading import format_campaign, parse_campaign
+from ident.measure.reading import campaign_text, parse_campaign
 
 slow = pytest.mark.slow
 
@@ -137,7 +137,7 @@ def test_modes_that_coincide_are_compared_as_their_plane():
 @slow
 def test_rows_of_shapes_are_written_and_read_again(campaigns):
     campaign = Campaign(measurements=campaigns["skew, poles"])
-    assert parse_campaign(format_campaign(campaign).encode(), "a.csv") == campaign
+    assert parse_campaign(campaign_text(campaign).encode(), "a.csv") == campaign
 
 
 BLANK = {"kind": "shape", "posture": SKEW, "value": 0.5, "sigma": 0.1, "mode": "vertical bending 1", "point": "tip",

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from ident.errors import InputError
 from ident.identify.problem import pose
 from ident.measure import Campaign, Load, Measurement
-from ident.measure.reading import format_campaign, parse_campaign
+from ident.measure.reading import campaign_text, parse_campaign
 
 JOINTS = 3
 POSTURE, FORCE = (0.4, -0.9, 1.3), np.array([6.0, -8.0, 3.0])
@@ -79,7 +79,7 @@ def test_twists_are_those_of_the_energys_minimum(seed):
 
 
 def test_csv_reads_back_equal():
-    text = format_campaign(CAMPAIGN)
+    text = campaign_text(CAMPAIGN)
     assert ",joint," in text.splitlines()[0]
     assert parse_campaign(text.encode(), "c.csv") == CAMPAIGN
 

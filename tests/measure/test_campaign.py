@@ -18,13 +18,12 @@ from ident.measure import (
     Campaign,
     Load,
     Measurement,
-    format_campaign,
     parse_campaign,
     read_campaign,
     write_campaign,
 )
 from ident.measure.load import DIFFERENCES, SHAPES, TWISTS, parse_direction
-from ident.measure.reading import COLUMNS
+from ident.measure.reading import COLUMNS, campaign_text
 
 README = Path(__file__).parents[2] / "data" / "README.md"
 
@@ -232,7 +231,7 @@ def measurements(draw):
 @given(st.lists(measurements(), min_size=1, max_size=5, unique_by=lambda m: m.value), st.booleans())
 @settings(max_examples=50)
 def test_what_is_written_reads_back_equal(made, relative):
-    text = format_campaign(Campaign(measurements=tuple(made)), relative_sigma=relative)
+    text = campaign_text(Campaign(measurements=tuple(made)), relative_sigma=relative)
     read = parse(text)
     for one, other in zip(made, read, strict=True):
         same = {"value": 0.5 if one.value < 1 else 1.0, "sigma": 1.0, "resolution": 0.0, "posture": (0.0,)}
@@ -263,8 +262,8 @@ def test_what_a_frequency_is_reads_in_any_case_and_is_written_back():
     text = "kind,q1 [deg],of,value,unit,sigma\nfrequency,1,Acceleration  Peak,4,Hz,1\nfrequency,1,undamped,5,Hz,1\n"
     read = parse_campaign(text.encode(), "a.csv")
     assert [m.of for m in read] == ["acceleration peak", None]
-    assert parse_campaign(format_campaign(read).encode(), "b.csv") == read
-    assert ",of," not in format_campaign(Campaign(measurements=read.measurements[1:]))
+    assert parse_campaign(campaign_text(read).encode(), "b.csv") == read
+    assert ",of," not in campaign_text(Campaign(measurements=read.measurements[1:]))
 
 
 def test_postures_that_look_like_radians_are_asked_about():

@@ -12,7 +12,7 @@ from arms import DATA
 
 from ident.assess.effort import DiagnosisEffort
 from ident.cli.command import ArmOption, CampaignArgument, OutOption, PathOption, command
-from ident.cli.commands import run_diagnose
+from ident.cli.commands import diagnose_command
 from ident.studies.diagnose import DiagnoseOptions
 
 SMALL = DiagnosisEffort(
@@ -38,7 +38,7 @@ def small_command(
     out: OutOption = Path("out"),
 ) -> None:
     """Diagnose with little effort."""
-    run_diagnose(campaign, replace(options, effort=SMALL), arm, path, None, restart, out)
+    diagnose_command(campaign, replace(options, effort=SMALL), arm, path, None, restart, out)
 
 
 if __name__ == "__main__":
