@@ -96,7 +96,7 @@ def test_the_check_sees_imports():
     assert len(modules()) > 20
 
 
-REACHES = {"predict": 14_950, "fit": 24_150, "simulate": 20_150, "sample": 30_050, "modal": 21_300, "sweep": 21_700}
+REACHES = {"predict": 14_950, "fit": 24_200, "simulate": 20_250, "sample": 30_050, "modal": 21_300, "sweep": 21_800}
 """Lines of the modules that a study can reach, those that functions import among them: no more, rather less."""
 
 
