@@ -11,8 +11,8 @@ smooth where modes cross; nothing asks which mode is which.
 
 References:
     Crandall, "The role of damping in vibration theory", J. Sound Vib. 11(1), 1970 (causality). Woodhouse, "Linear
-    damping models for structural vibration", J. Sound Vib. 215(3), 1998. The matrix is ours; compared with modal
-    superposition in tests/vibrate/test_structural.py.
+    damping models for structural vibration", J. Sound Vib. 215(3), 1998. The matrix is ours; compared with SciPy
+    and modal superposition in tests/arm/test_losses.py, in motion in tests/vibrate/test_structural.py.
 """
 
 import jax
@@ -60,5 +60,6 @@ def _roots(A: Square) -> tuple[Float[Array, "n *#batch"], Square]:
 
 
 def _solved(w: Float[Array, "n *#batch"], Q: Square, B: Square) -> Square:
+    """Return X with S X + X S = B, S having these eigenvalues and eigenvectors."""
     own = matmul(matmul(transpose(Q), B), Q) / (w[:, None] + w[None])
     return matmul(matmul(Q, own), transpose(Q))

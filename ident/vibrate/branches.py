@@ -189,7 +189,7 @@ class ModesAlongPath(NamedTuple):
     Attributes:
         s: (K,) [rad] length of the path, ascending.
         frequency: (m, K) [Hz] ascending at each posture.
-        damping_ratio: (m, K) [-] for light damping.
+        damping_ratio: (m, K) [-] of the poles, see `_damping_ratios`.
         torsion: (m, K) [-] share of torsion in the strain energy.
         vertical: (m, K) [-] share of vertical motion of the end point.
         shape: (n, m, K) [rad/sqrt(kg m^2)] along the shafts' axes.
@@ -387,7 +387,7 @@ class Branches:
         time: (T,) [s]
         posture: (driven, T) [rad]
         frequency: (B, T, *batch) [Hz] of each branch.
-        damping_ratio: (B, T, *batch) [-] for light damping.
+        damping_ratio: (B, T, *batch) [-] of the poles, see `_damping_ratios`.
         labels: of each branch at the last posture, for the median of the batch.
         first_labels: of each branch at the first posture.
         changes: where a label changes, in time.

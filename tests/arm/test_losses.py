@@ -140,5 +140,5 @@ def test_a_swept_force_passes_a_resonance_as_modal_superposition_has_it(rate: fl
     w = np.sqrt(values)
     modal = [lsim(([1.0], [1.0, 0.02 * w[i], w[i] ** 2]), pull @ V[:, i], time)[1] for i in range(9)]
     expected = np.array(modal).T @ V.T
-    np.testing.assert_allclose(np.abs(whole).max(0), np.abs(expected).max(0), rtol=1e-6)
+    np.testing.assert_allclose(np.abs(whole).max(0), np.abs(expected).max(0), rtol=1e-9)
     assert np.abs(whole[:, 0]).max() > 5 * np.abs(whole[: len(time) // 10, 0]).max()  # the resonance lies within
