@@ -86,7 +86,7 @@ class Response(eqx.Module):
 
     @property
     def moment(self) -> Float[AnyArray, "3 N T *batch"]:
-        """Moments of the bushings, stiffness and damping times, along their shafts' axes [N m]: none of loss factors."""
+        """Moments of the bushings by stiffness and damping times, along their shafts' axes [N m]; not by loss factors."""
         D = concrete(self.model.damping)
         return self.spring_moment + (D * self._by_bushing(self.yd)).sum(1)
 
