@@ -86,7 +86,7 @@ class Response(eqx.Module):
 
     @property
     def moment(self) -> Float[AnyArray, "3 N T *batch"]:
-        """Moments by stiffness and damping times, along the shafts' axes [N m]; those by loss factors are not among them."""
+        """Moments by stiffness and damping times, along the shafts' axes [N m]; those by loss factors are left out."""
         D = concrete(self.model.damping)
         return self.spring_moment + (D * self._by_bushing(self.yd)).sum(1)
 
