@@ -13,7 +13,19 @@ from pydantic import TypeAdapter, ValidationError
 
 from ident.arm.arm import Arm, check_drives
 from ident.arm.fields import FIELDS, LOSS, field_of, fields_in
-from ident.arm.parts import Belt, Body, CubicSpring, Drive, ErrorOrder, Joint, Point, Servo, Spring, Stroke
+from ident.arm.parts import (
+    Belt,
+    Body,
+    CubicSpring,
+    Drive,
+    ErrorOrder,
+    Joint,
+    MassDamping,
+    Point,
+    Servo,
+    Spring,
+    Stroke,
+)
 from ident.description import schema
 from ident.errors import InputError
 from ident.identify.unknowns import parameter
@@ -25,9 +37,10 @@ from ident.vibrate.evaluator import Variable, changed, check, is_shifted
 from ident.vibrate.sweep import Axis, changeable
 
 CLASSES = {
-    part.__name__: part for part in (Body, Joint, Point, Drive, ErrorOrder, Belt, Servo, Spring, CubicSpring, Stroke)
+    part.__name__: part
+    for part in (Body, Joint, Point, Drive, ErrorOrder, Belt, Servo, Spring, CubicSpring, Stroke, MassDamping)
 }
-TABLES = {part: getattr(schema, f"{part}Table") for part in CLASSES}
+TABLES = {part: getattr(schema, f"{part.replace('Mass', 'Arm')}Table") for part in CLASSES}
 RANKS = {"()": 0, "(3,)": 1, "(3, 3)": 2}
 EITHER_SIGN = {"com", "offset", "position", "height", "phase", "error_phase", "folded", "unfolded"}
 NEVER_ZERO = {"k_bend", "k_tors", "driver_radius", "driven_radius", "speed", "acceleration", "jerk", "k_servo"}
@@ -42,7 +55,7 @@ every_field = pytest.mark.parametrize("field", FIELDS, ids=lambda field: f"{fiel
 
 @cache
 def whole_arm() -> Arm:
-    """The shipped arm with all that it has not: a servo, loss factors, curved springs, errors of another order."""
+    """The shipped arm with all that it has not: a servo, other damping, curved springs, errors of another order."""
     loss = {name: jnp.array(0.01) for name in LOSS}
     lossy = tuple(replace(joint, **loss) for joint in lcd_arm().joints[:2])
     springs = (
@@ -51,7 +64,8 @@ def whole_arm() -> Arm:
     )
     joints, servos = (*lossy, lcd_arm().joints[2]), (Servo("servo1", "joint1", k_servo=100.0),)
     drives = tuple(replace(drive, errors=(ErrorOrder(drive.name, 4, amplitude=1e-5),)) for drive in lcd_arm().drives)
-    return replace(lcd_arm(), joints=joints, drives=drives, servos=servos, springs=springs)
+    more = {"servos": servos, "springs": springs, "damping": MassDamping(alpha=0.1)}
+    return replace(lcd_arm(), joints=joints, drives=drives, **more)
 
 
 def possible(name: str) -> set[float]:

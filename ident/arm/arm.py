@@ -25,6 +25,7 @@ from ident.arm.parts import (
     CubicSpring,
     Drive,
     Joint,
+    MassDamping,
     NamedPart,
     Payload,
     Point,
@@ -272,6 +273,7 @@ class Arm(eqx.Module):
         workspace: where it may be held, besides the joint limits.
         servos: what holds the motors where no brake does; only measurements with a servo on ask for them.
         springs: of bushings whose torque is no straight line over the angle.
+        damping: beside that of the bushings, in proportion to mass.
     """
 
     name: str = eqx.field(static=True)
@@ -285,6 +287,7 @@ class Arm(eqx.Module):
     workspace: Workspace = eqx.field(static=True, default=ANYWHERE)
     servos: tuple[Servo, ...] = eqx.field(converter=tuple, default=())
     springs: tuple[Spring | CubicSpring, ...] = eqx.field(converter=tuple, default=())
+    damping: MassDamping = MassDamping()
 
     def __check_init__(self) -> None:
         names = [part.name for part in self.parts()]
@@ -357,11 +360,12 @@ class Arm(eqx.Module):
         yield from self.belts + self.servos + self.springs
         if self.stroke:
             yield self.stroke
+        yield self.damping
 
     def get(self, path: str) -> AnyArray:
         """Return the number [SI] at a path such as `joint1.k_bend`, `link2.mass` or `fingers.com.x`.
 
-        A loss factor that a joint does not have is zero.
+        A loss factor that a joint does not have is zero, as is `damping.alpha`.
 
         Raises:
             InputError: the path names no number of this arm; the nearest names are suggested.
@@ -405,12 +409,16 @@ class Arm(eqx.Module):
 
         plain = ("points", "belts", "servos", "springs")
         return eqx.tree_at(
-            lambda arm: (arm.joints, arm.payloads, arm.stroke, arm.drives, *(getattr(arm, name) for name in plain)),
+            lambda arm: (
+                *(arm.joints, arm.payloads, arm.stroke, arm.damping, arm.drives),
+                *(getattr(arm, name) for name in plain),
+            ),
             self,
             (
                 tuple(joint(j) for j in self.joints),
                 tuple(eqx.tree_at(lambda n: n.body, p, changed(p.body)) for p in self.payloads),
                 changed(self.stroke),
+                changed(self.damping),
                 tuple(map(drive, self.drives)),
                 *(tuple(map(changed, getattr(self, name))) for name in plain),
             ),

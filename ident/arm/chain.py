@@ -233,6 +233,7 @@ class Chain(eqx.Module):
         frame: (3, 3, N, *batch) axes of shaft j, columns, in the base frame.
         carrier: body that carries each named point.
         loss: (3, 3, N, *batch) [N m/rad] what bushing j loses by its loss factors, see `Joint`; None without any.
+        alpha: (*batch) [1/s] damping per mass; None without any.
         curved: where springs are no straight lines; None where all are.
         motors: those that servos hold, where some do; else the pins are fixed.
         couple: (3, P, *batch) [N m] moment at phi = 0 on the body of each named point, see `potential_energy`; None
@@ -254,6 +255,7 @@ class Chain(eqx.Module):
     frame: Float[Array, "3 3 N *#batch"]
     carrier: tuple[int, ...] = eqx.field(static=True)
     loss: Float[Array, "3 3 N *#batch"] | None = None
+    alpha: Float[Array, "*#batch"] | None = None
     curved: CurvedSprings | None = None
     motors: "Motors | None" = None
     couple: Float[Array, "3 P *#batch"] | None = None
@@ -339,6 +341,7 @@ def at_posture(
         frame=before,
         carrier=carrier,
         loss=losses(arm, bend, tors),
+        alpha=arm.damping.alpha,
         couple=loads.moment,
         curved=curved_springs(arm, axis),
         rigid=rigid_directions(arm, axis),

@@ -113,6 +113,7 @@ FIELDS = (
     Field("Joint", "tau_tors", "s", "non-negative", True, words="torsion damping", redesigned=True),
     Field("Joint", "loss_bend", "-", "non-negative", True, words="bending loss factor"),
     Field("Joint", "loss_tors", "-", "non-negative", True, words="torsion loss factor"),
+    Field("MassDamping", "alpha", "1/s", "non-negative", True, words="mass-proportional damping"),
     _length("Point", "position", rank=1),
     Field("Drive", "ratio", "-", "non-zero", True, redesigned=True),
     Field("Drive", "rotor_inertia", "kg m^2", "non-negative", True),
@@ -149,6 +150,8 @@ STIFFNESS = ("k_bend", "k_tors")
 DAMPING = ("tau_bend", "tau_tors")
 LOSS = ("loss_bend", "loss_tors")
 """Loss factors, which most arms have none of: then they have no path either."""
+ALPHA = "damping.alpha"
+"""Damping in proportion to mass, likewise."""
 
 _BY_NAME = {field.name: field for field in FIELDS}
 
@@ -160,7 +163,7 @@ def fields_of(part: str) -> tuple[Field, ...]:
 
 
 def fields_in(part: Any) -> tuple[Field, ...]:
-    """Return the fields that a part has a number of: of a joint no loss factor, unless it has one."""
+    """Return the fields that a part has a number of: a loss factor or alpha only where it has one."""
     return tuple(field for field in fields_of(type(part).__name__) if getattr(part, field.name) is not None)
 
 

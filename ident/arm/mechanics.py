@@ -405,7 +405,8 @@ def system(chain: Chain, phi: Phi) -> tuple[Matrix, Matrix, Matrix]:
         R = block_diagonal(chain.rigid)
         M = M + R
         H = H + _above_all(M, H) * R
-    return (M, C, H) if chain.motors is None else _with_motors(chain.motors, phi, M, C, H)
+    M, C, H = (M, C, H) if chain.motors is None else _with_motors(chain.motors, phi, M, C, H)
+    return M, C if chain.alpha is None else C + chain.alpha * M, H
 
 
 def block_diagonal(blocks: Float[Array, "3 3 N *#batch"]) -> Matrix:

@@ -138,6 +138,7 @@ class Multibody(eqx.Module):
         damping: (3, 3, N, *batch) [N m s/rad] by the damping times.
         loss: (3, 3, N, *batch) [N m/rad] what they lose by their loss factors, see `ident.arm.structural`; None
             without any.
+        alpha: (*batch) [1/s] damping per mass; None without any.
         position: (3, P, *batch) [m] named points along the axes of their link.
         force: (3, P, *batch) [N] on them, in base axes.
         gravity: (3,) [m/s^2]
@@ -159,6 +160,7 @@ class Multibody(eqx.Module):
     stiffness: Float[Array, "3 3 N *#batch"]
     damping: Float[Array, "3 3 N *#batch"]
     loss: Float[Array, "3 3 N *#batch"] | None
+    alpha: Float[Array, "*#batch"] | None
     position: Float[Array, "3 P *#batch"]
     force: Float[Array, "3 P *#batch"]
     gravity: Float[Array, "3"]
@@ -285,6 +287,7 @@ def multibody(
         stiffness=bend + tors,
         damping=damping,
         loss=losses(arm, bend, tors),
+        alpha=arm.damping.alpha,
         position=positions(arm, rank),
         force=loads.force,
         gravity=arm.gravity,

@@ -374,6 +374,20 @@ def _set_numbers(part: eqx.Module, default: float | None = 0.0, **numbers: Any) 
         setattr(part, name, jnp.asarray(numbers.get(name, default), float))
 
 
+class MassDamping(eqx.Module):
+    """Damping of what moves against the surroundings, alpha M: a light mode's ratio alpha / 2w falls with frequency.
+
+    Attributes:
+        name: `damping`, so that its path is `damping.alpha`.
+        alpha: () [1/s] times the mass matrix of the bushings' rotations; None for none.
+    """
+
+    name: str = eqx.field(static=True, default="damping")
+    alpha: Float[Array, ""] | None = eqx.field(
+        converter=lambda x: None if x is None else jnp.asarray(x, float), default=None
+    )
+
+
 # -------- Springs
 # What a bushing's torque adds to stiffness times angle: the curves stand at the file's head.
 
@@ -433,7 +447,7 @@ class CubicSpring(eqx.Module):
         self.name, self.joint, self.direction, self.cubic = name, joint, direction, jnp.asarray(cubic, float)
 
 
-NamedPart = Joint | Body | Point | Drive | ErrorOrder | Belt | Servo | Spring | CubicSpring | Stroke
+NamedPart = Joint | Body | Point | Drive | ErrorOrder | Belt | Servo | Spring | CubicSpring | Stroke | MassDamping
 """What of an arm has a name and numbers."""
 
 

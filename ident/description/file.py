@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import equinox as eqx
 import numpy as np
 import tomlkit
 from jaxtyping import Float
@@ -33,7 +34,7 @@ from ident.description.robot import (
     read_joints,
     refuse_xacro,
 )
-from ident.description.schema import BUSHING, ArmDocument, Origin, named, uncertain_numbers
+from ident.description.schema import BUSHING, SINGLE, ArmDocument, Origin, named, uncertain_numbers
 from ident.errors import ARM_FILE, InputError, Problem, refusal
 from ident.text import decode, one_line, read_bytes
 
@@ -95,12 +96,13 @@ def robot_arm(path: str | PathLike[str], sha256: str) -> "ArmFile":
     bushings = {table.name: table.bushing() for table in document.joint}
     points = tuple(Point(each.name, each.joint, each.position.number) for each in document.point)
     payloads = tuple(Payload(each.joint, each.body()) for each in document.payload)
-    arm = robot.arm(bushings, points, payloads)
-    written: list[Any] = [*document.joint, *document.point, *document.payload]
+    arm = eqx.tree_at(lambda a: a.damping, robot.arm(bushings, points, payloads), document.damping.in_arm())
+    named_tables: list[Any] = [*document.joint, *document.point, *document.payload]
+    written = {each.name: each for each in named_tables} | {"damping": document.damping}
     origins: dict[str, str] = dict.fromkeys(arm.paths(), "derived")
     for number in origins:
         name, field, *_ = number.split(".")
-        table = next((each for each in written if each.name == name), None)
+        table = written.get(name)
         if table is not None and (field in BUSHING or table not in document.joint):
             quantity = getattr(table, field)
             origins[number] = quantity.origin if quantity else "derived"
@@ -216,8 +218,8 @@ def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where
         where: names the text in errors.
     """
     before, document = parse_arm(text, where), tomlkit.parse(text)
+    place_damping(document, _tables(document), before, values)
     tables = _tables(document)
-    place_damping(tables, before, values)
     set_numbers(tables, values, origin, where)
     updated = tomlkit.dumps(document)
     parse_document(updated, where)
@@ -255,4 +257,5 @@ def update_arm(text: str, arm: Arm, *, origin: Origin, where: str = "arm.toml") 
 
 
 def _tables(document: Any) -> dict[str, Any]:
-    return {name: table for _, name, table in named(document)} | {"stroke": document.get("stroke", {})}
+    tables = {name: table for _, name, table in named(document)}
+    return tables | {key: document.get(key, {}) for key in SINGLE}

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 
 from ident.arm.arm import Arm, on_soft_base
 from ident.arm.chain import at_posture
-from ident.arm.fields import LOSS
+from ident.arm.fields import ALPHA, LOSS
 from ident.arm.mechanics import equilibrium
 from ident.arm.parts import Body, Joint
 from ident.arm.rotations import matmul, rotation, rotation_vector
@@ -188,7 +188,8 @@ def mjcf_with_bushings(
                 each = " ".join(added.get(named.get(n, ""), "") * (named.get(n) in own) + word for n, word in words)
                 key.set(name, each if arm.base is None else added[arm.base.name] + each)
     lost = [joint.name for joint in joints if any(float(getattr(joint, key) or 0.0) for key in LOSS)]
-    more = [f"Not in this file: the loss factors of {', '.join(lost)}. MuJoCo has none."] if lost else []
+    lacking = [f"the loss factors of {', '.join(lost)}"] * bool(lost) + ["damping.alpha"] * bool(float(arm.get(ALPHA)))
+    more = [f"Not in this file: {' and '.join(lacking)}. MuJoCo has none."] if lacking else []
     return (
         data[: root_start(data)] + comment([*lines, *more]) + ElementTree.tostring(tree.root, encoding="utf-8") + b"\n"
     )

@@ -47,7 +47,7 @@ ADD = {
 BODY = document.BodyTable
 TABLES: dict[str, type[Table]] = {
     "": document.ArmDocument,
-    "damping": document.DampingTable,
+    "damping": document.ArmDampingTable,
     "value": document.EachWay,
     "joint": document.JointTable,
     "shaft": BODY,

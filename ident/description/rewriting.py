@@ -9,9 +9,9 @@ import numpy as np
 import tomlkit
 
 from ident.arm.arm import GRAVITY, Arm
-from ident.arm.fields import COMPONENTS, DAMPING, LOSS, STIFFNESS
+from ident.arm.fields import ALPHA, COMPONENTS, DAMPING, LOSS, STIFFNESS
 from ident.arm.parts import Body, Joint
-from ident.description.schema import RIGID, DampingTable, Origin, si
+from ident.description.schema import BUSHING, RIGID, DampingTable, Origin, si
 from ident.errors import refusal
 from ident.text import one_line
 
@@ -31,20 +31,23 @@ def set_numbers(tables: Mapping[str, Any], values: Mapping[str, float], origin: 
         entry["origin"] = origin
 
 
-def place_damping(joints: Mapping[str, Any], arm: Arm, paths: Collection[str]) -> None:
+def place_damping(document: Any, joints: Mapping[str, Any], arm: Arm, paths: Collection[str]) -> None:
     """Write all damping of joints whose tables lack the place of some, as times and loss factors, in their own tables.
 
     Args:
+        document: of these tables; it gets a place for damping in proportion to mass.
         joints: tables by name; other tables may be among them.
         arm: whose numbers they get.
         paths: numbers that need a place.
     """
+    if ALPHA in paths and "alpha" not in document.setdefault("damping", tomlkit.table()):
+        document["damping"].update(tomlkit.parse('alpha = { value = 0.0, unit = "1/s", origin = "derived" }'))
     for joint in arm.joints:
         table = joints.get(joint.name, {})
         if any(f"{joint.name}.{key}" in paths and key not in table for key in (*DAMPING, *LOSS)):
             for word in DampingTable.model_fields:
                 table.pop(word, None)
-            written = tomlkit.parse("\n".join(_Writer("derived", (), "", {}).bushing(joint)))
+            written = tomlkit.parse("\n".join(_Writer("derived").bushing(joint)))
             for key in written.keys() - table.keys():
                 table[key] = written[key]
 
@@ -135,6 +138,7 @@ def arm_text(
     note: str = "",
     head: str = "",
     origins: Mapping[str, str] | None = None,
+    ratio: float | None = None,
 ) -> str:
     """Return an arm without drives, belts, springs and stroke as TOML, vectors along its own axes, in SI and degrees.
 
@@ -145,12 +149,16 @@ def arm_text(
         note: a line that every joint and body gets.
         head: comment above it, without the `#`.
         origins: of quantities, as `link2.com`, where it is another.
+        ratio: damping ratio of all modes, which is written as assumed in place of the bushings' own damping.
     """
-    writer = _Writer(origin, guessed, note, origins or {})
+    bushing = STIFFNESS if ratio is not None else BUSHING
+    writer = _Writer(origin, guessed, note, origins, bushing)
     lines = [f"# {one_line(line)}".rstrip() for line in head.splitlines()]
     lines += ['format = "ident-arm/1"', f"name = {_quoted(arm.name)}"]
     if not np.array_equal(arm.gravity, GRAVITY):
         lines.append(writer.line("gravity", arm.gravity, "m/s^2"))
+    if ratio is not None:
+        lines += ["", "[damping]", f'ratio = {{ value = {ratio:g}, origin = "assumed" }}']
     for joint in arm.joints:
         lines += ["", *writer.joint(joint)]
     for point in arm.points:
@@ -163,12 +171,12 @@ def arm_text(
 
 def joint_text(joint: Joint, origin: Origin) -> str:
     """Return a joint with its bodies as a table of an arm file."""
-    return "\n".join([*_Writer(origin, (), "", {}).joint(joint), "", ""])
+    return "\n".join([*_Writer(origin).joint(joint), "", ""])
 
 
 def bushing_text(joint: Joint, origin: Origin) -> str:
     """Return a joint as a table of a file of bushings."""
-    return "\n".join(["[[joint]]", f'name = "{joint.name}"', *_Writer(origin, (), "", {}).bushing(joint), "", ""])
+    return "\n".join(["[[joint]]", f'name = "{joint.name}"', *_Writer(origin).bushing(joint), "", ""])
 
 
 def with_first_joint(text: str, table: str, where: str) -> str:
@@ -187,8 +195,15 @@ def with_first_joint(text: str, table: str, where: str) -> str:
 class _Writer:
     """Writes numbers with their origin."""
 
-    def __init__(self, origin: Origin, guessed: tuple[str, ...], note: str, origins: Mapping[str, str]):
-        self.origin, self.guessed, self.note, self.origins = origin, guessed, note, origins
+    def __init__(
+        self,
+        origin: Origin,
+        guessed: tuple[str, ...] = (),
+        note: str = "",
+        origins: Mapping[str, str] | None = None,
+        bushing: tuple[str, ...] = BUSHING,
+    ):
+        self.origin, self.guessed, self.note, self.origins, self.keys = origin, guessed, note, origins or {}, bushing
 
     def line(self, key: str, value: Any, unit: str = "", part: str = "") -> str:
         """Return a quantity of a part."""
@@ -213,8 +228,8 @@ class _Writer:
                 yield from ["", f"[[joint.{kind}]]", *self.body(body)]
 
     def bushing(self, joint: Joint) -> Iterator[str]:
-        """Yield stiffness and damping of a joint, loss factors where it has any."""
-        for key in (*STIFFNESS, *DAMPING, *LOSS):
+        """Yield the stiffness of a joint, and its damping if that is written: loss factors where it has any."""
+        for key in self.keys:
             if (value := getattr(joint, key)) is not None:
                 yield self.line(key, value, UNITS.get(key, ""), joint.name)
             elif key in STIFFNESS:

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from pydantic import Field, ValidationError
 
 from ident.arm.arm import GRAVITY, Arm, massless_joints, on_soft_base
-from ident.arm.fields import LARGEST
+from ident.arm.fields import ALPHA, LARGEST
 from ident.arm.parts import Body, Joint, Payload, Point
 from ident.description.problems import TABLES, Source, load_toml
 from ident.description.rewriting import (
@@ -440,11 +440,11 @@ def joints_text(text: str, before: Arm, arm: Arm, origin: Origin, where: str) ->
     own = {}
     for path, value in changed_numbers(before, arm).items():
         name, field, *_ = path.split(".")
-        if name not in others and not (name in joints and field in BUSHING):
+        if path != ALPHA and name not in others and not (name in joints and field in BUSHING):
             continue
         own[path] = value
-    place_damping(joints, arm, own)
-    set_numbers(joints | others, own, origin, where)
+    place_damping(document, joints, arm, own)
+    set_numbers(joints | others | {"damping": document.get("damping", {})}, own, origin, where)
     written = JointsDocument.model_validate(load_toml(tomlkit.dumps(document), where))
     payloads = tuple(Payload(each.joint, each.body()) for each in written.payload)
     set_inertias(others, eqx.tree_at(lambda arm: arm.payloads, before, payloads), arm, origin)

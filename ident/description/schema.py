@@ -16,6 +16,7 @@ from ident.arm.parts import (
     Drive,
     ErrorOrder,
     Joint,
+    MassDamping,
     Payload,
     Point,
     Servo,
@@ -219,6 +220,7 @@ Shares = Plain[Annotated[list[Number], Field(min_length=1), _a_way]]
 """Shares of the pins in one motion."""
 NonZero = Plain[Annotated[Number, _turning]]
 Ratio = Plain[Annotated[float, _range("ratio2")]]
+PerMass = Quantity[Annotated[str, _checked_unit("1/s")], Annotated[float, _range("alpha")]]
 LossFactor = Plain[Annotated[float, _range("loss_bend")]]
 
 
@@ -424,6 +426,16 @@ def check_one_word(one: str, other: str) -> None:
         raise complaint(f"{one} and {other}", "one word for the damping of a bushing", f"take {one} or {other} out")
 
 
+class ArmDampingTable(DampingTable):
+    """Damping of all bushings, and in proportion to mass: `alpha`, which means what `MassDamping`'s attribute does."""
+
+    alpha: PerMass | None = None
+
+    def in_arm(self) -> MassDamping:
+        """Return what is in proportion to mass as a value."""
+        return MassDamping(alpha=None if self.alpha is None else self.alpha.number)
+
+
 BUSHING = (*STIFFNESS, *DAMPING, *LOSS)
 """What a joint's bushing has."""
 
@@ -610,7 +622,7 @@ def _given(table: Table, fields: tuple[str, ...]) -> dict[str, Any]:
 class Damped(Table):
     """A file of joints, with the damping of those that say none."""
 
-    damping: DampingTable = Field(default_factory=DampingTable)
+    damping: ArmDampingTable = Field(default_factory=ArmDampingTable)
     joint: Any
 
     @model_validator(mode="after")
@@ -652,6 +664,7 @@ class ArmDocument(Damped):
             self.workspace.workspace(),
             tuple(servo.servo() for servo in self.servo),
             (*(each.spring() for each in self.spring), *(each.spring() for each in self.cubic_spring)),
+            self.damping.in_arm(),
         )
 
     def extents(self) -> dict[str, Any]:
@@ -662,7 +675,7 @@ class ArmDocument(Damped):
     def origins(self) -> dict[str, str]:
         """Return the origin by path; what follows from a shape is derived, what is left out is assumed to be zero."""
         written = self.model_dump()
-        tables = {name: table for _, name, table in named(written)} | {"stroke": written["stroke"]}
+        tables = {name: table for _, name, table in named(written)} | {key: written[key] for key in SINGLE}
 
         def origin(path: str) -> str:
             name, field, *_ = path.split(".")
@@ -670,6 +683,10 @@ class ArmDocument(Damped):
             return source["origin"] if source else "derived" if "shape" in tables[name] else "assumed"
 
         return {path: origin(path) for path in self.arm().paths()}
+
+
+SINGLE = ("stroke", "damping")
+"""Tables that have no name: they are called by their key."""
 
 
 def named(raw: Mapping[str, Any]) -> Iterator[tuple[Loc, Any, Any]]:

@@ -31,10 +31,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ident.arm.arm import LOSS_OF, Arm
-from ident.arm.fields import DAMPING, LOSS
+from ident.arm.fields import ALPHA, DAMPING, LOSS
 from ident.arm.mechanics import static_equilibrium, unflatten
 from ident.arm.modes import damped_eigenvalues, linearize, modes_about
-from ident.arm.parts import Joint
+from ident.arm.parts import Joint, MassDamping
 from ident.arm.rotations import matvec
 from ident.identify.conditions import Conditions, bind
 from ident.identify.mode_matching import most_probable
@@ -51,8 +51,6 @@ Place = tuple[int, int]
 """Of a share in `OF_MODE` and a scatter in `SCATTERS`."""
 
 RATIO = "damping_ratio"
-MASS = "mass"
-"""The number of damping that falls with frequency: alpha [1/s] of alpha M. An arm file has no place for it."""
 TOLD_APART = 6.0
 """Difference of BIC from which a law counts as the better one."""
 SCATTERS = np.concatenate([[0.0], np.geomspace(0.003, 3.0, 61)])
@@ -103,11 +101,10 @@ def _quotients(arm: Arm, conditions: Conditions, data: Data) -> tuple[Array, ...
 
 
 @jit
-def _poles(arm: Arm, conditions: Conditions, chosen: Float[Array, "m R"], alpha: Float[Array, ""]) -> Float[Array, "R"]:
+def _poles(arm: Arm, conditions: Conditions, chosen: Float[Array, "m R"]) -> Float[Array, "R"]:
     """Return the ratios of the poles, exact for damping of any size and distribution."""
     chain = chains(arm, conditions)
-    linear = linearize(chain, static_equilibrium(chain))
-    s = damped_eigenvalues(linear._replace(C=linear.C + alpha * linear.M))[: len(chosen), conditions.named.states]
+    s = damped_eigenvalues(linearize(chain, static_equilibrium(chain)))[: len(chosen), conditions.named.states]
     return picked(-s.real / jnp.abs(s), chosen)
 
 
@@ -145,7 +142,7 @@ class ModesOfRows(NamedTuple):
         """Return the frequency [Hz] of each mode, and its ratio by a unit of each damping number."""
         omega, *energy = map(np.asarray, self.quotients[1:])
         omega, energy = omega[self.places], [x[:, self.places] for x in energy]
-        columns = {MASS: 1 / (2 * omega)}
+        columns = {ALPHA: 1 / (2 * omega)}
         for fields, power in ((DAMPING, 1), (LOSS, 2)):
             for number, each in zip(fields, energy, strict=False):
                 named = zip(self.arm.joints, each, strict=True)
@@ -156,8 +153,7 @@ class ModesOfRows(NamedTuple):
 
     def poles(self, damping: Mapping[str, float]) -> Float[np.ndarray, "D"]:
         """Return the ratios of the poles with these damping numbers."""
-        alpha = jnp.asarray(damping.get(MASS, 0.0))
-        return np.asarray(_poles(damped(self.arm, damping), self.conditions, self.quotients[0], alpha))[self.places]
+        return np.asarray(_poles(damped(self.arm, damping), self.conditions, self.quotients[0]))[self.places]
 
 
 def mode_of(m: Measurement) -> tuple[object, ...]:
@@ -171,7 +167,7 @@ def gives(joint: Joint, field: str) -> bool:
 
 
 def damped(arm: Arm, damping: Mapping[str, float]) -> Arm:
-    """Return an arm with these damping times and loss factors of its bushings, and no others."""
+    """Return an arm with this damping of its bushings, by their servos, and in proportion to mass, and no other."""
 
     def joint(each: Any) -> Any:
         fields = [field for field in (*DAMPING, *LOSS) if gives(each, field)]
@@ -179,7 +175,8 @@ def damped(arm: Arm, damping: Mapping[str, float]) -> Arm:
         return eqx.tree_at(lambda j: [getattr(j, field) for field in fields], each, values, is_leaf=lambda x: x is None)
 
     servos = {f"{servo.name}.tau" for servo in arm.servos}.intersection(damping)
-    arm = eqx.tree_at(lambda a: a.joints, arm, tuple(map(joint, arm.joints)))
+    more = MassDamping(alpha=jnp.asarray(damping.get(ALPHA, 0.0)))
+    arm = eqx.tree_at(lambda a: (a.joints, a.damping), arm, (tuple(map(joint, arm.joints)), more))
     return arm.replace({path: damping[path] for path in servos}) if servos else arm
 
 
@@ -288,7 +285,7 @@ class Law:
 
     @property
     def family(self) -> frozenset[str]:
-        """How the ratio goes with frequency: `tau` grows, `loss` is constant, `mass` falls; several for a sum.
+        """How the ratio goes with frequency: `tau` grows, `loss` is constant, `alpha` falls; several for a sum.
 
         What servos lose is no matter of the law.
         """
@@ -303,7 +300,7 @@ def _candidates(arm: Arm, servos: bool) -> list[Groups]:
         for fields in (DAMPING, LOSS)
     )
     joints = tuple(tuple(f"{j.name}.{field}" for field in LOSS if gives(j, field)) for j in arm.joints)
-    time, loss, falling = sum(times, ()), sum(losses, ()), (MASS,)
+    time, loss, falling = sum(times, ()), sum(losses, ()), (ALPHA,)
     more = (tuple(f"{servo.name}.tau" for servo in arm.servos),) if servos else ()
     laws: tuple[Groups, ...] = ((time,), times, (loss,), losses, joints, (falling,), (loss, time, falling))
     return [tuple(filter(None, (*groups, *more))) for groups in laws]
@@ -524,18 +521,16 @@ class Damping:
     def carried(self) -> dict[tuple[str, ...], float]:
         """The best law's numbers by their paths, and zero for all other damping; none where no arm has a place for it.
 
-        That is damping that falls with frequency, and a loss factor of a spring that is no straight line.
+        That is a loss factor of a spring that is no straight line.
         """
         arm, best = self.arm, self.numbers(self.best)
         curved = {f"{spring.joint}.{LOSS_OF[spring.direction]}" for spring in arm.springs}
-        if curved.union([MASS]).intersection(best):
+        if curved.intersection(best):
             return {}
         free = {path for group in self.best.groups for path in group}
         others = (path for path in arm.paths() if path in self.columns and path not in {*free, *best})
         numbers = zip(self.best.groups, self.best.values.tolist(), strict=True)
-        return {group: x for group, x in numbers if MASS not in group} | {
-            (path,): 0.0 for path in others if float(arm.get(path))
-        }
+        return dict(numbers) | {(path,): 0.0 for path in others if float(arm.get(path))}
 
     def given(self, draws: Mapping[str, Float[np.ndarray, "n"]], seed: int = 0) -> dict[tuple[str, ...], np.ndarray]:
         """Draw the numbers that the arm carries once for each draw of its stiffnesses.
@@ -660,7 +655,7 @@ def _kept(groups: Groups, arm: Arm, unknowns: Unknowns) -> dict[str, float]:
 def _design(groups: Groups, columns: Mapping[str, np.ndarray], arm: Arm, unknowns: Unknowns) -> _Design:
     """Return what a law makes of its numbers; the numbers that are kept are the arm's."""
     freed = {item.paths: item for item in damping_parameters(arm, unknowns)}
-    none = np.zeros(len(columns[MASS]))
+    none = np.zeros(len(columns[ALPHA]))
     kept = sum((x * columns[path] for path, x in _kept(groups, arm, unknowns).items() if path in columns), none)
     each = np.array([sum((columns.get(path, none) for path in group), none) for group in groups]).T
     items = [freed.get(group) for group in groups]

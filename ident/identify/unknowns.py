@@ -13,7 +13,7 @@ import numpy as np
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.chain import Loads
-from ident.arm.fields import DAMPING, LOSS, field_of
+from ident.arm.fields import ALPHA, DAMPING, LOSS, field_of
 from ident.arm.parts import Body
 from ident.errors import placed, refusal
 from ident.inference.parameters import Parameter, Parameters
@@ -217,8 +217,8 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None) -> Paramete
 
 
 def is_damping(path: str) -> bool:
-    """Tell whether a number is a damping time or a loss factor, of a bushing or a servo."""
-    return path.rpartition(".")[2] in (*DAMPING, *LOSS, "tau")
+    """Tell whether a number is damping: a time or a loss factor, of a bushing or a servo, or alpha."""
+    return path.rpartition(".")[2] in (*DAMPING, *LOSS, "tau") or path == ALPHA
 
 
 def without_damping(unknowns: Unknowns) -> Unknowns:

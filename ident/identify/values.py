@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import BASE, Arm, loss_paths
-from ident.arm.fields import COMPONENTS, EXPECTED, STIFFNESS, field_of, fields_in
+from ident.arm.fields import ALPHA, COMPONENTS, EXPECTED, STIFFNESS, field_of, fields_in
 from ident.arm.parts import Joint
 from ident.errors import InputError, Problem, refusal
 from ident.text import one_line
@@ -81,7 +81,7 @@ class Values:
         Raises:
             InputError: there are none, some are not finite, or the arm has not the base that was fitted.
         """
-        own = {*arm.paths(), *loss_paths(arm)}
+        own = {*arm.paths(), *loss_paths(arm), ALPHA}
         values = {name: np.asarray(value) for names, value in by_paths.items() for name in names if name in own}
         for body in scaled:
             values |= _inertia(arm, body, values)

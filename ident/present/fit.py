@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.arm.fields import ALPHA
 from ident.identify.problem import row_names
 from ident.identify.unknowns import is_damping, is_of_loop
 from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information, chi_squared_in_words, half_width
@@ -309,9 +310,9 @@ def _details(fit: "CampaignFit") -> Iterator[Section]:
 
 # -------- Damping
 
-TRENDS = {"loss": "does not change with frequency", "tau": "grows with frequency", "mass": "falls with frequency"}
+TRENDS = {"loss": "does not change with frequency", "tau": "grows with frequency", "alpha": "falls with frequency"}
 """What a law's ratio does."""
-LAW_WORDS = {"loss": "constant (hysteretic)", "tau": "viscous", "mass": "falling (mass-proportional)"}
+LAW_WORDS = {"loss": "constant (hysteretic)", "tau": "viscous", "alpha": "falling (mass-proportional)"}
 MUCH, LAWLESS = 0.1, 0.3
 """Scatter of ln(ratio) that is worth a word, and from which no law is named; assumed."""
 
@@ -383,11 +384,13 @@ def _law_words(law: "Law") -> list[str]:
 def _number_words(group: tuple[str, ...]) -> str:
     """Name a number of a law: `loss factor in bending`."""
     joints, kinds = ({path.split(".")[i] for path in group} for i in (0, -1))
-    what = "alpha [1/s]" if group == ("mass",) else "loss factor" if "loss" in group[0] else "tau"
+    if group == (ALPHA,):
+        return "alpha"
+    what = "loss factor" if "loss" in group[0] else "tau"
     where = (
         {"bend": " in bending", "tors": " in torsion"}.get(group[0].rpartition("_")[2], "") if len(kinds) == 1 else ""
     )
-    return f"{next(iter(joints))}: {what}{where}" if len(joints) == 1 and group != ("mass",) else f"{what}{where}"
+    return f"{next(iter(joints))}: {what}{where}" if len(joints) == 1 else f"{what}{where}"
 
 
 def _compromise(fit: "Fit") -> str:

@@ -36,6 +36,8 @@ KINDS = ("scara", "six-axis")
 ARM, CAMPAIGN = "arm.toml", "campaign.csv"
 FREQUENCY = 25.0
 """Frequency [Hz] at which each joint of a described robot alone would vibrate by its guessed bending stiffness."""
+RATIO = 0.01
+"""Damping ratio of all modes that is assumed of a described robot."""
 LEAST = 0.02
 """Least guess of a stiffness, as a share of the first joint's: what a wrist carries says little about its drive."""
 HEAD = """Made by ident from {robot}. Lengths, masses and inertias are those of that file. STIFFNESSES AND DAMPING ARE
@@ -90,6 +92,7 @@ def new_from_robot(robot: str | Path, folder: str | Path, tip: str | None = None
     Raises:
         InputError: a robot description of no serial arm, or a folder that has files already or can't be written.
     """
+    from ident.arm.fields import STIFFNESS
     from ident.arm.plausibility import oddities
     from ident.assess.show import example
     from ident.description.file import parse_arm, read_robot
@@ -99,11 +102,10 @@ def new_from_robot(robot: str | Path, folder: str | Path, tip: str | None = None
     check_new(Path(folder))
     described = read_robot(robot, tip)
     unit = described.arm(described.bushings((1.0, 1.0), (0.0, 0.0)))
-    arm = described.arm(described.bushings(guessed_stiffness(unit), (0.0002, 0.0002)))
+    arm = described.arm(described.bushings(guessed_stiffness(unit), (0.0, 0.0)))
     name = one_line(Path(robot).name)
     head = HEAD.format(robot=name, frequency=FREQUENCY) + "\n".join(["\n" * bool(described.notes), *described.notes])
-    guessed = ("k_bend", "k_tors", "tau_bend", "tau_tors")
-    text = arm_text(arm, origin="derived", guessed=guessed, note=f"from {name}", head=head)
+    text = arm_text(arm, origin="derived", guessed=STIFFNESS, note=f"from {name}", head=head, ratio=RATIO)
     with placed(described.where):  # the lines are those of a file that is not written
         written = parse_arm(text, described.where)
     made = example(written)

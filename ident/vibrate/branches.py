@@ -330,6 +330,7 @@ def _damping_ratios(
     unit = jnp.broadcast_to(identity(len(omega), omega.ndim - 1), (len(omega), *omega.shape))
     C = between(chain.damping)
     C = C if chain.loss is None else C + 2 * between(chain.loss) / (omega[:, None] + omega[None])
+    C = C if chain.alpha is None else C + chain.alpha * unit
     s = damped_eigenvalues(Linearized(unit[:0], unit, C, unit * omega**2))
     return -s.real / jnp.abs(s)
 

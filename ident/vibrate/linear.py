@@ -470,7 +470,7 @@ class Linear(NamedTuple):
         K: stiffness.
         by_pin: derivatives of the residual by the pins' angles and their two rates; none without transmission errors.
         residual: of the quasi-static deflection.
-        lost: damping by loss factors, which acts on all rates; None without any.
+        lost: damping by loss factors and by mass, which acts on all rates; None without any.
         kinematics: there.
         gain: the accelerations at the stages of a step about the node by the state at its start,
         yields: and by the forces at the stages.
@@ -561,14 +561,16 @@ def _slow(
 def _lost(
     model: Multibody, commanded: Command, y: Float[Array, "n *batch"], M: Float[Array, "n n *batch"]
 ) -> Float[Array, "n n *batch"] | None:
-    """Return the damping by loss factors of the bushings at rest in y: belts lose by their own damping time."""
-    if model.loss is None:
+    """Return the damping of the bushings by loss factors, at rest in y, and mass: belts lose by their own time."""
+    if model.loss is None and model.alpha is None:
         return None
-    none, still = jnp.zeros_like(y), Command(commanded.q, *(jnp.zeros_like(commanded.q),) * 2)
-    K = slope(lambda y: residual(model, still, y, none, none), y)
     own, more = 3 * model.joints, len(model.belt_driven)
-    L = jnp.broadcast_to(block_diagonal(model.loss), (own, own, *M.shape[2:]))
-    D = structural_damping(M[:own, :own], K[:own, :own], L)
+    D = jnp.zeros_like(M[:own, :own]) if model.alpha is None else model.alpha * M[:own, :own]
+    if model.loss is not None:
+        none, still = jnp.zeros_like(y), Command(commanded.q, *(jnp.zeros_like(commanded.q),) * 2)
+        K = slope(lambda y: residual(model, still, y, none, none), y)
+        L = jnp.broadcast_to(block_diagonal(model.loss), (own, own, *M.shape[2:]))
+        D = D + structural_damping(M[:own, :own], K[:own, :own], L)
     return jnp.pad(D, ((0, more), (0, more), *((0, 0),) * (M.ndim - 2)))
 
 

@@ -12,6 +12,7 @@ from scipy.signal import lsim
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Chain, at_posture
+from ident.arm.fields import ALPHA
 from ident.arm.modes import Linearized, damped_eigenvalues, linearize, natural_frequencies
 from ident.arm.structural import structural_damping
 
@@ -78,6 +79,12 @@ def test_an_arm_without_loss_factors_has_neither_paths_nor_a_matrix_of_them() ->
     assert float(lcd_arm().get("joint1.loss_tors")) == 0
     assert lcd_arm().replace({"joint1.loss_tors": 0.1}).joints[0].loss_tors == 0.1
     assert float(lossy(lcd_arm(), 0.0, 0.1).get("joint2.loss_tors")) == 0.1
+
+
+def test_damping_by_mass_falls_with_frequency() -> None:
+    arm, posture = without_gravity(lossy(lcd_arm(), 0.0, 0.0)).replace({ALPHA: 0.5}), np.deg2rad([40.0, -80.0, 40.0])
+    hertz = poles(arm, jnp.asarray(posture))[1]
+    np.testing.assert_allclose(ratios(arm, posture), 0.5 / (4 * np.pi * hertz), rtol=1e-9)
 
 
 def test_ratios_are_differentiable_in_loss_factors() -> None:

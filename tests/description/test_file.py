@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ident.arm.arm import on_soft_base
+from ident.arm.fields import ALPHA
 from ident.description.file import parse_arm, parse_document, read_arm, update_arm, update_file
 from ident.description.rewriting import arm_text
 from ident.errors import InputError
@@ -333,7 +334,7 @@ def test_damping_in_the_fields_words_is_of_bushings_that_say_none(words, joint, 
         (
             f"ratios = {RATIO}",
             "",
-            "unknown key 'ratios', expected one of ratio, loss_factor, time; did you mean ratio?",
+            "unknown key 'ratios', expected one of ratio, loss_factor, time, alpha; did you mean ratio?",
         ),
     ],
 )
@@ -353,6 +354,18 @@ def test_damping_that_is_common_keeps_its_origin_and_is_revised_in_its_joint():
     own = update_file(with_damping("", f"ratio = {RATIO}"), {"joint1.tau_bend": 0.001}, origin="calibrated")
     assert damping(own)[0] == (0.001, 0, 0.02, 0.02)
     assert parse_document(own).origins()["joint1.tau_bend"] == "calibrated"
+
+
+def test_damping_by_mass_is_read_and_gets_its_place_where_a_file_has_none():
+    table = '[damping]\nalpha = { value = 30, unit = "1/min", origin = "measured" }'
+    text = with_damping(table.partition("\n")[2])
+    assert parse_arm(text).get(ALPHA) == pytest.approx(0.5)
+    assert parse_document(text).origins()[ALPHA] == "measured"
+    for before in (text, TEXT):
+        updated = update_file(before, {ALPHA: 0.25}, origin="calibrated")
+        assert parse_arm(updated).get(ALPHA) == pytest.approx(0.25)
+        assert parse_document(updated).origins()[ALPHA] == "calibrated"
+    assert ALPHA not in parse_arm(TEXT).paths()
 
 
 def test_an_arm_that_gives_nowhere_is_refused():

@@ -218,12 +218,13 @@ def test_the_comment_stands_before_the_model_and_dashes_do_not_end_it(robot):
 
 def test_loss_factors_that_mujoco_has_not_are_said_in_a_line(robot):
     beside = robot.parent / "arm.joints.toml"
-    ratio = '[damping]\nratio = { value = 0.01, origin = "measured" }\n\n'
+    alpha = 'alpha = { value = 0.5, unit = "1/s", origin = "measured" }'
+    ratio = f'[damping]\nratio = {{ value = 0.01, origin = "measured" }}\n{alpha}\n\n'
     beside.write_text(JOINTS.replace("[[joint]]", f"{ratio}[[joint]]", 1))
     written(robot, read_arm(robot).arm)
     said = "  Not in this file: the loss factors of"
     (line,) = (line for line in (robot.parent / "fitted.xml").read_text().splitlines() if line.startswith(said))
-    assert line.endswith(". MuJoCo has none.")
+    assert line.endswith(" and damping.alpha. MuJoCo has none.")
     beside.write_text(JOINTS)
     written(robot, read_arm(robot).arm)
     assert said not in (robot.parent / "fitted.xml").read_text()

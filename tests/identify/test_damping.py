@@ -11,15 +11,17 @@ from arms import DATA, lcd_arm
 from one_program import shown
 
 import ident
+from ident.arm.fields import ALPHA
+from ident.arm.parts import Spring
 from ident.identify.compare import compare_fits, validate_fit
 from ident.identify.conditions import bind
-from ident.identify.damping import MASS, RATIO, ModesOfRows, damped, damping_of, ratios_of
+from ident.identify.damping import RATIO, ModesOfRows, damped, damping_of, ratios_of
 from ident.identify.fit import fit_campaign
 from ident.identify.fleet import SourceFile, fleet, robot_of
 from ident.identify.predict import ArmModel
 from ident.identify.stored import fit_of, fit_state
 from ident.identify.unknowns import Unknowns
-from ident.identify.values import OTHER_LAW, Values
+from ident.identify.values import OTHER_LAW, Values, remark_on
 from ident.measure import Campaign, Measurement, read_campaign
 from ident.measure.covariance_and_frames import Covariance, Group
 from ident.present.compare import compare_sections
@@ -37,9 +39,9 @@ LAWS = {
     "constant": {f"{j}.loss_{k}": 0.02 for j in JOINTS for k in ("bend", "tors")},
     "by kind": {f"{j}.loss_{k}": x for j in JOINTS for k, x in (("bend", 0.01), ("tors", 0.03))},
     "viscous": {f"{j}.tau_{k}": x for j in JOINTS for k, x in (("bend", 2e-4), ("tors", 2e-3))},
-    "falling": {MASS: 1.0},
+    "falling": {ALPHA: 1.0},
 }
-FAMILY = {"constant": {"loss"}, "by kind": {"loss"}, "viscous": {"tau"}, "falling": {"mass"}}
+FAMILY = {"constant": {"loss"}, "by kind": {"loss"}, "viscous": {"tau"}, "falling": {"alpha"}}
 
 
 def rows_of(values=None, postures=POSTURES, sd=0.05):
@@ -98,7 +100,7 @@ def test_ratios_of_several_stiffnesses_are_those_of_each():
         assert every.keys() == alone.keys()
         for name, column in alone.items():
             np.testing.assert_allclose(every[name][:, draw], column, rtol=1e-9)
-    assert abs(every[MASS][:, 0] / every[MASS][:, 19] - 1).max() > 0.05
+    assert abs(every[ALPHA][:, 0] / every[ALPHA][:, 19] - 1).max() > 0.05
 
 
 def test_damping_is_drawn_for_each_draw_of_a_stiffness():
@@ -130,7 +132,7 @@ def test_what_is_not_determined_is_not_named():
     two = [i for i, m in enumerate(rows_of()) if m.mode in NAMES[:2] and m.posture == POSTURES[0]]
     rows = tuple(rows_of(exact("constant"))[i] for i in two)
     damping = damping_of(lcd_arm(), model(), Campaign(measurements=rows), np.zeros(0), {}, Unknowns())
-    assert {family for law in (damping.best, *damping.rivals) for family in law.family} == {"loss", "tau", "mass"}
+    assert {family for law in (damping.best, *damping.rivals) for family in law.family} == {"loss", "tau", "alpha"}
 
 
 def test_no_law_is_scatter():
@@ -216,7 +218,9 @@ def test_no_ratio_moves_a_stiffness():
     assert taken["joint2.tau_tors"] == pytest.approx(2e-3, rel=0.1)
     assert not any("loss" in path for path in taken)
     _, falling = shipped("falling")
-    assert OTHER_LAW in Values.of_fit(fit_campaign(lcd_arm(), falling), lcd_arm()).remark
+    taken = Values.of_fit(fit_campaign(lcd_arm(), falling), lcd_arm())
+    assert taken.values[ALPHA] == pytest.approx(1.0, rel=0.1)
+    assert (float(taken.values["joint2.tau_tors"]), taken.remark) == (0.0, "")
 
 
 def test_each_ratio_is_predicted_from_those_of_other_postures():
@@ -293,10 +297,16 @@ def test_poles_have_the_damping_that_was_measured():
 
 @pytest.mark.slow
 def test_a_saved_fit_hands_on_the_law_of_its_damping(tmp_path):
-    """Of a fit whose law no arm can have it says so."""
+    """That it hands none on is said where an arm has no place for it: where a spring is no straight line."""
     for law in ("constant", "falling"):
         result = ident.fit(DATA / "lcd_arm" / "arm.toml", shipped(law)[1])
         saved, *_ = result.save(tmp_path / law)
         taken, read = result.values_of(lcd_arm())[0], read_fit(saved, lcd_arm())[0]
         assert (read.values, read.remark) == (taken.values, taken.remark)
-        assert ("joint1.loss_bend" in read.values) == (law == "constant") == (not read.remark)
+        assert ("joint1.loss_bend" in read.values, ALPHA in read.values) == (law == "constant", law == "falling")
+        assert not read.remark
+    curved = Spring("spring1", "joint1", "torsion", ratio2=1.5, ratio3=2.0, torque1=100.0, torque2=1e4)
+    damping = found(exact("constant"))
+    assert damping.carried
+    assert not replace(damping, arm=replace(lcd_arm(), springs=(curved,))).carried
+    assert remark_on((), damping=False) == OTHER_LAW

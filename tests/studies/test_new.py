@@ -98,7 +98,7 @@ def test_a_six_axis_urdf_becomes_the_same_arm_and_its_campaign_is_that_of_its_fi
     urdf.write_text(urdf_of(arm))
     arm_path, campaign_path = new_from_robot(urdf, tmp_path / "robot").paths
     again = read_arm(arm_path)
-    guessed = [path for path in again.arm.paths() if ".k_" in path or ".tau_" in path]
+    guessed = [path for path in again.arm.paths() if re.search(r"\.(k|tau|loss)_", path)]
     for path in set(again.arm.paths()) - set(guessed):
         original = path.replace("tip.", "tool.")
         assert float(again.arm.get(path)) == pytest.approx(float(arm.get(original)), rel=1e-11, abs=1e-11), path

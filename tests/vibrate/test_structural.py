@@ -1,4 +1,4 @@
-"""Loss factors in motion: the exact equations beside SciPy's integrator, the fast method, the matrix between nodes."""
+"""Loss factors and damping by mass in motion: exact equations beside SciPy, the fast method, between nodes."""
 
 from functools import partial
 
@@ -13,6 +13,7 @@ from scipy.linalg import eigh, solve_sylvester, sqrtm
 
 from ident.arm.arm import loss_paths
 from ident.arm.chain import at_posture
+from ident.arm.fields import ALPHA
 from ident.arm.modes import linearize
 from ident.arm.multibody import mass_and_forces, multibody
 from ident.vibrate import exact
@@ -24,14 +25,14 @@ from ident.vibrate.simulate import fast_method, simulate
 
 pytestmark = pytest.mark.slow
 
-FACTORS = (0.02, 0.06, 0.04, 0.1, 0.03, 0.05)
+FACTORS, PER_MASS = (0.02, 0.06, 0.04, 0.1, 0.03, 0.05), 0.5
 
 
 def lossy():
-    """The paper's arm with loss factors in place of its damping times."""
+    """The paper's arm with loss factors, and damping by mass, in place of its damping times."""
     arm = lcd_arm()
     none = {path.replace(".loss_", ".tau_"): 0.0 for path in loss_paths(arm)}
-    return arm.replace(none | dict(zip(loss_paths(arm), FACTORS, strict=True)))
+    return arm.replace(none | {ALPHA: PER_MASS} | dict(zip(loss_paths(arm), FACTORS, strict=True)))
 
 
 @jax.jit
@@ -48,7 +49,7 @@ def direct(arm, posture):
     half = sqrtm(M)
     inverse = np.linalg.inv(half)
     root = sqrtm(inverse @ K @ inverse)
-    D = 2 * half @ solve_sylvester(root, root, inverse @ L @ inverse) @ half
+    D = 2 * half @ solve_sylvester(root, root, inverse @ L @ inverse) @ half + PER_MASS * M
     turn = np.zeros((9, 9))
     for j in range(3):
         turn[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] = frame[:, :, j]

@@ -11,6 +11,7 @@ from equinox import filter_jit
 
 from ident.arm.arm import Arm, loss_paths, stiffness_paths
 from ident.arm.chain import at_posture
+from ident.arm.fields import ALPHA
 from ident.arm.mechanics import flat, point_positions, static_equilibrium, unflatten
 from ident.arm.modes import linearize
 from ident.arm.multibody import Command, multibody, residual
@@ -24,8 +25,8 @@ pytestmark = pytest.mark.slow
 
 CAMPAIGN = "data/lcd_arm/campaign.csv"
 SIX = random_arm(np.random.default_rng(0), 6)
-LOSSY = lcd_arm().replace(dict.fromkeys(loss_paths(lcd_arm())[:4], 0.002))
-"""With damping times in all directions, and loss factors in four of six."""
+LOSSY = lcd_arm().replace(dict.fromkeys(loss_paths(lcd_arm())[:4], 0.002) | {ALPHA: 0.1})
+"""With damping times in all directions, loss factors in four of six, and damping by mass."""
 ROWS = "[...document.querySelectorAll('#modes tr')].map((row) => [...row.cells].map((c) => c.innerText.trim()))"
 HOSTILE = "</script><img src=x onerror=alert(1)><!--"
 

@@ -115,7 +115,7 @@ function chainAt(model, q, mass, k, more = { masses: [], forces: [] }) {
     const point = points[pointNamed(model, name)];
     point.force = add(point.force, force);
   }
-  return { joints, points, gravity: model.gravity };
+  return { joints, points, gravity: model.gravity, alpha: model.alpha };
 }
 
 const pointNamed = (model, name) => model.points.findIndex((point) => point.name === name);

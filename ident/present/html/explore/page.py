@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup
 
-from ident.arm.fields import DAMPING, LOSS
+from ident.arm.fields import ALPHA, DAMPING, LOSS
 from ident.arm.multibody import orders_of
 from ident.assess.explore import Carried, Exploration, added, mass_of
 from ident.measure.load import DIFFERENCES
@@ -50,6 +50,7 @@ def page_data(exploration: Exploration) -> dict[str, Any]:
     return {
         "name": one_line(arm.name),
         "gravity": _plain(arm.gravity),
+        "alpha": float(arm.get(ALPHA)),
         "joints": [_joint(exploration, j) for j in range(len(arm.joints))],
         "points": [_point(exploration, p) for p in range(len(arm.points))],
         "payload": _payload(carried),

@@ -11,7 +11,7 @@ function solveAt(model, q, mass, k, guess) {
   const line = [...at.map((body) => body.centre), ...pointPositions(chain, at)];
   const rigid = [...straight.map((body) => body.centre), ...pointPositions(chain, straight)];
   const [damping, loss] = ["damping", "loss"].map((field) => chain.joints.map((joint) => joint[field]));
-  return { q, phi, line, rigid, M, modes, damping, loss, torques: harmonicTorques(model, chain, at) };
+  return { q, phi, line, rigid, M, modes, damping, loss, alpha: model.alpha, torques: harmonicTorques(model, chain, at) };
 }
 
 // H v = omega^2 M v by the largest eigenvalues of L^-1 M L^-T, the most accurate ones; V' M V = 1.
@@ -45,7 +45,7 @@ function describe(chain, at, shape, omega, counts) {
   const name = `${vertical > 0.5 ? "vertical" : "lateral"} ${torsion > 0.5 ? "torsion" : "bending"}`;
   counts[name] = (counts[name] || 0) + 1;
   return {
-    omega, frequency: omega / (2 * Math.PI), damping: (sum(viscous) + sum(loss) / omega) / (2 * omega),
+    omega, frequency: omega / (2 * Math.PI), damping: (sum(viscous) + sum(loss) / omega + chain.alpha) / (2 * omega),
     shape, motion,
     label: `${name} ${counts[name]}`,
     reach: Math.max(...end.map(Math.abs)),
@@ -91,7 +91,7 @@ function modalDamping(solved) {
     const by = (matrices) => shape.map((x, j) => matvec(matrices[j], x)), viscous = by(solved.damping), lost = by(solved.loss);
     for (let r = 0; r <= i; r++) {
       const share = 2 / (solved.modes[i].omega + solved.modes[r].omega);
-      C[i * n + r] = C[r * n + i] = shapes[r].reduce((sum, x, j) => sum + dot(x, viscous[j]) + share * dot(x, lost[j]), 0);
+      C[i * n + r] = C[r * n + i] = shapes[r].reduce((sum, x, j) => sum + dot(x, viscous[j]) + share * dot(x, lost[j]), r === i ? solved.alpha : 0);
     }
   });
   solved.C = C;
