@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ident.identify.unknowns import is_damping
 from ident.present.basis import (
     assumed_section,
     assumption_findings,
@@ -25,6 +26,7 @@ from ident.vibrate.study import DIRECTIONS
 if TYPE_CHECKING:
     from ident.assess.simulate import Simulation
     from ident.vibrate.compare import Comparison
+    from ident.vibrate.study import Draws
 
 METHODS = {
     "fast": "fast, equations linearised about the quasi-static deflection",
@@ -237,7 +239,19 @@ def _bands(simulation: "Simulation") -> Iterator[Section]:
     head = ("", "peak", "rms", "residual", *([f"from {simulation.at:g} s on"] if late else []), "settled [s]")
     limit = () if simulation.limit is None else (_shares(simulation.limit, *draws.exceeds(simulation.limit)),)
     title = f"5 to 95 % of {counted(draws.vibration.shape[2], 'draw')}{own} [mm]"
-    yield Section(title, (Table("", head, tuple(rows)), *limit))
+    yield Section(title, (Table("", head, tuple(rows)), *limit, *_owed_to_damping(draws)))
+
+
+def _owed_to_damping(draws: "Draws") -> Iterator[str]:
+    """Yield how much of the spread of peak and settling time is that of the damping, if that has draws."""
+    damping = [path for path, values in draws.values.items() if is_damping(path) and np.ptp(values) > 0]
+    if damping:
+        way = int(draws.sizes.peak.mean(1).argmax())
+        peak, settling = (draws.owed_to(damping, size[way]) for size in (draws.sizes.peak, draws.sizes.settling))
+        yield (
+            f"The uncertainty of the damping accounts for {percent(peak)} of the variance of the peak in "
+            f"{DIRECTIONS[way]}, and for {percent(settling)} of that of its settling time."
+        )
 
 
 def _trace(simulation: "Simulation") -> Iterator[Section]:

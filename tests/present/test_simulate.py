@@ -20,7 +20,7 @@ from ident.present.simulate import simulate_rows, simulate_sections
 from ident.present.words import percent
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
-from ident.vibrate.study import Draws, draw, measures, simulate_motion
+from ident.vibrate.study import Draws, Sizes, draw, measures, simulate_motion
 
 pytestmark = pytest.mark.slow
 
@@ -93,6 +93,22 @@ def test_a_slack_belt_is_told_with_its_time():
         assert bool(found.slack) is is_slack
 
 
+def test_the_share_of_damping_is_that_of_its_draws(plain):
+    rng = np.random.default_rng(0)
+    own, other = rng.normal(size=(2, 200))
+    values = {"joint1.loss_tors": np.exp(own), "joint2.loss_tors": np.exp(own), "joint1.k_tors": np.exp(other)}
+    peak = np.exp(-own + 0.5 * other) * np.array([[1.0], [2.0], [3.0]])
+    settling = np.where(other > 1, np.inf, np.exp(other)) * np.ones((3, 1))
+    draws = Draws(values, np.zeros((3, 1, 200)), Sizes(peak, peak, peak, settling, peak))
+    assert draws.owed_to(values, peak[0]) == pytest.approx(1.0, abs=0.05)
+    assert draws.owed_to(["joint1.loss_tors"], peak[0]) == pytest.approx(0.8, abs=0.06)  # 1 / (1 + 0.5^2)
+    report = simulate_sections(replace(plain, draws=draws))
+    (bands,) = (section for section in report.details if section.title.startswith("5 to 95 % of"))
+    said = re.fullmatch(r".* for (\S+) % of the variance of the peak in z, and for (\S+) % of .*", bands.parts[-1])
+    assert float(said[1]) == pytest.approx(80, abs=6)
+    assert float(said[2]) < 5
+
+
 def test_bands_and_probability_follow_from_the_draws(plain):
     rng = np.random.default_rng(0)
     values = {"joint1.k_tors": float(FILE.arm.get("joint1.k_tors")) * np.exp(0.1 * rng.normal(size=5))}
@@ -108,6 +124,7 @@ def test_bands_and_probability_follow_from_the_draws(plain):
     (bands,) = (section for section in report.details if section.title.startswith("5 to 95 % of 5 draws"))
     words = ", ".join(f"{percent(part)} in {direction}" for part, direction in zip(share, "xyz", strict=True))
     assert words in bands.parts[1]
+    assert len(bands.parts) == 2, "no damping among the draws"
     assert report.verdict.word == "MARGINAL"
     low, high = np.quantile(1e3 * draws.sizes.peak[1], (0.05, 0.95))
     assert bands.parts[0].rows[1][1] == report.answer[0].rows[1][3] == f"{low:.4f} to {high:.4f}"
