@@ -16,7 +16,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
 from ident.arm.arm import Arm, stiffness_paths
-from ident.arm.fields import DAMPING, LOSS
+from ident.arm.fields import ALPHA, DAMPING, LOSS
 from ident.arm.multibody import ExcitingOrder
 from ident.errors import refusal
 from ident.vibrate.sources import Response, Run, Sensor, changed_responses, masses_of, unit_response
@@ -92,7 +92,7 @@ class Prior:
             InputError: so few draws that they have no covariance.
         """
         stiffnesses = stiffness_paths(arm)
-        damping = [path for path in arm.paths() if path.endswith((*DAMPING, *LOSS))]
+        damping = [path for path in arm.paths() if path.endswith((*DAMPING, *LOSS, ALPHA))]
         known = {path: np.asarray(values) for path, values in draws.items() if path in (*stiffnesses, *damping)}
         known = {path: values for path, values in known.items() if np.ptp(values) > 0 and np.min(values) > 0}
         if known and len(next(iter(known.values()))) < len(known) + 2:
@@ -106,7 +106,7 @@ class Prior:
             mean[own], covariance[own, own] = changes.mean(1), np.atleast_2d(np.cov(changes))
             covariance[own, own] += TIED * np.diag(np.diag(covariance[own, own]))
         groups: dict[str, tuple[str, ...]] = {path: (path,) for path in paths}
-        for kind in (*DAMPING, *LOSS):
+        for kind in (*DAMPING, *LOSS, ALPHA):
             damped = tuple(path for path in damping if path.endswith(kind) and float(arm.get(path)) > 0)
             if damped and not set(damped) & set(paths):
                 groups[kind] = damped
