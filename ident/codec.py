@@ -301,12 +301,15 @@ class Store:
         self.folder = folder
         if folder is None:
             return
-        file = folder / IDENTITY
-        if os.path.exists(file):
+        if os.path.exists(folder / IDENTITY):
             _compare(folder, identity)
-        else:
+        self.depends_on(identity)
+
+    def depends_on(self, identity: Mapping[str, str]) -> None:
+        """Keep what the items that are there depend on; what is not named may change before the run goes on."""
+        if self.folder is not None:
             text = json.dumps(dict(identity), indent=1, sort_keys=True)
-            replace_file(file, lambda out: out.write(text.encode("utf-8")), make_folders=True)
+            replace_file(self.folder / IDENTITY, lambda out: out.write(text.encode("utf-8")), make_folders=True)
 
     def read(self, name: str) -> Any:
         """Return an item; None if it is not there, or damaged."""
@@ -361,8 +364,8 @@ def _compare(folder: Path, wanted: Mapping[str, str]) -> None:
     try:
         identity = dict(json.loads((folder / IDENTITY).read_text("utf-8")))
     except (OSError, ValueError, TypeError, RecursionError):
-        identity = {}
-    if other := [name for name in wanted if identity.get(name) != wanted[name]]:
+        identity = dict.fromkeys(wanted)
+    if other := [name for name in wanted if identity.get(name, wanted[name]) != wanted[name]]:
         got = f"the checkpoints of a run with another {', another '.join(other)}"
         remedy = (
             "take the inputs and options of that run, or start again (`restart`), or choose another folder (`folder`)"

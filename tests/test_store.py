@@ -67,6 +67,16 @@ def test_a_folder_of_another_run_is_refused_and_left_alone(tmp_path, content):
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
+def test_what_the_items_do_not_depend_on_may_change(tmp_path):
+    store = Store(tmp_path, ONE)
+    store.write("fit", 1)
+    store.depends_on({"campaign": ONE["campaign"]})
+    other = ONE | {"seed": "2"}
+    assert Store(tmp_path, other).read("fit") == 1
+    with pytest.raises(InputError, match="another seed"):
+        Store(tmp_path, ONE)
+
+
 def test_without_a_folder_nothing_is_kept():
     store = Store(None, ONE)
     store.write("fit", 1)

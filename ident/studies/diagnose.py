@@ -444,6 +444,8 @@ def diagnose(
             if fresh and folder is not None and store.read("stiffness") is None:
                 Store.discard(folder / CHAINS)
                 Store.empty(folder)
+            elif runs and store.read("source") is None:  # the runs are at fault: with others it goes on
+                store.depends_on({name: value for name, value in job.identity.items() if name != "runs"})
             raise
 
 

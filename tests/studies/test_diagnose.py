@@ -14,6 +14,7 @@ from results import assert_comes_back, assert_plain, contents
 
 import ident
 from ident.assess.diagnose import ResonanceAssessment, stages_of
+from ident.errors import Problem
 from ident.identify.compare import validate_fit
 from ident.present.basis import assumed
 from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard_stages
@@ -260,6 +261,24 @@ def test_stages_of_other_inputs_are_refused_and_can_be_thrown_away(tmp_path, mon
         diagnose(stiffer, MEASURED, OPTIONS, folder=tmp_path / "part")
     with pytest.raises(KeyboardInterrupt):
         diagnose(ARM, MEASURED, other, folder=tmp_path / "part", restart=True)
+
+
+def test_with_other_runs_a_diagnosis_goes_on_behind_the_stiffnesses(tmp_path, monkeypatch):
+    """Where its runs are refused, which only the search for what excites the arm tells."""
+    taken = []
+
+    def refused(job, store, on_stage):
+        taken.append(store.read("stiffness"))
+        store.write("stiffness", 1)
+        raise ident.InputError([Problem("run7.csv", "a clock", "another", "check it")])
+
+    monkeypatch.setattr("ident.studies.diagnose.carry_out", refused)
+    runs = shutil.copytree(DATA / "lcd_arm" / "runs", tmp_path / "runs") / "runs.csv"
+    for _ in range(2):
+        with pytest.raises(ident.InputError, match="run7"):
+            diagnose(ARM, MEASURED, OPTIONS, runs=runs, folder=tmp_path / "part")
+        runs.write_text("\n".join(line for line in runs.read_text().splitlines() if "run7" not in line) + "\n")
+    assert taken == [None, 1]
 
 
 @pytest.mark.parametrize(
