@@ -9,7 +9,7 @@ frequencies; each read with a standard error of 5 %. The stiffnesses are the tru
 `--stages 5 [--of pole]`: fits to frequencies, static deflections and such ratios, against fits without the ratios:
 equal verdicts and numbers of starts, and the largest difference of a value or an end of an interval, in standard
 errors. Frequencies of poles are those of the damped arm, which also is the arm of both fits. No arm has ratios at
-random, or falling ones: it then has their mean in all modes, or no damping.
+random: it then has their mean in all modes.
 """
 
 import argparse
@@ -30,8 +30,8 @@ sys.path.insert(0, str(ROOT / "tests" / "support"))
 from one_program import shown
 
 import ident
-from ident.arm.fields import LOSS
-from ident.identify.damping import MASS, RATIO, ModesOfRows, damped, damping_of
+from ident.arm.fields import ALPHA, LOSS
+from ident.identify.damping import RATIO, ModesOfRows, damped, damping_of
 from ident.identify.fit import fit_campaign
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.predict import ArmModel
@@ -42,7 +42,7 @@ from ident.present.fit import fit_sections
 
 LAWS = ("viscous", "constant", "by kind", "random", "falling")
 NOISE, HERTZ, MODES = 0.05, 0.002, 4
-SHARES = {"viscous": {"tau"}, "constant": {"loss"}, "by kind": {"loss"}, "falling": {"mass"}}
+SHARES = {"viscous": {"tau"}, "constant": {"loss"}, "by kind": {"loss"}, "falling": {"alpha"}}
 
 
 def arms():
@@ -81,7 +81,7 @@ def truth(law, arm, rng):
     if law in ("constant", "by kind"):
         share = 1.0 if law == "constant" else rng.uniform(0.3, 3.0)
         return {f"{n}.loss_bend": 2 * zeta for n in names} | {f"{n}.loss_tors": 2 * zeta * share for n in names}
-    return {MASS: 2 * zeta * 2 * math.pi * 8.0}
+    return {ALPHA: 2 * zeta * 2 * math.pi * 8.0}
 
 
 def true_ratios(law, arm, rows, rng):
