@@ -14,6 +14,7 @@ from ident.assess.balance import Rotor
 from ident.assess.effort import DiagnosisEffort
 from ident.assess.scenario import Basis, OverPhases, at_share, over_phases
 from ident.errors import refusal
+from ident.identify.unknowns import is_damping
 from ident.programs import Progress
 from ident.vibrate.design_search import Point, Requirements, Search
 from ident.vibrate.evaluator import (
@@ -23,6 +24,7 @@ from ident.vibrate.evaluator import (
     Variable,
     binomial_estimate,
     exact_response,
+    share_of_variance,
     side_by_side,
 )
 from ident.vibrate.motion import Motion
@@ -217,6 +219,7 @@ class VibrationAssessment:
         keeps: probability that the limit is kept in all directions, by the draws.
         limit: [m]
         phases: the arm itself over the phases that are not known; None where all are known.
+        owed_to_damping: share of the variance of the draws that those of the damping account for.
     """
 
     response: Response
@@ -225,6 +228,7 @@ class VibrationAssessment:
     keeps: BinomialEstimate
     limit: float
     phases: OverPhases | None = None
+    owed_to_damping: float = 0.0
 
     @property
     def peak(self) -> Float[np.ndarray, "3"]:
@@ -275,7 +279,9 @@ def assess_vibration(task: Task, progress: Progress = iter) -> VibrationAssessme
     amplitudes = task.evaluator(draws=task.assessment_draws).amplitudes(np.zeros((1, 0)), progress)[:, 0]
     own, draws = amplitudes[:, 0], amplitudes[:, 1:]
     keeps = binomial_estimate(draws.max(0) <= task.limit)
-    return VibrationAssessment(response, own, draws, keeps, task.limit, phases)
+    damping = {path: values for path, values in task.assessment_draws.items() if is_damping(path)}
+    owed = share_of_variance(damping, draws.max(0))
+    return VibrationAssessment(response, own, draws, keeps, task.limit, phases, owed)
 
 
 def likely_excitation(task: Task, evaluator: Evaluator, change: Float[np.ndarray, "V"]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from inspect import unwrap
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -35,7 +36,7 @@ from ident.identify.unknowns import Unknowns, is_damping
 from ident.inference.fit import FIT_STARTS, Fit, cross_predictions, fit, with_stretch
 from ident.inference.information import ScoreTest, asked_for, score_tests
 from ident.inference.optima import fixed_combinations
-from ident.inference.problem import DISCREPANCY_PREFIX
+from ident.inference.problem import DISCREPANCY_PREFIX, InverseProblem
 from ident.inference.scrutiny import SUSPICIOUS, Exchange, Moves, Pair, exchanges, robust_weights, weighted
 from ident.inference.search import End, look, solve
 from ident.measure import Campaign, Measurement
@@ -595,19 +596,9 @@ def fit_campaign(
         ModelError: no optimum was reached.
     """
     unknowns = unknowns or Unknowns()
-    coupled = any(m.kind == RATIO for m in campaign) and any(m.of for m in campaign)
-    own = {path: float(arm.get(path)) for path in arm.paths() if is_damping(path)} if coupled else {}
-    poles = Poles(own)  # with loss factors from the start, for the programs to be the same
-    posed = with_poles(arm, campaign, unknowns, poles)
-    check_values(posed, trusted)
-    if coupled and np.isfinite((first := solve(posed.problem, posed.problem.parameters.theta_start)).cost):
-        poles = _poles(arm, campaign, unknowns, posed, first)
-    for _ in range(ROUNDS):
-        used, posed = poles, with_poles(arm, campaign, unknowns, poles)
-        best = fit(posed.problem, starts=starts, seed=seed, progress=progress)
-        poles = _poles(arm, campaign, unknowns, posed, best.end) if coupled else poles
-        if not coupled or _moved(arm, campaign, unknowns, (used, poles), best) < STILL:
-            break
+    check_values(with_poles(arm, campaign, unknowns, _own(arm, campaign)), trusted)
+    search = partial(fit, starts=starts, seed=seed, progress=progress)
+    posed, used, best = fit_with_poles(arm, campaign, unknowns, search)
     weights = None if robust is None else robust_weights(best, units_of(posed.campaign), robust)
     if weights is not None:
         best = fit(weighted(posed.problem, weights), starts=starts, seed=seed)
@@ -625,6 +616,29 @@ def fit_campaign(
     whole = replace(whole, exchanges=_suspected(whole))
     widths = not whole.doubts
     return replace(whole, combinations=fixed_combinations(whole.problem, whole.end, whole.information, widths=widths))
+
+
+def _own(arm: Arm, campaign: Campaign) -> Poles:
+    """Return the arm's own damping where rows depend on what is fitted of it: loss factors too, for one program."""
+    coupled = any(m.kind == RATIO for m in campaign) and any(m.of for m in campaign)
+    return Poles({path: float(arm.get(path)) for path in arm.paths() if is_damping(path)} if coupled else {})
+
+
+def fit_with_poles(
+    arm: Arm, campaign: Campaign, unknowns: Unknowns, search: Callable[[InverseProblem], Fit]
+) -> tuple[Posed, Poles, Fit]:
+    """Fit stiffnesses, the damping of damped modes being what their ratios say given these; see `fit_campaign`."""
+    poles = _own(arm, campaign)
+    posed, coupled = with_poles(arm, campaign, unknowns, poles), bool(poles.numbers)
+    if coupled and np.isfinite((first := solve(posed.problem, posed.problem.parameters.theta_start)).cost):
+        poles = _poles(arm, campaign, unknowns, posed, first)
+    for _ in range(ROUNDS):
+        used, posed = poles, with_poles(arm, campaign, unknowns, poles)
+        best = search(posed.problem)
+        poles = _poles(arm, campaign, unknowns, posed, best.end) if coupled else poles
+        if not coupled or _moved(arm, campaign, unknowns, (used, poles), best) < STILL:
+            break
+    return posed, used, best
 
 
 def with_poles(arm: Arm, campaign: Campaign, unknowns: Unknowns, poles: Poles) -> Posed:

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from scipy.stats import multivariate_t
 from ident.arm.arm import Arm
 from ident.arm.fields import STIFFNESS, field_of
 from ident.errors import InputError, ModelError, Problem, refusal
-from ident.identify.fit import CampaignFit
+from ident.identify.fit import CampaignFit, fit_with_poles
 from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.fit import Fit, fit
@@ -323,8 +323,8 @@ def draws_under(
         for name, mean, sd in zip(own.names, under.mean, under.sd, strict=True)
     }
     try:
-        posed = posed.with_unknowns(replace(unknowns, priors={**unknowns.priors, **priors}))
-        found = fit(posed.problem, starts=STARTS, seed=seed)
+        unknowns = replace(unknowns, priors={**unknowns.priors, **priors})
+        _, _, found = fit_with_poles(arm, campaign, unknowns, partial(fit, starts=STARTS, seed=seed))
         drawn = None if chains else _weighed(found, own, seed)
         return drawn if drawn and weighed(drawn, under).sound else _chains(found, own, under, seed)
     except (InputError, ModelError):

@@ -457,6 +457,9 @@ def _vibration(diagnosis: "Diagnosis") -> Iterator[Part]:
     kept = f"{vibration.keeps.count} of {vibration.keeps.draws} draws of the posterior"
     kept += " and of the phases" * (vibration.phases is not None)
     yield f"The limit is kept by {kept} (95 % interval of the probability: {chance_words(vibration.keeps)})."
+    if vibration.owed_to_damping:
+        share = percent(vibration.owed_to_damping)
+        yield f"The uncertainty of the damping accounts for {share} of the variance of the vibration over these draws."
     if vibration.accepted:
         yield "Nothing needs to be changed."
     rows = tuple(

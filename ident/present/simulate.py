@@ -20,6 +20,7 @@ from ident.present.basis import (
 )
 from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut
 from ident.present.words import MM, counted, degrees, percent
+from ident.vibrate.evaluator import share_of_variance
 from ident.vibrate.fast import passages
 from ident.vibrate.study import DIRECTIONS
 
@@ -244,10 +245,10 @@ def _bands(simulation: "Simulation") -> Iterator[Section]:
 
 def _owed_to_damping(draws: "Draws") -> Iterator[str]:
     """Yield how much of the spread of peak and settling time is that of the damping, if that has draws."""
-    damping = [path for path, values in draws.values.items() if is_damping(path) and np.ptp(values) > 0]
+    damping = {path: values for path, values in draws.values.items() if is_damping(path) and np.ptp(values) > 0}
     if damping:
         way = int(draws.sizes.peak.mean(1).argmax())
-        peak, settling = (draws.owed_to(damping, size[way]) for size in (draws.sizes.peak, draws.sizes.settling))
+        peak, settling = (share_of_variance(damping, size[way]) for size in (draws.sizes.peak, draws.sizes.settling))
         yield (
             f"The uncertainty of the damping accounts for {percent(peak)} of the variance of the peak in "
             f"{DIRECTIONS[way]}, and for {percent(settling)} of that of its settling time."

@@ -1,6 +1,6 @@
 """Studies of a motion: two methods against each other, draws of a posterior, a measured trace."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -65,21 +65,6 @@ class Draws:
         """Return the share of draws whose peak exceeds a limit [m]: in each direction, and in any."""
         beyond = self.sizes.peak > limit
         return beyond.mean(1), float(beyond.any(0).mean())
-
-    def owed_to(self, paths: Iterable[str], size: Float[np.ndarray, "draws"]) -> float:
-        """Return the share of a size's variance over the draws that some numbers account for; zero if they are equal.
-
-        By ranks (Iman, Conover, "The use of the rank transform in regression", Technometrics 21, 1979), with the
-        adjusted coefficient of determination, as many numbers explain much of a few draws by chance.
-        """
-        rank, *ranks = (np.unique(x, return_inverse=True)[1] for x in (size, *(self.values[path] for path in paths)))
-        columns = {tuple(each) for each in ranks if each.any()}  # tied numbers once
-        count, more = len(size), len(columns)
-        if not (0 < more < count - 1 and rank.any()):
-            return 0.0
-        A = np.column_stack([*columns, np.ones(count)])
-        left = np.var(rank - A @ np.linalg.lstsq(A, rank)[0])
-        return max(0.0, 1 - float(left / np.var(rank)) * (count - 1) / (count - 1 - more))
 
 
 def simulate_motion(
