@@ -299,9 +299,7 @@ class Store:
             InputError: the folder holds another run, or can't be written to; what is there is untouched.
         """
         self.folder = folder
-        if folder is None:
-            return
-        if os.path.exists(folder / IDENTITY):
+        if folder is not None and os.path.exists(folder / IDENTITY):
             _compare(folder, identity)
         self.depends_on(identity)
 

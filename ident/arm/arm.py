@@ -293,7 +293,9 @@ class Arm(eqx.Module):
         names = [part.name for part in self.parts()]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise refusal(self.name, f"{twice[0]} twice", "unique names", "rename one of them")
+            alone = [part.name for part in (self.stroke, self.damping) if part]
+            remedy = "name the part otherwise: that is the arm's own" if twice[0] in alone else "rename one of them"
+            raise refusal(self.name, f"{twice[0]} twice", "unique names", remedy)
         if not self.degrees_of_freedom:
             remedy = "give one of them a stiffness"
             raise refusal(self.name, "every stiffness rigid", "an arm that gives somewhere", remedy, "joint")
@@ -633,7 +635,7 @@ def check_arm(arm: Arm) -> None:
         InputError: every problem, each with the name of its part.
     """
     bodies = (*arm.bodies, *(payload.body for payload in arm.payloads))
-    refuse(problem for part in (*arm.joints, *bodies, *arm.points) for problem in sign_problems(part))
+    refuse(problem for part in (*arm.joints, *bodies, *arm.points, arm.damping) for problem in sign_problems(part))
     problems = [problem for body in bodies for problem in inertia_problems(body.name, body.mass, body.inertia)]
     problems += [*_drive_problems(arm), *_spring_problems(arm)]
     for place, got, expected in massless_joints(arm.joints):

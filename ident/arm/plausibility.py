@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm, inertia_of_mass, stiffness_paths
-from ident.arm.fields import STIFFNESS
+from ident.arm.fields import ALPHA, STIFFNESS
 from ident.arm.parts import Belt, Body
 
 # -------- Belt condition
@@ -300,8 +300,11 @@ def behaviour_oddities(
         got = f"the end point sags by {1e3 * sag:.3g} mm, {100 * sag / reach:.2g} % of the reach of {reach:.3g} m"
         yield Oddity(path, got, f"less than {100 * MOST_SAG:g} %")
     if damping_ratio.max() > MOST_DAMPED:
-        got = f"mode {int(damping_ratio.argmax()) + 1} has a damping ratio of {100 * damping_ratio.max():.3g} %"
-        yield Oddity(f"{arm.joints[joint].name}.tau_bend", got, f"below {100 * MOST_DAMPED:g} %; tau is in seconds")
+        worst = int(damping_ratio.argmax())
+        by_mass = float(arm.get(ALPHA)) / (4 * np.pi * float(frequency[worst])) > float(damping_ratio[worst]) / 2
+        at, unit = (ALPHA, "1/s") if by_mass else (f"{arm.joints[joint].name}.tau_bend", "seconds")
+        got = f"mode {worst + 1} has a damping ratio of {100 * damping_ratio[worst]:.3g} %"
+        yield Oddity(at, got, f"below {100 * MOST_DAMPED:g} %; {at.partition('.')[2].partition('_')[0]} is in {unit}")
 
 
 def _lengths(arm: Arm, reach: float) -> Iterator[Oddity]:

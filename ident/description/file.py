@@ -15,7 +15,7 @@ import tomlkit
 from jaxtyping import Float
 from pydantic import ValidationError
 
-from ident.arm.arm import Arm, check_size, massless_joints, on_soft_base
+from ident.arm.arm import Arm, check_size, loss_paths, massless_joints, on_soft_base
 from ident.arm.parts import Payload, Point
 from ident.description.problems import Source, lines_of, load_toml
 from ident.description.rewriting import (
@@ -218,7 +218,8 @@ def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where
         where: names the text in errors.
     """
     before, document = parse_arm(text, where), tomlkit.parse(text)
-    place_damping(document, _tables(document), before, values)
+    lossy = before.replace({path: values[path] for path in loss_paths(before) if path in values})
+    place_damping(document, _tables(document), lossy, values)
     tables = _tables(document)
     set_numbers(tables, values, origin, where)
     updated = tomlkit.dumps(document)

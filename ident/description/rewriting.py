@@ -34,6 +34,8 @@ def set_numbers(tables: Mapping[str, Any], values: Mapping[str, float], origin: 
 def place_damping(document: Any, joints: Mapping[str, Any], arm: Arm, paths: Collection[str]) -> None:
     """Write all damping of joints whose tables lack the place of some, as times and loss factors, in their own tables.
 
+    Words for all bushings go into all joints' tables then.
+
     Args:
         document: of these tables; it gets a place for damping in proportion to mass.
         joints: tables by name; other tables may be among them.
@@ -42,14 +44,18 @@ def place_damping(document: Any, joints: Mapping[str, Any], arm: Arm, paths: Col
     """
     if ALPHA in paths and "alpha" not in document.setdefault("damping", tomlkit.table()):
         document["damping"].update(tomlkit.parse('alpha = { value = 0.0, unit = "1/s", origin = "derived" }'))
-    for joint in arm.joints:
-        table = joints.get(joint.name, {})
-        if any(f"{joint.name}.{key}" in paths and key not in table for key in (*DAMPING, *LOSS)):
-            for word in DampingTable.model_fields:
-                table.pop(word, None)
-            written = tomlkit.parse("\n".join(_Writer("derived").bushing(joint)))
-            for key in written.keys() - table.keys():
-                table[key] = written[key]
+    own = [joint for joint in arm.joints if joint.name in joints]
+    missing = ((joint, key) for joint in own for key in (*DAMPING, *LOSS) if key not in joints[joint.name])
+    lacking = {joint.name for joint, key in missing if f"{joint.name}.{key}" in paths}
+    common = {word: quantity for word, quantity in document.get("damping", {}).items() if word != "alpha"}
+    for joint in own if common and lacking else [joint for joint in own if joint.name in lacking]:
+        table = joints[joint.name]
+        words = common | {word: table.pop(word) for word in DampingTable.model_fields if word in table}
+        origin: Any = next((quantity["origin"] for quantity in reversed(words.values())), "derived")
+        written = tomlkit.parse("\n".join([*_Writer(origin).bushing(joint), ""]))
+        table.update({key: quantity for key, quantity in written.items() if key not in table})
+    for word in common if lacking else ():
+        document["damping"].pop(word)
 
 
 def changed_numbers(before: Arm, after: Arm) -> dict[str, float]:
@@ -159,6 +165,8 @@ def arm_text(
         lines.append(writer.line("gravity", arm.gravity, "m/s^2"))
     if ratio is not None:
         lines += ["", "[damping]", f'ratio = {{ value = {ratio:g}, origin = "assumed" }}']
+    elif arm.damping.alpha is not None:
+        lines += ["", "[damping]", writer.line("alpha", arm.damping.alpha, "1/s", "damping")]
     for joint in arm.joints:
         lines += ["", *writer.joint(joint)]
     for point in arm.points:

@@ -383,6 +383,12 @@ class EachWay(Table, Generic[Value]):
     bend: Value | None = None
     tors: Value | None = None
 
+    @model_validator(mode="after")
+    def _some(self) -> "EachWay[Value]":
+        if self.bend is self.tors is None:
+            raise complaint("no direction", "bend, tors or both", "give one of them a number")
+        return self
+
 
 ONE_OR_EACH = Discriminator(lambda v: "table" if isinstance(v, dict | EachWay) else "number")
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -459,14 +465,17 @@ class BushingTable(DampingTable):
         self.fill(self)
         return self
 
-    def fill(self, damping: DampingTable) -> None:
-        """Take damping where the bushing gives and has none of its own."""
+    def fill(self, damping: DampingTable) -> bool:
+        """Take damping where the bushing gives and has none of its own, and tell whether it has taken any."""
+        taken = False
         for way, (word, field, number) in damping.by_way().items():
             said = self.model_fields_set.intersection({f"tau_{way}", f"loss_{way}"})
             for key in said if damping is self else ():
                 check_one_word(word, key)
             if not said and getattr(self, f"k_{way}") != RIGID:
                 setattr(self, field, number)
+                taken = True
+        return taken
 
     def bushing(self) -> dict[str, Any]:
         """Return what `Joint` takes."""
@@ -627,8 +636,12 @@ class Damped(Table):
 
     @model_validator(mode="after")
     def _damped(self) -> "Damped":
-        for joint in self.joint:
-            joint.fill(self.damping)
+        filled = [joint.fill(self.damping) for joint in self.joint]
+        if self.damping.by_way() and not any(filled):
+            word = next(iter(self.damping.by_way().values()))[0]
+            raise complaint(
+                f"[damping] {word}", "a bushing without damping of its own", "take out the one or the other"
+            )
         return self
 
 

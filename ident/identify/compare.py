@@ -82,7 +82,7 @@ class Comparison:
         pair = [fit.damping for fit in self.fits if fit.damping]
         if len(pair) < 2:
             return None
-        rows = [{mode_of(m): i for i, m in enumerate(each.rows)} for each in pair]
+        rows = [{mode_of(m): i for i, m in enumerate(each.rows) if not each.marked[i]} for each in pair]
         both = [mode for mode in rows[0] if mode in rows[1]]
         if not both:
             return 0, 0.0, np.inf

@@ -505,11 +505,15 @@ class Damping:
     def left_out(self, parts: Iterable[Sequence[int]]) -> Float[np.ndarray, "n 3"]:
         """Return ratios as measured and as the rows of other parts predict them, and how far they are apart.
 
-        The law is the best one, its numbers are those of the other parts. The distance is in standard deviations.
+        The law is the best one, its numbers are those of the other parts, without marked rows. The distance is in
+        standard deviations.
         """
         design, found = self._design(self.best.groups, self.columns), [np.zeros((0, 3))]
-        for part in (part for part in parts if len(part) + 1 < len(self.rows)):
-            _, mean, z = _by_others(self.best, design, self.ratios, part)
+        for part in parts:
+            others = np.setdiff1d(np.flatnonzero(~self.marked), part)
+            if len(others) < 2:
+                continue
+            _, mean, z = _by_others(self.best, design, self.ratios, part, others)
             found.append(np.array([np.exp(self.ratios.log[part]), np.exp(mean), z]).T)
         return np.concatenate(found)
 
@@ -672,20 +676,19 @@ def _marked(law: Law, design: _Design, ratios: Ratios) -> Bool[np.ndarray, "D"]:
     off = np.abs(ratios.log - np.log(design.of(law.values))) / np.sqrt(np.diag(ratios.covariance))
     marked = np.zeros(len(rows), bool)
     for row in np.argsort(-off)[:SUSPECTS].tolist() if len(rows) > 2 else ():
-        others, _, z = _by_others(law, design, ratios, [row])
+        others, _, z = _by_others(law, design, ratios, [row], np.setdiff1d(rows, row))
         freedom = max(len(rows) - 1 - int((others.values > 0).sum()), 1)
         marked[row] = 2 * stdtr(freedom, -abs(z[0])) < MARKED / len(rows)
     return marked
 
 
 def _by_others(
-    law: Law, design: _Design, ratios: Ratios, left: Sequence[int]
+    law: Law, design: _Design, ratios: Ratios, left: Sequence[int], rest: Int[np.ndarray, "r"]
 ) -> tuple[Law, Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Return a law by the rows that are not left out, ln(ratio) of those that are, and by how much they are off it.
+    """Return a law by some rows, ln(ratio) of those that are left out, and by how much these are off it.
 
     The latter is in standard deviations, of what was measured and of the prediction.
     """
-    rest = np.setdiff1d(np.arange(len(ratios.log)), left)
     data, like = ratios.some(rest), ratios.some(left)
     fitting = _Fitting(design.some(rest), data, _Errors(data))
     others = fitting.law(law.groups)

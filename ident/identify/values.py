@@ -423,7 +423,7 @@ class Identified:
 
     Attributes:
         values: fitted value, or median of the draws [SI]; tied numbers each by its own path.
-        intervals: 95 % interval of each [SI].
+        intervals: 95 % interval of each [SI]; none of what measured damping ratios say.
         supported: those of which the data support an interval.
         doubts: objections to the fit.
         sources: what they were made from: a word, path and SHA-256 of each file.

@@ -44,12 +44,12 @@ def _numbers(arm: Arm, found: "Identified") -> Iterator[str]:
     bushings = [path for joint in arm.joints for field in SHOWN if (path := f"{joint.name}.{field}") in own]
     for path in (*bushings, *(path for path in found.values if path in own and path not in bushings)):
         text = f"{path} = {float(arm.get(path)):.6g} {unit_of(path)}"
-        if path in found.values:
+        if path in found.intervals:
             low, high = found.intervals[path]
             weak = "" if path in found.supported else ", which the data do not support"
             yield f"{text}, 95 % interval {low:.4g} to {high:.4g}{weak}"
         else:
-            yield f"{text}, not fitted"
+            yield f"{text}, {'by measured damping ratios' if path in found.values else 'not fitted'}"
 
 
 # -------- Explore

@@ -81,7 +81,8 @@ def exported(
     """
     import numpy as np
 
-    from ident.arm.arm import check_arm, on_soft_base
+    from ident.arm.arm import check_arm, loss_paths, on_soft_base
+    from ident.arm.fields import ALPHA
     from ident.identify.unknowns import scaled_inertia
     from ident.identify.values import Robot, Values, of_this_robot, scaled_by
 
@@ -89,7 +90,7 @@ def exported(
     assert fitted, "a fit, or a posterior"
     based = own.arm if height is None else on_soft_base(own.arm, height)
     identified = _identified(read, fitted, own)
-    paths = set(based.paths())
+    paths = {*based.paths(), *loss_paths(based), ALPHA}
     values = {name: value for name, value in identified.values.items() if name in paths}
     if strange := [name for name in fitted.arm.paths() if name in identified.values and name not in paths]:
         got, remedy = f"no {strange[0]}, which was fitted", "give the one that was fitted (`arm`)"
@@ -142,7 +143,9 @@ def _identified(read: "Result | Saved", fitted: "CampaignFit", own: "ArmFile") -
     told = tuple((word, each.path, each.sha256) for word, each in sources if each is not None)
     widths = {path: intervals[item.name] for item in items for path in item.paths}
     doubts = *fitted.doubts, *(read.moved if isinstance(read, Saved) else ())
-    return Identified(by_path, widths, frozenset(supported), doubts, told)
+    carried = fitted.damping.carried if fitted.damping else {}
+    damping = {path: value for group, value in carried.items() for path in group}
+    return Identified(damping | by_path, widths, frozenset(supported), doubts, told)
 
 
 def _quantity(path: str) -> str:
@@ -233,7 +236,7 @@ def _urdf(asked: Exported) -> Mapping[Path, bytes]:
 
     path, own, arm = asked.path, asked.own, asked.arm
     _check_kind(path, own, "robot", "an arm that was read from URDF")
-    beside = {point.name for point in arm.points if point.name != "tip"}
+    beside = {arm.damping.name, *(point.name for point in arm.points if point.name != "tip")}
     beside |= {payload.body.name for payload in arm.payloads}
     joints = {joint.name for joint in own.arm.joints}
 
@@ -294,8 +297,7 @@ def _json(asked: Exported) -> Mapping[Path, bytes]:
                 "path": name,
                 "value": value,
                 "unit": unit_of(name),
-                "low_95": found.intervals[name][0],
-                "high_95": found.intervals[name][1],
+                **dict(zip(("low_95", "high_95"), found.intervals.get(name, (None, None)), strict=True)),
                 "supported": name in found.supported,
             }
             for name, value in found.values.items()

@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from scipy.stats import binomtest
 
-from ident.arm.arm import Arm
+from ident.arm.arm import Arm, loss_paths
 from ident.arm.chain import Loads, at_posture
-from ident.arm.fields import COMPONENTS, field_of
+from ident.arm.fields import ALPHA, COMPONENTS, field_of
 from ident.arm.mechanics import deflection, static_equilibrium
 from ident.arm.modes import lowest_eigenpairs, to_hertz
 from ident.errors import ModelError, Problem, refusal, refuse
@@ -229,6 +229,7 @@ def check_path(arm: Arm, path: str) -> None:
         raise refusal("", path, "a number of the arm itself", remedy)
     if path not in arm.paths():
         remedy = did_you_mean(path, (*arm.paths(), "speed"), "see `Arm.paths()`")
+        remedy = "give it a value first (`set`)" if path in (*loss_paths(arm), ALPHA) else remedy
         raise refusal("", path, f"a number of the arm {arm.name}", remedy)
 
 

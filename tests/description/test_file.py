@@ -356,6 +356,26 @@ def test_damping_that_is_common_keeps_its_origin_and_is_revised_in_its_joint():
     assert parse_document(own).origins()["joint1.tau_bend"] == "calibrated"
 
 
+def test_damping_that_no_bushing_takes_is_refused():
+    everywhere = re.sub(r"(k_tors = .*\n)", rf"\1tau_bend = {TAU}\ntau_tors = {TAU}\n", re.sub(r"tau_.*\n", "", TEXT))
+    text = everywhere.replace("[[joint]]", f"[damping]\nratio = {RATIO}\n\n[[joint]]", 1)
+    assert "got [damping] ratio, expected a bushing without damping of its own" in problems(text)[0]
+    assert (
+        "got no direction, expected bend, tors or both"
+        in problems(with_damping('ratio = { value = {}, origin = "paper" }'))[0]
+    )
+
+
+def test_a_loss_factor_gets_its_place_where_a_file_has_none():
+    revised = update_file(TEXT, {"joint1.loss_bend": 0.05}, origin="calibrated")
+    assert parse_arm(revised).get("joint1.loss_bend") == 0.05
+    assert parse_arm(revised).get("joint1.tau_tors") == parse_arm(TEXT).get("joint1.tau_tors")
+    common = update_file(with_damping(f"ratio = {RATIO}"), {"joint1.tau_bend": 0.001}, origin="calibrated")
+    assert parse_document(common).origins()["joint2.loss_bend"] == "measured", "as the ratio that it follows from"
+    keys = [line.partition(" =")[0] for line in common.splitlines() if line.startswith(("tau_", "loss_"))]
+    assert keys[:4] == ["tau_bend", "tau_tors", "loss_bend", "loss_tors"]
+
+
 def test_damping_by_mass_is_read_and_gets_its_place_where_a_file_has_none():
     table = '[damping]\nalpha = { value = 30, unit = "1/min", origin = "measured" }'
     text = with_damping(table.partition("\n")[2])

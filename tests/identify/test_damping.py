@@ -31,6 +31,8 @@ from ident.present.fit import fit_sections
 from ident.present.fleet import fleet_sections
 from ident.present.report import text_of
 from ident.present.validate import validate_sections
+from ident.studies.design import DesignOptions, _checked_text
+from ident.studies.motion_options import basis_of
 
 NAMES = ("lateral torsion 1", "vertical bending 1", "vertical bending 2", "lateral torsion 2")
 POSTURES = tuple((a, -2 * a, a) for a in np.radians([0.0, 30.0, 60.0]).tolist())
@@ -237,6 +239,10 @@ def test_each_ratio_is_predicted_from_those_of_other_postures():
     values[5] *= 3
     assert found(values, 0).left_out(parts)[5, 2] > 5
     assert not len(found(values, 0).left_out([range(12)])), "nothing is left to predict them from"
+    wrong = found(values, 0)
+    assert list(np.flatnonzero(wrong.marked)) == [5]
+    own = [row for row in range(12) if row != 5]
+    np.testing.assert_allclose(wrong.left_out(parts)[own, 1], exact("viscous")[own], rtol=0.2)  # it does not count
 
 
 @pytest.mark.slow
@@ -258,6 +264,8 @@ def test_damping_has_lines_of_its_own_and_no_part_in_verdicts():
     assert (count, change, sd) == (16, pytest.approx(np.log(1.5), abs=3 * sd), pytest.approx(0.05 * 8**-0.5, rel=0.05))
     (same,) = compare_sections([compare_fits(one, one)]).answer[1:]
     assert same.endswith(": no change.")
+    odd = replace(one, damping=replace(one.damping, marked=np.arange(16) == 3))
+    assert compare_fits(odd, one).damping[0] == 15, "what does not count in the fit does not here"
 
     plain_, scattered = validate_fit(alone), validate_fit(one)
     wild = replace(one.damping, ratios=one.damping.ratios._replace(log=one.damping.ratios.log + np.tile([0.0, 2.0], 8)))
@@ -305,6 +313,13 @@ def test_a_saved_fit_hands_on_the_law_of_its_damping(tmp_path):
         assert (read.values, read.remark) == (taken.values, taken.remark)
         assert ("joint1.loss_bend" in read.values, ALPHA in read.values) == (law == "constant", law == "falling")
         assert not read.remark
+        written = ident.read_arm(ident.export(result, tmp_path / f"{law}.toml")[0]).arm
+        values = {path: float(value) for path, value in taken.values.items()}
+        assert {path: float(written.get(path)) for path in values} == pytest.approx(values, rel=1e-9)
+        text = ident.export(result, tmp_path / f"{law}.json")[0].read_text()
+        assert '"path": "joint2.tau_tors",\n   "value": 0.0,\n   "unit": "s",\n   "low_95": null' in text
+        basis = basis_of(ident.read_arm(DATA / "lcd_arm" / "arm.toml"), DesignOptions(), fit=taken)
+        assert _checked_text(basis, ()), "design can write it"
     curved = Spring("spring1", "joint1", "torsion", ratio2=1.5, ratio3=2.0, torque1=100.0, torque2=1e4)
     damping = found(exact("constant"))
     assert damping.carried

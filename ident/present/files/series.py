@@ -106,7 +106,7 @@ def _variables(simulation: "Simulation") -> Iterator[tuple[str, tuple[str, ...],
     yield "posture", ("driven", "time"), response.posture, "rad", "commanded angles"
     by_joint = ("axis", "joint", "time")
     yield "rotation", by_joint, simulation.phi, "rad", "rotation vectors of the bushings, quasi-static part included"
-    yield "moment", by_joint, response.moment, "N m", "moments of the bushings, weight included"
+    yield "moment", by_joint, response.moment, "N m", "moments of the bushings, weight included, loss factors not"
     if simulation.arm.belts:
         yield "tension", ("span", "belt", "time"), simulation.tension, "N", "tension of the belts' spans"
     if simulation.pulleys:
