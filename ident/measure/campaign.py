@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from ident.errors import Problem, refusal, refuse
+from ident.measure.columns import Word
 from ident.measure.covariance_and_frames import NO_SETUPS, Correlated, Covariance, Setups, correlated
 from ident.measure.load import (
     AXES,
@@ -24,7 +25,8 @@ from ident.measure.load import (
     Vector,
     unit_vector,
 )
-from ident.text import NAME, nearest, one_line, quoted, table_lines
+from ident.measure.table import Findings
+from ident.text import NAME, one_line, quoted, table_lines
 from ident.units import QUANTITIES, asked_postures, si_factor
 
 # -------- Cells
@@ -75,19 +77,11 @@ def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Probl
 
 
 WORDS = {
-    "of": (DEFINITIONS, "leave it empty for undamped"),
-    "drives": (DRIVE_STATES, "leave the row out if the motors turned freely"),
-    "ramp": (RAMPS, "leave the cell empty"),
+    "of": Word(DEFINITIONS, "correct it, or leave it empty for undamped", "write {}"),
+    "drives": Word(DRIVE_STATES, "correct it, or leave the row out if the motors turned freely", "write {}"),
+    "ramp": Word(RAMPS, "correct it, or leave the cell empty", "write {}"),
 }
-"""Fields of few words, and what to do where none of them is meant."""
-
-
-def word_problems(name: str, word: str | None) -> Iterator[Problem]:
-    """Find a word of a field, one of `WORDS`, that means nothing."""
-    known, otherwise = WORDS[name]
-    if word and word not in known:
-        remedy = f"write {near}" if (near := nearest(word, known)) else f"correct it, or {otherwise}"
-        yield Problem("", quoted(word), f"one of {', '.join(known)}", remedy, name)
+"""Fields of few words."""
 
 
 def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
@@ -98,12 +92,11 @@ def value_problems(kind: str, value: float, sigma: float) -> Iterator[Problem]:
         limits = f"between {lowest:g} and {highest:g}" if highest < math.inf else f"above {lowest:g}"
         expected = f"a finite {kind}" + (f" {limits}" if math.isfinite(lowest) else "")
         yield Problem("", f"{value:g} {unit}".strip(), expected, "correct the value or its unit", "value")
-    if 0 < sigma < SHARPEST * abs(value) < math.inf:
-        expected = f"a standard deviation of {SHARPEST:g} of the value, or more"
+    sharp = 0 < sigma < SHARPEST * abs(value) < math.inf
+    if sharp or not 0 < sigma < math.inf:
+        least = f"a standard deviation of {SHARPEST:g} of the value, or more"
+        expected = least if sharp else "a finite standard deviation above 0"
         yield Problem("", f"{sigma:g} {unit}".strip(), expected, "state how far the value may be off", "sigma")
-    if not 0 < sigma < math.inf:
-        expected, remedy = "a finite standard deviation above 0", "state how far the value may be off"
-        yield Problem("", f"{sigma:g} {unit}".strip(), expected, remedy, "sigma")
 
 
 # -------- Campaign
@@ -186,13 +179,11 @@ class Measurement:
         for name, value in _normalised(self).items():
             object.__setattr__(self, name, value)
         given = {name: str(getattr(self, name)) for name in ROLE_FIELDS if getattr(self, name)}
-        problems = [
-            *role_problems(self.kind, given),
-            *load_problems(self.kind, self.load, self.reference_load),
-            *reference_problems(self),
-            *(problem for name in WORDS for problem in word_problems(name, getattr(self, name))),
-            *value_problems(self.kind, self.value, self.sigma),
-        ]
+        problems = Findings(role_problems(self.kind, given))
+        problems += [*load_problems(self.kind, self.load, self.reference_load), *reference_problems(self)]
+        for name, rule in WORDS.items():
+            problems.attempt("", name, rule, getattr(self, name) or rule.words[0])
+        problems += value_problems(self.kind, self.value, self.sigma)
         if not 0 <= self.resolution < math.inf:
             remedy = "give the step of the display in the value's unit, or leave the cell empty"
             problems.append(Problem("", f"{self.resolution:g}", "a resolution above 0", remedy, "resolution"))

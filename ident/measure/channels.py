@@ -3,34 +3,22 @@
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
 
 from ident.errors import InputError, Problem, refusal, refuse
 from ident.files import replace_file
-from ident.measure.campaign import word_problems
+from ident.measure.campaign import WORDS
+from ident.measure.columns import ABOVE_0, ANGLES, Number, Row, Rule, Word, read_header, rows_of
 from ident.measure.load import DRIVE_STATES, OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, LackingError, NoChannelError, Recording, is_recording, read_recording
 from ident.measure.recordings.recording import ONE_NAME
 from ident.measure.series import Speed, parse_speeds
-from ident.measure.table import (
-    Findings,
-    Record,
-    csv_text,
-    decimal_mark,
-    fitting,
-    guarded,
-    header_problems,
-    name_and_unit,
-    parse_number,
-    read_table,
-    records_of,
-)
-from ident.text import did_you_mean, one_line, quoted, which_file
-from ident.units import sensor_factor, si_factor
+from ident.measure.table import Findings, csv_text, guarded, name_and_unit, parse_number, read_table, records_of
+from ident.text import one_line, quoted, which_file
+from ident.units import sensor_factor
 
 FORCE, RESPONSE, REFERENCE, TIME, IGNORED = "force", "response", "reference", "time", "ignore"
 ROLES = (FORCE, RESPONSE, REFERENCE, TIME, IGNORED)
@@ -41,10 +29,6 @@ QUANTITIES = {FORCE: ("force",), RESPONSE: _MOTION, REFERENCE: _MOTION, TIME: ("
 """What a channel of each role may measure; a length is a displacement."""
 FRAMES = ("base", "body")
 """In which frame a direction has its components: the base's, or that of the body which carries the point."""
-REQUIRED = ("file", "channel", "role", "point", "direction", "q1")
-_ANGLE = re.compile(r"q[1-9][0-9]{0,2}")
-
-
 VOLTAGES = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
 VOLTS = re.compile(rf"(?P<number>[-+0-9.,eE]+)\s*(?P<volts>{'|'.join(VOLTAGES)})\s*/\s*(?P<unit>\S.*)")
 """A sensitivity as a sensor's certificate has it."""
@@ -104,7 +88,51 @@ class ChannelRow:
         return self.role in (FORCE, RESPONSE, REFERENCE)
 
 
-COLUMNS = (*(f.name for f in fields(ChannelRow) if f.name not in ("where", "posture", "in_volts")), "note")
+POSITIVE = Number("a number above 0", "correct it, or leave the cell empty", ABOVE_0)
+
+
+def _position(text: str, decimal: str) -> Vector:
+    parts = text.split()
+    if len(parts) != 3:
+        remedy = "give its coordinates in the body's frame, separated by blanks"
+        raise refusal("", quoted(text), "three numbers", remedy)
+    x, y, z = (parse_number(part, decimal) for part in parts)
+    return x, y, z
+
+
+def _sensitivity(text: str, decimal: str) -> tuple[float, str | None]:
+    """Return numbers of the file for one unit, and that unit where they are volts, as on a certificate: 100 mV/g."""
+    volts = VOLTS.fullmatch(text)
+    if not volts:
+        return POSITIVE(text, decimal), None
+    return POSITIVE(volts["number"], decimal) * VOLTAGES[volts["volts"]], volts["unit"].strip("() ")
+
+
+RECORDED = (
+    Rule("file", needed="the file's name", required=True),
+    Rule("channel", needed="the channel's name", required=True),
+)
+"""Rules of the columns that say where a channel was recorded."""
+NAMED = (*RECORDED, Rule("role", Word(ROLES), IGNORED, required=True))
+"""Rules of the columns that each row fills in."""
+DETAILS = (
+    Rule("point", required=True),
+    Rule("joint"),
+    Rule("position", _position, None, quantity="length"),
+    Rule("direction", parse_direction, None, required=True),
+    Rule("frame", Word(FRAMES, suggestion=""), FRAMES[0]),
+    Rule("quantity"),
+    Rule("unit"),
+    Rule("sensitivity", _sensitivity, (None, None)),
+    Rule("full_scale", POSITIVE, None),
+    Rule("rate", POSITIVE, None),
+    Rule("decay", POSITIVE, 0.0),
+    Rule("load", Load.parse),
+)
+"""Rules of those in which a row says more, where it has a role."""
+DRIVES, HARMONICS = Rule("drives", WORDS["drives"], DRIVE_STATES[0]), Rule("harmonics", parse_speeds)
+RULES = (*NAMED, *DETAILS, DRIVES, HARMONICS, Rule("note"))
+COLUMNS = tuple(rule.name for rule in RULES)
 """Names of the columns, beside the joint angles `q1 [deg]`, ...; `position [mm]` has its unit in the header."""
 
 
@@ -130,21 +158,62 @@ def read_channels(path: str | Path) -> ChannelTable:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
     data, findings = read_table(path), Findings()
-    is_column = lambda name: name_and_unit(name)[0].lower() in COLUMNS  # noqa: E731
     needed = "channel", "see `ident modal --init`, which writes one to fill in"
-    _, delimiter, records = records_of(data, path, is_column, findings, *needed)
-    names, angles, length = _header(records[0], findings)
-    refuse(findings)
-    rows = list[ChannelRow]()
-    for where, cells in fitting(records[1:], len(names), delimiter, findings):
-        cell, mine = dict(zip(names, cells, strict=True)), Findings()
-        said = _fields(where, cell, angles, length, decimal_mark(delimiter, cells), mine)
-        mine += [replace(problem, where=where) for problem in _lacks(cell, said)]
-        rows += [] if mine else [ChannelRow(where=where, **said)]
-        findings += mine
-    findings += _repeated(rows)
+    shown = f"one of {', '.join(COLUMNS)}, q1 [deg], ..."
+    table = read_columns(data, path, (*RULES, ANGLES), findings, needed, shown)
+    rows = [row for row in map(_channel, table) if row]
+    findings += [*(problem for row in table for problem in row.problems), *_repeated(rows)]
     refuse(findings)
     return ChannelTable(str(path), hashlib.sha256(data).hexdigest(), tuple(rows))
+
+
+def read_columns(
+    data: bytes, path: str | Path, rules: Collection[Rule], findings: Findings, needed: tuple[str, str], shown: str
+) -> list[Row]:
+    """Return the rows of a table that lies beside recordings.
+
+    Args:
+        data: the bytes of the file.
+        path: names it in messages.
+        rules: of all columns that it may have.
+        findings: where problems are put.
+        needed: what the rows are for, and what to do where there are none.
+        shown: the columns in words, for messages.
+
+    Raises:
+        InputError: it is no table, or its header is wrong.
+    """
+    known = {rule.name for rule in rules}
+    is_column = lambda cell: name_and_unit(cell)[0].lower() in known  # noqa: E731
+    _, delimiter, records = records_of(data, path, is_column, findings, *needed)
+    header = read_header(records[0], rules, shown, findings)
+    refuse(findings)
+    return rows_of(records[1:], header, delimiter, findings)
+
+
+def _channel(row: Row) -> ChannelRow | None:
+    """Return what a row says; None where something is wrong with it, or lacking."""
+    said, role = row.values(NAMED), row["role"].lower()
+    if said["role"] == IGNORED:
+        return None if row.problems else ChannelRow(where=row.where, posture=(), **said)
+    posture = row.posture if role != TIME else ()
+    said |= row.values((*DETAILS, HARMONICS))
+    said["sensitivity"], own = said["sensitivity"] or (None, None)
+    if own is not None and said["unit"] not in ("", own):
+        remedy = "leave the cell `unit` empty, or write the same one"
+        expected = f"volts for one {quoted(said['unit'])}, as in the column unit"
+        row.add(quoted(row["sensitivity"]), expected, remedy, "sensitivity")
+    if quantity := "length" if (named := said["quantity"].lower()) == "displacement" else named:
+        known = Word(QUANTITIES.get(role, (quantity,)), suggestion="", of=f", of a {role}")
+        row.attempt("quantity", known, quantity)
+    if role in (FORCE, RESPONSE, REFERENCE):
+        said["drives"] = row.value(DRIVES)
+        row.need("point", f"a point of the arm, of a {role}")
+        row.need("direction", f"x, -z, ... or three numbers, of a {role}")
+        if bool(row["joint"]) != bool(row["position"]):
+            row.add("one of joint and position", "both, or neither", "fill the other cell", "position")
+    said |= {"quantity": quantity, "unit": said["unit"] if own is None else own, "in_volts": own is not None}
+    return None if row.problems else ChannelRow(where=row.where, posture=posture, **said)
 
 
 def _repeated(rows: list[ChannelRow]) -> Iterator[Problem]:
@@ -157,117 +226,6 @@ def _repeated(rows: list[ChannelRow]) -> Iterator[Problem]:
             count = "twice" if len(same) == 2 else f"{len(same)} times"
             got = f"{quoted(same[0].channel)} of {quoted(same[0].file)} {count}"
             yield Problem(same[1].where, got, "each channel once", "keep one row", "channel")
-
-
-def _header(record: Record, findings: Findings) -> tuple[list[str], dict[str, float], float]:
-    """Return the names of the columns, and SI units per unit of the joint angles, in their order, and of `position`."""
-    where, cells = record
-    named = [(name.lower(), unit) for name, unit in map(name_and_unit, cells)]
-    angles, length = dict[str, float](), 1.0
-    for name, unit in named:
-        if _ANGLE.fullmatch(name):
-            angles[name] = findings.attempt(where, name, _factor, unit, name, "angle") or 1.0
-        elif name == "position":
-            length = findings.attempt(where, name, _factor, unit, name, "length") or 1.0
-    names = [name for name, _ in named]
-    findings += header_problems(where, names, REQUIRED, (*COLUMNS, *angles), f"{', '.join(COLUMNS)}, q1 [deg], ...")
-    joints = sorted(int(name[1:]) for name in angles)
-    for joint in sorted(set(range(2, max(joints, default=1))) - set(joints)):
-        expected, remedy = "joint angles numbered q1, q2, ... without a gap", "add or renumber the column"
-        findings.append(Problem(where, "no such column", expected, remedy, f"q{joint}"))
-    return names, {f"q{joint}": angles[f"q{joint}"] for joint in joints}, length
-
-
-def _factor(unit: str, name: str, quantity: str) -> float:
-    if not unit:
-        example = f"'{name} [{'deg' if quantity == 'angle' else 'mm'}]'"
-        raise refusal("", "no unit", f"a unit, as in {example}", "write the unit in square brackets")
-    return si_factor(unit, quantity)
-
-
-def _fields(
-    where: str, cell: Mapping[str, str], angles: Mapping[str, float], length: float, decimal: str, mine: Findings
-) -> dict[str, Any]:
-    def number(name: str) -> float | None:
-        return mine.attempt(where, name, _positive, cell[name], decimal) if cell.get(name) else None
-
-    role = cell["role"].lower()
-    if role == IGNORED or not role:
-        return {"file": cell["file"], "channel": cell["channel"], "role": IGNORED, "posture": ()}
-    direction, position, quantity = cell["direction"], cell.get("position", ""), cell.get("quantity", "").lower()
-    volts = VOLTS.fullmatch(cell.get("sensitivity", ""))
-    sensitivity, unit = None if volts else number("sensitivity"), cell.get("unit", "")
-    if volts:
-        sensitivity, unit = mine.attempt(where, "sensitivity", _volts, volts, unit, decimal) or (None, unit)
-    return {
-        **{name: cell.get(name, "") for name in ("file", "channel", "point", "joint")},
-        "role": role,
-        "posture": tuple(
-            (mine.attempt(where, name, parse_number, cell[name], decimal) or 0.0) * factor
-            for name, factor in angles.items()
-            if role != TIME
-        ),
-        "position": mine.attempt(where, "position", _position, position, decimal, length) if position else None,
-        "direction": mine.attempt(where, "direction", parse_direction, direction, decimal) if direction else None,
-        "frame": cell.get("frame", "").lower() or FRAMES[0],
-        "quantity": "length" if quantity == "displacement" else quantity,
-        "unit": unit,
-        "sensitivity": sensitivity,
-        **{name: number(name) for name in ("full_scale", "rate")},
-        "in_volts": volts is not None,
-        "decay": number("decay") or 0.0,
-        "load": mine.attempt(where, "load", Load.parse, cell.get("load", ""), decimal=decimal),
-        "drives": cell.get("drives", "").lower() or DRIVE_STATES[0],
-        "harmonics": mine.attempt(where, "harmonics", parse_speeds, cell.get("harmonics", ""), decimal) or (),
-    }
-
-
-def _positive(text: str, decimal: str) -> float:
-    value = parse_number(text, decimal)
-    if not value > 0:
-        raise refusal("", quoted(text), "a number above 0", "correct it, or leave the cell empty")
-    return value
-
-
-def _volts(match: re.Match[str], unit: str, decimal: str) -> tuple[float, str]:
-    """Return volts for one unit, and the unit, of a sensitivity as a sensor's certificate has it: 100 mV/g."""
-    own = match["unit"].strip("() ")
-    if unit and unit != own:
-        remedy = "leave the cell `unit` empty, or write the same one"
-        raise refusal("", quoted(match[0]), f"volts for one {quoted(unit)}, as in the column unit", remedy)
-    return _positive(match["number"], decimal) * VOLTAGES[match["volts"]], own
-
-
-def _position(text: str, decimal: str, length: float) -> Vector:
-    parts = text.split()
-    if len(parts) != 3:
-        remedy = "give its coordinates in the body's frame, separated by blanks"
-        raise refusal("", quoted(text), "three numbers", remedy)
-    x, y, z = (parse_number(part, decimal) * length for part in parts)
-    return x, y, z
-
-
-def _lacks(cell: Mapping[str, str], said: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yield what a row lacks, or says of no meaning."""
-    role, frame, quantity = said["role"], said.get("frame", FRAMES[0]), said.get("quantity", "")
-    for name in ("file", "channel"):
-        if not cell[name]:
-            yield Problem("", "nothing", f"the {name}'s name", "fill the cell", name)
-    if role not in ROLES:
-        yield Problem("", quoted(role), f"one of {', '.join(ROLES)}", did_you_mean(role, ROLES, "correct it"), "role")
-        return
-    if frame not in FRAMES:
-        yield Problem("", quoted(frame), f"one of {', '.join(FRAMES)}", "correct it", "frame")
-    if quantity and quantity not in QUANTITIES[role]:
-        expected = f"one of {', '.join(QUANTITIES[role])}, of a {role}"
-        yield Problem("", quoted(quantity), expected, "correct it", "quantity")
-    if role in (FORCE, RESPONSE, REFERENCE):
-        yield from word_problems("drives", said["drives"])
-        for name, example in (("point", "a point of the arm"), ("direction", "x, -z, ... or three numbers")):
-            if not cell[name]:
-                yield Problem("", "nothing", f"{example}, of a {role}", "fill the cell", name)
-        if bool(cell.get("joint")) != bool(cell.get("position")):
-            yield Problem("", "one of joint and position", "both, or neither", "fill the other cell", "position")
 
 
 # -------- Channel template
@@ -337,6 +295,12 @@ def check_folder(folder: Path) -> None:
         raise refusal(one_line(str(folder)), "a file" if file else "no such folder", "a folder of recordings", remedy)
 
 
+def check_new(path: Path, remedy: str) -> None:
+    """Refuse a file that is there: none is overwritten."""
+    if os.path.exists(path):
+        raise refusal(one_line(str(path)), "a file that is there", "none", remedy)
+
+
 def is_table(path: Path) -> bool:
     """Tell whether a CSV file is a channel table or a campaign: its header names none of samples."""
     if path.suffix.lower() not in (".csv", ".txt"):
@@ -362,9 +326,7 @@ def write_template(folder: Path, path: Path, joints: int) -> int:
     Raises:
         InputError: see `recordings_of`; or there is such a file, which is not overwritten.
     """
-    if os.path.exists(path):
-        remedy = "move it away, or name another by --channels"
-        raise refusal(one_line(str(path)), "a file that is there", "none", remedy)
+    check_new(path, "move it away, or name another by --channels")
     recordings = recordings_of(folder)
     rows = [row for name, recording in recordings.items() for row in _rows(name, recording)]
     passed = [f"Passed over: {guarded(name)}, {each.holds}." for name, each in recordings.items() if each.holds]

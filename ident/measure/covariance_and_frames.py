@@ -6,10 +6,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ident.errors import InputError, Problem, placed, refusal, refuse
+from ident.errors import InputError, Problem, refusal, refuse
+from ident.measure.columns import Header, Number, Row, rows_of
 from ident.measure.load import Vector
-from ident.measure.table import Findings, csv_text, fitting, guarded, parse_number, records_of
-from ident.text import did_you_mean, nearest, quoted
+from ident.measure.table import Findings, csv_text, guarded, parse_number, records_of
+from ident.text import nearest, quoted
 from ident.units import si_factor
 
 # -------- Covariance
@@ -28,14 +29,8 @@ LARGEST = 2000
 """Rows of a group at most: its correlation has their square."""
 
 
-REPRODUCIBILITY = {"frequency": 0.002, "damping_ratio": 0.05}
-"""Standard deviation, as a share of the value, between tests of one posture that were set up from the start; assumed:
-sensors are mounted again, the posture is reached again, temperature and amplitude differ."""
 COMMON = 0.5
-"""Share of that variance which all values of a kind in one test have in common; assumed."""
-ASSUMED_FREEDOM = 4
-"""Degrees of freedom that the assumption counts where repeated tests show how far they differ."""
-
+"""Share of the variance between tests of one posture which all values of a kind in one test have in common; assumed."""
 
 Correlated = tuple[tuple[int, ...], tuple[tuple[float, ...], ...]]
 """Places of rows, (n,), and the correlation of their errors, (n, n)."""
@@ -79,71 +74,6 @@ class Covariance:
         return any(group.name == name and 1 <= member <= len(group) for group in self.groups)
 
 
-@dataclass(frozen=True)
-class Reproducibility:
-    """How far the values of a test differ from those of another one that was set up from the start.
-
-    Attributes:
-        share: by kind, the standard deviation as a share of the value.
-        common: share of its variance that all values of a kind in one test have in common.
-        freedom: by kind, the degrees of freedom of repeated tests that it was estimated from; none where it was said or
-            assumed.
-        said: kinds whose share was given by the user.
-    """
-
-    share: Mapping[str, float] = field(default_factory=lambda: REPRODUCIBILITY)
-    common: float = COMMON
-    freedom: Mapping[str, int] = field(default_factory=dict)
-    said: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for kind, share in self.share.items():
-            if kind not in REPRODUCIBILITY:
-                expected = f"one of {', '.join(REPRODUCIBILITY)}"
-                remedy = did_you_mean(kind, REPRODUCIBILITY, "name one of them")
-                raise refusal("reproducibility", quoted(kind), expected, remedy)
-            if not 0 <= share < 1:
-                expected, remedy = "a share from 0, below 1", "as frequency=0.002 for 0.2 %"
-                raise refusal("reproducibility", f"{kind}={share:g}", expected, remedy)
-        if not 0 <= self.common <= 1:
-            remedy = "0.5 for half of the variance"
-            raise refusal("common", f"{self.common:g}", "a share from 0 to 1", remedy)
-
-    @classmethod
-    def of(cls, said: Mapping[str, float], common: float = COMMON) -> "Reproducibility":
-        """Return what a user has said, and what is assumed of the other kinds."""
-        return cls({**REPRODUCIBILITY, **said}, common, said=tuple(said))
-
-    def after(self, kind: str, squares: float, freedom: int) -> "Reproducibility":
-        """Return what repeated tests show of a kind, with the assumption as `ASSUMED_FREEDOM` degrees of freedom.
-
-        Args:
-            kind: of the values.
-            squares: sum of squares of relative differences from their means, less what repeatability explains.
-            freedom: its degrees of freedom; the share stays as it is without any, or where it was said.
-        """
-        if not freedom or kind in self.said:
-            return self
-        variance = (ASSUMED_FREEDOM * self.share[kind] ** 2 + max(squares, 0.0)) / (ASSUMED_FREEDOM + freedom)
-        share, counts = {**self.share, kind: variance**0.5}, {**self.freedom, kind: freedom}
-        return Reproducibility(share, self.common, counts, self.said)
-
-    def covariance(self, values: Sequence[tuple[str, float]]) -> list[list[float]]:
-        """Return the covariance of the values of one test.
-
-        With s the share and v the values of a kind, s^2 (c v v' + (1 - c) diag(v)^2), c being the common share.
-
-        Args:
-            values: kind and number of each.
-        """
-        rows = [(kind, self.share.get(kind, 0.0) * value) for kind, value in values]
-        alike = [[self.common if kind == other else 0.0 for other, _ in rows] for kind, _ in rows]
-        return [
-            [sd * other * (1.0 if i == j else alike[i][j]) for j, (_, other) in enumerate(rows)]
-            for i, (_, sd) in enumerate(rows)
-        ]
-
-
 def correlated(rows: Sequence[tuple[str, int]], covariance: Covariance | None) -> tuple[Correlated, ...]:
     """Return the places of the rows of each group that has several, and the correlation of their errors.
 
@@ -168,6 +98,9 @@ def covariance_path(path: str | Path) -> Path:
     return Path(path).with_suffix(COVARIANCE_SUFFIX)
 
 
+CORRELATION = Number("a number from -1 to 1", "give a correlation, not a covariance", -1.0, 1.0)
+
+
 def parse_covariance(data: bytes, path: Path, sizes: Mapping[str, int]) -> Covariance:
     """Read correlations from the bytes of a file; `path` names it in messages."""
     findings = Findings()
@@ -176,58 +109,45 @@ def parse_covariance(data: bytes, path: Path, sizes: Mapping[str, int]) -> Covar
         where = records[0][0] if records else file
         findings.append(Problem(where, "another header", ",".join(COVARIANCE_COLUMNS), "write these columns"))
         raise InputError(findings)
-    made = {name: [[float(i == j) for j in range(n)] for i in range(n)] for name, n in sizes.items() if n <= LARGEST}
     for name, n in sizes.items():
         if n > LARGEST:
             findings.append(Problem(file, f"a group {quoted(name)} of {n} rows", f"at most {LARGEST}", "split it"))
-    said: set[tuple[str, int, int]] = set()
-    for where, cells in fitting(records[1:], len(COVARIANCE_COLUMNS), delimiter, findings):
-        if pair := _pair(where, cells, sizes, findings):
-            name, i, j, value = pair
-            if (name, *sorted((i, j))) in said:
-                findings.append(Problem(where, "the pair again", "each pair once", "delete one of them"))
-            said.add((name, min(i, j), max(i, j)))
-            if name in made:
-                made[name][i][j] = made[name][j][i] = value
-    refuse(findings)
+    rows = rows_of(records[1:], Header(records[0][0], COVARIANCE_COLUMNS), delimiter, findings)
+    pairs = dict[tuple[str, int, int], float]()
+    for row in rows:
+        name, i, j, value = _pair(row, sizes)
+        if not row.problems and (name, min(i, j), max(i, j)) in pairs:
+            row.add("the pair again", "each pair once", "delete one of them")
+        pairs |= {} if row.problems else {(name, min(i, j), max(i, j)): value}
+    refuse([*findings, *(problem for row in rows for problem in row.problems)])
+    made = {name: [[float(i == j) for j in range(n)] for i in range(n)] for name, n in sizes.items()}
+    for (name, i, j), value in pairs.items():
+        made[name][i - 1][j - 1] = made[name][j - 1][i - 1] = value
     groups = tuple(Group(name, tuple(map(tuple, rows))) for name, rows in made.items())
     return Covariance(groups, str(path), hashlib.sha256(data).hexdigest())
 
 
-def _pair(
-    where: str, cells: Sequence[str], sizes: Mapping[str, int], findings: Findings
-) -> tuple[str, int, int, float] | None:
-    """Return group, places from 0 and correlation of a row; None where something is wrong with it."""
-    name = " ".join(cells[0].split())
+def _pair(row: Row, sizes: Mapping[str, int]) -> tuple[str, int, int, float]:
+    """Return group, places from 1 and correlation of a row; what is wrong with it is noted."""
+    name = " ".join(row["group"].split())
     if name not in sizes:
-        findings.append(Problem(where, quoted(name), "a group that rows of the campaign name", "correct it", "group"))
-        return None
-    before = len(findings)
-    i, j = (
-        findings.attempt(where, column, _place, cell, sizes[name])
-        for column, cell in zip("ij", cells[1:3], strict=True)
-    )
-    value = findings.attempt(where, "correlation", _correlation, cells[3])
-    if len(findings) == before and i == j and value != 1:
-        findings.append(Problem(where, f"{value:g} of a row with itself", "1", "leave it out", "correlation"))
-    if len(findings) == before and i != j and value is not None and 1 - abs(value) < CLOSEST:
-        got, remedy = f"{value!r} between two rows", "leave one of the two rows out: they are one reading"
-        findings.append(Problem(where, got, f"at most 1 - {CLOSEST:g}", remedy, "correlation"))
-    return None if len(findings) > before or i is None or j is None or value is None else (name, i, j, value)
+        row.add(quoted(name), "a group that rows of the campaign name", "correct it", "group")
+        return name, 0, 0, 0.0
+    i, j = (row.attempt(column, _place, row[column], sizes[name]) or 0 for column in "ij")
+    value = row.attempt("correlation", CORRELATION, row["correlation"]) or 0.0
+    if not row.problems and i == j and value != 1:
+        row.add(f"{value:g} of a row with itself", "1", "leave it out", "correlation")
+    if not row.problems and i != j and 1 - abs(value) < CLOSEST:
+        remedy = "leave one of the two rows out: they are one reading"
+        row.add(f"{value!r} between two rows", f"at most 1 - {CLOSEST:g}", remedy, "correlation")
+    return name, i, j, value
 
 
 def _place(text: str, rows: int) -> int:
     if not (text.isascii() and text.isdigit() and len(text) < 10 and 1 <= int(text) <= rows):
         expected = f"the place of a row in its group, 1 to {rows}"
         raise refusal("", quoted(text), expected, "count the group's rows in the campaign")
-    return int(text) - 1
-
-
-def _correlation(text: str) -> float:
-    value = parse_number(text, ".")
-    if not -1 <= value <= 1:
-        raise refusal("", quoted(text), "a number from -1 to 1", "give a correlation, not a covariance")
-    return value
+    return int(text)
 
 
 def covariance_text(groups: Sequence[Group], campaign: str) -> str:
@@ -253,6 +173,7 @@ def covariance_text(groups: Sequence[Group], campaign: str) -> str:
 SETUP_COLUMNS = ("setup", "x", "y", "z", "unit", "sigma", "rx", "ry", "rz", "turn_unit", "turn_sigma")
 SETUP_SUFFIX = ".setups.csv"
 FREE = "free"
+FRAME_SIGMA = Number(f"a number, 0 for known, or {FREE}", "correct it", 0.0)
 
 
 @dataclass(frozen=True)
@@ -319,52 +240,41 @@ def parse_setups(data: bytes, path: str | Path, names: Collection[str]) -> Setup
     if sorted(header) != sorted(SETUP_COLUMNS):
         remedy = "see data/README.md; leave a cell empty where its number is to be found"
         raise InputError([*findings, Problem(file, "other columns", ", ".join(SETUP_COLUMNS), remedy)])
+    rows = rows_of(records[1:], Header(records[0][0], header), delimiter, findings)
     found: dict[str, Setup] = {}
-    for where, cells in fitting(records[1:], len(header), delimiter, findings):
-        setup = findings.attempt(where, "", _setup, dict(zip(header, cells, strict=True)), names)
+    for row in rows:
+        setup = _setup(row, names)
         if setup and setup.name in found:
-            findings.append(Problem(where, f"{quoted(setup.name)} again", "each setup once", "delete one", "setup"))
+            row.add(f"{quoted(setup.name)} again", "each setup once", "delete one", "setup")
         elif setup:
             found[setup.name] = setup
-    refuse(findings)
+    refuse([*findings, *(problem for row in rows for problem in row.problems)])
     return Setups(tuple(found.values()), str(path), hashlib.sha256(data).hexdigest())
 
 
-def _setup(row: dict[str, str], names: Collection[str]) -> Setup:
+def _setup(row: Row, names: Collection[str]) -> Setup | None:
+    """Return the setup of a row; None where something is wrong with it."""
     name = row["setup"]
     if name not in names:
-        near = nearest(name, list(names))
-        remedy = f"write {near}" if near else "correct the name, or delete the row"
-        raise refusal("", quoted(name), "a setup that rows of the campaign name", remedy, "setup")
+        remedy = f"write {near}" if (near := nearest(name, names)) else "correct the name, or delete the row"
+        row.add(quoted(name), "a setup that rows of the campaign name", remedy, "setup")
     origin, sigma = _placed(row, ("x", "y", "z"), "unit", "sigma", "length")
     turn, turn_sigma = _placed(row, ("rx", "ry", "rz"), "turn_unit", "turn_sigma", "angle")
-    return Setup(name, origin, turn, sigma, turn_sigma)
+    return None if row.problems else Setup(name, origin, turn, sigma, turn_sigma)
 
 
-def _placed(
-    row: dict[str, str], names: tuple[str, str, str], unit: str, sigma: str, quantity: str
-) -> tuple[Vector | None, float]:
+def _placed(row: Row, names: tuple[str, str, str], unit: str, sigma: str, quantity: str) -> tuple[Vector | None, float]:
     """Return three numbers [SI] with their standard deviation; none where they are to be found."""
-    given = [name for name in names if row[name]]
-    if not given and row[sigma].lower() in ("", FREE):
+    empty, free = [name for name in names if not row[name]], row[sigma].lower() == FREE
+    if len(empty) == 3 and (free or not row[sigma]):
         return None, math.inf
-    if len(given) < 3:
-        missing = next(name for name in names if not row[name])
-        raise refusal("", "nothing", f"a number, as {sigma} is not {FREE}", "give all three", missing)
-    with placed("", unit):
-        factor = si_factor(row[unit], quantity)
-    x, y, z = (factor * _number(row, name) for name in names)
-    if row[sigma].lower() == FREE:
-        return (x, y, z), math.inf
-    number = _number(row, sigma)
-    if number < 0:
-        raise refusal("", quoted(row[sigma]), f"a number, 0 for known, or {FREE}", "correct it", sigma)
-    return (x, y, z), factor * number
-
-
-def _number(row: Mapping[str, str], column: str) -> float:
-    with placed("", column):
-        return parse_number(row[column])
+    if empty:
+        row.add("nothing", f"a number, as {sigma} is not {FREE}", "give all three", empty[0])
+        return None, math.inf
+    factor = row.attempt(unit, si_factor, row[unit], quantity) or 0.0
+    x, y, z = (factor * (row.attempt(name, parse_number, row[name]) or 0.0) for name in names)
+    size = math.inf if free else row.attempt(sigma, FRAME_SIGMA, row[sigma])
+    return (x, y, z), factor * (size or 0.0)
 
 
 def setups_text(setups: Collection[Setup], campaign: str) -> str:

@@ -88,7 +88,7 @@ def read_joint_log(path: str | Path, *, locked: bool = False) -> JointLog:
 def _channel_problems(series: Series, joint: str, locked: bool) -> Iterator[Problem]:
     """Yield which channels a joint lacks, and those that do not move or vary."""
     given = {channel: f"{joint}.{channel}" for channel in CHANNELS if f"{joint}.{channel}" in series}
-    if series.at_fault:
+    if series.at_fault or not series.where:
         return
     for channel in ("motor", *(() if locked else ("link",))):
         if channel not in given:

@@ -93,7 +93,7 @@ class Load:
     own: tuple[Own, ...] = ()
 
     def __post_init__(self) -> None:
-        _check_load(self)
+        refuse(_load_problems(self))
         masses: dict[str, float] = defaultdict(float)
         for mass, point in self.masses:
             masses[point] += mass
@@ -116,7 +116,7 @@ class Load:
         return " + ".join([*self.payloads, *masses, *acting]) or "own weight"
 
     @classmethod
-    def parse(cls, text: str, *, decimal: str = ".") -> "Load":
+    def parse(cls, text: str, decimal: str = ".") -> "Load":
         """Read a load such as `glass + 5 kg @ tip + 20 N -z @ tip + 12 N*m about y @ tip`.
 
         Blank or `own weight` is the empty one.
@@ -189,30 +189,22 @@ def _misread(term: str, expected: str) -> Problem:
     return Problem("", quoted(term), expected, f"write {LOAD_SYNTAX}", "load")
 
 
-def _check_load(load: Load) -> None:
-    problems = [
-        _misread(name, "the name of a payload or point")
-        for name in (*load.payloads, *named_points(load), *(body for *_, body in load.own))
-        if not re.fullmatch(NAME, name)
-    ]
-    problems += [
-        _misread(f"{mass} kg @ {point}", "a finite mass above 0")
-        for mass, point in load.masses
-        if not 0 < mass < math.inf
-    ]
-    problems += [
-        _misread(f"{vector} {unit} @ {point}", f"a finite {quantity} of three components")
-        for quantity, unit, acting in (
-            ("force", "N", load.forces),
-            ("moment", "N*m", load.moments),
-            ("force or moment", "", [(vector, point) for _, vector, point, _ in load.own]),
-        )
-        for vector, point in acting
-        if len(vector) != 3 or not all(map(math.isfinite, vector))
-    ]
-    twice = {name for name in load.payloads if load.payloads.count(name) > 1}
-    problems += [_misread(name, "each payload once") for name in sorted(twice)]
-    refuse(problems)
+def _load_problems(load: Load) -> Iterator[Problem]:
+    """Find names that are none, sizes that can't be, and payloads that hang twice."""
+    for name in (*load.payloads, *named_points(load), *(body for *_, body in load.own)):
+        if not re.fullmatch(NAME, name):
+            yield _misread(name, "the name of a payload or point")
+    for mass, point in load.masses:
+        if not 0 < mass < math.inf:
+            yield _misread(f"{mass} kg @ {point}", "a finite mass above 0")
+    own = tuple((vector, point) for _, vector, point, _ in load.own)
+    acting = (("force", "N", load.forces), ("moment", "N*m", load.moments), ("force or moment", "", own))
+    for quantity, unit, each in acting:
+        for vector, point in each:
+            if len(vector) != 3 or not all(map(math.isfinite, vector)):
+                yield _misread(f"{vector} {unit} @ {point}", f"a finite {quantity} of three components")
+    for name in sorted({name for name in load.payloads if load.payloads.count(name) > 1}):
+        yield _misread(name, "each payload once")
 
 
 def named_points(load: Load) -> tuple[str, ...]:

@@ -4,15 +4,16 @@ import hashlib
 import os
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 from ident.errors import Problem, refusal, refuse
 from ident.files import remove_file, replace_file, together
 from ident.measure.campaign import Campaign, Measurement, load_problems, role_problems, value_problems
+from ident.measure.columns import ABOVE_0, ANGLE, ANGLES, Header, Number, Row, Rule, Word, read_header, rows_of
 from ident.measure.covariance_and_frames import (
     NO_SETUPS,
     Covariance,
@@ -31,116 +32,65 @@ from ident.measure.table import (
     Findings,
     Record,
     csv_text,
-    decimal_mark,
-    fitting,
     format_number,
     parse_fraction,
     parse_number,
     read_table,
     records_of,
 )
-from ident.text import LONGEST_QUOTE, nearest, one_line, quoted
+from ident.text import nearest, one_line
 from ident.units import si_factor
 
 # -------- Columns
 # The columns of a campaign CSV, and the header line that names them.
 
-COLUMNS = (
-    "kind", "mode", "of", "point", "direction", "reference_point", "reference_direction", "joint", "setup", "load",
-    "reference_load", "ramp", "drives", "value", "unit", "sigma", "relative_sigma", "resolution", "repeat", "group",
-    "note",
-)  # fmt: skip
-"""Names of the columns, beside the joint angles `q1 [deg]`, `q2 [deg]`, ..."""
+NO_SHARE = "sigma in the value's unit", "use the column relative_sigma for percent"
+NO_STEP = "resolution in the value's unit", "give it in that unit"
+SIGMA = Number("a standard deviation above 0", "state how far the value may be off", ABOVE_0, in_percent=NO_SHARE)
+RESOLUTION = Number("a resolution above 0", "leave the cell empty", ABOVE_0, in_percent=NO_STEP)
+RULES = (
+    Rule("kind", Word(tuple(KINDS), "correct the kind", "write {}"), required=True),
+    *map(Rule, ("mode", "of", "point")),
+    Rule("direction", parse_direction, None),
+    Rule("reference_point"),
+    Rule("reference_direction", parse_direction, None),
+    *map(Rule, ("joint", "setup")),
+    *(Rule(name, Load.parse) for name in ("load", "reference_load")),
+    *map(Rule, ("ramp", "drives")),
+    Rule("value", parse_number, required=True),
+    Rule("unit", required=True),
+    Rule("sigma", SIGMA, None),
+    Rule("relative_sigma"),
+    Rule("resolution", RESOLUTION, 0.0),
+    *map(Rule, ("repeat", "group", "note")),
+)
+"""Rules of the columns, beside the joint angles `q1 [deg]`, `q2 [deg]`, ..."""
 
-NUMERIC_COLUMNS = (
-    "value", "sigma", "relative_sigma", "resolution", "direction", "reference_direction", "load", "reference_load",
-)  # fmt: skip
-"""Columns, beside the joint angles, that hold numbers."""
-
-_ANGLE_COLUMN = re.compile(r"(q[1-9][0-9]{0,2})\s*(?:\[([^\]]*)\])?", re.IGNORECASE)
+COLUMNS = tuple(rule.name for rule in RULES)
+AS_TEXT = tuple(rule.name for rule in RULES if rule.read is None and rule.name != "relative_sigma")
+"""Columns whose text is taken as it is."""
 
 
-@dataclass(frozen=True)
-class Header:
-    """The header line.
+def _header(record: Record, findings: Findings) -> tuple[Header, frozenset[str]]:
+    """Read the header line and note unknown, doubled and missing columns.
 
-    Attributes:
-        where: its place, `file:row`.
-        names: column names in the file's order; the joint angles are q1, q2, ... without their unit.
-        angles: radians per unit of each joint angle, in the joints' order.
-        broken: columns that can't be read; problems in their cells would only repeat the header's.
+    Returns:
+        The header, and the columns that can't be read: problems in their cells would only repeat the header's.
     """
-
-    where: str
-    names: tuple[str, ...]
-    angles: Mapping[str, float]
-    broken: frozenset[str]
-
-
-def is_column(name: str) -> bool:
-    """Tell whether a campaign CSV may have a column of this name."""
-    return name.lower() in COLUMNS or bool(_ANGLE_COLUMN.fullmatch(name))
-
-
-def read_header(record: Record, findings: Findings) -> Header:
-    """Read the header line and note unknown, doubled and missing columns."""
     (where, cells), mine = record, Findings()
     if any(re.match(r"time\b", cell.lower()) for cell in cells):
         see = "see `ident spectrum`, `ident modal`, `ident source`"
         raise refusal(where, "a trace (a column time)", "a campaign", see)
-    names = [re.sub(r"\s*\[.*", "", cell).lower() if is_column(cell) else cell for cell in cells]
-    angles = {
-        name: mine.attempt(where, name, _angle_factor, cell) or 1.0
-        for name, cell in zip(names, cells, strict=True)
-        if _ANGLE_COLUMN.fullmatch(name)
-    }
-    unknown = [name for name in names if not is_column(name)]
-    mine += [_unknown_column(where, name) for name in unknown]
-    doubled = sorted({name for name in names if name and names.count(name) > 1})
-    twice = "the column twice", "it once", "remove or rename one"
-    mine += [Problem(where, *twice, one_line(name[:LONGEST_QUOTE])) for name in doubled]
-    mine += [Problem(where, "no such column", *lacking) for lacking in _lacking(names)]
+    header = read_header(record, (*RULES, ANGLES), f"one of q1 [deg], ..., {', '.join(COLUMNS)}", mine, strict=True)
+    if not {"sigma", "relative_sigma"} & {*header.names}:
+        expected, remedy = "a column sigma or relative_sigma", "state how far each value may be off"
+        mine.append(Problem(where, "no such column", expected, remedy, "sigma"))
     findings += mine
-    meant = {nearest(name, COLUMNS) for name in unknown}
-    broken = frozenset(meant | {problem.column for problem in mine}) - {""}
-    by_joint = dict(sorted(angles.items(), key=lambda angle: int(angle[0][1:])))
-    return Header(where, tuple(names), by_joint, broken)
-
-
-def _angle_factor(cell: str) -> float:
-    unit = cell.partition("[")[2].removesuffix("]").strip()
-    if not unit:
-        raise refusal("", "no unit", "an angle unit, as in 'q1 [deg]'", "write the unit in square brackets")
-    return si_factor(unit, "angle")
-
-
-def _unknown_column(where: str, name: str) -> Problem:
-    suggestion = nearest(name, COLUMNS)
-    remedy = f"write {suggestion}" if suggestion else "remove or rename the column"
-    expected = f"one of q1 [deg], ..., {', '.join(COLUMNS)}"
-    got = f"the unknown column {quoted(name)}" if name else "a column without a name"
-    return Problem(where, got, expected, remedy, one_line(name[:LONGEST_QUOTE]))
-
-
-def _lacking(names: list[str]) -> Iterator[tuple[str, str, str]]:
-    """Yield expectation, remedy and name of each column that is missing."""
-    for name in ("kind", "value", "unit"):
-        if name not in names:
-            yield f"a column {name}", "add the column", name
-    if not {"sigma", "relative_sigma"} & set(names):
-        yield "a column sigma or relative_sigma", "state how far each value may be off", "sigma"
-    joints = {int(name[1:]) for name in names if _ANGLE_COLUMN.fullmatch(name)}
-    gap = next(joint for joint in count(1) if joint not in joints)
-    if gap <= max(joints, default=1):
-        yield "joint angles numbered q1, q2, ... without a gap", "add or renumber the column", f"q{gap}"
+    meant = {nearest(name, COLUMNS) for name in header.names if name not in COLUMNS and not ANGLE.fullmatch(name)}
+    return header, frozenset({*meant, *(problem.column for problem in mine)} - {""})
 
 
 # -------- Reading
-
-AS_TEXT = tuple(name for name in COLUMNS if name not in ("kind", *NUMERIC_COLUMNS))
-"""Columns whose text is taken as it is."""
-P = ParamSpec("P")
-T = TypeVar("T")
 
 
 def read_campaign(path: str | Path) -> Campaign:
@@ -168,12 +118,15 @@ def parse_campaign(
     """Read a campaign from the bytes of a CSV file, and of those beside it; `path` names it in messages."""
     findings = Findings()
     needed = "measurement", "see data/README.md for the columns"
+    is_column = lambda cell: cell.lower() in COLUMNS  # noqa: E731
     _, delimiter, records = records_of(data, path, is_column, findings, *needed)
-    header = read_header(records[0], findings)
-    read = [_read_row(row, header) for row in _rows(records[1:], header, delimiter, findings)]
-    measurements = _numbered(measurement for measurement in read if measurement is not None)
-    findings += _duplicate_problems(measurements) if not header.broken else ()
-    refuse(p for p in findings if p.where == header.where or p.column not in header.broken)
+    header, broken = _header(records[0], findings)
+    numeric = {rule.name for rule in RULES if rule.name not in ("kind", *AS_TEXT)} | {*header.angles}
+    rows = rows_of(records[1:], header, delimiter, findings, numeric)
+    measurements = _numbered(measurement for measurement in map(_measurement, rows) if measurement)
+    findings += [problem for row in rows for problem in row.problems]
+    findings += _duplicate_problems(measurements) if not broken else ()
+    refuse(p for p in findings if p.where == header.where or p.column not in broken)
     sha256 = hashlib.sha256(data).hexdigest()
     correlated, frames = _covariance(measurements, path, covariance), _setups(measurements, path, setups)
     return Campaign(Path(path).stem, str(path), sha256, measurements, correlated, frames)
@@ -217,129 +170,43 @@ def _setups(measurements: Iterable[Measurement], path: str | Path, data: bytes |
     return parse_setups(data, beside, names)
 
 
-@dataclass(frozen=True)
-class _Row:
-    """One row: its place, its cells by column, the decimal mark, and where to put problems."""
-
-    where: str
-    cells: Mapping[str, str]
-    decimal: str
-    findings: Findings
-
-    def __getitem__(self, column: str) -> str:
-        return self.cells.get(column, "")
-
-    def attempt(self, column: str, read: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T | None:
-        return self.findings.attempt(self.where, column, read, *args, **kwargs)
-
-    def add(self, *problems: Problem) -> None:
-        self.findings.extend(replace(problem, where=self.where) for problem in problems)
+def _measurement(row: Row) -> Measurement | None:
+    """Return what a row says; None where something is wrong with it."""
+    said = row.values(RULES)
+    kind = said["kind"]
+    said["sigma"] = _read_sigma(row, said)
+    factor = row.attempt("unit", si_factor, row["unit"], KINDS[kind]) if kind else None
+    for name in ("value", "sigma", "resolution"):
+        said[name] = None if factor is None or said[name] is None else factor * said[name]
+    said["posture"] = row.posture
+    if kind:
+        row.problems.extend(replace(problem, where=row.where) for problem in _contradictions(row, said))
+    del said["relative_sigma"]
+    return None if row.problems else row.attempt("", Measurement, where=row.where, **said)
 
 
-def _rows(records: list[Record], header: Header, delimiter: str, findings: Findings) -> list[_Row]:
-    """Return the rows that fit the header."""
-    rows = fitting(records, len(header.names), delimiter, findings)
-    table = [(where, dict(zip(header.names, cells, strict=True))) for where, cells in rows]
-    numeric = [name for name in header.names if name in header.angles or name in NUMERIC_COLUMNS]
-    decimal = decimal_mark(delimiter, (cells[name] for _, cells in table for name in numeric))
-    return [_Row(where, cells, decimal, findings) for where, cells in table]
-
-
-def _read_row(row: _Row, header: Header) -> Measurement | None:
-    before = len(row.findings)
-    fields = _read_cells(row, header)
-    row.add(*_contradictions(row, fields))
-    if len(row.findings) > before:
-        return None
-    return row.attempt("", Measurement, where=row.where, **fields)
-
-
-def _read_cells(row: _Row, header: Header) -> dict[str, Any]:
-    """Read a row's cells into a measurement's fields; None is what can't be read."""
-    kind = row.attempt("kind", _known_kind, row["kind"])
-    value, sigma = _read_number(row, kind)
-    return {
-        "kind": kind,
-        "posture": tuple(
-            _scaled(row.attempt(name, parse_number, row[name], row.decimal), factor)
-            for name, factor in header.angles.items()
-        ),
-        "value": value,
-        "sigma": sigma,
-        "resolution": _read_resolution(row, kind),
-        **{
-            name: row.attempt(name, parse_direction, row[name], row.decimal) if row[name] else None
-            for name in ("direction", "reference_direction")
-        },
-        **{name: row.attempt(name, Load.parse, row[name], decimal=row.decimal) for name in ("load", "reference_load")},
-        **{name: row[name] for name in AS_TEXT},
-    }
-
-
-def _contradictions(row: _Row, fields: Mapping[str, Any]) -> Iterator[Problem]:
-    kind, loads = fields["kind"], (fields["load"], fields["reference_load"])
-    if kind is None:
-        return
+def _contradictions(row: Row, said: Mapping[str, Any]) -> Iterator[Problem]:
+    kind, loads = said["kind"], (said["load"], said["reference_load"])
     yield from role_problems(kind, {name: text for name, text in row.cells.items() if text})
-    if fields["value"] is not None:
-        any_sigma = min(abs(fields["value"]), 1e305) or 1.0  # its own is looked at when the measurement is made
-        yield from value_problems(kind, fields["value"], any_sigma)
+    if said["value"] is not None:
+        any_sigma = min(abs(said["value"]), 1e305) or 1.0  # its own is looked at when the measurement is made
+        yield from value_problems(kind, said["value"], any_sigma)
     if None not in loads:
         yield from load_problems(kind, *loads)
 
 
-def _known_kind(text: str) -> str:
-    if text.lower() not in KINDS:
-        suggestion = nearest(text, KINDS)
-        remedy = f"write {suggestion}" if suggestion else "correct the kind"
-        raise refusal("", quoted(text), f"one of {', '.join(KINDS)}", remedy)
-    return text.lower()
-
-
-def _read_number(row: _Row, kind: str | None) -> tuple[float | None, float | None]:
-    """Read value and sigma in SI units."""
-    value = row.attempt("value", parse_number, row["value"], row.decimal)
-    sigma = _read_sigma(row, value)
-    factor = row.attempt("unit", si_factor, row["unit"], KINDS[kind]) if kind else None
-    return _scaled(value, factor), _scaled(sigma, factor)
-
-
-def _read_resolution(row: _Row, kind: str | None) -> float | None:
-    """Read the resolution in SI units; zero where there is none."""
-    if not row["resolution"]:
-        return 0.0
-    step = row.attempt("resolution", _positive, row["resolution"], row.decimal, "resolution")
-    return _scaled(step, row.attempt("unit", si_factor, row["unit"], KINDS[kind]) if kind else None)
-
-
-def _scaled(number: float | None, factor: float | None) -> float | None:
-    return None if number is None or factor is None else number * factor
-
-
-def _read_sigma(row: _Row, value: float | None) -> float | None:
-    """Read sigma in the value's unit as written."""
+def _read_sigma(row: Row, said: Mapping[str, Any]) -> float | None:
+    """Return sigma in the value's unit as written."""
     if bool(row["sigma"]) == bool(row["relative_sigma"]):
         got = "both" if row["sigma"] else "nothing"
-        row.add(Problem("", got, "either sigma or relative_sigma", "fill one of the two cells", "sigma"))
+        row.add(got, "either sigma or relative_sigma", "fill one of the two cells", "sigma")
         return None
-    if row["sigma"]:
-        return row.attempt("sigma", _positive, row["sigma"], row.decimal, "standard deviation")
-    fraction = row.attempt("relative_sigma", parse_fraction, row["relative_sigma"], row.decimal, row["kind"].lower())
-    if value == 0:
-        row.add(Problem("", "a fraction of the value 0", "an absolute sigma", "give sigma instead", "relative_sigma"))
-    return _scaled(fraction, None if value is None else abs(value))
-
-
-def _positive(text: str, decimal: str, what: str) -> float:
-    if text.endswith("%"):
-        remedy = "give it in that unit" if what == "resolution" else "use the column relative_sigma for percent"
-        expected = "resolution in the value's unit" if what == "resolution" else "sigma in the value's unit"
-        raise refusal("", quoted(text), expected, remedy)
-    number = parse_number(text, decimal)
-    if number <= 0:
-        remedy = "leave the cell empty" if what == "resolution" else "state how far the value may be off"
-        raise refusal("", quoted(text), f"a {what} above 0", remedy)
-    return number
+    if not row["relative_sigma"]:
+        return said["sigma"]
+    fraction = row.attempt("relative_sigma", parse_fraction, row["relative_sigma"], row.decimal, said["kind"] or "")
+    if said["value"] == 0:
+        row.add("a fraction of the value 0", "an absolute sigma", "give sigma instead", "relative_sigma")
+    return None if fraction is None or said["value"] is None else fraction * abs(said["value"])
 
 
 def _duplicate_problems(measurements: tuple[Measurement, ...]) -> Iterator[Problem]:

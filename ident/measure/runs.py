@@ -4,8 +4,7 @@ import hashlib
 import re
 from cmath import rect
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
-from math import inf
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,30 +12,26 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import Problem, noted, refusal, refuse
-from ident.measure.channels import FRAMES, check_folder, note_of, recordings_of, write_blank
+from ident.measure.channels import (
+    FRAMES,
+    RECORDED,
+    check_folder,
+    check_new,
+    note_of,
+    read_columns,
+    recordings_of,
+    write_blank,
+)
+from ident.measure.columns import ABOVE_0, Number, Row, Rule, Word
 from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, read_recording
 from ident.measure.recordings.recording import SourceFile
-from ident.measure.table import (
-    Findings,
-    decimal_mark,
-    fitting,
-    header_problems,
-    name_and_unit,
-    parse_number,
-    read_table,
-    records_of,
-)
+from ident.measure.table import Findings, parse_number, read_table
 from ident.text import NAME, did_you_mean, one_line, quoted
-from ident.units import sensor_factor, si_factor, to_si
+from ident.units import sensor_factor, to_si
 
 QUANTITIES = {"displacement": "length", "velocity": "velocity", "acceleration": "acceleration"}
 """What a channel may measure, by derivatives of a displacement."""
-REQUIRED = ("file", "channel", "direction")
-HEAD = (
-    *("file", "channel", "point", "direction", "frame", "unit", "sensitivity", "speed [%]", "path", "retract"),
-    *("load", "delay [s]", "group", "trial", "note"),
-)
 COMMENTS = (
     "A row for each channel that counts: point (default: the end point), direction (x, -z, 0 0.6 -0.8), frame (base or",
     "body), unit (mm, m/s, m/s^2, g_0; or that of the file), sensitivity (numbers of the file for one unit); how the",
@@ -151,7 +146,28 @@ class RunRow:
         return self.speed, self.path, self.retract, self.load, self.delay, self.group, self.trial
 
 
-COLUMNS = (*(f.name for f in fields(RunRow) if f.name != "where"), "note")
+POSITIVE = Number("a number above 0", least=ABOVE_0)
+SAY_UNIT = "leave its unit out, and say it in the column unit"
+RULES = (
+    *RECORDED,
+    Rule("point"),
+    Rule("direction", parse_direction, required=True),
+    Rule("frame", Word(FRAMES), FRAMES[0]),
+    Rule("unit"),
+    Rule("sensitivity", POSITIVE, None, unit_is=("numbers of the file for one unit", SAY_UNIT)),
+    Rule("speed", POSITIVE, None, unit="%", unit_is=("% of full speed", "convert it")),
+    Rule("path"),
+    Rule("retract", Word(("no", "yes")), "no"),
+    Rule("load", Load.parse),
+    Rule("delay", parse_number, 0.0, quantity="time", unit="s"),
+    Rule("group"),
+    Rule("trial", TrialMass.parse),
+    Rule("note"),
+)
+"""Rules of the columns."""
+COLUMNS = tuple(rule.name for rule in RULES)
+HEAD = tuple(f"{rule.name} [{rule.unit}]" if rule.unit else rule.name for rule in RULES)
+"""Header of a table to fill in."""
 
 
 @dataclass(frozen=True)
@@ -247,29 +263,11 @@ def _logs(rows: list[RunRow], folder: Path, findings: Findings) -> Iterator[tupl
 def _rows(data: bytes, path: str | Path) -> list[RunRow]:
     findings = Findings()
     needed = "channel", "see `ident source --init`, which writes one to fill in"
-    is_column = lambda cell: name_and_unit(cell)[0].lower() in COLUMNS  # noqa: E731
-    file, delimiter, records = records_of(data, path, is_column, findings, *needed)
-    where, header = records[0]
-    named = [(name.lower(), unit) for name, unit in map(name_and_unit, header)]
-    names = [name for name, _ in named]
-    findings += header_problems(where, names, REQUIRED, COLUMNS, ", ".join(HEAD))
-    units = dict(named)
-    if units.get("speed", "") not in ("", "%"):
-        findings.append(Problem(where, units["speed"], "% of full speed", "convert it", "speed"))
-    if units.get("sensitivity"):
-        remedy = "leave its unit out, and say it in the column unit"
-        findings.append(Problem(where, units["sensitivity"], "numbers of the file for one unit", remedy, "sensitivity"))
-    refuse(findings)
-    delay = findings.attempt(where, "delay", si_factor, units["delay"] or "s", "time") if "delay" in units else 1.0
-    rows = list[RunRow]()
-    for place, cells in fitting(records[1:], len(names), delimiter, findings):
-        cell, mine = dict(zip(names, cells, strict=True)), Findings()
-        if not cell["direction"]:
-            continue
-        row = _row(place, cell, decimal_mark(delimiter, cells), delay or 1.0, mine)
-        rows += [] if mine else [row]
-        findings += mine
-    findings += _unequal(rows)
+    table = read_columns(data, path, RULES, findings, needed, f"one of {', '.join(HEAD)}")
+    table = [row for row in table if row["direction"]]
+    rows = [row for row in map(_row, table) if row]
+    findings += [*(problem for row in table for problem in row.problems), *_unequal(rows)]
+    file = one_line(str(path))
     if len(rows) > MOST_ROWS:
         remedy = "leave the direction of others blank, or split the table"
         findings.append(Problem(file, f"{len(rows)} rows with a direction", f"at most {MOST_ROWS}", remedy))
@@ -279,38 +277,14 @@ def _rows(data: bytes, path: str | Path) -> list[RunRow]:
     return rows
 
 
-def _row(where: str, cell: Mapping[str, str], decimal: str, second: float, mine: Findings) -> RunRow:
-    def number(name: str, above: float = -inf) -> float | None:
-        value = mine.attempt(where, name, parse_number, cell[name], decimal) if cell.get(name) else None
-        if value is not None and not value > above:
-            mine.append(Problem(where, f"{value:g}", f"a number above {above:g}", "correct it", name))
-        return value
-
-    def word(name: str, words: tuple[str, ...]) -> str:
-        given = cell.get(name, "").lower() or words[0]
-        if given not in words:
-            remedy = did_you_mean(given, words, "correct it")
-            mine.append(Problem(where, quoted(given), f"one of {', '.join(words)}", remedy, name))
-        return given
-
-    speed = number("speed", 0.0)
-    if speed is not None and speed > FASTEST:
-        mine.append(Problem(where, f"{speed:g} %", f"at most {FASTEST:g} % of full speed", "correct it", "speed"))
-    for name in ("file", "channel"):
-        if not cell[name]:
-            mine.append(Problem(where, "nothing", f"the {name}'s name", "fill the cell", name))
-    return RunRow(
-        where=where,
-        **{name: cell.get(name, "") for name in ("file", "channel", "point", "unit", "path", "group")},
-        direction=mine.attempt(where, "direction", parse_direction, cell["direction"], decimal) or (0.0, 0.0, 1.0),
-        frame=word("frame", FRAMES),
-        sensitivity=number("sensitivity", 0.0),
-        speed=speed,
-        retract=word("retract", ("no", "yes")) == "yes",
-        load=mine.attempt(where, "load", Load.parse, cell.get("load", ""), decimal=decimal) or OWN_WEIGHT,
-        delay=(number("delay") or 0.0) * second,
-        trial=mine.attempt(where, "trial", TrialMass.parse, cell.get("trial", ""), decimal) or (),
-    )
+def _row(row: Row) -> RunRow | None:
+    """Return what a row says; None where something is wrong with it."""
+    said = row.values(RULES)
+    if (said["speed"] or 0.0) > FASTEST:
+        row.add(f"{said['speed']:g} %", f"at most {FASTEST:g} % of full speed", "correct it", "speed")
+    said["retract"] = said["retract"] == "yes"
+    del said["note"]
+    return None if row.problems else RunRow(where=row.where, **said)
 
 
 def _unequal(rows: list[RunRow]) -> Iterator[Problem]:
@@ -350,27 +324,30 @@ def _trace(row: RunRow, channels: Mapping[str, Channel]) -> Trace:
         raise refusal("", "no sampling rate in the file", "a column 'time [s]'", "export it with its times")
     values = np.asarray(channel.values[0], float)
     derivative, factor = _measured(row, channel.unit)
-    if not np.isfinite(values).all():
-        got = f"{np.count_nonzero(~np.isfinite(values))} samples missing"
-        raise refusal("", got, "a record without gaps", "cut the record, or export it again", "channel")
-    if not np.ptp(values) > 0:
-        got, remedy = f"{values[0]:g} in all samples", "check the sensor and its cable, or leave the row out"
-        raise refusal("", got, "a record that varies", remedy, "channel")
-    if longest := _clipped(values):
-        got = f"{longest} samples in a row at the largest value: clipped"
-        raise refusal("", got, "a record within the sensor's range", "measure again, less amplified", "channel")
-    rate = 1 / channel.step
-    if rate < SLOWEST:
-        got, remedy = f"{rate:.4g} samples a second in {one_line(row.file)}", "measure again, sampled faster"
-        if 1e3 * rate >= SLOWEST:
-            remedy += "; or are its times in ms? then write time [ms]"
-        raise refusal("", got, f"at least {SLOWEST:g}", remedy, "channel")
-    if (duration := len(values) * channel.step) < SHORTEST:
-        remedy = "record the whole motion, or check the unit of the times"
-        raise refusal("", f"{duration:.3g} s in {one_line(row.file)}", f"at least {SHORTEST:g} s", remedy, "channel")
+    for got, expected, remedy in _record_problems(values, channel.step, one_line(row.file)):
+        raise refusal("", got, expected, remedy, "channel")  # the first: others may follow from it
     start = channel.start[0] if isinstance(channel.start, tuple) else channel.start
     values, step = _slower(values, channel.step)
     return Trace(row, derivative, row.delay + start + step * np.arange(len(values)), values * factor)
+
+
+def _record_problems(values: Float[np.ndarray, "T"], step: float, file: str) -> Iterator[tuple[str, str, str]]:
+    """Yield what no record can be: what was found, what was expected, and what to do."""
+    rate, duration = 1 / step, len(values) * step
+    if missing := np.count_nonzero(~np.isfinite(values)):
+        yield f"{missing} samples missing", "a record without gaps", "cut the record, or export it again"
+    if not np.ptp(values) > 0:
+        remedy = "check the sensor and its cable, or leave the row out"
+        yield f"{values[0]:g} in all samples", "a record that varies", remedy
+    if longest := _clipped(values):
+        got = f"{longest} samples in a row at the largest value: clipped"
+        yield got, "a record within the sensor's range", "measure again, less amplified"
+    if rate < SLOWEST:
+        in_ms = "; or are its times in ms? then write time [ms]" if 1e3 * rate >= SLOWEST else ""
+        yield f"{rate:.4g} samples a second in {file}", f"at least {SLOWEST:g}", f"measure again, sampled faster{in_ms}"
+    if duration < SHORTEST:
+        remedy = "record the whole motion, or check the unit of the times"
+        yield f"{duration:.3g} s in {file}", f"at least {SHORTEST:g} s", remedy
 
 
 def _measured(row: RunRow, said: str) -> tuple[int, float]:
@@ -423,9 +400,7 @@ def write_runs(folder: str | Path, path: str | Path) -> int:
         InputError: no recordings, or a file of that name, which is not overwritten.
     """
     check_folder(Path(folder))
-    if Path(path).exists():
-        remedy = "move it away, or name another"
-        raise refusal(one_line(str(path)), "a file that is there", "none", remedy)
+    check_new(Path(path), "move it away, or name another")
     recordings = recordings_of(Path(folder))
     rows = [
         {"file": name, "channel": channel.name, "unit": channel.unit, "note": note_of(channel)}

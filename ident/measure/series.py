@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import InputError, Problem, refusal, refuse
+from ident.measure.columns import EXAMPLES, unit_factor
 from ident.measure.recordings.sampling import UNEVEN, odd_interval
 from ident.measure.table import (
     Findings,
-    Record,
     decimal_mark,
     fitting,
     name_and_unit,
@@ -27,9 +27,6 @@ from ident.units import QUANTITIES, si_factor, to_si
 
 TIME = "time"
 """Name of the column that every such file has."""
-
-EXAMPLES = {"time": "s", "angle": "deg", "length": "mm", "acceleration": "m/s^2", "moment": "N*m"}
-"""A unit of each quantity, for messages."""
 
 ROWS_NAMED = 4
 """Further rows with the same mistake that are named."""
@@ -102,16 +99,30 @@ def parse_series(
     is_column = lambda name: name_and_unit(name)[0].lower() == TIME or name.endswith("]")  # noqa: E731
     file, delimiter, records = records_of(data, path, is_column, findings, "time", "check the file")
     where, header = records[0]
-    places = _places(where, header, {TIME: ("time",), **wanted}, findings)
+    quantities, named = {TIME: ("time",), **wanted}, [name_and_unit(cell) for cell in header]
+    at = {name: [i for i, (each, _) in enumerate(named) if each.lower() == name.lower()] for name in quantities}
+    used = {index for places in at.values() for index in places}
+    ignored = tuple(cell for index, cell in enumerate(header) if index not in used)
+    measured = dict[str, tuple[str, float]]()
+    for name, places in at.items():
+        if len(places) > 1:
+            findings.append(Problem(where, f"the column {len(places)} times", "it once", "remove or rename one", name))
+        if places and (said := findings.attempt(where, name, _measured, named[places[0]][1], name, quantities[name])):
+            measured[name] = said
+        elif not places and name == TIME:
+            findings.append(missing_column(where, TIME, "time", header))
     misfits = Findings()
     rows_read = fitting(records[1:], len(header), delimiter, misfits)
     findings += counted(misfits)
-    decimal = decimal_mark(delimiter, (cells[place.index] for _, cells in rows_read for place in places))
-    columns = _columns(rows_read, places, decimal, findings)
-    used = {place.index for place in places}
-    ignored = tuple(cell for index, cell in enumerate(header) if index not in used)
-    at_fault = frozenset(place.name for place in places if place.factor is None)
-    sha256, rows_at = hashlib.sha256(data).hexdigest(), tuple(w for w, _ in rows_read)
+    decimal = decimal_mark(delimiter, (cells[index] for _, cells in rows_read for index in used))
+    columns = dict[str, Column]()
+    for name, (quantity, factor) in measured.items():
+        mine, place = Findings(), at[name][0]
+        values = [mine.attempt(row, name, _number, cells[place], decimal, factor) for row, cells in rows_read]
+        columns[name] = Column(name, quantity, named[place][1], np.array(values, float))
+        findings += counted(mine)
+    at_fault = frozenset(name for name, places in at.items() if places and name not in columns)
+    sha256, rows_at = hashlib.sha256(data).hexdigest(), tuple(row for row, _ in rows_read)
     series = Series(file, sha256, where, rows_at, columns, at_fault, ignored)
     findings += counted(_time_problems(series))
     given = len(records) - 1
@@ -140,39 +151,11 @@ def counted(problems: Iterable[Problem]) -> Iterator[Problem]:
         yield replace(first, got=f"{first.got} (also rows {rows}{rest})" if more else first.got)
 
 
-@dataclass(frozen=True)
-class _Place:
-    """Where a column is and what its cells mean; the factor is None where the header is at fault."""
-
-    index: int
-    name: str
-    quantity: str
-    unit: str
-    factor: float | None
-
-
-def _places(where: str, header: list[str], wanted: Mapping[str, tuple[str, ...]], findings: Findings) -> list[_Place]:
-    places = []
-    for name, quantities in wanted.items():
-        indices = [index for index, cell in enumerate(header) if name_and_unit(cell)[0].lower() == name.lower()]
-        if len(indices) > 1:
-            findings.append(Problem(where, f"the column {len(indices)} times", "it once", "remove or rename one", name))
-        if indices:
-            unit = name_and_unit(header[indices[0]])[1]
-            measured = findings.attempt(where, name, _measured, unit, name, quantities)
-            quantity, factor = measured or (quantities[0], None)
-            places += [_Place(index, name, quantity, unit, factor) for index in indices]
-        elif name == TIME:
-            findings.append(missing_column(where, TIME, "time", header))
-    return places
-
-
 def _measured(unit: str, name: str, quantities: tuple[str, ...]) -> tuple[str, float]:
     """Return which of the quantities a unit measures, and its factor to SI."""
     expected = " or ".join(QUANTITIES[quantity].expected for quantity in quantities)
     if not unit:
-        remedy = "write the unit in square brackets"
-        raise refusal("", "no unit", f"{expected}, as in '{name} [{EXAMPLES[quantities[0]]}]'", remedy)
+        unit_factor(unit, name, quantities[0], expected)
     for quantity in quantities:
         try:
             return quantity, si_factor(unit, quantity)
@@ -181,17 +164,6 @@ def _measured(unit: str, name: str, quantities: tuple[str, ...]) -> tuple[str, f
     gravity = unit == "g" and "acceleration" in quantities
     remedy = "write g_0 for standard gravity, g is gram" if gravity else problem.remedy
     raise refusal("", problem.got, expected, remedy)
-
-
-def _columns(records: list[Record], places: list[_Place], decimal: str, findings: Findings) -> dict[str, Column]:
-    columns = {}
-    for place in places:
-        if place.factor is not None and place.name not in columns:
-            mine = Findings()
-            values = [mine.attempt(w, place.name, _number, c[place.index], decimal, place.factor) for w, c in records]
-            columns[place.name] = Column(place.name, place.quantity, place.unit, np.array(values, float))
-            findings += counted(mine)
-    return columns
 
 
 def _number(text: str, decimal: str, factor: float) -> float:

@@ -6,14 +6,14 @@ import math
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from ident.errors import InputError, Problem, refusal, refuse
-from ident.text import LARGEST_TEXT, decode, did_you_mean, one_line, quoted, read_bytes
+from ident.text import LARGEST_TEXT, decode, one_line, quoted, read_bytes
 
 # -------- Spreadsheet
 # An Excel sheet (`.xlsx`) as the text of a CSV file, row by row, so that all checks and row numbers are the same.
@@ -224,14 +224,8 @@ def fitting(records: list[Record], columns: int, delimiter: str, findings: Findi
     return [(where, cells) for where, cells in records if len(cells) == columns]
 
 
-def header_problems(
-    where: str, names: Sequence[str], required: Iterable[str], known: Collection[str] = (), shown: str = ""
-) -> Iterator[Problem]:
-    """Yield the columns that a header has beside the known ones, if there are such, lacks, and has twice."""
-    for name in names if known else ():
-        if name not in known:
-            remedy = did_you_mean(name, known, "remove or rename the column")
-            yield Problem(where, f"the unknown column {quoted(name)}", f"one of {shown}", remedy)
+def header_problems(where: str, names: Sequence[str], required: Iterable[str]) -> Iterator[Problem]:
+    """Yield the columns that a header lacks, and has twice."""
     for name in required:
         if name not in names:
             yield Problem(where, "no such column", f"a column {name}", "add the column", name)

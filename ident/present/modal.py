@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.assess.modal import IdentifiedModes, Labelled, NamedModes
 from ident.measure import Campaign
-from ident.measure.covariance_and_frames import Reproducibility
+from ident.measure.reproducibility import Reproducibility
 from ident.modal.ambient import AmbientTest
 from ident.modal.frf import MOVING, Check, ModalTest
 from ident.modal.modes import Modes, Ratio

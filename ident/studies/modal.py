@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.measure import Campaign
     from ident.measure.channels import ChannelTable
-    from ident.measure.covariance_and_frames import Reproducibility
     from ident.measure.recordings.recording import SourceFile
+    from ident.measure.reproducibility import Reproducibility
     from ident.modal.ambient import AmbientTest
     from ident.modal.frf import ModalTest, Processing
     from ident.modal.sources import FinishedTest
@@ -91,7 +91,7 @@ class ModalOptions(ProblemOptions):
     @property
     def known_reproducibility(self) -> "Reproducibility":
         """What is known of the reproducibility of tests before any is seen."""
-        from ident.measure.covariance_and_frames import Reproducibility
+        from ident.measure.reproducibility import Reproducibility
 
         return Reproducibility.of(self.reproducibility, self.common_share)
 

@@ -9,8 +9,8 @@ from hammer_files import one_record
 from ident.arm.modes import parse_label
 from ident.assess.modal import IdentifiedModes, with_effect
 from ident.identify.mode_names import ModeLabels
-from ident.measure.covariance_and_frames import Reproducibility
 from ident.measure.load import Load
+from ident.measure.reproducibility import Reproducibility
 from ident.modal.frf import MOVING, Frf, ModalTest, Place
 from ident.modal.modes import Modes, Ratio
 from ident.modal.poles import Diagram, ModalModel

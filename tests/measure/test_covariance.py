@@ -7,7 +7,8 @@ import pytest
 
 from ident.errors import InputError
 from ident.measure import Campaign, Measurement, read_campaign, write_campaign
-from ident.measure.covariance_and_frames import Covariance, Group, Reproducibility
+from ident.measure.covariance_and_frames import Covariance, Group
+from ident.measure.reproducibility import Reproducibility
 
 ROWS = """kind,q1 [deg],value,unit,sigma,group
 frequency,0,4.1,Hz,0.02,first hit

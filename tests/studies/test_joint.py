@@ -159,6 +159,7 @@ def set_column(index, value):
         (HEAD, lambda rows: [[row[0], -row[1], *row[2:]] for row in rows], "joint1.motor: got -1 times the link's"),
         (HEAD, lambda rows: [[row[0], 121 * row[1], *row[2:]] for row in rows], "joint1.motor: got 121 times the link"),
         (HEAD, lambda rows: rows[:60], "samples in which joint1 moves, expected at least 100"),
+        (HEAD, lambda rows: [[*row, 0.0] for row in rows], "log.csv:2: got 5 fields, so that no cell was read (also"),
     ],
     ids=[
         "link",
@@ -175,6 +176,7 @@ def set_column(index, value):
         "sign",
         "ratio",
         "short",
+        "misfit",
     ],
 )
 def test_bad_logs_are_one_line(tmp_path, head, change, said):

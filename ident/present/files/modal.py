@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.measure import Campaign, write_campaign
-from ident.measure.covariance_and_frames import Reproducibility, covariance_path
+from ident.measure.covariance_and_frames import covariance_path
+from ident.measure.reproducibility import Reproducibility
 from ident.modal.ambient import AmbientTest
 from ident.present.modal import reproducibility_in_words
 from ident.present.words import place_in_words
