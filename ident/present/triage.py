@@ -87,12 +87,9 @@ def _parts(triage: "Triage") -> Table:
 
 
 def _strongest(triage: "Triage", runs: "Runs") -> Section:
-    rows = []
-    for part in triage.findings:
-        row = runs.traces[part.trace].row
-        rows.append((what(part), f"{row.file} {row.channel}", part.time))
+    rows = tuple((what(part), _trace(part, runs), part.time) for part in triage.findings)
     head = ("What it follows", "trace", "time [s]")
-    return Section("Where each part is strongest", (Table("", head, tuple(rows), ("", "", ".1f")),))
+    return Section("Where each part is strongest", (Table("", head, rows, ("", "", ".1f")),))
 
 
 def _findings(triage: "Triage", runs: "Runs") -> Iterator[Finding]:
@@ -115,16 +112,13 @@ def _compared(triage: "Triage") -> Section:
 def triage_rows(triage: "Triage", runs: "Runs") -> list[dict[str, Any]]:
     """Return a row for each part [SI]."""
     return [
-        {
-            "kind": part.kind,
-            "follows": what(part),
-            "share": part.share,
-            "probability": part.probability,
-            "lowest": part.frequency[0],
-            "highest": part.frequency[1],
-            "time": part.time,
-            "amplitude": part.amplitude,
-            "trace": f"{runs.traces[part.trace].row.file} {runs.traces[part.trace].row.channel}",
-        }
+        {"kind": part.kind, "follows": what(part), "share": part.share, "probability": part.probability}
+        | {"lowest": part.frequency[0], "highest": part.frequency[1], "time": part.time, "amplitude": part.amplitude}
+        | {"trace": _trace(part, runs)}
         for part in triage.findings
     ]
+
+
+def _trace(part: "Part", runs: "Runs") -> str:
+    row = runs.traces[part.trace].row
+    return f"{row.file} {row.channel}"

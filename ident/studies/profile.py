@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
@@ -36,7 +36,7 @@ class ProfileOptions(FitOptions):
 class ProfileResult(Result):
     """Profile likelihoods of a fit.
 
-    Its figure has a panel for each parameter.
+    Its figure has a panel for each parameter; its table a row: fitted value, unit, and the ends [SI] of both intervals.
 
     Attributes:
         arm: the arm as its file has it.
@@ -53,6 +53,7 @@ class ProfileResult(Result):
     form = "ident-profile/10"
     subject = "fit.campaign.name"
     shown = ("fit", "profiles")
+    listed = ("profiles",)
     made_from = ("arm", "fit.campaign")
     numbers = ("fit.parameters",)
     summary = ("fit.doubts",)
@@ -67,12 +68,6 @@ class ProfileResult(Result):
     def linear(self) -> Mapping[str, bool]:
         """Whether a parameter's interval agrees with that of the fit, the linear one."""
         return {each.name: each.linear for each in self.profiles}
-
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each parameter: fitted value, unit, and the ends [SI] of both intervals."""
-        from ident.present.profile import profile_rows
-
-        return profile_rows(self.profiles)
 
     @property
     def short(self) -> bool:
