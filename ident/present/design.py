@@ -9,13 +9,7 @@ import numpy as np
 
 from ident.assess.design import DesignStudy, bound_of, keeps, same, unchanged
 from ident.files import replace_file
-from ident.present.basis import (
-    all_findings,
-    assumed_section,
-    motion_section,
-    same_motion,
-    subject,
-)
+from ident.present.basis import all_findings, assumed_section, motion_section, same_motion, subject
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power
 from ident.present.sweep import change_in_words, mm
 from ident.present.words import MM, counted, in_shown_unit, unit_of, value_in_words

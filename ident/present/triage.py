@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut
-from ident.present.words import TRACE_UNITS, counted
+from ident.present.words import TRACE_UNITS, by_key, counted
 
 if TYPE_CHECKING:
     from ident.measure.runs import Runs
@@ -55,9 +55,7 @@ def _verdict(triage: "Triage") -> Verdict:
 def what(part: "Part") -> str:
     """Say what a part follows: `drive2 x 1 or drive1/drive3 x 2`, `lateral torsion 1, rung by the command`."""
     if part.kind == "drive":
-        by_order: dict[float, list[str]] = {}
-        for drive, order in part.drives:
-            by_order.setdefault(order, []).append(drive)
+        by_order = by_key((order, drive) for drive, order in part.drives)
         return " or ".join(f"{'/'.join(names)} x {order}" for order, names in by_order.items())
     if part.kind in ("mode", "kicks"):
         by = "the command" if part.by_command else "kicks" if part.kind == "kicks" else ""

@@ -51,6 +51,7 @@ class FitResult(FromFit):
         arm: the arm as its file has it.
         fit: fitted values, intervals, residuals and objections to them.
         options: what was asked for.
+        short: whether the best that the starts have reached is no optimum.
         parameters: fitted values by path [SI: N m/rad for a stiffness]; tied numbers each by its own path.
         explanations: what would reconcile data that are in doubt, most plausible first; None where nothing was searched
             for.
@@ -75,6 +76,7 @@ class FitResult(FromFit):
         *("fit.chi_squared", "fit.degrees_of_freedom", "fit.p_value", "fit.information.rank"),
     )
 
+    short: ClassVar[bool] = alias("fit.short")
     parameters: ClassVar[Mapping[str, float]] = alias("fit.parameters")
     explanations: ClassVar["Explanations | None"] = alias("fit.explanations")
     assumptions: ClassVar["Assumptions | None"] = alias("fit.assumptions")
@@ -139,11 +141,6 @@ class FitResult(FromFit):
         from ident.present.files.document import plain
 
         return {**super()._document(head), "measurements": plain(self.measurements)}
-
-    @property
-    def short(self) -> bool:
-        """Whether the best that the starts have reached is no optimum."""
-        return not self.fit.best.converged
 
     def values_of(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
         """Return the fitted values of an arm [SI], the robot of the fit, and at which height [m] its base gives."""

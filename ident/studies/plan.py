@@ -154,7 +154,7 @@ class PlanResult(Result):
     @property
     def short(self) -> bool:
         """Whether the fit that the plan starts from is no optimum."""
-        return self.plan.fit is not None and not self.plan.fit.best.converged
+        return self.plan.fit is not None and self.plan.fit.short
 
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm, "campaign": self.plan.fit.campaign if self.plan.fit else None}

@@ -9,7 +9,7 @@ from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
 from ident.studies.options import option, repeated
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, alias, silent
 
 if TYPE_CHECKING:
     from ident.description.file import ArmFile
@@ -43,6 +43,7 @@ class ProfileResult(Result):
         fit: the fit whose intervals are checked.
         profiles: the least cost as a function of each parameter.
         options: what was asked for.
+        short: whether the fit that is profiled is no optimum.
     """
 
     arm: "ArmFile"
@@ -58,6 +59,8 @@ class ProfileResult(Result):
     numbers = ("fit.parameters",)
     summary = ("fit.doubts",)
 
+    short: ClassVar[bool] = alias("fit.short")
+
     @property
     def intervals(self) -> Mapping[str, tuple[float, float]]:
         """95 % intervals by parameter [SI]; where a side is open, infinity, or zero for a positive number."""
@@ -68,11 +71,6 @@ class ProfileResult(Result):
     def linear(self) -> Mapping[str, bool]:
         """Whether a parameter's interval agrees with that of the fit, the linear one."""
         return {each.name: each.linear for each in self.profiles}
-
-    @property
-    def short(self) -> bool:
-        """Whether the fit that is profiled is no optimum."""
-        return not self.fit.best.converged
 
 
 @study

@@ -203,12 +203,8 @@ def sample(
             noise=options.noise,
             weights=options.weights,
             folder=folder,
-            provenance={
-                "campaign": campaign.sha256,
-                "arm file": fitted.arm.sha256,
-                "soft base": str(options.soft_base),
-                "number of starts": str(options.starts),
-            },
+            provenance={"campaign": campaign.sha256, "arm file": fitted.arm.sha256}
+            | {"soft base": str(options.soft_base), "number of starts": str(options.starts)},
             progress=progress("blocks of steps", options.steps // BLOCK),
         )
     return SampleResult(fitted.arm, sampled, options)
