@@ -309,6 +309,7 @@ class DiagnoseResult(FromFit):
     runs: "Runs | None" = None
 
     form = "ident-diagnose/10"
+    subject = "fitted.campaign.name"
     shown = ("diagnosis",)
     made_from = ("diagnosis.task.basis.arm_file as arm", "fitted.campaign", "diagnosis.task.basis.log as path", "runs")
     summary = ("verdict", "advice")
@@ -318,11 +319,6 @@ class DiagnoseResult(FromFit):
     short: ClassVar[bool] = alias("diagnosis.identification.short")
     doubtful: ClassVar[bool] = alias("diagnosis.in_doubt")
     fitted: ClassVar["CampaignFit"] = alias("diagnosis.identification.sampled.fitted")
-
-    @property
-    def name(self) -> str:
-        """The campaign's name and what was done with it."""
-        return _name(self.fitted.campaign)
 
     @property
     def advice(self) -> str:
@@ -434,8 +430,4 @@ def diagnose(
 
 def part_folder(folder: Path, campaign: "Campaign") -> Path:
     """Return where the command keeps the stages of an unfinished diagnosis whose files go into a folder."""
-    return folder / f"{_name(campaign)}.part"
-
-
-def _name(campaign: "Campaign") -> str:
-    return f"{campaign.name}.diagnose"
+    return folder / f"{campaign.name}.diagnose.part"

@@ -13,7 +13,7 @@ from functools import wraps
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, get_args
 
 from ident.errors import InputError, ModelError, refusal
 from ident.present.report import WIDTH, Report, html_of, text_of
@@ -220,13 +220,20 @@ class Alias(property):
     """A property that the value of a study has; its docstring is its line among the `Attributes` of the class."""
 
     def __set_name__(self, owner: type, name: str) -> None:
+        (kind,) = get_args(owner.__annotations__[name])
+        self.fget.__annotations__["return"] = getattr(kind, "__forward_arg__", kind)
         line = re.search(rf"^    {name}: (.*(?:\n {{8}}.*)*)", inspect.cleandoc(owner.__doc__ or ""), re.MULTILINE)
-        self.__doc__ = " ".join(line[1].split()) if line else None
+        words = " ".join(line[1].split()) if line else ""
+        self.__doc__ = words[:1].upper() + words[1:]
 
 
 def alias(path: str) -> Any:
     """Return the property that a path leads to; a class writes its type, `time: ClassVar[float]`, for type checkers."""
-    return Alias(attrgetter(path))
+
+    def get(result: Any) -> Any:
+        return attrgetter(path)(result)
+
+    return Alias(get)
 
 
 SHARED_FILES: Mapping[str, Mapping[str, str]] = {

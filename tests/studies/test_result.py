@@ -219,4 +219,4 @@ def test_an_alias_is_a_property_of_the_value_it_names():
     assert result.time is value.time
     with pytest.raises(AttributeError, match="no attribute 'path'"):
         result.path  # noqa: B018
-    assert ident.SimulateResult.time.__doc__ == "times [s]."
+    assert ident.SimulateResult.time.__doc__ == "Times [s]."
