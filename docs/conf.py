@@ -33,7 +33,8 @@ smartquotes = False
 highlight_language = "none"
 exclude_patterns = ["_build"]
 
-autodoc_default_options = {"members": True, "exclude-members": "form, suffix, name"}  # of results
+OWN = "subject, shown, drawn, listed, called, made_from, numbers, summary"  # what results say to `Result`
+autodoc_default_options = {"members": True, "exclude-members": f"form, suffix, name, {OWN}"}
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_typehints_description_target = "documented_params"

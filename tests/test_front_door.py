@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import ident
+from ident.studies.result import Alias
 
 HERE = Path(__file__).parents[1]
 SOURCE = ast.parse((HERE / "ident" / "__init__.py").read_text(encoding="utf-8"))
@@ -117,7 +118,9 @@ def members(value):
 
 
 def plain(member):
-    """The function of a property or method; none for a field."""
+    """The function of a property or method, or an alias; none for a field."""
+    if isinstance(member, Alias):
+        return member
     inner = getattr(member, "fget", None) or getattr(member, "func", None) or getattr(member, "__func__", None)
     inner = inspect.unwrap(inner or member) if callable(inner or member) else None
     return inner if inspect.isfunction(inner) else None

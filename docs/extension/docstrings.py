@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from docutils import nodes
 from sphinx.application import Sphinx
 
+from ident.studies.result import Alias
+
 
 def paragraphs(text: str) -> Iterator[tuple[str, bool]]:
     """Return the paragraphs of a text, each with whether it is a formula: indented after a blank line."""
@@ -51,6 +53,18 @@ def mark_formulas(app: Sphinx, what: str, name: str, thing: object, options: obj
     lines[:] = marked
 
 
+def aliases_once(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+    """Drop aliases from the attributes of a result: each is shown as a property, with its type."""
+    aliases = {name for name, each in vars(thing).items() if isinstance(each, Alias)} if what == "class" else ()
+    kept: list[str] = []
+    hidden = False
+    for line in lines:
+        attribute = re.match(r"    (\w+): ", line)
+        hidden = attribute[1] in aliases if attribute else hidden and line.startswith("        ")
+        kept += [] if hidden else [line]
+    lines[:] = kept
+
+
 def hide_fields(
     app: Sphinx, what: str, name: str, thing: object, options: object, signature: str | None, returned: str
 ) -> tuple[str, str] | None:
@@ -67,6 +81,7 @@ def dash(app: Sphinx, doctree: nodes.document) -> None:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Listen to autodoc, before napoleon does."""
+    app.connect("autodoc-process-docstring", aliases_once, priority=300)
     app.connect("autodoc-process-docstring", mark_formulas, priority=400)
     app.connect("autodoc-process-signature", hide_fields)
     app.connect("doctree-read", dash)

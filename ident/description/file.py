@@ -26,14 +26,7 @@ from ident.description.rewriting import (
     set_numbers,
     with_first_joint,
 )
-from ident.description.robot import (
-    JointsFile,
-    Robot,
-    beside,
-    check_joints,
-    read_joints,
-    refuse_xacro,
-)
+from ident.description.robot import JointsFile, Robot, beside, check_joints, read_joints, refuse_xacro
 from ident.description.schema import BUSHING, SINGLE, ArmDocument, Origin, named, uncertain_numbers
 from ident.errors import ARM_FILE, InputError, Problem, refusal
 from ident.text import decode, one_line, read_bytes

@@ -25,14 +25,7 @@ from ident.description.rewriting import (
     set_numbers,
     with_first_joint,
 )
-from ident.description.schema import (
-    BUSHING,
-    BushingTable,
-    Damped,
-    Origin,
-    PayloadTable,
-    PointTable,
-)
+from ident.description.schema import BUSHING, BushingTable, Damped, Origin, PayloadTable, PointTable
 from ident.errors import InputError, Problem, placed, refusal, refuse
 from ident.text import NAME, NAME_RULE, decode, did_you_mean, one_line, read_bytes
 

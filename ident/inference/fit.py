@@ -453,6 +453,11 @@ class Fit:
         return self.row_tests.outliers
 
     @property
+    def short(self) -> bool:
+        """Whether the best that the starts have reached is no optimum."""
+        return not self.best.converged
+
+    @property
     def doubts(self) -> tuple[str, ...]:
         """Why no interval should be quoted from this fit; empty when there is no objection."""
         count, limit = self.outliers.sum(), self.row_tests.limit

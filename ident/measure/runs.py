@@ -210,6 +210,11 @@ class Runs:
         return tuple(trace for trace in self.traces if trace.row.file == file)
 
     @property
+    def name(self) -> str:
+        """What the table's file is called, without its end."""
+        return Path(self.path).stem
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the recordings."""
         return tuple(dict.fromkeys(trace.row.file for trace in self.traces))

@@ -210,16 +210,14 @@ def balance_rows(balance: "Balance") -> list[dict[str, Any]]:
     """Return a row for each mass [SI], and one for each rotor that gets none: mass, angle and hole are NaN."""
     rows = list[dict[str, Any]]()
     for each in balance.rotors:
-        state, size = _state(balance, each), float(abs(each.found))
-        about = {"drive": each.drive.name, "state": state, "imbalance": size, "makes": each.makes}
-        place = {"radius": each.pulley.radius, "height": each.pulley.height}
+        state, place = _state(balance, each), {"radius": each.pulley.radius, "height": each.pulley.height}
+        about = {"drive": each.drive.name, "state": state, "imbalance": float(abs(each.found)), "makes": each.makes}
         if state != "balance":
             nothing = dict.fromkeys(("mass", "mass_sd", "angle", "size_sd", "angle_sd"), np.nan)
             rows.append(about | nothing | place | {"hole": np.nan})
             continue
         of_size, of_turn = each.wanted_sd
         for body, sd in zip(each.bodies, each.masses_sd.tolist(), strict=True):
-            sizes = {"mass": body.mass, "mass_sd": sd}
-            mounted = sizes | {"angle": body.angle, "size_sd": of_size, "angle_sd": of_turn}
+            mounted = {"mass": body.mass, "mass_sd": sd, "angle": body.angle, "size_sd": of_size, "angle_sd": of_turn}
             rows.append(about | mounted | place | {"hole": body.hole})
     return rows

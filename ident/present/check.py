@@ -11,7 +11,7 @@ from ident.inference.fit import contradiction_in_words
 from ident.inference.information import WEAK_ABOVE, Information, chi_squared_in_words
 from ident.inference.optima import is_tie
 from ident.present.basis import springs_in_words
-from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut
+from ident.present.report import Finding, Part, Report, Section, Table, Verdict, by_row, cut
 from ident.present.warnings import (
     agreement,
     contradiction,
@@ -339,7 +339,5 @@ def check_rows(check: "CampaignCheck") -> list[dict[str, Any]]:
     NaN where the model has no answer.
     """
     sd = check.data_sd if len(check.data_sd) else np.full((1, len(check.items)), math.nan)
-    return [
-        {"parameter": item.name, "verdict": verdict, "data_sd": float(at[0]), "worst_data_sd": float(at.max())}
-        for item, verdict, at in zip(check.items, check.verdicts, sd.T, strict=True)
-    ]
+    names = [item.name for item in check.items]
+    return by_row(parameter=names, verdict=check.verdicts, data_sd=sd[0], worst_data_sd=sd.max(0))

@@ -9,12 +9,23 @@ from ident.identify.fit import CampaignFit
 from ident.inference.change import LEVEL
 from ident.inference.information import half_width, holm, p_in_words
 from ident.present.fit import damping_in_words
-from ident.present.report import Finding, Report, Section, Table, Verdict, cut, with_remedy, without_empty_columns
+from ident.present.report import (
+    Finding,
+    Report,
+    Section,
+    Table,
+    Verdict,
+    by_row,
+    cut,
+    with_remedy,
+    without_empty_columns,
+)
 from ident.present.words import counted, in_shown_unit, percent, sentence, some, unit_of
 from ident.text import as_word
 
 if TYPE_CHECKING:
     from ident.identify.compare import Comparison
+    from ident.inference.change import Change
 
 KINDS = {"k_bend": "bending", "k_tors": "torsion"}
 NUMBERS_LISTED = 5
@@ -191,23 +202,11 @@ def _pair(comparison: "Comparison") -> Section:
 def compare_rows(comparisons: Sequence["Comparison"], unpaired: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Return a row for each stiffness: both values [SI], their ratio with its 95 % interval, p, and the verdict."""
     several = len(comparisons) > 1
-    return [({"campaigns": each.name} if several else {}) | row for each in comparisons for row in _rows(each)]
+    return [({"campaigns": each.name} if several else {}) | row for each in comparisons for row in _rows(each.change)]
 
 
-def _rows(comparison: "Comparison") -> list[dict[str, Any]]:
-    change, interval = comparison.change, np.exp(comparison.change.interval)
-    return [
-        {
-            "parameter": name,
-            "unit": unit_of(name),
-            "before": float(change.first[i]),
-            "after": float(change.second[i]),
-            "ratio": float(np.exp(change.change[i])),
-            "low_95": float(interval[i, 0]),
-            "high_95": float(interval[i, 1]),
-            "p": float(change.p_values[i]),
-            "changed": bool(change.changed[i]),
-            "open": bool(change.open[i]),
-        }
-        for i, name in enumerate(change.names)
-    ]
+def _rows(change: "Change") -> list[dict[str, Any]]:
+    low, high = np.exp(change.interval).T
+    units, values = map(unit_of, change.names), {"before": change.first, "after": change.second}
+    ratio = {"ratio": np.exp(change.change), "low_95": low, "high_95": high, "p": change.p_values}
+    return by_row(parameter=change.names, unit=units, **values, **ratio, changed=change.changed, open=change.open)

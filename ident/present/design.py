@@ -9,13 +9,7 @@ import numpy as np
 
 from ident.assess.design import DesignStudy, bound_of, keeps, same, unchanged
 from ident.files import replace_file
-from ident.present.basis import (
-    all_findings,
-    assumed_section,
-    motion_section,
-    same_motion,
-    subject,
-)
+from ident.present.basis import all_findings, assumed_section, motion_section, same_motion, subject
 from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, short_power
 from ident.present.sweep import change_in_words, mm
 from ident.present.words import MM, counted, in_shown_unit, unit_of, value_in_words
@@ -297,24 +291,19 @@ def design_rows(study: DesignStudy) -> list[dict[str, Any]]:
     of amplitude per percent of the number in x, y and z; `unsure` names the directions in which the sign is another for
     nearby arms.
     """
-    design = study.design
+    design, known = study.design, study.sensitivities
     if design is None:
-        each = study.sensitivities
         return [
-            {"number": each.paths[i], "unit": unit_of(each.paths[i]), "present": float(each.present[i])}
-            | dict(zip(DIRECTIONS, map(float, each.elasticity[i]), strict=True))
-            | {"unsure": "".join(np.array([*DIRECTIONS])[each.unsure[i]])}
-            for i in each.order
+            {"number": known.paths[i], "unit": unit_of(known.paths[i]), "present": float(known.present[i])}
+            | dict(zip(DIRECTIONS, map(float, known.elasticity[i]), strict=True))
+            | {"unsure": "".join(np.array([*DIRECTIONS])[known.unsure[i]])}
+            for i in known.order
         ]
+    least = design.minimum_change.values if design.minimum_change else {}
     return [
-        {
-            "number": path,
-            "unit": unit_of(path),
-            "present": float(study.basis.arm.get(path)),
-            "best": design.best.values[path],
-            "minimum_change": math.nan if design.minimum_change is None else design.minimum_change.values[path],
-            "at_bound": bound_of(study.basis.arm, variable, float(change)),
-        }
+        {"number": path, "unit": unit_of(path), "present": float(study.basis.arm.get(path))}
+        | {"best": design.best.values[path], "minimum_change": least.get(path, math.nan)}
+        | {"at_bound": bound_of(study.basis.arm, variable, float(change))}
         for variable, change in zip(design.evaluator.variables, design.best.changes, strict=True)
         for path in variable.paths
     ]

@@ -621,22 +621,12 @@ _DETAILS: Mapping[str, tuple[str, Callable[["Diagnosis"], Iterator[Part]]]] = {
 
 def diagnose_rows(diagnosis: "Diagnosis") -> list[dict[str, Any]]:
     """Return a row for each remedy, the best first: what it changes and what comes of it [SI]."""
-    verifications = diagnosis.verifications
+    verified = [each.holds for each in diagnosis.verifications]
     return [
-        {
-            "rank": rank,
-            "kind": remedy.kind,
-            "effort": remedy.effort,
-            "change": change_words(remedy),
-            "speed_percent": remedy.percent,
-            "time": remedy.time,
-            "amplitude": remedy.largest,
-            "probability": remedy.keeps.share,
-            "first_frequency": remedy.frequency,
-            "deflection": remedy.deflection,
-            "change_norm": remedy.change_norm,
-            "meets_limit": remedy.meets_limit,
-            "verified": verifications[rank - 1].holds if rank <= len(verifications) else None,
-        }
-        for rank, remedy in enumerate(diagnosis.remedies, 1)
+        {"rank": rank, "kind": each.kind, "effort": each.effort, "change": change_words(each)}
+        | {"speed_percent": each.percent, "time": each.time, "amplitude": each.largest}
+        | {"probability": each.keeps.share, "first_frequency": each.frequency, "deflection": each.deflection}
+        | {"change_norm": each.change_norm, "meets_limit": each.meets_limit}
+        | {"verified": verified[rank - 1] if rank <= len(verified) else None}
+        for rank, each in enumerate(diagnosis.remedies, 1)
     ]

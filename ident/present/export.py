@@ -82,7 +82,7 @@ def explore_sections(
     return Report(subject, answer=(*lines, *origin), findings=cautions)
 
 
-def explore_rows(exploration: "Exploration", *_: object) -> list[dict[str, Any]]:
+def explore_rows(exploration: "Exploration") -> list[dict[str, Any]]:
     """Return a row for each number that has a slider."""
     arm, carried = exploration.arm, exploration.carried
     rows = [{"name": p, "value": float(arm.get(p)), "unit": unit_of(p)} for p in stiffness_paths(arm)]

@@ -19,6 +19,7 @@ from ident.present.report import (
     Section,
     Table,
     Verdict,
+    by_row,
     cut,
     short_power,
     without_empty_columns,
@@ -562,18 +563,9 @@ def _optima(fit: "Fit") -> Section:
 
 def fit_rows(fit: "CampaignFit") -> list[dict[str, Any]]:
     """Return a row for each parameter: value, interval [SI] and whether the data support it."""
-    columns = zip(fit.problem.parameters.names, fit.best.values, fit.interval(), fit.supported, strict=True)
-    return [
-        {
-            "parameter": name,
-            "value": float(value),
-            "unit": unit_of(name),
-            "low_95": float(low),
-            "high_95": float(high),
-            "supported": bool(supported),
-        }
-        for name, value, (low, high), supported in columns
-    ]
+    names, (low, high) = fit.problem.parameters.names, fit.interval().T
+    value = {"value": fit.best.values, "unit": map(unit_of, names), "low_95": low, "high_95": high}
+    return by_row(parameter=names, **value, supported=fit.supported)
 
 
 def measurement_rows(fit: "CampaignFit") -> list[dict[str, Any]]:
@@ -584,18 +576,9 @@ def measurement_rows(fit: "CampaignFit") -> list[dict[str, Any]]:
     """
     names = row_names(fit.campaign)
     return [
-        {
-            "row": names[i],
-            "kind": m.kind,
-            "posture": " ".join(f"{math.degrees(angle) + 0.0:.10g}" for angle in m.posture),
-            "load": str(m.load),
-            "place": m.mode or m.point or m.joint or "",
-            "unit": QUANTITIES[KINDS[m.kind]].si,
-            "measured": m.value,
-            "predicted": float(fit.predicted[i]),
-            "sigma": m.sigma,
-            "residual": -float(fit.off[i]),
-            "too_far_off": bool(far),
-        }
+        {"row": names[i], "kind": m.kind, "posture": " ".join(f"{math.degrees(q) + 0.0:.10g}" for q in m.posture)}
+        | {"load": str(m.load), "place": m.mode or m.point or m.joint or "", "unit": QUANTITIES[KINDS[m.kind]].si}
+        | {"measured": m.value, "predicted": float(fit.predicted[i]), "sigma": m.sigma}
+        | {"residual": -float(fit.off[i]), "too_far_off": bool(far)}
         for i, (m, far) in enumerate(zip(fit.campaign, fit.suspicious, strict=True))
     ]

@@ -296,16 +296,10 @@ def fleet_rows(fleet: Fleet) -> list[dict[str, Any]]:
     if population is None or judged is None:
         return []
     robots = [fleet.robots[place] for place in fleet.members]
-    columns = {
-        "own": np.exp([robot.theta for robot in robots]),
-        "own_sd_log": np.array([robot.sd for robot in robots]),
-        "shrunk": np.exp(population.robot_mean),
-        "shrunk_sd_log": population.robot_sd,
-        "against_fleet_log": population.robot_mean - population.next_mean,
-        "against_others_log": judged.difference,
-        "healthy_sd_log": judged.sd,
-        "chance_if_healthy": judged.p,
-    }
+    own = {"own": np.exp([robot.theta for robot in robots]), "own_sd_log": np.array([robot.sd for robot in robots])}
+    shrunk = {"shrunk": np.exp(population.robot_mean), "shrunk_sd_log": population.robot_sd}
+    off = {"against_fleet_log": population.robot_mean - population.next_mean, "against_others_log": judged.difference}
+    columns = own | shrunk | off | {"healthy_sd_log": judged.sd, "chance_if_healthy": judged.p}
     return [
         {"robot": robot.name, "parameter": name, "unit": unit_of(name)}
         | {column: float(numbers[r, i]) for column, numbers in columns.items()}

@@ -143,17 +143,11 @@ def _details(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Iter
     yield Section("Residual", (f"Root mean square: {left}.", lag))
 
 
-def joint_rows(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> list[dict[str, Any]]:
+def joint_rows(joints: "Sequence[JointTwist]") -> list[dict[str, Any]]:
     """Return a row for each joint and quantity [SI]; NaN for what the logs have nothing of."""
     return [
-        {
-            "joint": each.name,
-            "quantity": quantity,
-            "value": number.value,
-            "low": number.low,
-            "high": number.high,
-            "told": each.told(quantity),
-        }
+        {"joint": each.name, "quantity": quantity, "value": number.value, "low": number.low, "high": number.high}
+        | {"told": each.told(quantity)}
         for each in joints
         for quantity, number in each.numbers.items()
     ]

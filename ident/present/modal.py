@@ -378,16 +378,10 @@ def modal_rows(
     pairs: list[tuple[AnyTest, Labelled]] = [*zip(tests, identified, strict=False)]
     pairs += zip(finished, named, strict=False)
     return [
-        {
-            "posture": " ".join(f"{math.degrees(angle) + 0.0:.6g}" for angle in test.posture),
-            "load": str(test.load),
-            "frequency": float(each.modes.frequency[i]),
-            "frequency_sd": float(each.modes.sigma[0, i]),
-            "damping_ratio": float(each.modes.damping[i]),
-            "damping_ratio_sd": float(each.modes.sigma[1, i]),
-            "label": str(label or ""),
-            "probability": float(each.labels.probability[i].max(initial=0.0)),
-        }
+        {"posture": " ".join(f"{math.degrees(angle) + 0.0:.6g}" for angle in test.posture), "load": str(test.load)}
+        | {"frequency": float(each.modes.frequency[i]), "frequency_sd": float(each.modes.sigma[0, i])}
+        | {"damping_ratio": float(each.modes.damping[i]), "damping_ratio_sd": float(each.modes.sigma[1, i])}
+        | {"label": str(label or ""), "probability": float(each.labels.probability[i].max(initial=0.0))}
         for test, each in pairs
         for i, label in enumerate(each.labels.given)
     ]

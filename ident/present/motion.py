@@ -135,18 +135,10 @@ def _details(motions: "MotionStudy") -> Iterator[Section]:
 def motion_rows(motions: "MotionStudy") -> list[dict[str, Any]]:
     """Return a row for each motion [SI]: time, vibration, chance of keeping the limit, largest acceleration."""
     return [
-        {
-            "motion": each.name,
-            "kind": each.kind,
-            "time": each.time,
-            "median": float(np.median(each.peaks)),
-            "q95": float(np.quantile(each.peaks, 0.95)),
-            "worst": each.worst,
-            "after_arrival": each.left,
-            "keeps": each.keeps(motions.limit).share,
-            "acceleration": each.acceleration,
-            "met": motions.met(each),
-        }
+        {"motion": each.name, "kind": each.kind, "time": each.time}
+        | {"median": float(np.median(each.peaks)), "q95": float(np.quantile(each.peaks, 0.95)), "worst": each.worst}
+        | {"after_arrival": each.left, "keeps": each.keeps(motions.limit).share}
+        | {"acceleration": each.acceleration, "met": motions.met(each)}
         for each in motions.candidates
     ]
 

@@ -392,17 +392,10 @@ def write_form(plan: "CampaignPlan", path: Path) -> None:
 def plan_rows(plan: "CampaignPlan") -> list[dict[str, Any]]:
     """Return a row for each experiment of the batch: posture [deg], load, what is done, cost [min], gain, nat."""
     return [
-        {
-            "step": number,
-            **{f"{joint.name} [deg]": math.degrees(q) for joint, q in zip(plan.arm.driven, each.posture, strict=True)},
-            "load": str(each.load),
-            "hammer": each.hammer,
-            "labelled": each.labelled,
-            "dial_gauge": each.dial,
-            "minutes": step.cost,
-            "gain": step.gain,
-            "nats": step.nats,
-        }
+        {"step": number}
+        | {f"{joint.name} [deg]": math.degrees(q) for joint, q in zip(plan.arm.driven, each.posture, strict=True)}
+        | {"load": str(each.load), "hammer": each.hammer, "labelled": each.labelled, "dial_gauge": each.dial}
+        | {"minutes": step.cost, "gain": step.gain, "nats": step.nats}
         for number, (step, each) in enumerate(zip(plan.steps, plan.batch, strict=True), 1)
     ]
 

@@ -179,24 +179,17 @@ def _shares(each: "Prediction") -> Iterator[Table]:
 # -------- Rows
 
 
-def predict_rows(predictions: Sequence["Prediction"], *_: object) -> list[dict[str, Any]]:
+def predict_rows(predictions: Sequence["Prediction"]) -> list[dict[str, Any]]:
     """Return a row for each mode at each posture: angles [deg], load, frequency [Hz], label, damping ratio [-].
 
     Frequencies and damping ratios have quantiles of 5 and 95 %, NaN without draws.
     """
     return [
-        {
-            **{joint.name: math.degrees(q) for joint, q in zip(analysis.arm.driven, analysis.posture, strict=True)},
-            "load": str(analysis.load),
-            "mode": i + 1,
-            "frequency": float(analysis.modes.frequency[i]),
-            "label": str(label),
-            "damping_ratio": float(analysis.damping_ratio[i]),
-            "frequency_q05": float(each.frequency_band[0, i]),
-            "frequency_q95": float(each.frequency_band[1, i]),
-            "damping_q05": float(each.damping_band[0, i]),
-            "damping_q95": float(each.damping_band[1, i]),
-        }
+        {joint.name: math.degrees(q) for joint, q in zip(analysis.arm.driven, analysis.posture, strict=True)}
+        | {"load": str(analysis.load), "mode": i + 1, "frequency": float(analysis.modes.frequency[i])}
+        | {"label": str(label), "damping_ratio": float(analysis.damping_ratio[i])}
+        | dict(zip(("frequency_q05", "frequency_q95"), each.frequency_band[:, i].tolist(), strict=True))
+        | dict(zip(("damping_q05", "damping_q95"), each.damping_band[:, i].tolist(), strict=True))
         for analysis, each in ((each.analysis, each) for each in predictions)
         for i, label in enumerate(analysis.labels)
     ]

@@ -84,6 +84,12 @@ class Table:
         return tuple(tuple(written(cell, form) for cell, form in zip(row, forms, strict=True)) for row in self.rows)
 
 
+def by_row(**columns: Any) -> list[dict[str, Any]]:
+    """Return the rows of columns of equal length, numbers as Python has them: `by_row(parameter=..., value=...)`."""
+    cells = (each.tolist() if hasattr(each, "tolist") else each for each in columns.values())
+    return [dict(zip(columns, row, strict=True)) for row in zip(*cells, strict=True)]
+
+
 Part = str | Table
 """A paragraph, or a table."""
 

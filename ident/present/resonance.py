@@ -106,8 +106,7 @@ def resonance_sections(
     branches: Branches,
     excitation: Excitation,
     crossings: Sequence[ResonanceCrossing],
-    *,
-    margin: float = MARGIN,
+    margin: float = 100 * MARGIN,
 ) -> Report:
     """Return all that is said of resonance along a motion.
 
@@ -116,8 +115,9 @@ def resonance_sections(
         branches: natural frequencies along it.
         excitation: frequencies of the pulleys.
         crossings: where both meet or come near, by the vibration they cause.
-        margin: distance relative to the natural frequency that counts as near.
+        margin: distance that counts as near [% of the natural frequency].
     """
+    margin /= 100
     groups = grouped(crossings)
     hidden = len(groups) - LISTED
     note = f"{counted(hidden, 'more crossing')}, weaker: --details" if hidden > 0 else ""

@@ -13,7 +13,7 @@ from ident.inference.fit import contradicting
 from ident.inference.posterior import MOVED
 from ident.inference.sample import RIVAL
 from ident.present.fit import damping_in_words, refused, unknown_places
-from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, cut, without_empty_columns
+from ident.present.report import Cell, Finding, Report, Section, Table, Verdict, by_row, cut, without_empty_columns
 from ident.present.warnings import asked_for, contradiction, drive_states, good_if, odd_numbers
 from ident.present.words import (
     SETUP,
@@ -327,15 +327,9 @@ def _chains(result: "CampaignSample") -> Section:
 def sample_rows(result: "CampaignSample") -> list[dict[str, Any]]:
     """Return a row for each unknown about each optimum: median, intervals [SI], and how far to trust them."""
     sample, names = result.sample, result.sample.posterior.parameters.names
-    return [
-        {
-            "parameter": name,
-            "optimum": basin + 1,
-            "unit": unit_of(name),
-            **dict(zip(("low_95", "low_50", "median", "high_50", "high_95"), map(float, own), strict=True)),
-            "effective_samples": float(bulk),
-            "r_hat": float(rhat),
-        }
-        for basin, chains in zip(sample.basins, sample.diagnosis, strict=True)
-        for name, own, bulk, rhat in zip(names, quantiles(sample, basin).T, chains.bulk, chains.rhat, strict=True)
-    ]
+    rows = list[dict[str, Any]]()
+    for basin, chains in zip(sample.basins, sample.diagnosis, strict=True):
+        about = {"parameter": names, "optimum": [basin + 1] * len(names), "unit": map(unit_of, names)}
+        known = zip(("low_95", "low_50", "median", "high_50", "high_95"), quantiles(sample, basin), strict=True)
+        rows += by_row(**about, **dict(known), effective_samples=chains.bulk, r_hat=chains.rhat)
+    return rows

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.arm.fields import STIFFNESS, fields_in
 from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut, kept
-from ident.present.words import counted, degrees, sentence
+from ident.present.words import by_key, counted, degrees, sentence
 from ident.text import as_word
 
 if TYPE_CHECKING:
@@ -167,10 +167,10 @@ def _grouped(paths: Sequence[str]) -> Iterator[str]:
     for path in paths:
         part, field, *end = path.split(".")
         fields.setdefault(part, {}).setdefault(field, []).extend(end)
-    parts: dict[str, list[str]] = {}
-    for part, own in fields.items():
-        words = ", ".join(f"{field}{'.' * bool(ends)}{'/'.join(ends)}" for field, ends in own.items())
-        parts.setdefault(words, []).append(part)
+    parts = by_key(
+        (", ".join(f"{field}{'.' * bool(ends)}{'/'.join(ends)}" for field, ends in own.items()), part)
+        for part, own in fields.items()
+    )
     yield from (f"{', '.join(names)}: {words}" for words, names in parts.items())
 
 

@@ -18,7 +18,7 @@ from ident.present.basis import (
     transmission_finding,
     without_transmission_error,
 )
-from ident.present.report import Finding, Part, Report, Section, Table, Verdict, cut
+from ident.present.report import Finding, Part, Report, Section, Table, Verdict, by_row, cut
 from ident.present.words import MM, counted, degrees, percent
 from ident.vibrate.evaluator import share_of_variance
 from ident.vibrate.fast import passages
@@ -352,14 +352,8 @@ def _settling(simulation: "Simulation", values: np.ndarray) -> str:
 def simulate_rows(simulation: "Simulation") -> list[dict[str, Any]]:
     """Return the sizes of the vibration as rows, one for each direction [m, s]; NaN for what does not apply."""
     sizes, place = simulation.sizes, np.argmax(np.abs(simulation.vibration), axis=1)
-    columns = {
-        "peak": sizes.peak,
-        "time_of_peak": simulation.time[place],
-        "rms": sizes.rms,
-        "residual": sizes.residual,
-        "settling_time": sizes.settling,
-        "late_peak": sizes.late,
-    }
+    columns = {"peak": sizes.peak, "time_of_peak": simulation.time[place], "rms": sizes.rms}
+    columns |= {"residual": sizes.residual, "settling_time": sizes.settling, "late_peak": sizes.late}
     if simulation.phases:
         low, high = simulation.phases.band
         columns |= {"peak_phases_q05": low, "peak_phases_q95": high, "peak_worst_phases": simulation.phases.worst}
@@ -368,5 +362,4 @@ def simulate_rows(simulation: "Simulation") -> list[dict[str, Any]]:
         columns |= {"peak_q05": low, "peak_q95": high}
         if simulation.limit is not None:
             columns["exceedance"] = simulation.draws.exceeds(simulation.limit)[0]
-    rows = zip(*(np.asarray(column, float).tolist() for column in columns.values()), strict=True)
-    return [{"direction": d} | dict(zip(columns, row, strict=True)) for d, row in zip(DIRECTIONS, rows, strict=True)]
+    return by_row(direction=DIRECTIONS, **{name: np.asarray(column, float) for name, column in columns.items()})

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.arm.multibody import IMBALANCE, ExcitingOrder
-from ident.present.report import Finding, Report, Section, Table, Verdict, cut
+from ident.present.report import Finding, Report, Section, Table, Verdict, by_row, cut
 from ident.present.words import MM, counted
 from ident.vibrate.sources import unit_of
 
@@ -335,32 +335,18 @@ def _further_table(plan: "RunPlan", count: int) -> Table:
 
 def run_plan_rows(plan: "RunPlan") -> list[dict[str, Any]]:
     """Return a row for each source [SI]."""
-    return [
-        {
-            "drive": source.drive,
-            "kind": source.kind,
-            "order": source.order,
-            "amplitude": float(plan.amplitude[k]) * unit_of(source),
-            "sd": float(plan.sd[k]) * unit_of(source),
-            "least": float(plan.least[k]) * unit_of(source),
-            "told": source in plan.told,
-        }
-        for k, source in enumerate(plan.problem.sources)
-    ]
+    sources, units = plan.problem.sources, np.array([unit_of(source) for source in plan.problem.sources])
+    what = {name: [getattr(source, name) for source in sources] for name in ("drive", "kind", "order")}
+    sizes = {"amplitude": plan.amplitude * units, "sd": plan.sd * units, "least": plan.least * units}
+    return by_row(**what, **sizes, told=[source in plan.told for source in sources])
 
 
 def source_rows(study: "SourceStudy") -> list[dict[str, Any]]:
     """Return a row for each source [SI]."""
     return [
-        {
-            "drive": each.source.drive,
-            "kind": each.source.kind,
-            "order": each.source.order,
-            "amplitude": each.amplitude * unit_of(each.source),
-            "sd": each.sd * unit_of(each.source) if study.usable else np.nan,
-            "phase": each.phase[0],
-            "phase_sd": each.phase_sd[0] if study.usable else np.nan,
-            "told": each.told and study.usable,
-        }
+        {name: getattr(each.source, name) for name in ("drive", "kind", "order")}
+        | {"amplitude": each.amplitude * unit_of(each.source)}
+        | {"sd": each.sd * unit_of(each.source) if study.usable else np.nan, "phase": each.phase[0]}
+        | {"phase_sd": each.phase_sd[0] if study.usable else np.nan, "told": each.told and study.usable}
         for each in study.found.estimates
     ]

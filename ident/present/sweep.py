@@ -10,13 +10,7 @@ import numpy as np
 from ident.arm.fields import field_of
 from ident.files import replace_file
 from ident.measure.table import csv_text, guarded
-from ident.present.basis import (
-    all_findings,
-    assumed_section,
-    motion_section,
-    same_motion,
-    subject,
-)
+from ident.present.basis import all_findings, assumed_section, motion_section, same_motion, subject
 from ident.present.report import Cell, Part, Report, Section, Table, Verdict, cut, short_power
 from ident.present.words import MM, counted, in_shown_unit, percent, unit_of, value_in_words
 from ident.vibrate.simulate import MEASURES
@@ -339,18 +333,17 @@ def _mark(axis: Axis, value: float) -> str:
 
 def sweep_rows(study: "SweepStudy") -> list[dict[str, Any]]:
     """Return a row for each amplitude: value in SI, the speed in %; mm; 5 and 95 % of the draws, NaN without."""
-    rows = []
+    rows, sizes = list[dict[str, Any]](), ("amplitude [mm]", "q05 [mm]", "q95 [mm]")
     for sweep in study.sweeps:
-        parts = [sweep.amplitude, *(() if sweep.draws is None else sweep.band)]
+        band = np.full((2, *sweep.amplitude.shape), np.nan) if sweep.draws is None else sweep.band
         for place in product(*(range(len(axis.values)) for axis in sweep.axes)):
             values: dict[str, Any] = {}
             for number, axis, k in zip(("", "2"), sweep.axes, place, strict=False):
                 values |= {f"parameter{number}": axis.name, f"value{number}": float(axis.values[k])}
                 values[f"unit{number}"] = unit_of(axis.paths[0])
             for d, direction in enumerate(DIRECTIONS):
-                size, *band = (MM * float(part[(d, *place)]) for part in parts)
-                columns = ("direction", "amplitude [mm]", "q05 [mm]", "q95 [mm]")
-                rows.append(values | dict(zip(columns, (direction, size, *(band or (np.nan, np.nan))), strict=True)))
+                parts = (MM * float(part[(d, *place)]) for part in (sweep.amplitude, *band))
+                rows.append(values | {"direction": direction} | dict(zip(sizes, parts, strict=True)))
     return rows
 
 

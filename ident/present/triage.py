@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from ident.present.report import Finding, Report, Section, Table, Verdict, cut
-from ident.present.words import TRACE_UNITS, counted
+from ident.present.words import TRACE_UNITS, by_key, counted
 
 if TYPE_CHECKING:
     from ident.measure.runs import Runs
@@ -55,9 +55,7 @@ def _verdict(triage: "Triage") -> Verdict:
 def what(part: "Part") -> str:
     """Say what a part follows: `drive2 x 1 or drive1/drive3 x 2`, `lateral torsion 1, rung by the command`."""
     if part.kind == "drive":
-        by_order: dict[float, list[str]] = {}
-        for drive, order in part.drives:
-            by_order.setdefault(order, []).append(drive)
+        by_order = by_key((order, drive) for drive, order in part.drives)
         return " or ".join(f"{'/'.join(names)} x {order}" for order, names in by_order.items())
     if part.kind in ("mode", "kicks"):
         by = "the command" if part.by_command else "kicks" if part.kind == "kicks" else ""
@@ -87,12 +85,9 @@ def _parts(triage: "Triage") -> Table:
 
 
 def _strongest(triage: "Triage", runs: "Runs") -> Section:
-    rows = []
-    for part in triage.findings:
-        row = runs.traces[part.trace].row
-        rows.append((what(part), f"{row.file} {row.channel}", part.time))
+    rows = tuple((what(part), _trace(part, runs), part.time) for part in triage.findings)
     head = ("What it follows", "trace", "time [s]")
-    return Section("Where each part is strongest", (Table("", head, tuple(rows), ("", "", ".1f")),))
+    return Section("Where each part is strongest", (Table("", head, rows, ("", "", ".1f")),))
 
 
 def _findings(triage: "Triage", runs: "Runs") -> Iterator[Finding]:
@@ -115,16 +110,13 @@ def _compared(triage: "Triage") -> Section:
 def triage_rows(triage: "Triage", runs: "Runs") -> list[dict[str, Any]]:
     """Return a row for each part [SI]."""
     return [
-        {
-            "kind": part.kind,
-            "follows": what(part),
-            "share": part.share,
-            "probability": part.probability,
-            "lowest": part.frequency[0],
-            "highest": part.frequency[1],
-            "time": part.time,
-            "amplitude": part.amplitude,
-            "trace": f"{runs.traces[part.trace].row.file} {runs.traces[part.trace].row.channel}",
-        }
+        {"kind": part.kind, "follows": what(part), "share": part.share, "probability": part.probability}
+        | {"lowest": part.frequency[0], "highest": part.frequency[1], "time": part.time, "amplitude": part.amplitude}
+        | {"trace": _trace(part, runs)}
         for part in triage.findings
     ]
+
+
+def _trace(part: "Part", runs: "Runs") -> str:
+    row = runs.traces[part.trace].row
+    return f"{row.file} {row.channel}"

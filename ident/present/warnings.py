@@ -20,6 +20,7 @@ from ident.measure import Campaign, Measurement
 from ident.present.report import Cell, Finding, Part, Section, Table, cut
 from ident.present.words import (
     MOST_ROWS,
+    by_key,
     describe,
     in_percent,
     in_read_unit,
@@ -211,11 +212,9 @@ def untested(fit: CampaignFit) -> Iterator[Finding]:
 
 def _untested(fit: CampaignFit) -> dict[str, tuple[Assumption, int]]:
     """Return the compliance that moves a value most, and which value, by the rigid part that it belongs to."""
-    rigid: dict[str, list[Assumption]] = {}
-    for item in fit.assumptions.items if fit.assumptions else ():
-        if item.kind in GIVING and item.test.seen and not item.test.separable:
-            rigid.setdefault(GIVING[item.kind], []).append(item)
-    worst = {assumed: _most_moved(fit, items) for assumed, items in rigid.items()}
+    items = [each for each in (fit.assumptions.items if fit.assumptions else ()) if each.kind in GIVING]
+    rigid = by_key((GIVING[each.kind], each) for each in items if each.test.seen and not each.test.separable)
+    worst = {assumed: _most_moved(fit, own) for assumed, own in rigid.items()}
     return {assumed: (item, which) for assumed, (item, which, moved) in worst.items() if moved >= LEAST_SHIFT}
 
 
@@ -279,9 +278,7 @@ def _evidence(item: Assumption, *, asked: bool) -> str:
 
 def _meaning(fit: CampaignFit, found: Assumptions, kinds: Sequence[str]) -> Iterator[str]:
     """Say what each assumed error is a share of, and where it comes from."""
-    of: dict[str, list[str]] = {}
-    for kind in kinds:
-        of.setdefault(KINDS[kind].of, []).append(kind)
+    of = by_key((KINDS[kind].of, kind) for kind in kinds)
     shares = "; ".join(f"{', '.join(each)}: {share}" for share, each in of.items()).replace("gives", "is soft")
     origins = "; ".join(dict.fromkeys(part for kind in kinds for part in KINDS[kind].origin.split("; ")))
     height = f" The base is taken to rock about a point {found.height:.2g} m below bushing 1."

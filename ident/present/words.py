@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -282,11 +282,17 @@ def in_percent(share: float) -> str:
     return percent(share, "+")
 
 
+def by_key(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, list[Any]]:
+    """Return what belongs to each key, in the order of the pairs."""
+    together = dict[Any, list[Any]]()
+    for key, value in pairs:
+        together.setdefault(key, []).append(value)
+    return together
+
+
 def priors_in_words(items: Sequence["Parameter"]) -> Iterator[str]:
     """Say which priors there are, one line for all parameters that share a form."""
-    forms: dict[str, list[str]] = {}
-    for item in items:
-        forms.setdefault(_prior(item), []).append(item.name)
+    forms = by_key((_prior(item), item.name) for item in items)
     for form, names in forms.items():
         yield f"Prior: {form}." if len(forms) == 1 else f"Prior: {form}: {', '.join(names)}."
 

@@ -8,14 +8,14 @@ from dataclasses import asdict, dataclass, replace
 from importlib.resources import files
 from math import degrees, isfinite, pi, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import placed, refusal
 from ident.files import replace_file, together
 from ident.present.report import Report
 from ident.studies import STUDIES
 from ident.studies.options import Options, flag_of, specs
-from ident.studies.result import Reported
+from ident.studies.result import Reported, alias
 from ident.studies.shared import as_file, check_posture
 from ident.text import did_you_mean, one_line, quoted
 
@@ -166,9 +166,12 @@ class ArmPicture(Reported):
 
     Attributes:
         view: the arm in place, with its first modes and what looks odd.
+        notes: where the arm is not what its robot description says.
     """
 
     view: "ArmView"
+
+    notes: ClassVar[tuple[str, ...]] = alias("view.arm_file.notes")
 
     def __repr__(self) -> str:
         return f"<ident ArmPicture {self.name}: print it for the report>"
@@ -183,11 +186,6 @@ class ArmPicture(Reported):
         """What looks odd, a line for each number."""
         return tuple(map(str, self.view.oddities))
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Where the arm is not what its robot description says."""
-        return self.view.arm_file.notes
-
     def sections(self) -> Report:
         """Return all that `ident show` says of the arm."""
         from ident.present.show import show_sections
@@ -197,6 +195,7 @@ class ArmPicture(Reported):
     def document(self) -> dict[str, Any]:
         """Return for programs what looks odd, masses [kg], reach [m] and natural frequencies [Hz]."""
         analysis = self.view.analysis
+        modes = zip(analysis.labels, analysis.modes.frequency, strict=True) if analysis else ()
         return {
             "format": "ident-show/1",
             "arm": self.view.arm.name,
@@ -205,12 +204,7 @@ class ArmPicture(Reported):
             "posture": [round(degrees(angle), 9) for angle in self.view.posture],
             "mass": self.view.mass,
             "reach": self.view.reach,
-            "modes": [
-                {"mode": str(label), "frequency": float(frequency)}
-                for label, frequency in zip(analysis.labels, analysis.modes.frequency, strict=True)
-            ]
-            if analysis
-            else [],
+            "modes": [{"mode": str(label), "frequency": float(frequency)} for label, frequency in modes],
             "failure": self.view.failure,
             "oddities": [asdict(each) for each in self.view.oddities],
             **self.sections().judged,

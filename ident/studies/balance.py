@@ -5,14 +5,14 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import InputError, Problem, refusal
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import MovingOptions, basis_of
 from ident.studies.options import option
 from ident.studies.reading import EACH
-from ident.studies.result import Result, input_of
+from ident.studies.result import Result, alias, input_of
 from ident.studies.saved import files_of, load, reading
 from ident.studies.shared import as_file, as_log
 from ident.text import LARGEST_BINARY, did_you_mean, one_line, read_bytes
@@ -90,6 +90,8 @@ class BalanceResult(Result):
         found: rotors, corrections, vibration before and after.
         values: what was identified.
         options: what was asked for.
+        left: share of the vibration's peak that is left [-]: median and 95 % interval.
+        imbalance_left: the same of what imbalance makes [-].
     """
 
     found: "Balance"
@@ -99,7 +101,11 @@ class BalanceResult(Result):
     form = "ident-balance/10"
     subject = "found.basis.name"
     shown = ("found",)
+    made_from = ("found.basis.arm_file as arm", "values as source", "found.basis.log as path")
     summary = ("left", "imbalance_left")
+
+    left: ClassVar['Float[ndarray, "3"]'] = alias("found.left")
+    imbalance_left: ClassVar['Float[ndarray, "3"]'] = alias("found.imbalance_left")
 
     @classmethod
     def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -107,22 +113,9 @@ class BalanceResult(Result):
         return {name: path for name, path in inputs.items() if name != "arm"}
 
     @property
-    def left(self) -> 'Float[ndarray, "3"]':
-        """Share of the vibration's peak that is left [-]: median and 95 % interval."""
-        return self.found.left
-
-    @property
-    def imbalance_left(self) -> 'Float[ndarray, "3"]':
-        """The same of what imbalance makes [-]."""
-        return self.found.imbalance_left
-
-    @property
     def doubtful(self) -> bool:
         """Whether trial masses contradict each other."""
         return any(each.calibration.state == "contradicting" for each in self.found.rotors)
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.found.basis.arm_file, "source": self.values, "path": self.found.basis.log}
 
 
 @study

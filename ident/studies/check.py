@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
-from ident.studies.result import Result
+from ident.studies.result import Result, alias
 from ident.studies.shared import ProblemOptions
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ident.description.file import ArmFile
     from ident.identify.check import CampaignCheck
     from ident.measure import Campaign
@@ -31,12 +29,14 @@ class CheckResult(Result):
     """What a campaign can tell about an arm.
 
     Its table has a row for each parameter: verdict, and the standard deviation of theta by the data alone, at the arm's
-    values and the largest of all points; theta is ln(value) for a stiffness.
+    values and the largest of all points; theta is ln(value) for a stiffness. It has no figure.
 
     Attributes:
         arm: the arm as its file has it.
         check: verdicts, directions, the part of each measurement, doubts on labels and data.
         options: what was asked for.
+        contradictory: whether one kind of measurement contradicts the others.
+        doubtful: whether the data contradict each other.
     """
 
     arm: "ArmFile"
@@ -45,9 +45,12 @@ class CheckResult(Result):
 
     form = "ident-check/10"
     subject = "check.campaign.name"
-    shown = ("check",)
+    shown, drawn = ("check",), ()
     made_from = ("arm", "check.campaign")
     summary = ("contradictory",)
+
+    contradictory: ClassVar[bool] = alias("check.contradictory")
+    doubtful: ClassVar[bool] = alias("contradictory")
 
     @property
     def verdicts(self) -> Mapping[str, str]:
@@ -60,20 +63,6 @@ class CheckResult(Result):
         names = self.check.problem.parameters.names
         found = self.check.others.exact if self.check.others else ()
         return tuple(dict(zip(names, map(float, optimum.values), strict=True)) for optimum in found)
-
-    @property
-    def contradictory(self) -> bool:
-        """Whether one kind of measurement contradicts the others."""
-        return self.check.contradictory
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether the data contradict each other."""
-        return self.contradictory
-
-    def figures(self) -> "dict[str, Figure]":
-        """Return none."""
-        return {}
 
 
 @study

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import InputError, Problem, refusal
 from ident.studies import ranges
@@ -12,7 +12,7 @@ from ident.studies.amplitudes import AmplitudeOptions
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import basis_of
 from ident.studies.options import option, repeated
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, alias, silent
 from ident.studies.values import drawn_groups
 
 if TYPE_CHECKING:
@@ -91,6 +91,7 @@ class DesignResult(Result):
         study: what may be changed, on what, and what came out.
         text: the arm file with the changed numbers; empty without one.
         options: what was asked for.
+        present: amplitude of the arm as it is, in x, y and z [m].
     """
 
     study: "DesignStudy"
@@ -99,8 +100,11 @@ class DesignResult(Result):
 
     form = "ident-design/10"
     shown = ("study",)
+    made_from = ("study.basis.sources",)
     numbers = ("present", "best")
     summary = ("present", "best")
+
+    present: ClassVar["Float[np.ndarray, '3']"] = alias("study.sensitivities.amplitude")
 
     @property
     def name(self) -> str:
@@ -111,11 +115,6 @@ class DesignResult(Result):
     def values(self) -> Mapping[str, float]:
         """The changed numbers by path [SI]; none where only sensitivities were computed."""
         return self.study.design.best.values if self.study.design else {}
-
-    @property
-    def present(self) -> "Float[np.ndarray, '3']":
-        """Amplitude of the arm as it is, in x, y and z [m]."""
-        return self.study.sensitivities.amplitude
 
     @property
     def best(self) -> "Float[np.ndarray, '3'] | None":
@@ -155,9 +154,6 @@ class DesignResult(Result):
         arm_file, arm = self.study.basis.arm_file, self._beside(path, ".toml")
         write_arm(self.text, f"by ident design from {arm_file.path}, sha256 {arm_file.sha256}", arm)
         return (*written, arm)
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return self.study.basis.sources
 
 
 @study

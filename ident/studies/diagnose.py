@@ -16,7 +16,7 @@ from ident.studies.fit import FitOptions
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option, specs
 from ident.studies.reading import EACH
-from ident.studies.result import Progress, silent
+from ident.studies.result import Progress, alias, silent
 from ident.studies.sample import SampleOptions, sample
 from ident.studies.saved import FromFit
 from ident.studies.shared import with_numbers
@@ -297,6 +297,11 @@ class DiagnoseResult(FromFit):
         diagnosis: the value of each stage, and the verdict that follows from them.
         options: what was asked for.
         runs: the traces of the moving arm, if there were any.
+        verdict: `accept` the arm as it is, `warn` where a remedy is needed and holds, `reject` where none does.
+        advised: the remedy that is advised; None where none is needed.
+        short: whether the posterior's chains are too short.
+        doubtful: whether the fit that the diagnosis rests on is in doubt, or what the runs tell.
+        fitted: the fit that the diagnosis rests on.
     """
 
     diagnosis: "Diagnosis"
@@ -304,23 +309,16 @@ class DiagnoseResult(FromFit):
     runs: "Runs | None" = None
 
     form = "ident-diagnose/10"
+    subject = "fitted.campaign.name"
     shown = ("diagnosis",)
+    made_from = ("diagnosis.task.basis.arm_file as arm", "fitted.campaign", "diagnosis.task.basis.log as path", "runs")
     summary = ("verdict", "advice")
 
-    @property
-    def name(self) -> str:
-        """The campaign's name and what was done with it."""
-        return _name(self.fitted.campaign)
-
-    @property
-    def verdict(self) -> "Verdict":
-        """`accept` the arm as it is, `warn` where a remedy is needed and holds, `reject` where none does."""
-        return self.diagnosis.verdict
-
-    @property
-    def advised(self) -> "Remedy | None":
-        """The remedy that is advised; None where none is needed."""
-        return self.diagnosis.advised
+    verdict: ClassVar["Verdict"] = alias("diagnosis.verdict")
+    advised: ClassVar["Remedy | None"] = alias("diagnosis.advised")
+    short: ClassVar[bool] = alias("diagnosis.identification.short")
+    doubtful: ClassVar[bool] = alias("diagnosis.in_doubt")
+    fitted: ClassVar["CampaignFit"] = alias("diagnosis.identification.sampled.fitted")
 
     @property
     def advice(self) -> str:
@@ -360,25 +358,6 @@ class DiagnoseResult(FromFit):
         write_page(self._page(head), page)
         write_netcdf(posterior, posterior_groups(self.diagnosis, head))
         return page, *super()._write(path, head), posterior
-
-    @property
-    def short(self) -> bool:
-        """Whether the posterior's chains are too short."""
-        return self.diagnosis.identification.short
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether the fit that the diagnosis rests on is in doubt, or what the runs tell."""
-        return self.diagnosis.in_doubt
-
-    @property
-    def fitted(self) -> "CampaignFit":
-        """The fit that the diagnosis rests on."""
-        return self.diagnosis.identification.sampled.fitted
-
-    def _inputs(self) -> Mapping[str, Any]:
-        basis = self.diagnosis.task.basis
-        return {"arm": basis.arm_file, "campaign": self.fitted.campaign, "path": basis.log, "runs": self.runs}
 
 
 @study
@@ -451,8 +430,4 @@ def diagnose(
 
 def part_folder(folder: Path, campaign: "Campaign") -> Path:
     """Return where the command keeps the stages of an unfinished diagnosis whose files go into a folder."""
-    return folder / f"{_name(campaign)}.part"
-
-
-def _name(campaign: "Campaign") -> str:
-    return f"{campaign.name}.diagnose"
+    return folder / f"{campaign.name}.diagnose.part"

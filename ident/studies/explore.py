@@ -14,8 +14,6 @@ from ident.studies.result import Result
 from ident.studies.shared import FARTHEST, ArmOptions, is_angle, with_numbers
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ident.arm.arm import Arm
     from ident.assess.explore import Exploration
     from ident.assess.scenario import Basis
@@ -53,7 +51,8 @@ class ExploreOptions(ArmOptions):
 class ExploreResult(Result):
     """An arm as a page: one HTML file that asks for nothing and computes by itself.
 
-    Its table has a row for each stiffness [SI] and mass [kg] that has a slider: name, value, unit.
+    Its table has a row for each stiffness [SI] and mass [kg] that has a slider: name, value, unit. It has no
+    figure: the page draws.
 
     Attributes:
         arm: the arm as its file has it.
@@ -74,12 +73,9 @@ class ExploreResult(Result):
     form = "ident-explore/1"
     subject = "arm.name"
     suffix = ".html"
-    shown = ("exploration", "fit", "posterior", "options.set")
+    shown, drawn = ("exploration", "fit", "posterior", "options.set"), ()
+    listed = ("exploration",)
     made_from = ("arm", "fit", "posterior", "exploration.measured")
-
-    def figures(self) -> "dict[str, Figure]":
-        """Return none: the page draws them."""
-        return {}
 
     def page(self) -> str:
         """Return the page as HTML."""

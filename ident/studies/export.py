@@ -293,13 +293,9 @@ def _json(asked: Exported) -> Mapping[Path, bytes]:
         "inputs": {word: {"path": name, "sha256": sha256} for word, name, sha256 in found.sources},
         "doubts": list(found.doubts),
         "numbers": [
-            {
-                "path": name,
-                "value": value,
-                "unit": unit_of(name),
-                **dict(zip(("low_95", "high_95"), found.intervals.get(name, (None, None)), strict=True)),
-                "supported": name in found.supported,
-            }
+            {"path": name, "value": value, "unit": unit_of(name)}
+            | dict(zip(("low_95", "high_95"), found.intervals.get(name, (None, None)), strict=True))
+            | {"supported": name in found.supported}
             for name, value in found.values.items()
         ],
         "changed": {name: value for name, value in sorted(asked.changed.items()) if name not in found.values},

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option
-from ident.studies.result import Progress, silent
+from ident.studies.result import Progress, alias, silent
 from ident.studies.saved import FromFit
 from ident.studies.shared import ProblemOptions
 
@@ -51,6 +51,15 @@ class FitResult(FromFit):
         arm: the arm as its file has it.
         fit: fitted values, intervals, residuals and objections to them.
         options: what was asked for.
+        short: whether the best that the starts have reached is no optimum.
+        parameters: fitted values by path [SI: N m/rad for a stiffness]; tied numbers each by its own path.
+        explanations: what would reconcile data that are in doubt, most plausible first; None where nothing was searched
+            for.
+        assumptions: how far a violation of each assumption may move a value, and what evidence the data give.
+        doubts: why no interval should be quoted from this fit; empty when there is no objection.
+        fitted_arm: the arm with the fitted numbers in place.
+        doubtful: whether there is any objection to the fit, or evidence against one of its assumptions.
+        fitted: the fit itself.
     """
 
     arm: "ArmFile"
@@ -63,20 +72,18 @@ class FitResult(FromFit):
     made_from = ("arm", "fit.campaign")
     numbers = ("parameters", "fit.predicted", "fit.chi_squared")
     summary = (
-        "parameters",
-        "damping",
-        "scaled",
-        "doubts",
-        "fit.chi_squared",
-        "fit.degrees_of_freedom",
-        "fit.p_value",
-        "fit.information.rank",
+        *("parameters", "damping", "scaled", "doubts"),
+        *("fit.chi_squared", "fit.degrees_of_freedom", "fit.p_value", "fit.information.rank"),
     )
 
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """Fitted values by path [SI: N m/rad for a stiffness]; tied numbers each by its own path."""
-        return self.fit.parameters
+    short: ClassVar[bool] = alias("fit.short")
+    parameters: ClassVar[Mapping[str, float]] = alias("fit.parameters")
+    explanations: ClassVar["Explanations | None"] = alias("fit.explanations")
+    assumptions: ClassVar["Assumptions | None"] = alias("fit.assumptions")
+    doubts: ClassVar[tuple[str, ...]] = alias("fit.doubts")
+    fitted_arm: ClassVar["Arm"] = alias("fit.fitted_arm")
+    doubtful: ClassVar[bool] = alias("fit.in_doubt")
+    fitted: ClassVar["CampaignFit"] = alias("fit")
 
     @property
     def damping(self) -> Mapping[str, float] | None:
@@ -119,29 +126,9 @@ class FitResult(FromFit):
         return {each.kind: each for each in self.fit.cross_predictions}
 
     @property
-    def explanations(self) -> "Explanations | None":
-        """What would reconcile data that are in doubt, most plausible first; None where nothing was searched for."""
-        return self.fit.explanations
-
-    @property
-    def assumptions(self) -> "Assumptions | None":
-        """Assumptions: how far a violation of each may move a value, and what evidence the data give."""
-        return self.fit.assumptions
-
-    @property
     def supported(self) -> Mapping[str, bool]:
         """Whether an interval may be quoted for a parameter."""
         return dict(zip(self.fit.problem.parameters.names, map(bool, self.fit.supported), strict=True))
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Why no interval should be quoted from this fit; empty when there is no objection."""
-        return self.fit.doubts
-
-    @property
-    def fitted_arm(self) -> "Arm":
-        """The arm with the fitted numbers in place."""
-        return self.fit.fitted_arm
 
     @property
     def measurements(self) -> list[dict[str, Any]]:
@@ -150,25 +137,10 @@ class FitResult(FromFit):
 
         return measurement_rows(self.fit)
 
-    def _main(self) -> dict[str, Any]:
+    def _document(self, head: Mapping[str, Any]) -> dict[str, Any]:
         from ident.present.files.document import plain
 
-        return {**super()._main(), "measurements": plain(self.measurements)}
-
-    @property
-    def short(self) -> bool:
-        """Whether the best that the starts have reached is no optimum."""
-        return not self.fit.best.converged
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether there is any objection to the fit, or evidence against one of its assumptions."""
-        return self.fit.in_doubt
-
-    @property
-    def fitted(self) -> "CampaignFit":
-        """The fit itself."""
-        return self.fit
+        return {**super()._document(head), "measurements": plain(self.measurements)}
 
     def values_of(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
         """Return the fitted values of an arm [SI], the robot of the fit, and at which height [m] its base gives."""

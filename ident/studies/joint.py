@@ -14,8 +14,6 @@ from ident.studies.shared import UnitOptions
 from ident.text import did_you_mean, one_line
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ident.identify.joint import JointTwist
     from ident.measure.joint_log import JointLog
 
@@ -56,6 +54,7 @@ class JointResult(Result):
     """What logs say of their joints.
 
     Its table has a row for each joint and quantity: value with its 95 % interval [SI], and whether it is told.
+    Its figure shows the torque of each joint over its twist.
 
     Attributes:
         joints: what was found of each joint.
@@ -69,6 +68,7 @@ class JointResult(Result):
 
     form = "ident-joint/10"
     shown = ("joints", "logs")
+    drawn = listed = ("joints",)
 
     @classmethod
     def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -84,12 +84,6 @@ class JointResult(Result):
     def doubtful(self) -> bool:
         """Whether logs contradict each other."""
         return any(each.disagree for each in self.joints)
-
-    def figures(self) -> "dict[str, Figure]":
-        """Return the torque of each joint over its twist."""
-        from ident.present.figures.vibration import joint_figure
-
-        return {"": joint_figure(self.joints)}
 
     def _inputs(self) -> Mapping[str, Any]:
         return {f"log{i}": log for i, log in enumerate(self.logs, 1)}

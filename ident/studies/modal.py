@@ -127,6 +127,7 @@ class ModalResult(Result):
 
     form = "ident-modal/10"
     shown = ("tests", "identified", "finished", "named", "campaign", "reproducibility")
+    made_from = ("arm", "files")
     summary = ("hits", "rejected")
 
     @property
@@ -190,9 +191,6 @@ class ModalResult(Result):
             return written
         write_campaign_file(self.campaign, head, tables[0], self.reproducibility)
         return *tables, *written
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.arm, **self.files}
 
     @classmethod
     def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:

@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, alias, silent
 from ident.studies.values import drawn_groups
 
 if TYPE_CHECKING:
@@ -57,29 +57,21 @@ class MotionResult(Result):
     Attributes:
         motions: the motion as it is, the others, the speeds along the path, and their verification.
         options: what was asked for.
+        time: time from start to arrival with the speeds along the path [s].
+        vibration: largest vibration with these speeds and the worst phases, by the exact equations [m].
     """
 
     motions: "MotionStudy"
     options: MotionOptions = field(default_factory=MotionOptions)
 
     form = "ident-motion/10"
+    subject = "motions.basis.name"
     shown = ("motions",)
+    made_from = ("motions.basis.sources",)
     summary = ("time", "vibration", "keeps")
 
-    @property
-    def name(self) -> str:
-        """The arm's name, its motion and the study."""
-        return f"{self.motions.basis.name}.motion"
-
-    @property
-    def time(self) -> float:
-        """Time from start to arrival with the speeds along the path [s]."""
-        return self.motions.schedule.duration
-
-    @property
-    def vibration(self) -> float:
-        """Largest vibration with these speeds and the worst phases, by the exact equations [m]."""
-        return self.motions.verification.largest
+    time: ClassVar[float] = alias("motions.schedule.duration")
+    vibration: ClassVar[float] = alias("motions.verification.largest")
 
     @property
     def keeps(self) -> float | None:
@@ -105,9 +97,6 @@ class MotionResult(Result):
         csv = self._beside(path, ".csv")
         write_path(self.motions, self.options.rate, head, csv)
         return csv, *super()._write(path, head)
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return self.motions.basis.sources
 
 
 @study

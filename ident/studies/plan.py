@@ -1,7 +1,7 @@
 """Rank what to measure next by what it would tell for its cost."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import log1p, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -14,15 +14,12 @@ from ident.studies.options import option, repeated
 from ident.studies.result import Progress, Result, silent
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ident.assess.run_plan import RunPlan
     from ident.description.file import ArmFile
     from ident.identify.candidates import HammerPlan
     from ident.identify.plan import CampaignPlan, PlanSettings
     from ident.measure import Campaign
     from ident.measure.runs import Runs
-    from ident.present.report import Report
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +110,8 @@ class PlanResult(Result):
     options: PlanOptions = field(default_factory=PlanOptions)
 
     form = "ident-plan/10"
-    shown = ("plan",)
+    shown = ("plan", "hammer")
+    drawn = listed = ("plan",)
     numbers = ("cost",)
     summary = ("cost", "sd")
 
@@ -121,13 +119,6 @@ class PlanResult(Result):
     def name(self) -> str:
         """The campaign's name, or the arm's, and what was done with it."""
         return f"{(self.plan.fit.campaign if self.plan.fit else self.arm).name}.plan"
-
-    def sections(self) -> "Report":
-        """Return all that is said of the plan, with where to measure in its hammer tests if that was asked for."""
-        from ident.present.plan import plan_sections
-
-        report = plan_sections(self.plan, self.hammer)
-        return replace(report, next=self._command(report.next))
 
     @property
     def campaign(self) -> "Campaign":
@@ -163,7 +154,7 @@ class PlanResult(Result):
     @property
     def short(self) -> bool:
         """Whether the fit that the plan starts from is no optimum."""
-        return self.plan.fit is not None and not self.plan.fit.best.converged
+        return self.plan.fit is not None and self.plan.fit.short
 
     def _inputs(self) -> Mapping[str, Any]:
         return {"arm": self.arm, "campaign": self.plan.fit.campaign if self.plan.fit else None}
@@ -174,6 +165,7 @@ class RunPlanResult(Result):
     """What planned runs of the moving arm would tell of its drives, and which further run would tell more.
 
     Its table has a row for each source: amplitude in the arm's file, standard deviation, least amplitude told [SI].
+    It has no figure.
 
     Attributes:
         arm: the arm as its file has it.
@@ -187,31 +179,10 @@ class RunPlanResult(Result):
     runs: "Runs"
     options: PlanOptions = field(default_factory=PlanOptions)
 
-    form = PlanResult.form
-    shown = ("plan",)
+    form, called = PlanResult.form, "run_plan"
+    subject = "runs.name"
+    shown, drawn = ("plan",), ()
     made_from = ("arm", "runs")
-
-    @property
-    def name(self) -> str:
-        """The table of runs, and the study."""
-        return f"{Path(self.runs.path).stem}.plan"
-
-    def sections(self) -> "Report":
-        """Return all that is said of the runs."""
-        from ident.present.source import run_plan_sections
-
-        report = run_plan_sections(self.plan)
-        return replace(report, next=self._command(report.next))
-
-    def figures(self) -> "dict[str, Figure]":
-        """Return no figure."""
-        return {}
-
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each source [SI]."""
-        from ident.present.source import run_plan_rows
-
-        return run_plan_rows(self.plan)
 
 
 @study

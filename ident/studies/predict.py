@@ -69,6 +69,7 @@ class PredictResult(Result):
     form = "ident-predict/10"
     subject = "arm.name"
     shown = ("predictions", "fit", "posterior", "options.set")
+    listed = ("predictions",)
     made_from = ("arm", "fit", "posterior")
     numbers = ("frequencies", "deflections")
     summary = ("deflections", "deflection_bands")

@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
 from ident.studies.options import option, repeated
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, alias, silent
 
 if TYPE_CHECKING:
     from ident.description.file import ArmFile
@@ -36,13 +36,14 @@ class ProfileOptions(FitOptions):
 class ProfileResult(Result):
     """Profile likelihoods of a fit.
 
-    Its figure has a panel for each parameter.
+    Its figure has a panel for each parameter; its table a row: fitted value, unit, and the ends [SI] of both intervals.
 
     Attributes:
         arm: the arm as its file has it.
         fit: the fit whose intervals are checked.
         profiles: the least cost as a function of each parameter.
         options: what was asked for.
+        short: whether the fit that is profiled is no optimum.
     """
 
     arm: "ArmFile"
@@ -53,9 +54,12 @@ class ProfileResult(Result):
     form = "ident-profile/10"
     subject = "fit.campaign.name"
     shown = ("fit", "profiles")
+    listed = ("profiles",)
     made_from = ("arm", "fit.campaign")
     numbers = ("fit.parameters",)
     summary = ("fit.doubts",)
+
+    short: ClassVar[bool] = alias("fit.short")
 
     @property
     def intervals(self) -> Mapping[str, tuple[float, float]]:
@@ -67,17 +71,6 @@ class ProfileResult(Result):
     def linear(self) -> Mapping[str, bool]:
         """Whether a parameter's interval agrees with that of the fit, the linear one."""
         return {each.name: each.linear for each in self.profiles}
-
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each parameter: fitted value, unit, and the ends [SI] of both intervals."""
-        from ident.present.profile import profile_rows
-
-        return profile_rows(self.profiles)
-
-    @property
-    def short(self) -> bool:
-        """Whether the fit that is profiled is no optimum."""
-        return not self.fit.best.converged
 
 
 @study

@@ -1,8 +1,7 @@
 """Compare the pulleys' frequencies with the arm's natural frequencies along a motion."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from ident.errors import Problem
 from ident.studies import reading
@@ -12,13 +11,10 @@ from ident.studies.options import option, seed_of_draws
 from ident.studies.result import Result
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ident.assess.scenario import Basis
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log
-    from ident.present.report import Report
     from ident.vibrate.branches import Branches
     from ident.vibrate.resonance import Excitation, ResonanceCrossing
 
@@ -47,6 +43,9 @@ class ResonanceOptions(MovingOptions):
 class ResonanceResult(Result):
     """A Campbell diagram: natural frequencies along a motion against the frequencies at which pulleys turn.
 
+    Its table has a row for each resonance crossing: drive, mode, times [s], frequencies [Hz], vibration [m]. Its figure
+    is the Campbell diagram over time, with the crossings numbered as in the report.
+
     Attributes:
         basis: arm and motion, and where their numbers come from.
         branches: natural frequencies of the arm held along the motion.
@@ -63,34 +62,15 @@ class ResonanceResult(Result):
 
     form = "ident-resonance/10"
     subject = "basis.name"
+    shown = ("basis", "branches", "excitation", "crossings", "options.margin")
+    drawn = ("branches", "excitation", "crossings", "title")
+    listed = ("crossings",)
+    made_from = ("basis.sources",)
 
     @property
     def title(self) -> str:
         """Which arm makes which motion."""
         return f"{self.basis.arm_file.arm.name}, {self.basis.motion.name}"
-
-    def sections(self) -> "Report":
-        """Return what `ident resonance` says: the verdict, the crossings, natural frequencies."""
-        from ident.present.resonance import resonance_sections
-
-        margin = self.options.margin / 100
-        report = resonance_sections(self.basis, self.branches, self.excitation, self.crossings, margin=margin)
-        return replace(report, next=self._command(report.next))
-
-    def figures(self) -> "dict[str, Figure]":
-        """Return one figure: the Campbell diagram over time, resonance crossings numbered as in the report."""
-        from ident.present.figures.resonance import resonance_figure
-
-        return {"": resonance_figure(self.branches, self.excitation, self.crossings, title=self.title)}
-
-    def table(self) -> list[dict[str, Any]]:
-        """Return a row for each resonance crossing: drive, mode, times [s], frequencies [Hz], vibration [m]."""
-        from ident.present.resonance import resonance_rows
-
-        return resonance_rows(self.crossings)
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return self.basis.sources
 
 
 @study

@@ -1,6 +1,7 @@
 """What every study returns: a frozen result with its report, figures, table and files."""
 
 import hashlib
+import inspect
 import json
 import os
 import re
@@ -12,7 +13,7 @@ from functools import wraps
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, get_args
 
 from ident.errors import InputError, ModelError, refusal
 from ident.present.report import WIDTH, Report, html_of, text_of
@@ -118,10 +119,6 @@ def other_inputs(result: "Result", folder: Path) -> str:
     return f"{which}: {was}{', since changed' * (was == now)}" if which else ""
 
 
-def _file_name(text: str) -> str:
-    return re.sub(r"[/\\\0]", "_", text)
-
-
 def _with_what_lies_beside(inputs: Mapping[str, Any]) -> Mapping[str, Any]:
     pairs = [(name + BESIDE + word, getattr(each, word, None)) for name, each in inputs.items() for word in SIDE_FILES]
     pairs += [("runs" + BESIDE + word, file) for word, file in getattr(inputs.get("runs"), "files", {}).items()]
@@ -219,12 +216,32 @@ def _with_names(draw: "Callable[[Any], Mapping[str, Figure]]") -> "Callable[[Any
     return figures
 
 
+class Alias(property):
+    """A property that the value of a study has; its docstring is its line among the `Attributes` of the class."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        (kind,) = get_args(owner.__annotations__[name])
+        self.fget.__annotations__["return"] = getattr(kind, "__forward_arg__", kind)
+        line = re.search(rf"^    {name}: (.*(?:\n {{8}}.*)*)", inspect.cleandoc(owner.__doc__ or ""), re.MULTILINE)
+        words = " ".join(line[1].split()) if line else ""
+        self.__doc__ = words[:1].upper() + words[1:]
+
+
+def alias(path: str) -> Any:
+    """Return the property that a path leads to; a class writes its type, `time: ClassVar[float]`, for type checkers."""
+
+    def get(result: Any) -> Any:
+        return attrgetter(path)(result)
+
+    return Alias(get)
+
+
 SHARED_FILES: Mapping[str, Mapping[str, str]] = {
-    "": dict.fromkeys(("explore", "rerun"), "export"),
+    "": {"explore": "export", "rerun": "export", "run_plan": "source"},
     "figures": {
         **dict.fromkeys(("plan", "fleet"), "sample"),
         **dict.fromkeys(("compare", "validate", "profile"), "fit"),
-        **dict.fromkeys(("simulate", "spectrum"), "vibration"),
+        **dict.fromkeys(("simulate", "spectrum", "joint"), "vibration"),
         "balance": "source",
         "predict": "modes",
     },
@@ -286,8 +303,14 @@ class Result(Reported):
     """Path to the name of what was studied."""
     shown: ClassVar[tuple[str, ...]]
     """The fields that its report, figure and table are made of."""
+    drawn: ClassVar[tuple[str, ...] | None] = None
+    """Those of its figure, where they are others; none of what has no figure."""
+    listed: ClassVar[tuple[str, ...] | None] = None
+    """Those of its table, where they are others."""
+    called: ClassVar[str] = ""
+    """What `present` calls it, where it is not the only result of its study."""
     made_from: ClassVar[tuple[str, ...]]
-    """Paths to its inputs, each called as the path ends."""
+    """Paths to its inputs, or to several by name; each is called as the path ends, or `path as name`."""
     summary: ClassVar[tuple[str, ...]] = ()
     """What its file says in short, beside the table: paths to properties."""
 
@@ -315,7 +338,7 @@ class Result(Reported):
     @property
     def name(self) -> str:
         """What its files are called, without their ends: what was studied, and the study."""
-        return _file_name(f"{attrgetter(self.subject)(self)}.{study_of(self.form)}")
+        return re.sub(r"[/\\\0]", "_", f"{attrgetter(self.subject)(self)}.{study_of(self.form)}")
 
     @property
     def main_figure(self) -> str:
@@ -367,7 +390,7 @@ class Result(Reported):
     @_in_its_unit
     def figures(self) -> "dict[str, Figure]":
         """Return matplotlib figures by name; the main one has the study's, and files without a further word."""
-        return {"": self._present("figures", "figure")}
+        return {} if self.drawn == () else {"": self._present("figures", "figure")}
 
     def table(self) -> list[dict[str, Any]]:
         """Return the main numbers as rows, which `pandas.DataFrame` takes."""
@@ -379,8 +402,11 @@ class Result(Reported):
         return self._document(self.head)
 
     def _document(self, head: Mapping[str, Any]) -> dict[str, Any]:
+        from ident.present.files.document import plain
+
         notes = {"notes": list(self.notes)} if self.notes else {}
-        return {**head, **notes, **self._main()}
+        summary = {name.rpartition(".")[2]: attrgetter(name)(self) for name in self.summary}
+        return {**head, **notes, **plain({**self.sections().judged, "summary": summary, "table": self.table()})}
 
     def save(self, path: str | Path) -> tuple[Path, ...]:
         """Write the result's files, all of them or none, and return their paths; files of the same name are replaced.
@@ -421,10 +447,11 @@ class Result(Reported):
 
     def _present(self, medium: str, what: str) -> Any:
         """Return what `present` makes of the result: the text of a fit by `ident.present.fit.fit_report`."""
-        study = study_of(self.form)
+        study = self.called or study_of(self.form)
         path = ("ident.present", medium, SHARED_FILES[medium].get(study, study))
         module = import_module(".".join(filter(None, path)))
-        return getattr(module, f"{study}_{what}")(*(attrgetter(name)(self) for name in self.shown))
+        own = {"figure": self.drawn, "rows": self.listed}.get(what) or self.shown
+        return getattr(module, f"{study}_{what}")(*(attrgetter(name)(self) for name in own))
 
     def _beside(self, path: Path, suffix: str) -> Path:
         """Return the path of a further file: its name ends in the study's, so that it takes no other file's place."""
@@ -446,7 +473,12 @@ class Result(Reported):
         return []
 
     def _inputs(self) -> Mapping[str, Any]:
-        return {path.rpartition(".")[2]: attrgetter(path)(self) for path in self.made_from}
+        inputs = dict[str, Any]()
+        for each in self.made_from:
+            path, _, name = each.partition(" as ")
+            found = attrgetter(path)(self)
+            inputs |= found if isinstance(found, Mapping) else {name or path.rpartition(".")[2]: found}
+        return inputs
 
     @property
     def head(self) -> dict[str, Any]:
@@ -498,11 +530,3 @@ class Result(Reported):
             "texts": texts,
             "report": report_data(self.sections()),
         }
-
-    def _main(self) -> dict[str, Any]:
-        """Return the main numbers as JSON knows them."""
-        from ident.present.files.document import plain
-
-        summary = {name.rpartition(".")[2]: attrgetter(name)(self) for name in self.summary}
-        main: dict[str, Any] = plain({**self.sections().judged, "summary": summary, "table": self.table()})
-        return main

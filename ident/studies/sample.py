@@ -10,7 +10,7 @@ from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions, fit
 from ident.studies.options import option, repeated
-from ident.studies.result import Progress, silent
+from ident.studies.result import Progress, alias, silent
 from ident.studies.saved import FromFit
 
 if TYPE_CHECKING:
@@ -66,6 +66,9 @@ class SampleResult(FromFit):
         arm: the arm as its file has it.
         sample: the draws, the fit that they started from, the data that they predict, and how far to trust them.
         options: what was asked for.
+        doubtful: whether the fit that the chains start from is in doubt, or its data contradict an assumption.
+        doubts: why no interval is reported of this posterior; empty where there is no objection.
+        fitted: the fit that the chains started from.
     """
 
     arm: "ArmFile"
@@ -79,20 +82,14 @@ class SampleResult(FromFit):
     numbers = ("sample.sample.theta",)
     summary = ("doubts",)
 
+    doubtful: ClassVar[bool] = alias("sample.fitted.in_doubt")
+    doubts: ClassVar[tuple[str, ...]] = alias("sample.withheld")
+    fitted: ClassVar["CampaignFit"] = alias("sample.fitted")
+
     @property
     def short(self) -> bool:
         """Whether the chains are too short, or do not agree."""
         return not self.enough
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether the fit that the chains start from is in doubt, or its data contradict an assumption."""
-        return self.sample.fitted.in_doubt
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Why no interval is reported of this posterior; empty where there is no objection."""
-        return self.sample.withheld
 
     @property
     def enough(self) -> bool:
@@ -148,11 +145,6 @@ class SampleResult(FromFit):
         from ident.present.files.sample import sample_errors
 
         return sample_errors(self.sample)
-
-    @property
-    def fitted(self) -> "CampaignFit":
-        """The fit that the chains started from."""
-        return self.sample.fitted
 
     def posterior_draws(self) -> "Draws":
         """Return the draws as other studies take them over."""
@@ -211,12 +203,8 @@ def sample(
             noise=options.noise,
             weights=options.weights,
             folder=folder,
-            provenance={
-                "campaign": campaign.sha256,
-                "arm file": fitted.arm.sha256,
-                "soft base": str(options.soft_base),
-                "number of starts": str(options.starts),
-            },
+            provenance={"campaign": campaign.sha256, "arm file": fitted.arm.sha256}
+            | {"soft base": str(options.soft_base), "number of starts": str(options.starts)},
             progress=progress("blocks of steps", options.steps // BLOCK),
         )
     return SampleResult(fitted.arm, sampled, options)

@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import Problem, refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import HeldMotionOptions, basis_of
 from ident.studies.options import option, seed_of_draws
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, alias, silent
 
 if TYPE_CHECKING:
     import numpy as np
@@ -66,6 +66,14 @@ class SimulateResult(Result):
     Attributes:
         simulation: basis, response, draws, and the trace that it was compared with.
         options: what was asked for.
+        arm: the arm as it was simulated.
+        time: times [s].
+        vibration: displacement of the end point from its quasi-static position, in x, y and z of the base frame [m].
+        arrival: when the arm arrives [s]; from then on it is held.
+        posture: commanded joint angles [rad].
+        path: where the end point would be, were the joints rigid, in the base frame [m].
+        peak: largest magnitude of the vibration in x, y and z [m].
+        draws: the vibration by the draws of a posterior; None without one.
     """
 
     simulation: "Simulation"
@@ -74,53 +82,23 @@ class SimulateResult(Result):
     form = "ident-simulate/10"
     subject = "simulation.basis.name"
     shown = ("simulation",)
+    made_from = ("simulation.basis.sources", "simulation.trace")
     numbers = ("vibration",)
     summary = ("arrival", "exceedance")
 
-    @property
-    def arm(self) -> "Arm":
-        """The arm as it was simulated."""
-        return self.simulation.arm
-
-    @property
-    def time(self) -> 'Float[np.ndarray, "T"]':
-        """Times [s]."""
-        return self.simulation.time
-
-    @property
-    def vibration(self) -> 'Float[np.ndarray, "3 T"]':
-        """Displacement of the end point from its quasi-static position, in x, y and z of the base frame [m]."""
-        return self.simulation.vibration
-
-    @property
-    def arrival(self) -> float:
-        """When the arm arrives [s]; from then on it is held."""
-        return float(self.simulation.response.motion.arrival)
-
-    @property
-    def posture(self) -> 'Float[np.ndarray, "driven T"]':
-        """Commanded joint angles [rad]."""
-        return self.simulation.posture
-
-    @property
-    def path(self) -> 'Float[np.ndarray, "3 T"]':
-        """Where the end point would be, were the joints rigid, in the base frame [m]."""
-        return self.simulation.path
+    arm: ClassVar["Arm"] = alias("simulation.arm")
+    time: ClassVar['Float[np.ndarray, "T"]'] = alias("simulation.time")
+    vibration: ClassVar['Float[np.ndarray, "3 T"]'] = alias("simulation.vibration")
+    arrival: ClassVar[float] = alias("simulation.response.motion.arrival")
+    posture: ClassVar['Float[np.ndarray, "driven T"]'] = alias("simulation.posture")
+    path: ClassVar['Float[np.ndarray, "3 T"]'] = alias("simulation.path")
+    peak: ClassVar['Float[np.ndarray, "3"]'] = alias("simulation.sizes.peak")
+    draws: ClassVar["Draws | None"] = alias("simulation.draws")
 
     @property
     def pulleys(self) -> "Mapping[str, Float[np.ndarray, 'T']]":
         """Turning frequencies of the drives' pulleys, counted positive, by the drive's name [Hz]."""
         return {name: frequency for name, (_, frequency) in self.simulation.pulleys.items()}
-
-    @property
-    def peak(self) -> 'Float[np.ndarray, "3"]':
-        """Largest magnitude of the vibration in x, y and z [m]."""
-        return self.simulation.sizes.peak
-
-    @property
-    def draws(self) -> "Draws | None":
-        """The vibration by the draws of a posterior; None without one."""
-        return self.simulation.draws
 
     @property
     def exceedance(self) -> float | None:
@@ -164,9 +142,6 @@ class SimulateResult(Result):
         write_csv(self.simulation, head, csv)
         write_netcdf(arrays, simulate_groups(self.simulation, head))
         return csv, arrays, *super()._write(path, head)
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return {**self.simulation.basis.sources, "trace": self.simulation.trace}
 
 
 @study

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import refusal
 from ident.studies import reading
 from ident.studies.door import DEFAULT, study
 from ident.studies.options import option, repeated
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, alias, silent
 from ident.studies.shared import RunsOptions, as_file, with_numbers
 from ident.studies.values import drawn_values
 from ident.text import one_line
@@ -60,6 +60,7 @@ class SourceResult(Result):
         runs: the table of runs.
         options: what was asked for.
         posterior: draws of stiffnesses that were known before.
+        doubtful: whether runs contradict each other or the model.
     """
 
     study: "SourceStudy"
@@ -69,13 +70,12 @@ class SourceResult(Result):
     posterior: "Values | None" = None
 
     form = "ident-source/10"
+    subject = "runs.name"
     shown = ("study",)
+    made_from = ("arm_file as arm", "runs", "posterior")
     summary = ("parameters", "draws", "phases", "trials", "causes")
 
-    @property
-    def name(self) -> str:
-        """The table of runs, and the study."""
-        return f"{Path(self.runs.path).stem}.source"
+    doubtful: ClassVar[bool] = alias("study.doubtful")
 
     @property
     def parameters(self) -> Mapping[str, float]:
@@ -123,14 +123,6 @@ class SourceResult(Result):
     def short(self) -> bool:
         """Whether the search has not settled."""
         return not self.study.found.settled
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether runs contradict each other or the model."""
-        return self.study.doubtful
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.arm_file, "runs": self.runs, "posterior": self.posterior}
 
 
 def as_runs(runs: "Runs | str | Path") -> "Runs":

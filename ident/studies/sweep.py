@@ -1,9 +1,9 @@
 """Vary numbers of an arm, or its speed: how the vibration over a motion depends on them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ident.errors import Problem, refusal
 from ident.studies import ranges
@@ -11,7 +11,7 @@ from ident.studies.amplitudes import AmplitudeOptions
 from ident.studies.door import DEFAULT, study
 from ident.studies.motion_options import basis_of
 from ident.studies.options import option, repeated, seed_of_draws
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, alias, silent
 
 if TYPE_CHECKING:
     import numpy as np
@@ -63,6 +63,7 @@ class SweepResult(Result):
     Attributes:
         study: what was varied, of what, and the amplitudes.
         options: what was asked for.
+        present: amplitude of the arm as it is, in x, y and z [m].
     """
 
     study: "SweepStudy"
@@ -70,18 +71,19 @@ class SweepResult(Result):
 
     form = "ident-sweep/10"
     shown = ("study",)
+    made_from = ("study.basis.sources",)
     numbers = ("present",)
     summary = ("present", "trends")
+
+    present: ClassVar["Float[np.ndarray, '3']"] = alias("study.present")
 
     @property
     def name(self) -> str:
         """The arm's name, its motion and what was varied."""
-        return _name(self.study.basis, [a for sweep in self.study.sweeps for a in sweep.axes], self.study.is_map)
-
-    @property
-    def present(self) -> "Float[np.ndarray, '3']":
-        """Amplitude of the arm as it is, in x, y and z [m]."""
-        return self.study.present
+        names = [a.paths[0] + "-etc" * (len(a.paths) > 1) for sweep in self.study.sweeps for a in sweep.axes]
+        if not self.study.is_map and len(names) > MOST_NAMED:
+            names = [names[0], f"{len(names) - 1}-more"]
+        return f"{self.study.basis.name}.{('-by-' if self.study.is_map else '+').join(names)}.sweep"
 
     @property
     def sweeps(self) -> "Mapping[str, Sweep]":
@@ -105,9 +107,6 @@ class SweepResult(Result):
         table = self._beside(path, ".csv")
         write_csv(self.study, head, table)
         return (table, *super()._write(path, head))
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return self.study.basis.sources
 
 
 @study
@@ -142,13 +141,6 @@ def sweep(
     evaluator = options.evaluator(basis)
     swept = (sweep(evaluator, axes, shown),) if options.grid else sweeps(evaluator, axes, shown)
     return SweepResult(SweepStudy(basis, swept, options.rate, options.elastic_belts, options.limit_si), options)
-
-
-def _name(basis: "Basis", axes: "Sequence[Axis]", is_map: bool) -> str:
-    names = [axis.paths[0] + "-etc" * (len(axis.paths) > 1) for axis in axes]
-    if not is_map and len(names) > MOST_NAMED:
-        names = [names[0], f"{len(names) - 1}-more"]
-    return f"{basis.name}.{('-by-' if is_map else '+').join(names)}.sweep"
 
 
 def _axes(basis: "Basis", options: SweepOptions) -> "list[Axis]":

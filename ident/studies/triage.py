@@ -1,6 +1,5 @@
 """Tell from traces of the moving arm what makes its vibration: a drive, a mode, a fixed line."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,12 +60,9 @@ class TriageResult(Result):
     options: TriageOptions = field(default_factory=TriageOptions)
 
     form = "ident-triage/10"
+    subject = "runs.name"
     shown = ("found", "runs")
-
-    @property
-    def name(self) -> str:
-        """The table of runs, and the study."""
-        return f"{Path(self.runs.path).stem}.triage"
+    made_from = ("arm_file as arm", "runs")
 
     def figures(self) -> "dict[str, Figure]":
         """Return the order map of the trace in which the largest part is strongest."""
@@ -80,9 +76,6 @@ class TriageResult(Result):
         title, kind = f"Order map: {trace.row.file} {trace.row.channel}", tuple(QUANTITIES)[trace.derivative]
         how: Any = {"trace": strongest, "title": title, "upto": self.options.upto, "kind": kind}
         return {"": triage_figure(self.found, drawn, **how)}
-
-    def _inputs(self) -> Mapping[str, Any]:
-        return {"arm": self.arm_file, "runs": self.runs}
 
 
 @study

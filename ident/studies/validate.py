@@ -8,7 +8,7 @@ from ident.studies.door import DEFAULT, study
 from ident.studies.fit import FitOptions
 from ident.studies.fit import fit as fit_study
 from ident.studies.options import option
-from ident.studies.result import Progress, Result, silent
+from ident.studies.result import Progress, Result, alias, silent
 
 if TYPE_CHECKING:
     from ident.description.file import ArmFile
@@ -40,6 +40,7 @@ class ValidateResult(Result):
         arm: the arm as its file has it.
         validation: the fit, and the parts that were left out with their predictions.
         options: what was asked for.
+        short: whether the fit to all is no optimum.
     """
 
     arm: "ArmFile"
@@ -52,15 +53,12 @@ class ValidateResult(Result):
     made_from = ("arm", "validation.fit.campaign")
     summary = ("validation.scopes", "validation.covered")
 
+    short: ClassVar[bool] = alias("validation.fit.short")
+
     @property
     def scopes(self) -> "Mapping[str, Scope]":
         """How well each kind of measurement is predicted where it was not measured [-]."""
         return {scope.kind: scope for scope in self.validation.scopes}
-
-    @property
-    def short(self) -> bool:
-        """Whether the fit to all is no optimum."""
-        return not self.validation.fit.best.converged
 
     @property
     def doubtful(self) -> bool:

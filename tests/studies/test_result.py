@@ -15,7 +15,7 @@ import ident
 from ident.cli.command import write
 from ident.errors import InputError
 from ident.files import WRITTEN, replace_file
-from ident.studies.result import Result, kept_in, other_inputs
+from ident.studies.result import Alias, Result, kept_in, other_inputs
 from ident.text import study_of
 
 UNKNOWN = "not known to be as ident wrote it"
@@ -191,3 +191,32 @@ def test_the_next_command_names_files_in_the_folder_that_is_written():
     assert (
         Result._command(both, "fill in {result}.csv, then: {{x}}, {arm}") == "fill in out/arm.plan.csv, then: {x}, ARM"
     )
+
+
+RESULTS = [
+    each for name in ident.__all__ if name.endswith("Result") and issubclass(each := getattr(ident, name), Result)
+]
+ANSWERS = {"short", "doubtful", "fitted"}
+"""What every result is asked, and may answer by an alias."""
+
+
+def aliases(kind):
+    return {name: each for name, each in vars(kind).items() if isinstance(each, Alias)}
+
+
+@pytest.mark.parametrize("kind", RESULTS)
+def test_an_alias_has_a_docstring_and_takes_no_name_of_all_results(kind):
+    assert {name for name in aliases(kind) if hasattr(Result, name)} <= ANSWERS
+    assert all(each.__doc__ for each in aliases(kind).values())
+    assert aliases(kind).keys() <= set(dir(kind))
+
+
+def test_an_alias_is_a_property_of_the_value_it_names():
+    assert sum(map(len, map(aliases, RESULTS))) > 20
+    value = SimpleNamespace(time=np.arange(3.0))
+    result = ident.SimulateResult.__new__(ident.SimulateResult)
+    vars(result).update(simulation=value)
+    assert result.time is value.time
+    with pytest.raises(AttributeError, match="no attribute 'path'"):
+        result.path  # noqa: B018
+    assert ident.SimulateResult.time.__doc__ == "Times [s]."

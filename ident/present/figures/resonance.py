@@ -30,7 +30,6 @@ def resonance_figure(
     branches: Branches,
     excitation: Excitation,
     crossings: Sequence[ResonanceCrossing] = (),
-    *,
     title: str = "",
 ) -> Figure:
     """Draw natural frequencies (solid), pulley frequencies (dashed) and where they are near, over time.

@@ -32,7 +32,7 @@ from ident.present.figures.style import (
     titled,
 )
 from ident.present.report import cut
-from ident.present.words import MM, TRACE_UNITS, hertz, where_marked
+from ident.present.words import MM, TRACE_UNITS, by_key, hertz, where_marked
 from ident.vibrate.study import DIRECTIONS
 
 if TYPE_CHECKING:
@@ -372,9 +372,7 @@ def amplitude_figure(
 
 def _descriptions(series: Mapping[str, "Spectrum"]) -> Iterator[str]:
     """Yield how the spectra were made: one line for all that were made alike."""
-    alike: dict[str, list[str]] = {}
-    for name, spectrum in series.items():
-        alike.setdefault(spectrum.description(), []).append(cut(name, 24))
+    alike = by_key((spectrum.description(), cut(name, 24)) for name, spectrum in series.items())
     for words, names in alike.items():
         yield words if len(alike) == 1 else f"{', '.join(names)}: {words}"
     resolutions = [spectrum.resolution for spectrum in series.values()]
