@@ -462,7 +462,9 @@ class BushingTable(DampingTable):
         for key in self.model_fields_set.intersection(BUSHING[2:]):
             if getattr(self, k := f"k_{key.partition('_')[2]}") == RIGID:
                 raise complaint(f'{key} and {k} = "rigid"', "damping where it gives", f"take {key} out")
-        self.fill(self)
+        if not self.fill(self) and (own := self.by_way()):
+            word = next(iter(own.values()))[0]
+            raise complaint(f"{word} and a rigid bushing", "damping where it gives", f"take {word} out")
         return self
 
     def fill(self, damping: DampingTable) -> bool:

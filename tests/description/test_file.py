@@ -357,6 +357,10 @@ def test_damping_that_is_common_keeps_its_origin_and_is_revised_in_its_joint():
 
 
 def test_damping_that_no_bushing_takes_is_refused():
+    rigid = re.sub(
+        r"tau_.*\n", "", re.sub(r"(k_(bend|tors)) = .*", r'\1 = "rigid"', with_damping("", f"ratio = {RATIO}"), count=2)
+    )
+    assert "joint[0] 'joint1': got ratio and a rigid bushing, expected damping where it gives" in problems(rigid)[0]
     everywhere = re.sub(r"(k_tors = .*\n)", rf"\1tau_bend = {TAU}\ntau_tors = {TAU}\n", re.sub(r"tau_.*\n", "", TEXT))
     text = everywhere.replace("[[joint]]", f"[damping]\nratio = {RATIO}\n\n[[joint]]", 1)
     assert "got [damping] ratio, expected a bushing without damping of its own" in problems(text)[0]
