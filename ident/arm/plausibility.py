@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.arm.arm import Arm, inertia_of_mass, stiffness_paths
-from ident.arm.fields import ALPHA, STIFFNESS
+from ident.arm.fields import ALPHA, DAMPING, LOSS, STIFFNESS
 from ident.arm.parts import Belt, Body
 
 # -------- Belt condition
@@ -302,9 +302,12 @@ def behaviour_oddities(
     if damping_ratio.max() > MOST_DAMPED:
         worst = int(damping_ratio.argmax())
         by_mass = float(arm.get(ALPHA)) / (4 * np.pi * float(frequency[worst])) > float(damping_ratio[worst]) / 2
-        at, unit = (ALPHA, "1/s") if by_mass else (f"{arm.joints[joint].name}.tau_bend", "seconds")
+        way = LOSS[field] if arm.joints[joint].loss_bend is not None else DAMPING[field]
+        at = ALPHA if by_mass else f"{arm.joints[joint].name}.{way}"
+        said = {"alpha": "alpha is in 1/s", "loss": "a loss factor is twice the ratio", "tau": "tau is in seconds"}
         got = f"mode {worst + 1} has a damping ratio of {100 * damping_ratio[worst]:.3g} %"
-        yield Oddity(at, got, f"below {100 * MOST_DAMPED:g} %; {at.partition('.')[2].partition('_')[0]} is in {unit}")
+        words = said[at.partition(".")[2].partition("_")[0]]
+        yield Oddity(at, got, f"below {100 * MOST_DAMPED:g} %; {words}")
 
 
 def _lengths(arm: Arm, reach: float) -> Iterator[Oddity]:

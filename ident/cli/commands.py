@@ -543,10 +543,15 @@ def export(
     running.start()
     from ident.studies import reading
     from ident.studies.export import export as write
+    from ident.studies.saved import load
 
     at = None if posture is None else reading.postures([posture], "--posture")[0]
-    for path in write(result, out, arm=arm, posture=at, force=force):
+    saved = load(result)
+    for path in write(saved, out, arm=arm, posture=at, force=force):
         output().wrote(path)
+    verdict = saved.sections().verdict
+    if verdict and verdict.kind == "bad":
+        output().say(textwrap.fill(f"NOTE: {one_line(str(result))} is {verdict.word}: {verdict.reason}", 100, **FOLDED))
 
 
 # -------- Fleet

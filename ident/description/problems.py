@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 from pydantic import ValidationError
 
+from ident.arm.fields import LOSS
 from ident.description import schema as document
 from ident.description.schema import Box, Cylinder, Direction, Loc, Lump, Origin, Quantity, Table, as_written, named
 from ident.errors import Problem, refusal
@@ -61,6 +62,7 @@ TABLES: dict[str, type[Table]] = {
     "stroke": document.StrokeTable,
 }
 TABLES |= {"point": document.PointTable, "payload": document.PayloadTable, "axis": Direction}
+TABLES |= dict.fromkeys(("ratio", "ratio2", "ratio3", "loss_factor", *LOSS), document.LossFactor)
 SHAPES: dict[str, type[Table]] = {"box": Box, "cylinder": Cylinder, "point": Lump}
 
 
@@ -130,7 +132,8 @@ class Source:
             remedy = did_you_mean(key, known, "remove it")
             return f"unknown key {as_written(key)}", f"one of {', '.join(known)}", remedy
         if kind in ("model_type", "model_attributes_type"):
-            remedy = f'write {key} = {{ value = ..., unit = "...", origin = "..." }}'
+            unit = ', unit = "..."' * ("unit" in self.tables.get(key, Quantity).model_fields)
+            remedy = f'write {key} = {{ value = ...{unit}, origin = "..." }}'
             return as_written(detail["input"]), "a table", remedy
         return as_written(detail["input"]), EXPECTED.get(kind, detail["msg"]).format(**context), "correct it"
 

@@ -383,6 +383,8 @@ class Result(Reported):
         given = {name: getattr(options, name, None) for name, bar in SAME_MOTION.items() if moved and bar not in words}
         texts = {name: ":".join(map("{:g}".format, x)) if name == "errors" and x else x for name, x in given.items()}
         filled += "".join(f" --{name} {text}" for name, text in texts.items() if text not in (None, "unknown"))
+        changed = getattr(options, "set", {}) if moved else {}
+        filled += "".join(f" --set {path}={value!r}" for path, value in changed.items())
         posed = any(getattr(options, name, None) for name in SAME_PROBLEM)
         again = "{campaign}" in words or "{result}.csv" in words
         return f"{filled}  (with the same options)" if posed and again else filled

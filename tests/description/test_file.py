@@ -332,6 +332,16 @@ def test_damping_in_the_fields_words_is_of_bushings_that_say_none(words, joint, 
             "unknown key 'bending', expected one of bend, tors; did you",
         ),
         (
+            'ratio = { value = 0.01, unit = "-", origin = "paper" }',
+            "",
+            "got unknown key 'unit', expected one of origin, note, value; did you mean note?",
+        ),
+        (
+            "ratio = 0.01",
+            "",
+            'damping.ratio: got 0.01, expected a table; write ratio = { value = ..., origin = "..." }',
+        ),
+        (
             f"ratios = {RATIO}",
             "",
             "unknown key 'ratios', expected one of ratio, loss_factor, time, alpha; did you mean ratio?",
