@@ -75,7 +75,7 @@ class Comparison:
 
     @property
     def damping(self) -> tuple[int, float, float] | None:
-        """Modes whose damping ratios both campaigns have, their mean change of ln(ratio) and its standard deviation.
+        """Modes whose ratios count in both campaigns, their mean change of ln(ratio) and its standard deviation.
 
         None where a campaign has no damping ratio. It is not part of the verdict.
         """

@@ -596,7 +596,7 @@ def fit_campaign(
         ModelError: no optimum was reached.
     """
     unknowns = unknowns or Unknowns()
-    check_values(with_poles(arm, campaign, unknowns, _own(arm, campaign)), trusted)
+    check_values(with_poles(arm, campaign, unknowns, _damping_of_file(arm, campaign)), trusted)
     search = partial(fit, starts=starts, seed=seed, progress=progress)
     posed, used, best = fit_with_poles(arm, campaign, unknowns, search)
     weights = None if robust is None else robust_weights(best, units_of(posed.campaign), robust)
@@ -618,7 +618,7 @@ def fit_campaign(
     return replace(whole, combinations=fixed_combinations(whole.problem, whole.end, whole.information, widths=widths))
 
 
-def _own(arm: Arm, campaign: Campaign) -> Poles:
+def _damping_of_file(arm: Arm, campaign: Campaign) -> Poles:
     """Return the arm's own damping where rows depend on what is fitted of it: loss factors too, for one program."""
     coupled = any(m.kind == RATIO for m in campaign) and any(m.of for m in campaign)
     return Poles({path: float(arm.get(path)) for path in arm.paths() if is_damping(path)} if coupled else {})
@@ -628,7 +628,7 @@ def fit_with_poles(
     arm: Arm, campaign: Campaign, unknowns: Unknowns, search: Callable[[InverseProblem], Fit]
 ) -> tuple[Posed, Poles, Fit]:
     """Fit stiffnesses, the damping of damped modes being what their ratios say given these; see `fit_campaign`."""
-    poles = _own(arm, campaign)
+    poles = _damping_of_file(arm, campaign)
     posed, coupled = with_poles(arm, campaign, unknowns, poles), bool(poles.numbers)
     if coupled and np.isfinite((first := solve(posed.problem, posed.problem.parameters.theta_start)).cost):
         poles = _poles(arm, campaign, unknowns, posed, first)

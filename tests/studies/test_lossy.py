@@ -60,7 +60,7 @@ def test_masses_and_a_motion_vibrate_less(folder, result, tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ident.assess.balance.ARMS", 4)
         balance = ident.balance(file, radius={"drive2": 90.0}, speed=12.0)
-    assert balance.sections().verdict.word
+    assert balance.found.left[0] < 0.5, "the median of the peak, as a share"
     arm = read_arm(folder / "arm.toml").arm
     assert float(arm.get("joint1.loss_tors")) == 0.02
     calm = ident.motion(
