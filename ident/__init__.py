@@ -54,7 +54,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import ConvergenceError, IdentError, InputError, ModelError
-from ident.studies import STUDIES
+from ident.studies import MODULES
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -62,51 +62,55 @@ if TYPE_CHECKING:
     from ident.description.mjcf import read_mjcf
     from ident.description.urdf import read_urdf
     from ident.measure import Campaign, Load, Log, Measurement, Trace, read_campaign, read_log, read_trace
-    from ident.studies.arm import ArmPicture, show
-    from ident.studies.balance import BalanceOptions, BalanceResult, balance
-    from ident.studies.check import CheckOptions, CheckResult, check
-    from ident.studies.compare import CompareOptions, CompareResult, compare
-    from ident.studies.design import DesignOptions, DesignResult, design
-    from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
-    from ident.studies.explore import ExploreOptions, ExploreResult, explore
-    from ident.studies.export import export
-    from ident.studies.fit import FitOptions, FitResult, fit
-    from ident.studies.fleet import FleetOptions, FleetResult, fleet
-    from ident.studies.joint import JointOptions, JointResult, joint
-    from ident.studies.modal import ModalOptions, ModalResult, modal_test
-    from ident.studies.motion import MotionOptions, MotionResult, motion
-    from ident.studies.plan import PlanOptions, PlanResult, plan
-    from ident.studies.predict import PredictOptions, PredictResult, predict
-    from ident.studies.profile import ProfileOptions, ProfileResult, profile
+    from ident.studies.cause.source import SourceOptions, SourceResult, source
+    from ident.studies.cause.triage import TriageOptions, TriageResult, triage
+    from ident.studies.cure.balance import BalanceOptions, BalanceResult, balance
+    from ident.studies.cure.design import DesignOptions, DesignResult, design
+    from ident.studies.cure.diagnose import DiagnoseOptions, DiagnoseResult, diagnose
+    from ident.studies.cure.motion import MotionOptions, MotionResult, motion
+    from ident.studies.look.explore import ExploreOptions, ExploreResult, explore
+    from ident.studies.look.export import export
+    from ident.studies.look.predict import PredictOptions, PredictResult, predict
+    from ident.studies.look.show import ArmPicture, show
+    from ident.studies.measuring.modal import ModalOptions, ModalResult, modal_test
     from ident.studies.rerun import Rerun, rerun
-    from ident.studies.resonance import ResonanceOptions, ResonanceResult, resonance
-    from ident.studies.sample import SampleOptions, SampleResult, sample
     from ident.studies.saved import Saved, load
-    from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
-    from ident.studies.source import SourceOptions, SourceResult, source
-    from ident.studies.spectrum import SpectrumOptions, SpectrumResult, spectrum
-    from ident.studies.sweep import SweepOptions, SweepResult, sweep
-    from ident.studies.triage import TriageOptions, TriageResult, triage
-    from ident.studies.validate import ValidateOptions, ValidateResult, validate
+    from ident.studies.stiffness.check import CheckOptions, CheckResult, check
+    from ident.studies.stiffness.compare import CompareOptions, CompareResult, compare
+    from ident.studies.stiffness.fit import FitOptions, FitResult, fit
+    from ident.studies.stiffness.fleet import FleetOptions, FleetResult, fleet
+    from ident.studies.stiffness.joint import JointOptions, JointResult, joint
+    from ident.studies.stiffness.plan import PlanOptions, PlanResult, plan
+    from ident.studies.stiffness.profile import ProfileOptions, ProfileResult, profile
+    from ident.studies.stiffness.sample import SampleOptions, SampleResult, sample
+    from ident.studies.stiffness.validate import ValidateOptions, ValidateResult, validate
+    from ident.studies.working.resonance import ResonanceOptions, ResonanceResult, resonance
+    from ident.studies.working.simulate import SimulateOptions, SimulateResult, simulate
+    from ident.studies.working.spectrum import SpectrumOptions, SpectrumResult, spectrum
+    from ident.studies.working.sweep import SweepOptions, SweepResult, sweep
 
 __version__ = "0.1.0"
 
 _ERRORS = ("ConvergenceError", "IdentError", "InputError", "ModelError")
-_PLACES = {
-    "arm.arm": ("Arm",),
-    "description.file": ("ArmFile", "read_arm"),
-    "description.mjcf": ("read_mjcf",),
-    "description.urdf": ("read_urdf",),
-    "measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
-    "studies.explore": ("ExploreOptions", "ExploreResult", "explore"),
-    "studies.export": ("export",),
-    "studies.rerun": ("Rerun", "rerun"),
-    "studies.arm": ("ArmPicture", "show"),
-    "studies.saved": ("Saved", "load"),
+_NAMES = {
+    "ident.arm.arm": ("Arm",),
+    "ident.description.file": ("ArmFile", "read_arm"),
+    "ident.description.mjcf": ("read_mjcf",),
+    "ident.description.urdf": ("read_urdf",),
+    "ident.measure": ("Campaign", "Load", "Log", "Measurement", "Trace", "read_campaign", "read_log", "read_trace"),
+    "ident.studies.rerun": ("Rerun", "rerun"),
+    "ident.studies.saved": ("Saved", "load"),
 }
-_PLACES |= {f"studies.{name}": (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name) for name in STUDIES}
-_PLACES["studies.modal"] = ("ModalOptions", "ModalResult", "modal_test")  # `ident.modal` is a room of the house
-_MODULES = {name: module for module, names in _PLACES.items() for name in names}
+_NAMED_OTHERWISE = {
+    "export": ("export",),
+    "modal": ("ModalOptions", "ModalResult", "modal_test"),  # `ident.modal` is a room of the house
+    "show": ("ArmPicture", "show"),
+}
+_NAMES |= {
+    place: _NAMED_OTHERWISE.get(name, (f"{name.capitalize()}Options", f"{name.capitalize()}Result", name))
+    for name, place in MODULES.items()
+}
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = sorted([*_ERRORS, *_MODULES])
 
 
@@ -118,7 +122,7 @@ def __getattr__(name: str) -> Any:
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    value = getattr(importlib.import_module(f"ident.{_MODULES[name]}"), name)
+    value = getattr(importlib.import_module(_MODULES[name]), name)
     globals()[name] = value
     return value
 

@@ -16,7 +16,7 @@ from browser import browser, browser_page  # noqa: F401
 from hypothesis import settings
 from jaxtyping import install_import_hook
 from shelf import Shelf
-from typecheck import ROOMS, sparingly
+from typecheck import COMPUTING, ROOMS, sparingly
 
 CACHE = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", os.path.join(tempfile.gettempdir(), "ident-tests-jax-cache"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
@@ -29,7 +29,7 @@ QUICKLY += " --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_spli
 os.environ.setdefault("XLA_FLAGS", QUICKLY)
 
 sparingly()
-install_import_hook([f"ident.{room}" for room in ROOMS], "typecheck.checked")
+install_import_hook([f"ident.{room}" for room in (*ROOMS, *COMPUTING)], "typecheck.checked")
 
 import jax  # noqa: E402
 

@@ -29,9 +29,9 @@ from ident.arm.parts import (
 from ident.description import schema
 from ident.errors import InputError
 from ident.identify.unknowns import parameter
-from ident.present.sweep import axis_in_words
-from ident.present.words import is_length, parameter_in_words, read_unit, unit_of, value_in_words
+from ident.report.words import is_length, parameter_in_words, read_unit, unit_of, value_in_words
 from ident.studies.shared import ArmOptions
+from ident.studies.working.sweep_report import axis_in_words
 from ident.units import stiffness_in
 from ident.vibrate.evaluator import Variable, changed, check, is_shifted
 from ident.vibrate.sweep import Axis, changeable

@@ -11,7 +11,7 @@ import xarray
 
 from ident.errors import InputError
 from ident.files import CLAIM, PART, claimed, remove_file, replace_file, together
-from ident.present.files.document import read_record, write_json, write_netcdf
+from ident.report.document import read_record, write_json, write_netcdf
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ from pathlib import Path
 import numpy as np
 import xarray
 from ident.errors import InputError
-from ident.present.files.document import write_netcdf
+from ident.report.document import write_netcdf
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))

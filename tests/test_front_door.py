@@ -41,20 +41,28 @@ def test_the_door_opens_without_a_library():
 
 
 def test_a_fit_loads_neither_the_sampler_nor_what_vibrates():
-    loaded = of_the_door("ident.studies.fit, ident.identify.fit, ident.present.files.values, ident.present.fit")
+    loaded = of_the_door(
+        "ident.studies.stiffness.fit, ident.identify.fit, ident.studies.result_values, "
+        "ident.studies.stiffness.fit_report"
+    )
     assert "ident.inference.fit" in loaded
     others = "emcee", "scipy.stats", "scipy.optimize", "arviz", "optimistix", "ident.vibrate"
     assert not {name for name in loaded if name.startswith(others)}
 
 
 def test_a_prediction_loads_what_fits_only_where_it_fits():
-    loaded = of_the_door("ident.studies.predict, ident.identify.values, ident.assess.predict, ident.present.predict")
-    assert "ident.assess.predict" in loaded
+    loaded = of_the_door(
+        "ident.studies.look.predict, ident.identify.values, ident.studies.look.prediction, "
+        "ident.studies.look.predict_report"
+    )
+    assert "ident.studies.look.prediction" in loaded
     assert not {name for name in loaded if name.startswith(("optimistix", "scipy.optimize", "matplotlib", "rich"))}
 
 
 def test_help_and_a_campaign_that_is_refused_load_neither_jax_nor_numpy():
-    loaded = of_the_door("ident.cli, ident.measure.reading, ident.studies.fit, ident.studies.spectrum")
+    loaded = of_the_door(
+        "ident.cli, ident.measure.reading, ident.studies.stiffness.fit, ident.studies.working.spectrum"
+    )
     assert "ident.measure.campaign" in loaded
     assert not loaded & {"numpy", "jax", "scipy", "matplotlib", "rich", "jaxtyping"}
 

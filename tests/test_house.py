@@ -10,7 +10,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "ident"
 FILES = sorted(PACKAGE.rglob("*.py"))
-LINES, FEW_LINES, PARAMETERS = 900, 60, 9
+LINES, MANY_LINES, FEW_LINES, PARAMETERS = 900, 700, 60, 9
 BOUND = ("self", "cls")
 each_file = pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
 
@@ -93,15 +93,26 @@ def test_no_file_is_long(path):
     assert len(path.read_text(encoding="utf-8").splitlines()) <= LINES
 
 
-def test_a_short_file_has_several_users():
-    """What one file alone imports is written there; readers of recordings are found by the ending of a file."""
-    users = {name: set() for name in MODULES}
-    for name, path in MODULES.items():
-        for module in imported_at_some_time(path):
-            users[module].add(name)
-    short = {name for name, path in MODULES.items() if path.read_text(encoding="utf-8").count("\n") < FEW_LINES}
-    apart = {name for name, path in MODULES.items() if path.stem in ("__init__", "__main__")}
-    assert not {name for name in short - apart if ".recordings." not in name and len(users[name]) < 2}
+def test_most_files_are_neither_short_nor_long():
+    lengths = [len(path.read_text(encoding="utf-8").splitlines()) for path in FILES if not path.stem.startswith("__")]
+    assert sum(FEW_LINES <= length <= MANY_LINES for length in lengths) >= 0.9 * len(lengths)
+
+
+@each_file
+def test_the_first_words_of_a_file_name_what_exists(path):
+    """Names in backticks, in the docstring of a module and in its headings."""
+    text = path.read_text(encoding="utf-8")
+    headings = re.findall(r"^# -{8} .*(?:\n#.*)*", text, re.MULTILINE)
+    parts = [ast.get_docstring(ast.parse(text)) or "", *headings]
+    assert not {word for part in parts for word in re.findall(r"`(\w+)`", part) if not is_name(word)}
+
+
+@cache
+def is_name(word):
+    """Whether a word names a file, or stands without backticks in the package or its tests."""
+    sources = [*FILES, *Path(__file__).parent.rglob("*.py")]
+    named = re.compile(rf"(?<![`\w]){word}(?![`\w])")
+    return any(named.search(path.read_text(encoding="utf-8")) or path.stem == word for path in sources)
 
 
 @each_file

@@ -1,10 +1,13 @@
 """The house has one way through: no room imports from one further on, and each library has its room."""
 
 import ast
+import re
 from functools import cache
 from pathlib import Path
 
 import pytest
+
+from ident.studies import MODULES
 
 PACKAGE = Path(__file__).parent.parent / "ident"
 GROUND = {"codec", "errors", "files", "programs", "text", "units"}
@@ -16,17 +19,25 @@ MAY_USE = {
     "modal": {"measure"},
     "identify": {"arm", "measure", "inference", "modal"},
     "vibrate": {"arm"},
-    "assess": {"arm", "description", "measure", "inference", "modal", "identify", "vibrate"},
-    "present": {"arm", "description", "measure", "inference", "modal", "identify", "vibrate", "assess"},
-    "studies": {"arm", "description", "measure", "inference", "modal", "identify", "vibrate", "assess", "present"},
+    "report": {"arm", "measure", "inference", "identify"},
+    "studies": {"arm", "description", "measure", "inference", "modal", "identify", "vibrate", "report"},
     "cli": {"studies", "description", "measure"},
 }
 """Which rooms each room may use, besides the ground: no licence to use all that lie below it."""
+STEPS_MAY_USE = {
+    "look": set(),
+    "measuring": set(),
+    "working": {"look"},
+    "cause": {"working"},
+    "stiffness": {"look", "working", "cause"},
+    "cure": {"look", "working", "cause", "stiffness"},
+}
+"""Which steps the files of each step of the studies may use; the studies' own files use none."""
 ONLY_IN = {
     "dynesty": "inference/draws",
     "emcee": "inference",
-    "jinja2": "present/html",
-    "matplotlib": "present",
+    "jinja2": "report/page",
+    "matplotlib": ("report", "studies"),
     "nptdms": "measure/recordings",
     "optimistix": "inference/levenberg_marquardt",
     "pydantic": "description",
@@ -82,17 +93,36 @@ def test_each_library_has_its_room(module):
         assert room is None or str(module).startswith(room), f"{module} imports {name}"
 
 
-def test_present_computes_nothing():
-    for module in modules():
-        if module.parts[0] == "present":
-            assert not {"jax", "jax.numpy", "ident.programs"} & set(imports(PACKAGE / module)), module
+def step_of(names):
+    """The step that a module of the studies belongs to, by the parts of its name; None for their own files."""
+    return names[1] if len(names) > 2 and names[0] == "studies" and names[1] in STEPS_MAY_USE else None
+
+
+@pytest.mark.parametrize("module", [each for each in modules() if each.parts[0] == "studies"], ids=str)
+def test_each_step_uses_those_before_it(module):
+    own = step_of(module.parts)
+    for name in run(PACKAGE / module):
+        step = step_of([*name.split(".")[1:], ""])
+        assert step in (None, own) or step in STEPS_MAY_USE.get(own, ()), f"{module} imports {name}"
+
+
+SHOWING = re.compile(r"_(report|figure|page|files)$")
+
+
+def test_what_shows_results_computes_nothing():
+    showing = [each for each in modules() if each.parts[0] == "report" or SHOWING.search(each.stem)]
+    assert len(showing) > 50
+    for module in showing:
+        assert not {"jax", "jax.numpy", "ident.programs"} & set(imports(PACKAGE / module)), module
+        drawing = {name for name in run(PACKAGE / module) if name.startswith("matplotlib")}
+        assert not drawing or module.parts[0] == "report" or module.stem.endswith(("_figure", "_page")), module
 
 
 def test_the_check_sees_imports():
     assert "ident.errors" in set(imports(PACKAGE / "arm" / "arm.py"))
-    design = PACKAGE / "studies" / "design.py"
+    design = PACKAGE / "studies" / "cure" / "design.py"
     assert "matplotlib.figure" in set(imports(design)) - set(run(design))
-    assert "ident.present.figures.design" in set(run(design)), "within a function"
+    assert "ident.studies.cure.design_figure" in set(run(design)), "within a function"
     assert len(modules()) > 20
 
 
@@ -103,7 +133,7 @@ REACHES = {"predict": 15_100, "fit": 24_300, "simulate": 20_350, "sample": 30_10
 @pytest.mark.parametrize("study", REACHES)
 def test_a_study_reaches_only_so_many_lines(study):
     """What a reader of one study may have to read: aims are 12,000 for a prediction, 16,000 for a fit."""
-    reached, ahead = set(), [PACKAGE / "studies" / f"{study}.py"]
+    reached, ahead = set(), [PACKAGE.parent.joinpath(*MODULES[study].split(".")).with_suffix(".py")]
     while ahead:
         path = ahead.pop()
         if path not in reached:

@@ -66,11 +66,11 @@ def test_after_those_a_function_runs_as_it_is_written(module, name):
     call(module, name, np.zeros(2))
 
 
-@pytest.mark.parametrize("room", typecheck.ROOMS)
+@pytest.mark.parametrize("room", [*typecheck.ROOMS, *typecheck.COMPUTING])
 def test_every_room_is_checked(room):
     """Its functions are those of the checker."""
     package = importlib.import_module(f"ident.{room}")
-    every = pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
-    modules = (importlib.import_module(module.name) for module in every)
+    every = pkgutil.walk_packages(getattr(package, "__path__", ()), f"{package.__name__}.")
+    modules = [package, *(importlib.import_module(module.name) for module in every)]
     own = (f for m in modules for f in vars(m).values() if inspect.isfunction(f) and f.__module__ == m.__name__)
     assert any(f.__code__.co_filename == typecheck.__file__ for f in own)

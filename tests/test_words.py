@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ident.present.files.document import report_of
-from ident.present.report import text_of
+from ident.report.document import report_of
+from ident.report.report import text_of
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

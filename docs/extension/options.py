@@ -1,6 +1,5 @@
 """Directives for a page of a command: its help as the program prints it, its options as the class has them."""
 
-import importlib
 from dataclasses import MISSING, Field
 from typing import Any
 
@@ -31,10 +30,11 @@ class OptionsTable(Directive):
 
     def run(self) -> list[nodes.Node]:
         """Return the table."""
+        from ident.studies import module_of
         from ident.studies.options import flag_of, specs
 
         name = self.arguments[0]
-        kind = getattr(importlib.import_module(f"ident.studies.{name}"), f"{name.capitalize()}Options")
+        kind = getattr(module_of(name), f"{name.capitalize()}Options")
         rows = [
             [f"`{each.name}`", f"`{flag_of(each)}`", default_of(each), range_of(spec), spec.help]
             for each, spec in specs(kind)

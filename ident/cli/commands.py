@@ -34,35 +34,35 @@ from ident.cli.command import (
 )
 from ident.cli.output import FOLDED, SHORT
 from ident.errors import refusal
-from ident.studies.arm import KINDS
-from ident.studies.balance import balance
-from ident.studies.check import check
-from ident.studies.compare import compare
-from ident.studies.design import design
-from ident.studies.diagnose import DiagnoseOptions, diagnose, discard_stages, part_folder
-from ident.studies.explore import explore
-from ident.studies.fit import fit
-from ident.studies.fleet import FleetOptions, fleet
-from ident.studies.joint import joint
-from ident.studies.modal import ModalOptions, modal_test, new_channels
-from ident.studies.motion import motion
-from ident.studies.plan import PlanOptions, plan
-from ident.studies.predict import predict
-from ident.studies.profile import profile
-from ident.studies.resonance import resonance
-from ident.studies.sample import SampleOptions, discard_checkpoints, sample
-from ident.studies.simulate import simulate
-from ident.studies.source import SourceOptions, source
-from ident.studies.spectrum import spectrum
-from ident.studies.sweep import sweep
-from ident.studies.triage import triage
-from ident.studies.validate import validate
+from ident.studies.cause.source import SourceOptions, source
+from ident.studies.cause.triage import triage
+from ident.studies.cure.balance import balance
+from ident.studies.cure.design import design
+from ident.studies.cure.diagnose import DiagnoseOptions, diagnose, discard_stages, part_folder
+from ident.studies.cure.motion import motion
+from ident.studies.look.explore import explore
+from ident.studies.look.new import KINDS
+from ident.studies.look.predict import predict
+from ident.studies.measuring.modal import ModalOptions, modal_test, new_channels
+from ident.studies.stiffness.check import check
+from ident.studies.stiffness.compare import compare
+from ident.studies.stiffness.fit import fit
+from ident.studies.stiffness.fleet import FleetOptions, fleet
+from ident.studies.stiffness.joint import joint
+from ident.studies.stiffness.plan import PlanOptions, plan
+from ident.studies.stiffness.profile import profile
+from ident.studies.stiffness.sample import SampleOptions, discard_checkpoints, sample
+from ident.studies.stiffness.validate import validate
+from ident.studies.working.resonance import resonance
+from ident.studies.working.simulate import simulate
+from ident.studies.working.spectrum import spectrum
+from ident.studies.working.sweep import sweep
 from ident.text import as_word, one_line, read_bytes
 
 if TYPE_CHECKING:
     from ident.description.file import ArmFile
     from ident.measure import Campaign
-    from ident.studies.diagnose import StageReport
+    from ident.studies.cure.diagnose import StageReport
 
 offer(predict, "Predict natural frequencies, modes and static deflection of an arm.", files=False)
 offer(
@@ -387,12 +387,14 @@ def show(
     if not names:
         running.check_folder(out)
     running.start()
-    from ident.studies import arm, reading
+    from ident.studies import reading
+    from ident.studies.look.show import names as names_of
+    from ident.studies.look.show import show as picture_of
 
     if names:
-        tell(arm.names(file))
+        tell(names_of(file))
         return
-    picture = arm.show(file, None if posture is None else reading.postures([posture], "--posture")[0])
+    picture = picture_of(file, None if posture is None else reading.postures([posture], "--posture")[0])
     tell(picture)
     for path in () if no_figure else picture.save_figures(out):
         output().wrote(path)
@@ -424,7 +426,7 @@ def new(
     As `ident new scara my_robot`, or `ident new my_robot --robot robot.urdf`. Writes arm.toml, in which every number
     has a comment or an origin, and campaign.csv, simulated with stiffnesses that it states.
     """
-    from ident.studies import arm as study
+    from ident.studies.look import new as study
 
     if robot is not None and folder is None:
         folder = Path(kind)
@@ -542,7 +544,7 @@ def export(
     """
     running.start()
     from ident.studies import reading
-    from ident.studies.export import export as write
+    from ident.studies.look.export import export as write
     from ident.studies.saved import load
 
     at = None if posture is None else reading.postures([posture], "--posture")[0]

@@ -5,7 +5,7 @@ of a body about the whole arm.
 
 Three hinges one after another are not quite the rotation vector of ident's bushing: natural frequencies are the same
 where nothing bends the arm, and under its weight but for a share below the angle [rad] by which a bushing gives. At one
-posture they are the same under weight as well, where its tangent springs (`mjcf_tangents`) stand in their place.
+posture they are the same under weight as well, where its tangent springs stand in their place.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,8 +1,30 @@
-"""What ident can do: a study has a file with its options, its result and its function; small ones share one."""
+"""What ident can do: a study is a file in the folder of its step, beside the file of its report."""
 
-STUDIES = (
-    *("modal", "predict", "check", "fit", "profile", "sample", "validate", "plan", "compare", "fleet"),
-    *("resonance", "simulate", "spectrum", "triage", "source", "balance", "joint", "sweep", "motion", "design"),
-    "diagnose",
-)
-"""The studies in the order of use; the format of a result file names its study, as in `ident-fit/3`."""
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from types import ModuleType
+
+STEPS = ("look", "measuring", "stiffness", "working", "cause", "cure")
+"""The way of a user. A step may use those that `tests/test_imports.py` names."""
+UNSAVED = ("explore", "export", "show")
+"""Studies that write no result which can be loaded again."""
+
+
+def _found() -> dict[str, str]:
+    """Return the module of each study, by the names of files alone: `motion.py` beside `motion_report.py`."""
+    folder, modules = Path(__file__).parent, dict[str, str]()
+    for step in STEPS:
+        names = {module.name for module in iter_modules([str(folder / step)])}
+        modules |= {name: f"{__name__}.{step}.{name}" for name in sorted(names) if f"{name}_report" in names}
+    return modules
+
+
+MODULES = _found()
+STUDIES = tuple(name for name in MODULES if name not in UNSAVED)
+"""Studies with a result; the format of a result file names its study, as in `ident-fit/3`."""
+
+
+def module_of(study: str, part: str = "") -> ModuleType:
+    """Return the module of a study, or of its `_report` or `_figure`."""
+    return import_module(MODULES[study] + part)

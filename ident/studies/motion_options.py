@@ -13,10 +13,10 @@ from ident.studies.shared import ArmOptions, with_numbers
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
-    from ident.assess.scenario import Basis, Unknowns
     from ident.description.file import ArmFile
     from ident.identify.values import Values
     from ident.measure import Log
+    from ident.studies.scenario import Basis, Unknowns
     from ident.vibrate.motion import Motion
 
 STROKE = "add a [stroke] section to the arm file (example: `ident new scara`), or give a joint path (`path`)"
@@ -54,7 +54,7 @@ class MovingOptions(ArmOptions):
 
     def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
         """Return the arm, and what is unknown of its excitation, as far as it matters."""
-        from ident.assess.scenario import Unknowns
+        from ident.studies.scenario import Unknowns
 
         return arm, Unknowns()
 
@@ -78,7 +78,7 @@ class HeldMotionOptions(MovingOptions):
 
     def unknown(self, arm: "Arm", origins: "Mapping[str, str]") -> "tuple[Arm, Unknowns]":
         """Return the arm with the largest transmission errors, and what is unknown of its excitation."""
-        from ident.assess.scenario import unknowns
+        from ident.studies.scenario import unknowns
 
         return unknowns(arm, origins, self.set, errors=self.errors, phases=self.phases == "unknown")
 
@@ -100,8 +100,8 @@ def basis_of(
         fit: fitted values that the arm takes over.
         posterior: draws; the arm takes over their medians, unless it has fitted values.
     """
-    from ident.assess.scenario import IDENTIFIED, Basis
     from ident.measure import Load
+    from ident.studies.scenario import IDENTIFIED, Basis
 
     described = with_numbers(arm.arm, fit or posterior, options.set)
     _check(options, path is not None)

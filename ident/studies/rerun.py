@@ -1,13 +1,13 @@
 """Repeat what a result file records, and say whether the numbers are the same."""
 
-import importlib
 import inspect
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ident.assess.repetition import Difference, differences
-from ident.present.report import WIDTH, Report
+from ident.report.report import WIDTH, Report
+from ident.studies import module_of
+from ident.studies.repetition import Difference, differences
 from ident.studies.result import Progress, Reported, Result, silent
 from ident.studies.saved import Saved, files_of, load, reading
 from ident.text import one_line
@@ -43,7 +43,7 @@ class Rerun(Reported):
 
     def sections(self) -> Report:
         """Return whether the numbers are the same, and where not."""
-        from ident.present.export import rerun_sections
+        from ident.studies.rerun_report import rerun_sections
 
         rows, sampled = len(self.now.table()), bool(self.before.standard_errors())
         return rerun_sections(self.now.sections(), self.differences, rows, sampled=sampled)
@@ -55,7 +55,7 @@ class Rerun(Reported):
 
     def document(self) -> dict[str, Any]:
         """Return for programs the repeated result, whether it is the same, and where not."""
-        from ident.present.files.document import plain
+        from ident.report.document import plain
 
         return {**self.now.document(), "same": self.same, "differences": plain(list(self.differences))}
 
@@ -75,10 +75,10 @@ def rerun(path: str | Path, *, folder: str | Path | None = None, progress: Progr
         InputError: no result, or an input of it is not found or has changed.
         ModelError: see the study.
     """
-    from ident.present.files.document import plain
+    from ident.report.document import plain
 
     before = load(path)
-    module = importlib.import_module(f"ident.studies.{before.study}")
+    module = module_of(before.study)
     kind: type[Result] = getattr(module, f"{before.study.capitalize()}Result")
     function = getattr(module, before.study)
     wanted = inspect.signature(function).parameters

@@ -10,14 +10,13 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import wraps
-from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, get_args
 
 from ident.errors import InputError, ModelError, refusal
-from ident.present.report import WIDTH, Report, html_of, text_of
-from ident.studies import STUDIES
+from ident.report.report import WIDTH, Report, html_of, text_of
+from ident.studies import STUDIES, module_of
 from ident.studies.options import Options
 from ident.text import as_word, one_line, study_of
 from ident.units import USUAL, stiffness_in
@@ -134,7 +133,7 @@ def input_of(name: str) -> str:
 
 def _inputs_of(path: Path) -> Mapping[str, Any]:
     """Return the inputs of a result that is there; none where it can't be read."""
-    from ident.present.files.document import EXPECTED, read_document, read_group, whole
+    from ident.report.document import EXPECTED, read_document, read_group, whole
 
     try:
         if path.suffix == ".json":
@@ -234,19 +233,6 @@ def alias(path: str) -> Any:
         return attrgetter(path)(result)
 
     return Alias(get)
-
-
-SHARED_FILES: Mapping[str, Mapping[str, str]] = {
-    "": {"explore": "export", "rerun": "export", "run_plan": "source"},
-    "figures": {
-        **dict.fromkeys(("plan", "fleet"), "sample"),
-        **dict.fromkeys(("compare", "validate", "profile"), "fit"),
-        **dict.fromkeys(("simulate", "spectrum", "joint"), "vibration"),
-        "balance": "source",
-        "predict": "modes",
-    },
-}
-"""Files of `present`, by medium, of studies that share one; every other study has one of its own name."""
 
 
 class Reported:
@@ -363,7 +349,7 @@ class Result(Reported):
     @_in_its_unit
     def sections(self) -> "Report":
         """Return all that is said of the result: verdict, tables, findings, details."""
-        report: Report = self._present("", "sections")
+        report: Report = self._present("_report", "sections")
         return replace(report, next=self._command(report.next))
 
     def _command(self, words: str) -> str:
@@ -392,11 +378,11 @@ class Result(Reported):
     @_in_its_unit
     def figures(self) -> "dict[str, Figure]":
         """Return matplotlib figures by name; the main one has the study's, and files without a further word."""
-        return {} if self.drawn == () else {"": self._present("figures", "figure")}
+        return {} if self.drawn == () else {"": self._present("_figure", "figure")}
 
     def table(self) -> list[dict[str, Any]]:
         """Return the main numbers as rows, which `pandas.DataFrame` takes."""
-        rows: list[dict[str, Any]] = self._present("", "rows")
+        rows: list[dict[str, Any]] = self._present("_report", "rows")
         return rows
 
     def document(self) -> dict[str, Any]:
@@ -404,7 +390,7 @@ class Result(Reported):
         return self._document(self.head)
 
     def _document(self, head: Mapping[str, Any]) -> dict[str, Any]:
-        from ident.present.files.document import plain
+        from ident.report.document import plain
 
         notes = {"notes": list(self.notes)} if self.notes else {}
         summary = {name.rpartition(".")[2]: attrgetter(name)(self) for name in self.summary}
@@ -437,7 +423,7 @@ class Result(Reported):
             InputError: the folder or a file can't be written.
         """
         from ident.files import together
-        from ident.present.files.document import save
+        from ident.report.document import save
 
         written = []
         with together():
@@ -447,13 +433,12 @@ class Result(Reported):
                 save(figure, written[-1])
         return tuple(written)
 
-    def _present(self, medium: str, what: str) -> Any:
-        """Return what `present` makes of the result: the text of a fit by `ident.present.fit.fit_report`."""
-        study = self.called or study_of(self.form)
-        path = ("ident.present", medium, SHARED_FILES[medium].get(study, study))
-        module = import_module(".".join(filter(None, path)))
+    def _present(self, part: str, what: str) -> Any:
+        """Return what a file beside the study makes of the result: the report of a fit by `fit_sections`."""
+        study = study_of(self.form)
         own = {"figure": self.drawn, "rows": self.listed}.get(what) or self.shown
-        return getattr(module, f"{study}_{what}")(*(attrgetter(name)(self) for name in own))
+        show = getattr(module_of(study, part), f"{self.called or study}_{what}")
+        return show(*(attrgetter(name)(self) for name in own))
 
     def _beside(self, path: Path, suffix: str) -> Path:
         """Return the path of a further file: its name ends in the study's, so that it takes no other file's place."""
@@ -485,7 +470,7 @@ class Result(Reported):
     @property
     def head(self) -> dict[str, Any]:
         """What its file says first: format, software, options, inputs and the robot, as JSON knows them."""
-        from ident.present.files.document import provenance
+        from ident.report.document import provenance
 
         options: Options = vars(self)["options"]
         head = provenance(self.form, self.inputs, options.recorded())
@@ -507,14 +492,14 @@ class Result(Reported):
 
     def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
         """Write the files of a result, by default the one that is loaded again."""
-        from ident.present.files.document import write_json
+        from ident.report.document import write_json
 
         write_json(self._record(head), path)
         return (path,)
 
     def _record(self, head: Mapping[str, Any]) -> dict[str, Any]:
         """Return all that is kept of the result, as JSON knows it: its own numbers and texts, and no class."""
-        from ident.present.files.document import plain, report_data
+        from ident.report.document import plain, report_data
 
         texts = {name: text for name, source in self.inputs.items() if (text := _text(name, source)) is not None}
         document = self._document(head)

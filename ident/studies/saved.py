@@ -2,7 +2,6 @@
 
 import atexit
 import hashlib
-import importlib
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,8 +14,8 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
 from ident.errors import InputError, Problem, refusal
-from ident.present.report import Report, text_of
-from ident.studies import STUDIES
+from ident.report.report import Report, text_of
+from ident.studies import STUDIES, module_of
 from ident.studies.options import Options
 from ident.studies.result import Reported, Result, input_of
 from ident.text import one_line, quoted, study_of
@@ -78,7 +77,7 @@ class Saved(Reported):
         Raises:
             InputError: it is no record of a result.
         """
-        from ident.present.files.document import report_of
+        from ident.report.document import report_of
 
         self.path, self.record, self.moved = Path(path).absolute(), record, tuple[str, ...]()
         self.form, self.study = str(record["format"]), study_of(str(record["format"]))
@@ -145,8 +144,7 @@ class Saved(Reported):
         Raises:
             InputError: it has options that this version of ident does not know, or that are out of its ranges.
         """
-        module = importlib.import_module(f"ident.studies.{self.study}")
-        kind: type[Options] = getattr(module, f"{self.study.capitalize()}Options")
+        kind: type[Options] = getattr(module_of(self.study), f"{self.study.capitalize()}Options")
         with self._read():
             try:
                 return kind.restored(self.record["options"])
@@ -178,13 +176,13 @@ class Saved(Reported):
 
     def values_of(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
         """Return the fitted values [SI] of an arm, see `FitResult.values_of`."""
-        from ident.present.files.values import read_fit
+        from ident.studies.result_values import read_fit
 
         return read_fit(self.path, arm, self.record)
 
     def posterior_draws(self) -> "Draws":
         """Return the draws of a posterior, see `SampleResult.posterior_draws`."""
-        from ident.present.files.values import read_posterior
+        from ident.studies.result_values import read_posterior
 
         return read_posterior(self.path)
 
@@ -199,7 +197,7 @@ class FromFit(Result):
 
     def _fit_state(self) -> dict[str, Any]:
         from ident.identify.stored import fit_state
-        from ident.present.files.document import plain
+        from ident.report.document import plain
 
         assert self.fitted
         state: dict[str, Any] = plain(fit_state(self.fitted), repr)
@@ -215,7 +213,7 @@ def load(path: str | Path) -> Saved:
     Raises:
         InputError: the file is none, or one of another version of ident.
     """
-    from ident.present.files.document import EXPECTED, read_record
+    from ident.report.document import EXPECTED, read_record
 
     record = read_record(path)
     if study_of(record["format"]) not in STUDIES:

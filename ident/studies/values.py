@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
     from ident.identify.values import Draws, Robot, Values
-    from ident.studies.fit import FitResult
-    from ident.studies.sample import SampleResult
     from ident.studies.saved import Saved
+    from ident.studies.stiffness.fit import FitResult
+    from ident.studies.stiffness.sample import SampleResult
 
 
 def fitted_values(
@@ -29,7 +29,7 @@ def fitted_values(
         InputError: neither a fit nor its file, a fit without any number of this arm, or one of another robot.
     """
     from ident.identify.values import Values
-    from ident.present.files.values import read_fit
+    from ident.studies.result_values import read_fit
 
     own, options = as_file(arm), options or ArmOptions()
     if isinstance(fit, Values):
@@ -116,7 +116,7 @@ def drawn_groups(
 
 
 def _draws(posterior: "SampleResult | Saved | str | Path") -> "Draws":
-    from ident.present.files.values import read_posterior
+    from ident.studies.result_values import read_posterior
 
     if isinstance(posterior, str | Path):
         return read_posterior(posterior)

@@ -15,7 +15,7 @@ from ident.arm.parts import Point
 from ident.errors import InputError
 from ident.identify.binding import loads_of
 from ident.measure import Load
-from ident.studies.simulate import SimulateOptions, simulate
+from ident.studies.working.simulate import SimulateOptions, simulate
 
 MOMENT = np.array([30.0, -40.0, 60.0])
 SIZE = float(np.linalg.norm(MOMENT))

@@ -30,11 +30,11 @@ from timing import commit, machine
 
 from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.multibody import possible_orders
-from ident.assess.balance import Pulley, balanced, rotor_of
-from ident.assess.scenario import Basis
-from ident.assess.source import SourceStudy
 from ident.description.file import ArmFile
 from ident.identify.values import Values
+from ident.studies.cause.source_study import SourceStudy
+from ident.studies.cure.balance_study import Pulley, balanced, rotor_of
+from ident.studies.scenario import Basis
 from ident.vibrate.motion import Motion, stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.source_identification import identified

@@ -26,11 +26,11 @@ sys.path.append(str(Path(__file__).parents[2] / "data" / "lcd_arm"))
 from synthesize import synthesize
 
 import ident
-from ident.assess.cures import along_path
-from ident.assess.effort import DiagnosisEffort
-from ident.assess.remedies import Task, at_confidence, carried_out
 from ident.identify.values import Values
-from ident.studies.diagnose import DiagnoseOptions
+from ident.studies.cure.cures import along_path
+from ident.studies.cure.diagnose import DiagnoseOptions
+from ident.studies.cure.effort import DiagnosisEffort
+from ident.studies.cure.remedies import Task, at_confidence, carried_out
 from ident.studies.motion_options import basis_of
 
 HERE = Path(__file__).parents[2] / "data" / "lcd_arm"

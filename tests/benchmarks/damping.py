@@ -38,7 +38,7 @@ from ident.identify.predict import ArmModel
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, Load, Measurement
 from ident.measure.load import AXES
-from ident.present.fit import fit_sections
+from ident.studies.stiffness.fit_report import fit_sections
 
 LAWS = ("viscous", "constant", "by kind", "random", "falling")
 NOISE, HERTZ, MODES = 0.05, 0.002, 4

@@ -42,7 +42,7 @@ REPEATS = 5
 
 def measure(name: str, arm: Arm, seconds: float) -> None:
     """Print what the page of an arm takes."""
-    from ident.studies.explore import explore
+    from ident.studies.look.explore import explore
 
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         path = explore(arm).save(Path(folder))[0]

@@ -428,7 +428,7 @@ def run(case: Case, base: Path, folder: Path) -> Outcome:
     from diagnose_small import SMALL
 
     from ident import cli
-    from ident.assess.effort import DiagnosisEffort
+    from ident.studies.cure.effort import DiagnosisEffort
 
     DiagnosisEffort.__init__.__kwdefaults__.update(asdict(SMALL))  # type: ignore[attr-defined]  # minutes, where right
     outcome = Outcome(case.number, case.command, case.kind)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import ident
-from ident.assess.repetition import differences
+from ident.studies.repetition import differences
 
 DATA = Path(__file__).parents[2] / "data"
 LCD, SIX = DATA / "lcd_arm", DATA / "six_axis"

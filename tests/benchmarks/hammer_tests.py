@@ -30,7 +30,6 @@ from shaken import PLACES, hammered, shaken
 
 from ident.arm.arm import Arm
 from ident.arm.parts import Point
-from ident.assess.modal import IdentifiedModes, modal_campaign
 from ident.description.file import ArmFile, read_arm
 from ident.errors import IdentError
 from ident.identify.modal_analysis import ModalAnalysis, modal_analysis
@@ -41,7 +40,8 @@ from ident.inference.search import solve
 from ident.measure import OWN_WEIGHT, Campaign
 from ident.modal.modes import Modes, modes_of, together
 from ident.modal.poles import mac
-from ident.studies.fit import FitOptions, fit
+from ident.studies.measuring.modal_campaign import IdentifiedModes, modal_campaign
+from ident.studies.stiffness.fit import FitOptions, fit
 
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 POSTURES = tuple(tuple(np.radians(a) * np.array([1.0, -2.0, 1.0])) for a in (0.0, 60.0))

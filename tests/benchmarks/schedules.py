@@ -27,9 +27,9 @@ from timing import commit, machine
 
 import ident
 from ident.arm.arm import Arm
-from ident.assess.motion import Candidate
 from ident.identify.values import Values
-from ident.studies.motion import MotionResult
+from ident.studies.cure.motion import MotionResult
+from ident.studies.cure.motion_study import Candidate
 from ident.vibrate.motion import Motion
 from ident.vibrate.simulate import simulate
 

@@ -39,10 +39,10 @@ from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.fields import names_of
 from ident.arm.multibody import IMBALANCE, possible_orders
 from ident.arm.parts import Drive, ErrorOrder
-from ident.assess.source import SourceStudy
 from ident.description.file import read_arm
 from ident.identify.binding import loads_of
 from ident.measure import Load
+from ident.studies.cause.source_study import SourceStudy
 from ident.vibrate.motion import Motion, stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.source_identification import identified

@@ -26,9 +26,9 @@ import resumable
 from scipy.stats import fisher_exact
 from timing import commit, machine
 
-from ident.assess.diagnose import Diagnosis
-from ident.assess.remedies import RATE, carried_out
 from ident.identify.values import Draws
+from ident.studies.cure.diagnosis import Diagnosis
+from ident.studies.cure.remedies import RATE, carried_out
 from ident.studies.rerun import rerun
 from ident.vibrate.evaluator import BinomialEstimate, Evaluator
 from ident.vibrate.response import peak

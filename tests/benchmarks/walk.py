@@ -22,7 +22,7 @@ ARM, TABLE1, CAMPAIGN, HAMMER = (DATA / name for name in ("arm.toml", "table1.cs
 
 
 def small_diagnosis():
-    from ident.assess import effort
+    from ident.studies.cure import effort
 
     of_effort = getattr(effort, "DiagnosisEffort", None) or effort.Effort  # its name at 293eab6
     numbers = {"steps": 500, "draws": 30, "band_draws": 4, "assessment_draws": 10, "values": 5, "screened": 4}

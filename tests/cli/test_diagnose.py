@@ -12,7 +12,7 @@ from commands import files
 from diagnose_small import CAMPAIGN
 from reports import assert_one_screen
 
-from ident.assess.remedies import AND, EFFORTS
+from ident.studies.cure.remedies import AND, EFFORTS
 
 pytestmark = pytest.mark.slow
 

@@ -11,8 +11,8 @@ import pytest
 from commands import ARM, files
 from three_joints import WITH_HAND
 
-from ident.assess.show import Example
 from ident.measure import Campaign
+from ident.studies.look.example import Example
 
 URDF = "<robot name='one'><link name='base'/><link name='a'/></robot>"
 
@@ -58,7 +58,7 @@ def test_what_cannot_be_made_is_one_line_and_nothing_is_written(run, tmp_path, a
 
 def test_what_a_robot_description_says_otherwise_is_said(run, tmp_path, monkeypatch):
     """Where the campaign is simulated, is tested in tests/studies/test_new.py."""
-    monkeypatch.setattr("ident.assess.show.example", lambda arm: Example(Campaign(), {}))
+    monkeypatch.setattr("ident.studies.look.example.example", lambda arm: Example(Campaign(), {}))
     (tmp_path / "arm.urdf").write_text(WITH_HAND.replace('lower="-1" upper="2"', 'lower="0" upper="0"'))
     code, out, err = run("new", "robot", "--robot=arm.urdf", "--tip=hand")
     assert (code, err) == (0, "")
@@ -74,7 +74,7 @@ def test_what_a_robot_description_says_otherwise_is_said(run, tmp_path, monkeypa
 
 
 def test_a_template_needs_neither_jax_nor_numpy(tmp_path):
-    program = "import sys; from ident.studies.arm import new; new('scara', 'robot'); print(*sys.modules)"
+    program = "import sys; from ident.studies.look.show import new; new('scara', 'robot'); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert not {"numpy", "jax", "pydantic"} & set(done.stdout.split())
 

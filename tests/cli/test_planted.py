@@ -72,11 +72,8 @@ KNOWN = {
     "measure/__init__.py": {"import_module"},
     "measure/recordings/__init__.py": {"import_module"},  # by the file's ending, one of a table
     "measure/recordings/matlab.py": {"subprocess"},
-    "studies/arm.py": {"import_module"},
-    "studies/fleet_tasks.py": {"multiprocessing", "distributed"},
-    "studies/rerun.py": {"import_module"},  # studies: what `load` has read names one of them
-    "studies/result.py": {"import_module"},
-    "studies/saved.py": {"import_module"},
+    "studies/__init__.py": {"import_module"},  # files beside it
+    "studies/stiffness/fleet_tasks.py": {"multiprocessing", "distributed"},
 }
 """Where processes start and modules are found by name: each keeps out of the current folder. Nothing is unpickled."""
 

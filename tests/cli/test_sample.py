@@ -12,7 +12,7 @@ from reports import assert_one_screen
 
 from ident.cli import running
 from ident.files import claimed
-from ident.studies.sample import SampleResult
+from ident.studies.stiffness.sample import SampleResult
 
 pytestmark = pytest.mark.slow
 

@@ -9,14 +9,14 @@ from one_program import shown
 
 from ident.arm.arm import Arm
 from ident.arm.parts import Body, CubicSpring, Joint, Point, Spring
-from ident.assess.explore import exploration
 from ident.errors import InputError
 from ident.identify.check import check_campaign, check_springs
 from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.fit import fit
 from ident.measure import Campaign, Load, Measurement
-from ident.present.basis import springs_in_words
+from ident.studies.look.exploration import exploration
+from ident.studies.stiffness.check_report import springs_in_words
 
 pytestmark = pytest.mark.slow
 

@@ -24,15 +24,15 @@ from ident.identify.unknowns import Unknowns
 from ident.identify.values import OTHER_LAW, Values, remark_on
 from ident.measure import Campaign, Measurement, read_campaign
 from ident.measure.covariance_and_frames import Covariance, Group
-from ident.present.compare import compare_sections
-from ident.present.files.document import plain
-from ident.present.files.values import read_fit
-from ident.present.fit import fit_sections
-from ident.present.fleet import fleet_sections
-from ident.present.report import text_of
-from ident.present.validate import validate_sections
-from ident.studies.design import DesignOptions, _checked_text
+from ident.report.document import plain
+from ident.report.report import text_of
+from ident.studies.cure.design import DesignOptions, _checked_text
 from ident.studies.motion_options import basis_of
+from ident.studies.result_values import read_fit
+from ident.studies.stiffness.compare_report import compare_sections
+from ident.studies.stiffness.fit_report import fit_sections
+from ident.studies.stiffness.fleet_report import fleet_sections
+from ident.studies.stiffness.validate_report import validate_sections
 
 NAMES = ("lateral torsion 1", "vertical bending 1", "vertical bending 2", "lateral torsion 2")
 POSTURES = tuple((a, -2 * a, a) for a in np.radians([0.0, 30.0, 60.0]).tolist())

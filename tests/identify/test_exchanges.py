@@ -12,8 +12,8 @@ from ident.identify.fit import CampaignFit, _suspected, exchangeable, fit_campai
 from ident.identify.problem import pose
 from ident.inference.fit import fit
 from ident.measure import Campaign, read_campaign
-from ident.present.fit import fit_sections
-from ident.present.report import text_of
+from ident.report.report import text_of
+from ident.studies.stiffness.fit_report import fit_sections
 
 slow = pytest.mark.slow
 

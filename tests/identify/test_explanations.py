@@ -14,7 +14,7 @@ from ident.codec import decode, encode
 from ident.identify.explanations import MARGIN, Explanations, explain
 from ident.identify.fit import CampaignFit, fit_campaign
 from ident.measure import Campaign, Load, read_campaign
-from ident.present.warnings import explanation_section
+from ident.studies.stiffness.warnings import explanation_section
 
 ARM = lcd_arm()
 CAMPAIGN = read_campaign(DATA / "lcd_arm" / "campaign.csv")

@@ -10,7 +10,7 @@ from scipy.stats import binom
 
 from ident.errors import InputError
 from ident.identify.joint import QUANTITIES, TwistSetting, joint_twist
-from ident.present.joint import joint_sections
+from ident.studies.stiffness.joint_report import joint_sections
 
 TRUTH = Truth()
 LOOSE = Truth(backlash=2e-4, gravity=50.0)

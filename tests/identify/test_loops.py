@@ -19,9 +19,9 @@ from ident.inference.fit import fit
 from ident.inference.search import evaluate
 from ident.measure import Campaign, Load, Measurement
 from ident.measure.reading import campaign_text, parse_campaign
-from ident.present.fit import fit_sections
-from ident.present.validate import validate_sections
-from ident.present.warnings import expected_hysteresis, hysteresis
+from ident.studies.stiffness.fit_report import fit_sections
+from ident.studies.stiffness.validate_report import validate_sections
+from ident.studies.stiffness.warnings import expected_hysteresis, hysteresis
 
 pytestmark = pytest.mark.slow
 

@@ -41,8 +41,8 @@ from ident.inference.priors import Prior
 from ident.inference.problem import InverseProblem
 from ident.inference.search import evaluate, solve
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
-from ident.present.plan import plan_sections
 from ident.programs import jit
+from ident.studies.stiffness.plan_report import plan_sections
 
 
 def known(information):

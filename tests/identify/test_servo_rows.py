@@ -27,8 +27,8 @@ from ident.identify.predict import ArmModel
 from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns, is_damping
 from ident.measure import Campaign, Measurement
-from ident.present.fit import fit_sections
-from ident.present.report import text_of
+from ident.report.report import text_of
+from ident.studies.stiffness.fit_report import fit_sections
 
 sys.path.append(str(Path(__file__).parents[1] / "arm"))
 from test_servo import held, matrices, with_servo

@@ -10,13 +10,13 @@ from scipy.linalg import eigh
 from scipy.optimize import root
 from scipy.stats import binom, chi2
 
-from ident.assess.modal import _ratios
 from ident.errors import InputError
 from ident.identify.conditions import _compared
 from ident.identify.problem import pose
 from ident.inference.search import evaluate, solve
 from ident.measure import Campaign, Measurement
 from ident.measure.reading import campaign_text, parse_campaign
+from ident.studies.measuring.modal_campaign import _ratios
 
 slow = pytest.mark.slow
 

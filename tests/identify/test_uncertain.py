@@ -17,8 +17,8 @@ from ident.identify.unknowns import Unknowns
 from ident.inference.fit import fit
 from ident.inference.search import evaluate
 from ident.measure import Campaign, Load, Measurement, read_campaign
-from ident.studies.fit import FitOptions
-from ident.studies.fleet import FleetOptions
+from ident.studies.stiffness.fit import FitOptions
+from ident.studies.stiffness.fleet import FleetOptions
 
 slow = pytest.mark.slow
 

@@ -16,7 +16,7 @@ from scipy.io import savemat, wavfile
 
 from ident.errors import InputError
 from ident.measure.recordings import ENDINGS, Channel, NoChannelError, matlab, read_recording
-from ident.present.files.document import read_group
+from ident.report.document import read_group
 
 
 def refused(path):

@@ -8,10 +8,10 @@ from arms import DATA
 
 import ident
 from ident.arm.multibody import possible_orders
-from ident.assess.source import moving_traces, posed, with_notes
 from ident.errors import InputError
 from ident.measure.runs import read_runs
-from ident.present.source import too_large
+from ident.studies.cause.source_report import too_large
+from ident.studies.cause.source_study import moving_traces, posed, with_notes
 from ident.vibrate.source_identification import Estimate
 
 ARM = DATA / "lcd_arm" / "arm.toml"

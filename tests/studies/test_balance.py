@@ -20,7 +20,14 @@ from mujoco_arm import MujocoTransient
 
 import ident
 from ident.arm.chain import no_loads
-from ident.assess.balance import (
+from ident.description.file import ArmFile, read_arm
+from ident.errors import InputError
+from ident.identify.values import Values
+from ident.measure.runs import TrialMass
+from ident.report.report import text_of
+from ident.studies.cause.source_study import Tried
+from ident.studies.cure.balance_report import balance_rows, balance_sections
+from ident.studies.cure.balance_study import (
     Pulley,
     Rotor,
     balanced,
@@ -29,14 +36,7 @@ from ident.assess.balance import (
     grade,
     repeatability,
 )
-from ident.assess.scenario import Basis
-from ident.assess.source import Tried
-from ident.description.file import ArmFile, read_arm
-from ident.errors import InputError
-from ident.identify.values import Values
-from ident.measure.runs import TrialMass
-from ident.present.balance import balance_rows, balance_sections
-from ident.present.report import text_of
+from ident.studies.scenario import Basis
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 
@@ -61,7 +61,7 @@ def rows(stated):
 def few_arms():
     """Simulate four draws of the arm: what is left depends on those of the imbalance, and these count all."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ident.assess.balance.ARMS", 4)
+        patch.setattr("ident.studies.cure.balance_study.ARMS", 4)
         yield
 
 
@@ -79,7 +79,9 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def identified(folder):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ident.assess.source.FURTHER", (10.0,))  # what a further run would tell is not looked at here
+        patch.setattr(
+            "ident.studies.cause.source_study.FURTHER", (10.0,)
+        )  # what a further run would tell is not looked at here
         return ident.source(folder / "runs.csv")
 
 

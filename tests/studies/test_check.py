@@ -8,7 +8,7 @@ from arms import DATA, lcd_arm
 from results import assert_comes_back, assert_plain
 
 import ident
-from ident.studies.check import CheckOptions, check
+from ident.studies.stiffness.check import CheckOptions, check
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from results import RESULTS, assert_comes_back, assert_plain
 import ident
 from ident import InputError
 from ident.identify.fit import fit_campaign
-from ident.studies.compare import CompareOptions, compare
-from ident.studies.fit import FitOptions, fit
+from ident.studies.stiffness.compare import CompareOptions, compare
+from ident.studies.stiffness.fit import FitOptions, fit
 
 pytestmark = pytest.mark.slow
 

@@ -10,10 +10,10 @@ from commands import log, posterior
 from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
 
-from ident.assess.design import unchanged
 from ident.description.file import parse_arm, read_arm
 from ident.errors import InputError
-from ident.studies.design import DesignOptions, _checked_text, design
+from ident.studies.cure.design import DesignOptions, _checked_text, design
+from ident.studies.cure.design_study import unchanged
 from ident.studies.values import drawn_groups, drawn_values
 from ident.vibrate.design import verify, with_minimum_change
 

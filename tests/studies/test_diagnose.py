@@ -13,11 +13,11 @@ from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain, contents
 
 import ident
-from ident.assess.diagnose import ResonanceAssessment, stages_of
 from ident.errors import Problem
 from ident.identify.compare import validate_fit
-from ident.present.basis import assumed
-from ident.studies.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard_stages
+from ident.studies.basis import assumed
+from ident.studies.cure.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard_stages
+from ident.studies.cure.diagnosis import ResonanceAssessment, stages_of
 from ident.vibrate.evaluator import BinomialEstimate
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -225,13 +225,13 @@ def test_without_a_folder_nothing_is_kept(result, good, tmp_path, monkeypatch):
     expected, reports = accepted(result) if good else result, []
     known = expected.diagnosis
     for computes, value in {
-        "ident.studies.diagnose._identified": known.identification,
-        "ident.assess.diagnose.assess_trust": known.trust,
-        "ident.assess.diagnose.assess_resonance": known.resonance,
-        "ident.assess.remedies.assess_vibration": known.vibration,
+        "ident.studies.cure.diagnose._identified": known.identification,
+        "ident.studies.cure.diagnosis.assess_trust": known.trust,
+        "ident.studies.cure.diagnosis.assess_resonance": known.resonance,
+        "ident.studies.cure.remedies.assess_vibration": known.vibration,
         "ident.vibrate.sweep.sensitivities": known.sensitivities,
-        "ident.assess.cures.cures": known.remedies,
-        "ident.assess.remedies.verify_in_turn": known.verifications,
+        "ident.studies.cure.cures.cures": known.remedies,
+        "ident.studies.cure.remedies.verify_in_turn": known.verifications,
     }.items():
         monkeypatch.setattr(computes, lambda *_, value=value: value)
     monkeypatch.chdir(tmp_path)
@@ -272,7 +272,7 @@ def test_with_other_runs_a_diagnosis_goes_on_behind_the_stiffnesses(tmp_path, mo
         store.write("stiffness", 1)
         raise ident.InputError([Problem("run7.csv", "a clock", "another", "check it")])
 
-    monkeypatch.setattr("ident.studies.diagnose.carry_out", refused)
+    monkeypatch.setattr("ident.studies.cure.diagnose.carry_out", refused)
     runs = shutil.copytree(DATA / "lcd_arm" / "runs", tmp_path / "runs") / "runs.csv"
     for _ in range(2):
         with pytest.raises(ident.InputError, match="run7"):

@@ -11,13 +11,13 @@ from arms import DATA, lcd_arm
 from results import assert_comes_back, assert_plain
 
 import ident
-from ident.assess.show import example
 from ident.identify.fit import Assumption, Assumptions, fit_campaign
 from ident.identify.values import Values
 from ident.inference.information import ScoreTest
 from ident.measure import write_campaign
-from ident.present.basis import values_in_words
-from ident.studies.fit import FitOptions, fit
+from ident.studies.basis import values_in_words
+from ident.studies.look.example import example
+from ident.studies.stiffness.fit import FitOptions, fit
 from ident.studies.values import fitted_values
 
 pytestmark = pytest.mark.slow

@@ -27,8 +27,8 @@ from ident.identify.fleet import fleet as infer
 from ident.identify.unknowns import Unknowns
 from ident.inference.priors import Prior
 from ident.measure import read_campaign
-from ident.studies.fleet import FleetOptions, fleet, robots_in
-from ident.studies.fleet_tasks import _handed_out
+from ident.studies.stiffness.fleet import FleetOptions, fleet, robots_in
+from ident.studies.stiffness.fleet_tasks import _handed_out
 
 pytestmark = pytest.mark.slow
 generate = runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"]
@@ -233,7 +233,7 @@ def test_what_is_done_is_not_done_again(robots, drawn, fitted, tmp_path):
 
 def test_an_error_that_nobody_expected_costs_one_robot(robots, kept, monkeypatch):
     """It is reported, the others go on, and the next run tries again."""
-    from ident.studies import fit as module
+    from ident.studies.stiffness import fit as module
 
     right = module.fit
 

@@ -13,8 +13,8 @@ from clusters import Cluster, Disturbed, Run
 from results import TIME
 
 from ident import InputError
-from ident.studies import fleet_tasks
-from ident.studies.fleet import FleetOptions, fleet
+from ident.studies.stiffness import fleet_tasks
+from ident.studies.stiffness.fleet import FleetOptions, fleet
 
 pytestmark = pytest.mark.slow
 generate = runpy.run_path(str(DATA / "fleet" / "generate.py"))["generate"]

@@ -31,7 +31,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def result(folder):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ident.assess.source.FURTHER", (10.0,))
+        patch.setattr("ident.studies.cause.source_study.FURTHER", (10.0,))
         return ident.source(table(folder, (12.0, 15.0)))
 
 
@@ -58,7 +58,7 @@ def test_triage_names_the_drive(folder):
 def test_masses_and_a_motion_vibrate_less(folder, result, tmp_path):
     file = result.save(tmp_path)[0]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ident.assess.balance.ARMS", 4)
+        patch.setattr("ident.studies.cure.balance_study.ARMS", 4)
         balance = ident.balance(file, radius={"drive2": 90.0}, speed=12.0)
     assert balance.found.left[0] < 0.5, "the median of the peak, as a share"
     arm = read_arm(folder / "arm.toml").arm

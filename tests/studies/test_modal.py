@@ -17,7 +17,6 @@ import ident
 from ident.arm.chain import at_posture
 from ident.arm.mechanics import point_positions, static_equilibrium, unflatten
 from ident.arm.modes import damped_eigenvalues, linearize, mode_labels, modes
-from ident.assess.modal import modal_campaign
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.identify.binding import loads_of
@@ -26,6 +25,7 @@ from ident.inference.search import evaluate
 from ident.measure import Load
 from ident.measure.channels import read_channels
 from ident.measure.recordings import read_recording
+from ident.studies.measuring.modal_campaign import modal_campaign
 from ident.studies.result import Result
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # the first test makes what the manual shows, figures too

@@ -16,9 +16,9 @@ from results import assert_comes_back, assert_plain
 from scipy.interpolate import CubicSpline
 
 import ident
-from ident.assess.motion import share_of_motion
 from ident.errors import InputError
 from ident.measure import read_log
+from ident.studies.cure.motion_study import share_of_motion
 from ident.vibrate.motion import stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.simulate import simulate
@@ -124,7 +124,7 @@ def test_another_engine_confirms_what_is_proposed(result):
 def test_along_a_given_path_joints_keep_their_limits(limited, quick, run, tmp_path, monkeypatch):
     """The stroke's own path, logged, with its limits on the joints.
 
-    That the search finds there what it finds along the stroke is tested in `tests/assess/test_remedies.py`.
+    That the search finds there what it finds along the stroke is tested in `tests/studies/test_remedies.py`.
     """
     log, searched = tmp_path / "path.csv", []
     motion = stroke(STROKE, percent=100.0)
@@ -136,7 +136,7 @@ def test_along_a_given_path_joints_keep_their_limits(limited, quick, run, tmp_pa
         searched.append(scheduling)
         return replace(quick.motions, basis=basis, scheduling=scheduling, limit=asked["limit"])
 
-    monkeypatch.setattr("ident.assess.motion.motions", found)
+    monkeypatch.setattr("ident.studies.cure.motion_study.motions", found)
     result = ident.motion(limited, path=log, limit=0.75, **FULL)
     given = ("--path", log, "--limit", "0.75", "--time", FULL["time"], "--segments", FULL["segments"])
     code, out, _ = run("motion", limited, *given, "--no-figure")

@@ -15,7 +15,7 @@ from three_joints import URDF
 import ident
 from ident.description.file import parse_arm, read_arm
 from ident.description.rewriting import arm_text
-from ident.studies.arm import KINDS, new, new_from_robot
+from ident.studies.look.new import KINDS, new, new_from_robot
 
 jax.config.update("jax_enable_x64", True)
 

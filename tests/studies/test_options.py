@@ -15,14 +15,14 @@ from ident.arm.arm import on_soft_base
 from ident.description.file import ArmFile
 from ident.errors import InputError, Problem
 from ident.identify.unknowns import stiffness_parameters
-from ident.present.report import Table
+from ident.report.report import Table
 from ident.studies import STUDIES as STUDY_NAMES
 from ident.studies import ranges, reading
-from ident.studies.check import CheckOptions
-from ident.studies.fit import FitOptions
+from ident.studies.look.predict import PredictOptions
 from ident.studies.options import Options, flag_of, option, renamed, specs
-from ident.studies.predict import PredictOptions
-from ident.studies.profile import ProfileOptions
+from ident.studies.stiffness.check import CheckOptions
+from ident.studies.stiffness.fit import FitOptions
+from ident.studies.stiffness.profile import ProfileOptions
 from ident.vibrate.motion import FASTEST
 
 

@@ -12,7 +12,7 @@ from results import assert_comes_back, assert_plain
 import ident
 from ident.identify.plan import PlanSettings, plan_campaign
 from ident.measure import Load
-from ident.studies.plan import PlanOptions, plan
+from ident.studies.stiffness.plan import PlanOptions, plan
 
 COARSE = {"step": 90.0, "draws": 1, "count": 2}
 

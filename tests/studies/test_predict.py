@@ -10,8 +10,8 @@ import ident
 from ident.arm.arm import stiffness_paths
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.values import Values
-from ident.present.report import Table
-from ident.studies.predict import PredictOptions, predict
+from ident.report.report import Table
+from ident.studies.look.predict import PredictOptions, predict
 
 ARM = DATA / "lcd_arm" / "arm.toml"
 

@@ -7,7 +7,7 @@ from arms import DATA
 from results import assert_comes_back, assert_plain
 
 import ident
-from ident.studies.profile import ProfileOptions, profile
+from ident.studies.stiffness.profile import ProfileOptions, profile
 
 PARAMETERS = ("joint3.k_bend", "joint1.k_tors")
 

@@ -9,13 +9,13 @@ from reports import assert_one_screen
 
 import ident
 from ident import InputError, read_campaign, rerun
-from ident.assess.repetition import differences
 from ident.description.file import ArmFile
-from ident.present.export import SHOWN_OF_RERUN
-from ident.present.report import text_of
-from ident.studies.fit import FitOptions, fit
+from ident.report.report import text_of
+from ident.studies.repetition import differences
 from ident.studies.rerun import Rerun
+from ident.studies.rerun_report import SHOWN_OF_RERUN
 from ident.studies.saved import files_of
+from ident.studies.stiffness.fit import FitOptions, fit
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,7 @@ from reports import assert_one_screen, too_wide
 from results import assert_comes_back
 
 from ident import InputError, read_arm
-from ident.studies.resonance import ResonanceOptions, resonance
+from ident.studies.working.resonance import ResonanceOptions, resonance
 from ident.vibrate.branches import branches
 from ident.vibrate.motion import stroke
 

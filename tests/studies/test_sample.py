@@ -13,16 +13,16 @@ from reports import assert_one_screen
 from results import assert_comes_back, assert_plain
 
 import ident
-from ident.assess.repetition import differences
 from ident.errors import InputError
 from ident.files import claimed
 from ident.identify.compare import sample_campaign
 from ident.inference.sample import Settings
-from ident.present.fit import fit_sections
-from ident.present.report import Table, text_of
-from ident.present.sample import sample_sections
-from ident.studies.fit import FitOptions, fit
-from ident.studies.sample import SampleOptions, SampleResult, sample
+from ident.report.report import Table, text_of
+from ident.studies.repetition import differences
+from ident.studies.stiffness.fit import FitOptions, fit
+from ident.studies.stiffness.fit_report import fit_sections
+from ident.studies.stiffness.sample import SampleOptions, SampleResult, sample
+from ident.studies.stiffness.sample_report import sample_sections
 from ident.studies.values import drawn_groups, drawn_values, fitted_values
 
 pytestmark = pytest.mark.slow

@@ -1,6 +1,5 @@
 """Result files of every version: each is read, shows one screen, and its numbers are taken over."""
 
-import importlib
 import json
 from pathlib import Path
 
@@ -10,8 +9,8 @@ from reports import assert_one_screen, too_wide
 
 import ident
 from ident.errors import InputError
-from ident.present.files.document import FIRST, NEWEST
-from ident.studies import STUDIES
+from ident.report.document import FIRST, NEWEST
+from ident.studies import STUDIES, module_of
 from ident.studies.values import drawn_values, fitted_values
 
 FOLDER = Path(__file__).parents[1] / "data" / "results"
@@ -24,7 +23,7 @@ by_file = pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent
 
 def test_every_study_writes_the_newest_version():
     for study in STUDIES:
-        kind = getattr(importlib.import_module(f"ident.studies.{study}"), f"{study.capitalize()}Result")
+        kind = getattr(module_of(study), f"{study.capitalize()}Result")
         assert kind.form == f"ident-{study}/{NEWEST}"
     assert {int(path.name) for path in FOLDER.iterdir() if path.is_dir()} == set(range(FIRST, NEWEST + 1))
 

@@ -14,8 +14,8 @@ from reports import assert_one_screen, too_wide
 from results import assert_comes_back
 
 from ident import InputError, load, read_arm, read_log, read_trace
-from ident.studies.simulate import SimulateOptions, SimulateResult, simulate
 from ident.studies.values import drawn_values
+from ident.studies.working.simulate import SimulateOptions, SimulateResult, simulate
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate as response
 

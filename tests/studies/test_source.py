@@ -15,17 +15,18 @@ from source_runs import FILE, HEAD, TRUTH, measure, one_core, table  # noqa: F40
 import ident
 from ident.arm.arm import stiffness_paths
 from ident.arm.chain import no_loads
-from ident.assess import run_plan, source
-from ident.assess.cures import cures
-from ident.assess.diagnose import ResonanceAssessment, stages_of
-from ident.assess.source import _predicted, _refuse_late
 from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.measure.runs import _clipped, read_runs, write_runs
-from ident.present.basis import assumption_findings
-from ident.studies.diagnose import Job
+from ident.studies.basis import assumption_findings
+from ident.studies.cause import source_study as source
+from ident.studies.cause.source_study import _predicted, _refuse_late
+from ident.studies.cure.cures import cures
+from ident.studies.cure.diagnose import Job
+from ident.studies.cure.diagnosis import ResonanceAssessment, stages_of
 from ident.studies.result import silent
 from ident.studies.saved import files_of
+from ident.studies.stiffness import run_plan
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.source_causes import WIDTH, Band
@@ -203,8 +204,8 @@ def test_a_diagnosis_takes_what_excites_the_arm_from_runs(folder, result, monkey
     torsion, ones = tuple(f"joint{n}.k_tors" for n in (1, 2, 3)), np.ones(3)
     slopes = Sensitivities(torsion, ones, ones, np.eye(3), np.zeros((3, 3), bool))
     monkeypatch.setattr("ident.vibrate.sweep.sensitivities", lambda *_: slopes)
-    monkeypatch.setattr("ident.assess.diagnose.assess_trust", lambda *_: ())
-    monkeypatch.setattr("ident.assess.diagnose.assess_resonance", lambda *_: ResonanceAssessment())
+    monkeypatch.setattr("ident.studies.cure.diagnosis.assess_trust", lambda *_: ())
+    monkeypatch.setattr("ident.studies.cure.diagnosis.assess_resonance", lambda *_: ResonanceAssessment())
     arm, campaign = folder / "arm.toml", DATA / "lcd_arm" / "campaign.csv"
     options = replace(SMALL_OPTIONS, limit=1000.0, starts=1)
     diagnosed = ident.diagnose(arm, campaign, options, runs=table(folder, (12.0,), "one.csv"))
@@ -212,8 +213,8 @@ def test_a_diagnosis_takes_what_excites_the_arm_from_runs(folder, result, monkey
     assert diagnosis.stages == stages_of(runs=True)[:-2]
     rotors = diagnosis.excited.rotors
     assert rotors
-    monkeypatch.setattr("ident.assess.cures.single_remedies", lambda *_: [])
-    monkeypatch.setattr("ident.assess.cures.along_path", lambda *_: None)
+    monkeypatch.setattr("ident.studies.cure.cures.single_remedies", lambda *_: [])
+    monkeypatch.setattr("ident.studies.cure.cures.along_path", lambda *_: None)
     (mounted,) = cures(diagnosis.task, 1.0, rotors)
     assert (mounted.kind, mounted.rotors) == ("balance", rotors)
     assert (mounted.amplitude < diagnosis.vibration.amplitude).all()

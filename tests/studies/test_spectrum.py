@@ -7,10 +7,10 @@ from reports import assert_one_screen, too_wide
 from results import assert_comes_back
 
 from ident import InputError, read_arm, read_trace
-from ident.assess.spectrum import MarkedModes
 from ident.measure import Load, Log, Pulley, Trace, read_pulleys
-from ident.studies.simulate import SimulateOptions, simulate
-from ident.studies.spectrum import SpectrumOptions, spectrum
+from ident.studies.working.simulate import SimulateOptions, simulate
+from ident.studies.working.spectra import MarkedModes
+from ident.studies.working.spectrum import SpectrumOptions, spectrum
 
 pytestmark = pytest.mark.slow
 

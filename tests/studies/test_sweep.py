@@ -11,7 +11,7 @@ from ident.description.file import read_arm
 from ident.errors import InputError
 from ident.studies import ranges
 from ident.studies.options import MEASURES
-from ident.studies.sweep import SweepOptions, sweep
+from ident.studies.working.sweep import SweepOptions, sweep
 from ident.vibrate import simulate
 from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.motion import stroke

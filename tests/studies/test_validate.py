@@ -9,8 +9,8 @@ from reports import assert_one_screen
 from results import assert_comes_back, assert_plain
 
 from ident import InputError
-from ident.present.validate import validate_sections
-from ident.studies.validate import ValidateOptions, validate
+from ident.studies.stiffness.validate import ValidateOptions, validate
+from ident.studies.stiffness.validate_report import validate_sections
 
 pytestmark = pytest.mark.slow
 

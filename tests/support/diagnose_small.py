@@ -10,10 +10,10 @@ from typing import Annotated
 import typer
 from arms import DATA
 
-from ident.assess.effort import DiagnosisEffort
 from ident.cli.command import ArmOption, CampaignArgument, OutOption, PathOption, command
 from ident.cli.commands import diagnose_command
-from ident.studies.diagnose import DiagnoseOptions
+from ident.studies.cure.diagnose import DiagnoseOptions
+from ident.studies.cure.effort import DiagnosisEffort
 
 SMALL = DiagnosisEffort(
     steps=500,

@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from ident.present.html.page import Page, Picture, Section, picture
-from ident.present.report import Table, Verdict
+from ident.report.page import Page, Picture, Section, picture
+from ident.report.report import Table, Verdict
 
 HOSTILE = (
     "<script>window.ran = 1; alert(1)</script>",

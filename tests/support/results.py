@@ -9,7 +9,7 @@ import numpy as np
 from reports import without_number
 
 import ident
-from ident.present.files.document import NEWEST, plain
+from ident.report.document import NEWEST, plain
 from ident.studies.result import kept_in
 
 RESULTS = Path(__file__).parents[1] / "data" / "results" / str(NEWEST)

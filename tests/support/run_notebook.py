@@ -101,7 +101,7 @@ def less_of_studies() -> None:
 
     Designs are found to three digits, and motions have one size, as by the fixture `one_size` of the tests.
     """
-    from ident.assess import source
+    from ident.studies.cause import source_study as source
     from ident.vibrate import design, design_search, linear, sweep
 
     search = design_search.minimize

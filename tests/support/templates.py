@@ -4,9 +4,9 @@ from pathlib import Path
 
 import jax
 
-from ident.assess.show import Example, example
 from ident.description.file import read_arm
 from ident.measure.reading import campaign_text
+from ident.studies.look.example import Example, example
 
 TEMPLATES = Path(__file__).parents[2] / "ident" / "description" / "templates"
 

@@ -7,8 +7,17 @@ from inspect import isclass
 import jaxtyping
 from beartype import BeartypeConf, beartype
 
-ROOMS = ("arm", "assess", "description", "identify", "inference", "measure", "modal", "vibrate")
-"""What is checked: not ident.present, which imports the values that it shows for type checkers alone, nor ident.cli."""
+ROOMS = ("arm", "description", "identify", "inference", "measure", "modal", "vibrate")
+COMPUTING = tuple(
+    f"studies.{name}"
+    for name in (
+        *("scenario", "look.exploration", "look.prediction", "look.arm_view", "look.arm_names", "look.example"),
+        *("measuring.modal_campaign", "working.simulation", "working.spectra", "cause.source_study"),
+        *("stiffness.run_plan", "cure.balance_study", "cure.cures", "cure.design_study", "cure.diagnosis"),
+        *("cure.motion_study", "cure.remedies"),
+    )
+)
+"""What is checked: no report, figure or page, which import the values that they show for type checkers alone."""
 CALLS = 300
 """Of a function, and constructions of a class, that are checked in each process."""
 MADE = 30

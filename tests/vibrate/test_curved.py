@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from ident.arm.arm import Arm
 from ident.arm.parts import Body, CubicSpring, Joint, Point, Spring
 from ident.errors import InputError
-from ident.present.basis import passage_findings
+from ident.studies.basis import passage_findings
 from ident.vibrate.fast import passages
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import Response

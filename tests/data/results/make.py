@@ -10,8 +10,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import ident
 from ident.assess.effort import DiagnosisEffort
+
+import ident
 from ident.studies.result import Result
 
 DATA = Path("data")

@@ -2,7 +2,7 @@
 
 `python tests/data/screens/make.py [lcd_arm|scara|six-axis ...] [COMMAND ...]`; by default all of them. Each file has
 the command, its report as result files hold it, and the further lines it printed (files written), which
-`tests/present/test_first_screens.py` renders. All takes a quarter of an hour.
+`tests/report/test_first_screens.py` renders. All takes a quarter of an hour.
 """
 
 import csv
@@ -143,9 +143,9 @@ def more_robots(kind: str, folder: Path) -> None:
 def keep(path: Path, words: list[str]) -> None:
     """Run a command in this process, and keep its report and the lines it printed besides."""
     from ident import cli
-    from ident.assess.effort import DiagnosisEffort
-    from ident.present.files.document import report_data
-    from ident.present.report import text_of
+    from ident.report.document import report_data
+    from ident.report.report import text_of
+    from ident.studies.cure.effort import DiagnosisEffort
     from ident.studies.result import Reported
 
     said, report = [], Reported.report

@@ -1,1 +1,0 @@
-"""Identification and vibration together: what was simulated and on what it rests, the limit, remedies."""

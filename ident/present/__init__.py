@@ -1,1 +1,0 @@
-"""Results for people: text, figures, files, pages. Computes nothing."""

@@ -1,1 +1,0 @@
-"""Matplotlib figures, one file a capability."""

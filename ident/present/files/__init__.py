@@ -1,1 +1,0 @@
-"""Result files, one file a capability: what writes a format and what reads it."""

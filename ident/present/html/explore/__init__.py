@@ -1,1 +1,0 @@
-"""An arm as a page with sliders, which computes by itself."""

@@ -1,0 +1,221 @@
+"""A report as one HTML file: no other file, nothing from the network, no script but that of a page within it.
+
+What a page says comes from files that anybody may have written. Every text goes through `shown` and Jinja2's
+autoescape, and a content security policy refuses whatever a text might still ask for.
+"""
+
+import base64
+import re
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from io import StringIO
+from math import ceil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jinja2 import Environment, StrictUndefined, Template
+from markupsafe import escape
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from ident.files import replace_file
+from ident.text import one_line
+
+if TYPE_CHECKING:
+    from ident.report.report import Part, Table, Verdict
+
+NARROW = 32
+"""Characters up to which a table's cell stays on one line."""
+NUMBER = re.compile(r"\W*\d")
+"""How a cell with a number begins."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure as SVG; `picture` makes one.
+
+    Attributes:
+        svg: the whole SVG document.
+        alt: what can be seen in it, for whoever can't see it.
+        caption: what it shows and how to read it.
+        readable: [px] width at which its smallest letter is 10 px; in a narrow window it scrolls at this width.
+        moving: the same as it moves, for who does not mind; empty where nothing moves.
+
+    Raises:
+        ValueError: there is no SVG or no alternative text.
+    """
+
+    svg: str
+    alt: str
+    caption: str
+    readable: int = 0
+    moving: str = ""
+
+    def __post_init__(self) -> None:
+        if "<svg" not in self.svg:
+            raise ValueError("a picture that is no SVG")
+        if not self.alt.strip():
+            raise ValueError("a picture without an alternative text")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A page that computes, within the page: it reaches neither the page about it nor anything else.
+
+    Attributes:
+        html: the whole page.
+        script: hash of the one script that it may run, as `sha256-...`.
+        title: what it is, for whoever can't see it.
+        caption: what it shows; on paper, it is left out with the page.
+    """
+
+    html: str
+    script: str
+    title: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page.
+
+    Attributes:
+        title: heading.
+        parts: paragraphs and tables.
+        pictures: figures, below them.
+        frame: a page that computes, below the figures.
+    """
+
+    title: str
+    parts: tuple["Part", ...]
+    pictures: tuple[Picture, ...] = ()
+    frame: Frame | None = None
+
+
+@dataclass(frozen=True)
+class Page:
+    """A report.
+
+    Attributes:
+        title: heading of the page.
+        subtitle: what it is about: arm, campaign, date.
+        verdict: what the whole comes to.
+        summary: what stands with the verdict, each with its label: Cause, Remedy, Caution.
+        sections: the parts, in order.
+        inputs: what went in, as a table: name, file, hash.
+        assumptions: what was assumed, a sentence each.
+        provenance: names and values that say how the page came about: versions, options, seeds.
+        above: words and relative address of the page that led here; empty for none.
+    """
+
+    title: str
+    subtitle: str
+    verdict: "Verdict"
+    summary: tuple[tuple[str, str], ...]
+    sections: tuple[Section, ...]
+    inputs: "Table"
+    assumptions: tuple[str, ...] = ()
+    provenance: tuple[tuple[str, str], ...] = ()
+    above: tuple[str, str] = ("", "")
+
+
+def render(page: Page) -> str:
+    """Return a page as HTML; the same page gives the same text."""
+    scripts = [section.frame.script for section in page.sections if section.frame]
+    return template_of("ident.report", "page.html.jinja").render(page=page, scripts=scripts) + "\n"
+
+
+@cache
+def template_of(package: str, file: str) -> Template:
+    """Return a template of a package, by its file there."""
+    environment = Environment(
+        autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {"columns": columns, "data_uri": data_uri, "whole": escape}
+    return environment.from_string((files(package) / file).read_text("utf-8"))
+
+
+def write_page(page: Page, path: Path) -> None:
+    """Write a page as HTML, whole or not at all."""
+    text = render(page).encode("utf-8")
+    replace_file(path, lambda file: file.write(text), make_folders=True)
+
+
+def shown(value: object) -> object:
+    """Return what a page shows: control characters and those that turn the direction of text become visible.
+
+    What the template itself made of texts stays as it is.
+    """
+    return value if hasattr(value, "__html__") else one_line(str(value))
+
+
+def columns(table: "Table") -> list[str]:
+    """Return how each column is set: `wide` text on several lines, a `number` to the right, or `words`."""
+    looks = []
+    for j in range(len(table.head)):
+        cells = [one_line(row[j]) for row in table.texts]
+        look = "number" if j > 0 and any(map(NUMBER.match, cells)) else "words"
+        looks.append("wide" if any(len(cell) > NARROW for cell in cells) else look)
+    return looks
+
+
+def provenance(head: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    """Return format, date, versions and options of a result file, by name."""
+    options = {f"option {name}": value for name, value in head["options"].items() if value not in (None, [], {}, "")}
+    values = {"format": head["format"], "created": head["created"], **head["software"], **options}
+    return tuple((name, str(value)) for name, value in values.items())
+
+
+def data_uri(svg: str) -> str:
+    """Return an SVG document as the address of an image."""
+    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode("utf-8", "replace")).decode("ascii")
+
+
+# -------- Moving modes
+# The first modes of an arm as a picture that moves: SVG without a script, still for who wants no motion.
+
+WIDTH, HEIGHT, MODE_WORDS, ROOM = 340.0, 150.0, 44.0, 18.0
+"""Size of a mode's picture, the height of its words, and the room about the arm [px]."""
+
+
+# -------- Picture
+# Figures for a page: SVG that looks the same everywhere and comes out the same every time.
+
+LARGEST = 1_500_000
+"""Characters of an SVG above which its data are drawn as pixels."""
+SETTINGS: dict[Any, Any] = {"svg.hashsalt": "ident", "svg.fonttype": "path", "path.simplify_threshold": 0.25}
+ILLEGAL = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that no XML document may hold."""
+
+
+def picture(figure: Figure, alt: str, caption: str) -> Picture:
+    """Return a figure for a page: letters as outlines, no date; what would be too large becomes pixels.
+
+    Args:
+        figure: what to draw.
+        alt: what can be seen in it, for whoever can't see it.
+        caption: what it shows and how to read it.
+    """
+    svg = _svg(figure)
+    if len(svg) > LARGEST:
+        for axes in figure.axes:
+            for artist in (*axes.lines, *axes.collections, *axes.patches, *axes.images):
+                artist.set_rasterized(True)  # what is drawn from data, and not the frame or the words about it
+        svg = _svg(figure)
+    letters = [text.get_fontsize() for text in figure.findobj(Text) if text.get_text().strip()]
+    width = 72 * figure.get_size_inches()[0]
+    return Picture(svg, alt, caption, ceil(10 * width / min(letters)) if letters else 0)  # letters of 10 px are read
+
+
+def _svg(figure: Figure) -> str:
+    text = StringIO()
+    with warnings.catch_warnings(), rc_context(SETTINGS):
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+        figure.savefig(text, format="svg", dpi=200, metadata=nothing)
+    svg = ILLEGAL.sub("", text.getvalue())
+    return svg[svg.index("<svg") :]

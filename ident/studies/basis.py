@@ -1,0 +1,236 @@
+"""What was simulated and what that rests on: motion, values taken over or set, and assumed numbers."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ident.arm.multibody import exciting_orders, has_transmission_error
+from ident.arm.plausibility import belt_mismatches
+from ident.report.report import Finding, Section, cut
+from ident.report.words import MM, arc_seconds, counted, degrees, sentence, unit_of
+from ident.text import as_word
+
+if TYPE_CHECKING:
+    from ident.identify.values import Values
+    from ident.studies.scenario import Basis
+    from ident.vibrate.fast import Passage
+
+GUESSED = ("assumed", "calibrated")
+"""Origins of numbers that were not measured: assumed, or set so that a result comes out."""
+PARTS = {
+    "Drive": "drives",
+    "ErrorOrder": "further transmission errors",
+    "Belt": "belts",
+    "Servo": "servos",
+    "Spring": "springs",
+    "CubicSpring": "springs",
+    "Stroke": "stroke",
+}
+
+
+def subject(basis: "Basis") -> str:
+    """Name the arm and its motion: `LCD transfer arm, extension, cycloid, 10 %`."""
+    return f"{cut(basis.arm.name, 36)}, {cut(basis.motion.name, 36)}"
+
+
+def same_motion(basis: "Basis") -> str:
+    """Return the options with which another command takes the same motion, load and values; each after a space."""
+    values = [("--fit", basis.fit), ("--posterior", basis.posterior), ("--path", basis.log)]
+    words = [f"{option} {as_word(given.path)}" for option, given in values if given and given.path]
+    if basis.percent != (100.0 if basis.log else 10.0):  # what it is without `--speed`
+        words.append(f"--speed {basis.percent:g}")
+    words += ["--retract"] * (not basis.log and basis.motion.name.startswith("retraction"))
+    words += [f"--load {as_word(str(basis.load))}"] * bool(basis.load)
+    return "".join(f" {word}" for word in words).replace("{", "{{").replace("}", "}}")
+
+
+def motion_section(
+    basis: "Basis", *, elastic_belts: bool, rate: float, method: str, more: Sequence[str] = (), varied: bool = False
+) -> Section:
+    """Return what was simulated, how, and with which values.
+
+    Args:
+        basis: arm, motion and values.
+        elastic_belts: whether belts stretch.
+        rate: samples a second.
+        method: of simulation, in words.
+        more: further sentences about the motion.
+        varied: whether numbers are varied, those of the draws with them.
+    """
+    motion, belts = basis.motion, ("elastic" if elastic_belts else "rigid") if basis.arm.belts else "none"
+    start, end = (degrees(np.round(motion(motion.breaks[i])[0], 9).tolist()) for i in (0, -1))
+    held = float(motion.breaks[-1]) - motion.arrival
+    sentences = [
+        f"From {start} to {end} in {motion.arrival:.4g} s" + (f", then held for {held:.4g} s." if held else "."),
+        *more,
+        f"Load: {basis.load}. Belts: {belts}. {rate:.4g} samples a second. Method: {method}.",
+    ]
+    twice = "Elastic belts count twice where k_bend or k_tors were measured with them, as by a hammer test."
+    sentences += [twice] * (belts == "elastic")
+    sentences += map(sentence, _taken_over(basis.fit, basis.posterior))
+    sentences += _excitation(basis, varied=varied)
+    sentences += map(sentence, changes_in_words(basis.changed))
+    return Section("Simulated motion", tuple(sentences))
+
+
+def _excitation(basis: "Basis", *, varied: bool) -> Iterator[str]:
+    """Say what is unknown of the excitation, and what the draws have."""
+    for low, high in sorted(set(basis.unknown.errors.values())):
+        ends = " to ".join(f"{arc_seconds(end):g}" for end in (low, high))
+        yield f"Transmission error: {ends} arc seconds peak to peak, twice a turn; the nominal arm has the largest."
+    if basis.unknown.phases and varied:
+        yield "The imbalance phases are unknown: amplitudes are the largest over all phases (rms: the mean over them)."
+    if basis.unknown.phases and basis.posterior:
+        yield "Each draw has random phases of its own."
+    if basis.posterior and varied:
+        yield "A varied number changes by the same factor, or difference, in the nominal arm and in every draw."
+
+
+def basis_findings(basis: "Basis") -> Iterator[Finding]:
+    """Yield what casts doubt on a simulation: an arm without drives, belts that do not fit, contradicting values."""
+    if not basis.arm.drives:
+        yield Finding("the arm file has no [[drive]]: only the motion itself excites the arm", "add its drives")
+    yield from (Finding(str(mismatch)) for mismatch in belt_mismatches(basis.arm))
+    yield from (Finding(values.remark) for values in (basis.fit, basis.posterior) if values and values.remark)
+    if outside := _outside(basis.fit, basis.posterior):
+        text = f"fit and draws exclude each other: the fitted {', '.join(outside)} lies outside all draws"
+        yield Finding(text, "sample and fit the same campaign")
+
+
+def assumption_findings(basis: "Basis") -> Iterator[Finding]:
+    """Yield how many numbers of drives, belts and stroke are assumed."""
+    names, _ = assumed(basis)
+    if names:
+        erring = any(path.endswith((".error", ".amplitude")) for path in names)
+        scaling = ["the transmission error"] * (erring and not without_transmission_error(basis))
+        scaling += ["the imbalance"] * any(path.endswith((".eccentric_mass", ".eccentricity")) for path in names)
+        remedy = f"measure {' and '.join(scaling)} first" if scaling else "measure them"
+        yield Finding(f"amplitudes rest on {len(names)} assumed numbers ({', '.join(_fields(basis, names))})", remedy)
+
+
+def transmission_finding(basis: "Basis") -> Iterator[Finding]:
+    """Yield what the drives' transmission errors do to the arm at rest, or that they are taken to have none."""
+    if without_transmission_error(basis):
+        yield Finding("transmission error is set to 0, real drives have some", "try --errors 30:60 (arc seconds)")
+    elif words := gear_words(basis):
+        yield Finding(words)
+
+
+def gear_words(basis: "Basis") -> str:
+    """Say how far transmission errors move the end at any speed, which is no vibration; empty without any."""
+    paths = [each.amplitude for each in exciting_orders(basis.arm) if each.of_error]
+    if not paths:
+        return ""
+    size = f"{max(arc_seconds(float(basis.arm.get(path))) for path in paths):.3g} arc seconds peak to peak"
+    size += ", assumed" * any(basis.origins.get(path) in GUESSED for path in paths)
+    moved = f"moves the end by up to {MM * basis.gear_error:.2g} mm at any speed"
+    return f"the gears' own error ({size}) {moved}; it is not counted as vibration"
+
+
+def all_findings(basis: "Basis") -> Iterator[Finding]:
+    """Yield all that bears on a simulated amplitude."""
+    yield from basis_findings(basis)
+    yield from assumption_findings(basis)
+    yield from transmission_finding(basis)
+
+
+def without_transmission_error(basis: "Basis") -> bool:
+    """Tell whether there are drives, and none has a transmission error."""
+    return bool(basis.arm.drives) and not has_transmission_error(basis.arm)
+
+
+def values_in_words(fit: "Values | None", posterior: "Values | None") -> Iterator[str]:
+    """Say which numbers an arm has taken over."""
+    yield from _taken_over(fit, posterior)
+    yield from (f"REMARK: {values.remark}" for values in (fit, posterior) if values and values.remark)
+    if outside := _outside(fit, posterior):
+        yield f"WARNING: fit and draws exclude each other: {', '.join(outside)} of the fit beyond all draws"
+
+
+def changes_in_words(changed: Mapping[str, float]) -> Iterator[str]:
+    """Say which numbers were set, in one line."""
+    if changed:
+        each = (f"{path} = {value:g} {unit_of(path)}".rstrip(" -") for path, value in changed.items())
+        yield f"set: {', '.join(each)}"
+
+
+def _taken_over(fit: "Values | None", posterior: "Values | None") -> Iterator[str]:
+    """Say which values were taken over, and from which files."""
+    for values, what in ((fit, "fitted values"), (posterior, "draws of the posterior")):
+        if values is None:
+            continue
+        count = next(iter(values.values.values())).size
+        number = f"{count} {what}" if count > 1 else what
+        yield f"{number} of {counted(len(values.values), 'number')}" + (f", from {values.path}" if values.path else "")
+        if values.left_out:
+            yield f"not used, as the arm has no such number: {', '.join(values.left_out)}"
+    if posterior and not fit:
+        yield "the nominal arm has the medians of these draws"
+
+
+def _outside(fit: "Values | None", posterior: "Values | None") -> tuple[str, ...]:
+    return fit.outside(posterior) if fit and posterior else ()
+
+
+# -------- Assumed numbers
+
+
+def assumed(basis: "Basis") -> tuple[list[str], int]:
+    """Return the assumed or calibrated numbers of drives, belts and stroke, and how many such numbers there are.
+
+    Left out are numbers that were identified or set, and the stroke where a log is replayed.
+    """
+    counting = [name for name in _kinds(basis) if not (basis.log and name == "stroke")]
+    own = basis.origins
+    origins = {path: own[path] for path in basis.arm_file.origins if path.split(".")[0] in counting}
+    names = [path for path, origin in origins.items() if origin in GUESSED]
+    return names, len(origins)
+
+
+def assumed_section(basis: "Basis") -> Iterator[Section]:
+    """Yield which numbers of the excitation are assumed or calibrated, where any are."""
+    names, count = assumed(basis)
+    if not names:
+        return
+    driving = _kinds(basis)
+    others = [o for path, o in basis.arm_file.origins.items() if path.split(".")[0] not in driving and o != "derived"]
+    guessed = sum(origin in GUESSED for origin in others)
+    share = f"{len(names)} of the {count} numbers below are assumed or calibrated"
+    if guessed:
+        share += f", and {guessed} of the arm's {len(others)} other numbers (lengths, masses, ...)"
+    lists = (f"{kind}: {', '.join(words)}." for kind, words in _fields(basis, names).items())
+    yield Section("Assumed or calibrated numbers", (f"{share}. No amplitude is better known than these.", *lists))
+
+
+def _kinds(basis: "Basis") -> dict[str, str]:
+    """Return what each drive, belt, servo, spring or stroke is called together with others of its kind."""
+    return {part.name: PARTS[kind] for part in basis.arm.parts() if (kind := type(part).__name__) in PARTS}
+
+
+def _fields(basis: "Basis", names: Sequence[str]) -> dict[str, dict[str, None]]:
+    """Return what is named of drives, belts and stroke, by kind: `{"drives": {"ratio": None, ...}, ...}`."""
+    kinds = _kinds(basis)
+    fields: dict[str, dict[str, None]] = {}
+    for path in names:
+        part, _, field = path.partition(".")
+        fields.setdefault(kinds[part], {})[field.replace("_", " ")] = None
+    return fields
+
+
+# -------- Springs
+# Curved springs in words: what a campaign can tell of them, and where vibration passes T1.
+
+
+def passage_findings(passages: Sequence["Passage"]) -> Iterator[Finding]:
+    """Yield which springs change their stiffness within a motion, as their load passes T1."""
+    for each in passages:
+        yield Finding(
+            f"the load of {each.spring} passes T1 = {each.torque1:.3g} N m (from {each.low:.3g} to {each.high:.3g} "
+            "N m): its stiffness changes within the motion"
+        )
+
+
+def motion_title(what: str, basis: "Basis") -> str:
+    """Return what a figure shows, of which arm and motion."""
+    return f"{what}: {cut(basis.arm.name, 30)}\n{cut(basis.motion.name, 60)}"

@@ -1,0 +1,192 @@
+"""Identify what excites the moving arm from traces of its vibration: imbalance and transmission error of each drive."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ident.errors import refusal
+from ident.studies import reading
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option, repeated
+from ident.studies.result import Progress, Result, alias, silent
+from ident.studies.shared import RunsOptions, as_file, with_numbers
+from ident.studies.values import drawn_values
+from ident.text import one_line
+
+if TYPE_CHECKING:
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure.runs import Runs
+    from ident.studies.cause.source_study import SourceStudy
+    from ident.studies.stiffness.sample import SampleResult
+
+ARM = "arm.toml"
+"""The arm's file beside the table of runs, where none is named."""
+MOST_DRAWS = 4000
+"""Draws of a posterior, from which mean and covariance are taken."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions(RunsOptions):
+    """Options of `ident.source`: how well the clocks agree, and which runs are kept to test with."""
+
+    offset: float = option(0.05, "time [s] by which a recorder's clock may be off the motion's", above=0.0, high=1.0)
+    hold_out: tuple[str, ...] = repeated(
+        (), "file of a run to leave out and to predict; may be repeated", read=reading.names
+    )
+    calibration: float = option(0.0, "standard error [%] of each sensor's calibration", low=0.0, high=50.0)
+    peak: float | None = option(None, "frequency [Hz] of a peak: which cause makes it", above=0.0, high=1e3)
+    teeth: dict[str, float] = repeated(
+        {},
+        "teeth of a belt's driving pulley, as belt1=40: its mesh as a cause; may be repeated",
+        read=reading.numbers,
+    )
+    draws: int = option(400, "draws of what was identified, for --posterior of other commands", low=1, high=10_000)
+    seed: int = option(0, "seed of these draws", low=0, high=1e18)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class SourceResult(Result):
+    """What excites the arm, as traces of its vibration tell it.
+
+    Its table has a row for each source: amplitude and its standard deviation [SI], phase [rad], whether it is told. Its
+    figure shows the traces, what the sources make of them, and what is left.
+
+    Attributes:
+        study: what was measured, what was identified, the runs that were predicted.
+        arm_file: the arm.
+        runs: the table of runs.
+        options: what was asked for.
+        posterior: draws of stiffnesses that were known before.
+        doubtful: whether runs contradict each other or the model.
+    """
+
+    study: "SourceStudy"
+    arm_file: "ArmFile"
+    runs: "Runs"
+    options: SourceOptions = field(default_factory=SourceOptions)
+    posterior: "Values | None" = None
+
+    form = "ident-source/10"
+    subject = "runs.name"
+    shown = ("study",)
+    made_from = ("arm_file as arm", "runs", "posterior")
+    summary = ("parameters", "draws", "phases", "trials", "causes")
+
+    doubtful: ClassVar[bool] = alias("study.doubtful")
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """Numbers of the arm as identified, by path [SI]."""
+        return self.study.found.numbers()
+
+    @cached_property
+    def draws(self) -> Mapping[str, Any]:
+        """Draws of the same."""
+        return self.study.found.draws(self.options.draws, self.options.seed)
+
+    @property
+    def phases(self) -> Mapping[str, tuple[Any, Any]]:
+        """Of each drive, the phase of its imbalance in each phase group and its standard deviation [rad]."""
+        found = [each for each in self.study.found.estimates if not each.source.of_error]
+        return {each.source.drive: (each.phase, each.phase_sd) for each in found}
+
+    @cached_property
+    def trials(self) -> list[dict[str, Any]]:
+        """Masses that were added for a run: imbalance as stated [kg m], factor by which it acts [-], draws of that.
+
+        Complex numbers as real and imaginary part.
+        """
+        import numpy as np
+
+        found = self.study.tried(self.options.draws, self.options.seed)
+        return [
+            {"run": each.run, "drive": each.drive}
+            | {name: (x.real, x.imag) for name, x in (("stated", each.stated), ("factor", each.factor))}
+            | {"draws": np.stack([each.draws.real, each.draws.imag])}
+            for each in found
+        ]
+
+    @property
+    def causes(self) -> list[dict[str, Any]]:
+        """What may make the peak that was asked about, the most probable first; none where none was."""
+        found = self.study.causes
+        told = {"peak": found.peak, "told": found.told} if found else {}
+        return [
+            told | vars(each) | {"source": each.source and list(each.source[:3])}
+            for each in (found.causes if found else ())
+        ]
+
+    @property
+    def short(self) -> bool:
+        """Whether the search has not settled."""
+        return not self.study.found.settled
+
+
+def as_runs(runs: "Runs | str | Path") -> "Runs":
+    """Return a table of runs, read if it is a file.
+
+    Raises:
+        InputError: something is wrong in it.
+    """
+    from ident.measure.runs import Runs, read_runs
+
+    return runs if isinstance(runs, Runs) else read_runs(runs)
+
+
+def arm_beside(runs: "Runs", soft_base: float | None) -> "ArmFile":
+    """Return the arm beside a table of runs.
+
+    Raises:
+        InputError: there is none, or something is wrong in it.
+    """
+    path = Path(runs.path).parent / ARM
+    if not path.exists():
+        raise refusal(one_line(str(path)), "no such file", "the arm of these runs", "name it (`arm`)")
+    return as_file(path, soft_base)
+
+
+@study
+def source(
+    runs: "Runs | str | Path",
+    arm: "ArmFile | None" = None,
+    options: SourceOptions = DEFAULT,
+    *,
+    posterior: "Values | SampleResult | str | Path | None" = None,
+    progress: Progress = silent,
+) -> SourceResult:
+    """Identify imbalance and transmission error of each drive from traces of the moving arm.
+
+    Args:
+        runs: the table of runs, see `ident source --init`, or its file.
+        arm: the arm; by default arm.toml beside the table.
+        options: how well clocks agree, which runs are kept to test with.
+        posterior: draws of its stiffnesses: a sample, or its file; without it they are known within 10 % (assumed).
+        progress: shows how far the search is.
+
+    Raises:
+        InputError: a file is wrong, or does not fit the arm; runs without common time or with too few turns.
+        ModelError: the arm collapses.
+    """
+    from ident.studies.cause.source_study import studied, with_notes
+
+    runs = as_runs(runs)
+    arm = arm or arm_beside(runs, options.soft_base)
+    drawn = drawn_values(posterior, arm, MOST_DRAWS, None, options)
+    described = with_numbers(arm.arm, drawn, options.set)
+    runs = with_notes(described, runs)
+    draws = drawn.without(options.set) if drawn else {}
+    found = studied(
+        described,
+        runs,
+        draws,
+        offset=options.offset,
+        hold_out=options.hold_out,
+        peak=options.peak,
+        teeth=options.teeth,
+        calibration=options.calibration / 100,
+        progress=progress("search"),
+    )
+    return SourceResult(found, arm, runs, options, drawn)

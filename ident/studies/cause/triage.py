@@ -1,0 +1,102 @@
+"""Tell from traces of the moving arm what makes its vibration: a drive, a mode, a fixed line."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import Problem
+from ident.studies import reading
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option
+from ident.studies.result import Result
+from ident.studies.shared import RunsOptions, with_numbers
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.description.file import ArmFile
+    from ident.measure.runs import Runs
+    from ident.vibrate.triage import Triage
+
+
+MOST_ORDERS = 12
+"""Multiples of a pulley's frequency at most: what is compared with each other grows with them, its time by the cube."""
+SEGMENT = 2.0
+"""Length [s] of a segment of the order map: frequencies half a hertz apart are told apart."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TriageOptions(RunsOptions):
+    """Options of `ident.triage`: which multiples of a pulley's frequency are looked at."""
+
+    orders: tuple[int, ...] = option(
+        (1, 2, 4), "multiples of each pulley's frequency that are looked at", read=reading.whole_numbers, text="1,2,4"
+    )
+    upto: float = option(20.0, "highest frequency [Hz] that is drawn", above=0.0)
+
+    def problems(self) -> list[Problem]:
+        """Refuse more multiples than a search has an end with."""
+        got, remedy = f"{len(self.orders)} multiples", "name those that are likely"
+        many = [Problem("orders", got, f"at most {MOST_ORDERS}", remedy)] if len(self.orders) > MOST_ORDERS else []
+        return [*super().problems(), *many]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class TriageResult(Result):
+    """What makes the strong parts of the vibration, as its frequencies over time tell.
+
+    Its table has a row for each part: what it follows, its share of the vibration, probability, frequencies.
+
+    Attributes:
+        found: the parts, and all that was compared.
+        runs: the table of runs.
+        arm_file: the arm.
+        options: what was asked for.
+    """
+
+    found: "Triage"
+    runs: "Runs"
+    arm_file: "ArmFile"
+    options: TriageOptions = field(default_factory=TriageOptions)
+
+    form = "ident-triage/10"
+    subject = "runs.name"
+    shown = ("found", "runs")
+    made_from = ("arm_file as arm", "runs")
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the order map of the trace in which the largest part is strongest."""
+        from ident.measure.runs import QUANTITIES
+        from ident.studies.cause.triage_figure import triage_figure
+        from ident.vibrate.orders import spectrogram
+
+        strongest = self.found.findings[0].trace if self.found.findings else 0
+        trace = self.runs.traces[strongest]
+        drawn = spectrogram(trace.time, trace.values, segment_seconds=SEGMENT)
+        title, kind = f"Order map: {trace.row.file} {trace.row.channel}", tuple(QUANTITIES)[trace.derivative]
+        how: Any = {"trace": strongest, "title": title, "upto": self.options.upto, "kind": kind}
+        return {"": triage_figure(self.found, drawn, **how)}
+
+
+@study
+def triage(runs: "Runs | str | Path", arm: "ArmFile | None" = None, options: TriageOptions = DEFAULT) -> TriageResult:
+    """Tell what makes the vibration of a moving arm by how its frequencies move; nothing must have been identified.
+
+    Args:
+        runs: the table of runs, see `ident source --init`, or its file.
+        arm: the arm, its stiffnesses within 10 %; by default arm.toml beside the table.
+        options: which multiples of a pulley's frequency are looked at.
+
+    Raises:
+        InputError: a file is wrong, or does not fit the arm.
+        ModelError: the arm collapses.
+    """
+    from ident.studies.cause.source import arm_beside, as_runs
+    from ident.studies.cause.source_study import moving_traces, with_notes
+    from ident.vibrate.triage import triage as found
+
+    runs = as_runs(runs)
+    arm = arm or arm_beside(runs, options.soft_base)
+    described = with_numbers(arm.arm, None, options.set)
+    runs = with_notes(described, runs)
+    return TriageResult(found(described, moving_traces(described, runs), orders=options.orders), runs, arm, options)

@@ -1,0 +1,433 @@
+"""Find out whether an arm vibrates too far, and which change meets the limit: from a campaign to advice."""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+
+from ident.errors import InputError, refusal
+from ident.studies.cause.source import MOST_DRAWS, SourceOptions, as_runs
+from ident.studies.cure.balance import BalanceOptions, pulley_of
+from ident.studies.cure.effort import DiagnosisEffort
+from ident.studies.door import DEFAULT, study
+from ident.studies.motion_options import HeldMotionOptions, basis_of
+from ident.studies.options import option, specs
+from ident.studies.reading import EACH
+from ident.studies.result import Progress, alias, silent
+from ident.studies.saved import FromFit
+from ident.studies.shared import with_numbers
+from ident.studies.stiffness.fit import FitOptions
+from ident.studies.stiffness.sample import SampleOptions, sample
+from ident.units import USUAL
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.codec import Store
+    from ident.description.file import ArmFile
+    from ident.identify.fit import CampaignFit
+    from ident.identify.values import Values
+    from ident.measure import Campaign, Log
+    from ident.measure.runs import Runs
+    from ident.report.page import Page
+    from ident.studies.cause.source_study import SourceStudy
+    from ident.studies.cure.balance_study import Balance
+    from ident.studies.cure.diagnose_report import StageReport
+    from ident.studies.cure.diagnosis import Diagnosis, Excited, Identification, Verdict
+    from ident.studies.cure.remedies import Remedy, Task, Verification, VibrationAssessment
+
+
+# -------- Diagnose stages
+# The stages of a diagnosis: `carry_out` has them in order.
+
+V = TypeVar("V")
+"""The value of a stage."""
+OnStage = Callable[["StageReport"], None]
+CHAINS = "chains"
+"""Folder of the sampler's chains within that of the stages."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a diagnosis is made from.
+
+    Attributes:
+        arm: the arm.
+        campaign: the measurements.
+        options: the limit, the motion, and what is unknown of the arm.
+        log: the joint path, if one is replayed.
+        runs: traces of the moving arm, if there are any.
+        folder: where finished stages are kept; None for nowhere.
+        progress: shows how far each stage is.
+    """
+
+    arm: "ArmFile"
+    campaign: "Campaign"
+    options: "DiagnoseOptions"
+    log: "Log | None"
+    runs: "Runs | None"
+    folder: Path | None
+    progress: Progress
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """What the stages depend on; by values, so that a file may move."""
+        from importlib.metadata import version
+
+        measurements = [replace(each, where="") for each in self.campaign.measurements]
+        return {
+            "campaign": _hash(measurements),
+            "arm file": _hash((self.arm.arm, self.arm.origins, self.arm.extents)),
+            "path": _hash((self.log.time, self.log.angles)) if self.log else "",
+            "runs": _hash([self.runs.sha256, *(each.sha256 for each in self.runs.files.values())]) if self.runs else "",
+            "set of options": _hash(replace(self.options, units=USUAL)),
+            "version of ident": version("ident-arm"),
+        }
+
+
+def _hash(value: Any) -> str:
+    from ident.codec import encode
+
+    return hashlib.sha256(json.dumps(encode(value)).encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def discard_stages(folder: str | Path) -> None:
+    """Remove the stages that a diagnosis has kept in a folder, and the folder if nothing else is in it.
+
+    Raises:
+        InputError: another run is at work there.
+    """
+    from ident.codec import Store
+    from ident.files import claimed
+
+    if os.path.exists(folder):
+        with claimed(Path(folder)):
+            Store.discard(Path(folder) / CHAINS)
+            Store.empty(Path(folder))
+
+
+def carry_out(job: Job, store: "Store", on_stage: OnStage) -> "Diagnosis":
+    """Carry out the stages in order; each is computed from those before or taken over from an earlier run, and kept."""
+    from ident.identify.compare import Validation
+    from ident.studies.cure.cures import cures
+    from ident.studies.cure.diagnose_report import (
+        StageReport,
+        remedies_line,
+        resonance_line,
+        sensitivities_line,
+        source_line,
+        stiffness_line,
+        trust_line,
+        verification_line,
+        vibration_line,
+    )
+    from ident.studies.cure.diagnosis import LEAVE, Diagnosis, assess_resonance, assess_trust, chosen, stages_of
+    from ident.studies.cure.remedies import assess_vibration, verify_in_turn, verify_remedy
+    from ident.vibrate.sweep import sensitivities
+
+    stages = stages_of(runs=job.runs is not None)
+
+    def stage(
+        name: str,
+        compute: Callable[[], V],
+        line: Callable[[V], str],
+        count: Callable[[V], int] = lambda value: len(stages),
+    ) -> V:
+        kept: V | None = store.read(name)
+        value = compute() if kept is None else kept
+        if kept is None:
+            store.write(name, value)
+        on_stage(StageReport(stages.index(name) + 1, count(value), name, line(value), kept is not None))
+        return value
+
+    def needed(vibration: "VibrationAssessment") -> int:
+        return len(stages[:-2] if vibration.accepted else stages)
+
+    def verify(remedy: "Remedy") -> "Verification":
+        return verify_remedy(task, remedy, job.progress("fresh draws"))
+
+    def advised_line(verifications: "tuple[Verification, ...]") -> str:
+        place = chosen(verifications)
+        return verification_line(ranked[place], verifications[place])
+
+    identified, runs = stage("stiffness", lambda: _identified(job), stiffness_line), job.runs
+    excited: Excited | None = None
+    if runs:
+        excited = stage("source", lambda: _excited(job, runs, identified), lambda found: source_line(found.study))
+    task, fitted = (excited or identified).task, identified.sampled.fitted
+    trust = stage("trust", lambda: assess_trust(fitted), lambda parts: trust_line(Validation(fitted, LEAVE, parts)))
+    resonance = stage("resonance", lambda: assess_resonance(task), lambda found: resonance_line(found, task.basis.arm))
+    vibration = stage("vibration", lambda: assess_vibration(task, job.progress("draws")), vibration_line, needed)
+    slopes = stage(
+        "sensitivities",
+        lambda: sensitivities(task.over_phases(task.evaluator())),
+        sensitivities_line,
+        lambda slopes: needed(vibration),
+    )
+    if vibration.accepted:
+        return Diagnosis(identified, trust, resonance, vibration, slopes, excited=excited)
+    rotors = excited.rotors if excited else ()
+    ranked = stage("remedies", lambda: cures(task, vibration.scatter, rotors, job.progress("remedies")), remedies_line)
+    verified = stage("verification", lambda: verify_in_turn(ranked, verify), advised_line)
+    return Diagnosis(identified, trust, resonance, vibration, slopes, ranked, verified, excited)
+
+
+def _identified(job: Job) -> "Identification":
+    from ident.identify.values import Draws
+    from ident.studies.cure.diagnosis import Identification
+
+    options, effort = job.options, job.options.effort
+    shared = {each.name: getattr(options, each.name) for each, _ in specs(FitOptions)}
+    sampling = SampleOptions(**shared, ess=effort.ess, steps=effort.steps)
+    folder = job.folder and job.folder / CHAINS
+    sampled = sample(job.arm, job.campaign, sampling, folder=folder, progress=job.progress)
+    draws = Draws.of_sample(sampled.sample).some(job.arm.arm, effort.draws, options.seed)
+    return Identification(sampled.sample, _task(job, draws.shuffled(options.seed)))
+
+
+def _excited(job: Job, runs: "Runs", identified: "Identification") -> "Excited":
+    """Identify what excites the arm from its runs; what they do not tell stays at the posterior's median."""
+    import numpy as np
+
+    from ident.arm.multibody import possible_orders
+    from ident.identify.values import Draws
+    from ident.studies.cause.source_study import studied
+    from ident.studies.cure.diagnosis import Excited
+
+    options, count = job.options, job.options.effort.draws
+    known = Draws.of_sample(identified.sampled).some(job.arm.arm, MOST_DRAWS)
+    arm = with_numbers(job.arm.arm, known, options.set)
+    progress = job.progress("search for what excites the arm")
+    study = studied(arm, runs, known.without(options.set), offset=SourceOptions().offset, progress=progress)
+    middle = {path: np.full(count, value) for path, value in known.medians.items()}
+    drawn = {**middle, **study.found.draws(count, options.seed)}
+    balance = _balanced(job, study, drawn)
+    if len(study.found.place.parts) > 1:  # each group has phases of its own, and so has the next motion
+        phases = {each.phase for each in possible_orders(arm)}
+        drawn = {path: values for path, values in drawn.items() if path not in phases}
+    return Excited(study, _task(job, _values(job, drawn)), balance)
+
+
+def _balanced(job: Job, study: "SourceStudy", drawn: "Mapping[str, Any]") -> "Balance | None":
+    """Balance the drives' rotors, with masses where `ident balance` has them by default."""
+    from ident.arm.multibody import IMBALANCE
+    from ident.studies.cure.balance_study import balanced, rotor_of
+
+    basis = basis_of(job.arm, job.options, path=job.log, posterior=_values(job, drawn))
+    middle = study.found.numbers()
+    drives = {drive.name: drive for drive in basis.arm.drives}
+    found = [each for each in study.found.estimates if each.source.kind == IMBALANCE]
+    if not study.usable or not any(each.told for each in found):
+        return None
+    try:
+        where = BalanceOptions(radius=job.options.radius)
+        pulleys = {name: pulley_of(drive, basis.arm, where) for name, drive in drives.items()}
+    except InputError:  # no radius is known
+        return None
+    phases = {each.source.drive: (each.phase, each.phase_sd) for each in found}
+    tried = study.tried(job.options.effort.draws, job.options.seed)
+    rotors = []
+    for each in found:
+        row, name = {"told": each.told, "sd": each.sd, "amplitude": each.amplitude}, each.source.drive
+        rotors.append(rotor_of(basis, drives[name], pulleys[name], middle, row, phases, tried))
+    return balanced(basis, rotors, tried, middle)
+
+
+def _values(job: Job, drawn: "Mapping[str, Any]") -> "Values":
+    from ident.identify.values import Values
+
+    return Values.of_arm({(path,): values for path, values in drawn.items()}, job.arm.arm)
+
+
+def _task(job: Job, draws: "Values") -> "Task":
+    from ident.studies.cure.remedies import Task, at_confidence
+
+    basis = basis_of(job.arm, job.options, path=job.log, posterior=draws)
+    return at_confidence(Task(basis, job.options.limit / 1e3, job.options.effort, job.options.softer))
+
+
+# -------- Diagnose
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseOptions(FitOptions, HeldMotionOptions):
+    """Options of `ident.diagnose`: the limit, the motion, and what is unknown of the arm.
+
+    Attributes:
+        effort: how much is computed; no flag of the command.
+        force: of no use here, as nothing is taken over; no flag of the command.
+    """
+
+    refuses: ClassVar[tuple[str, ...]] = ("robust", "no_explain")
+
+    limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
+    dwell: float = option(1.0, "time [s] that the arm is held at the end", low=0.0, high=3600.0)
+    softer: bool = option(False, "a remedy may also make joints softer")
+    radius: dict[str, float] = option(
+        {},
+        "with --runs: radius [mm] at which balancing masses can sit, as drive2=90; default: the largest pulley's",
+        **EACH,
+    )
+    effort: DiagnosisEffort = field(default_factory=DiagnosisEffort)
+    force: bool = False
+
+    def recorded(self) -> dict[str, Any]:
+        """Return the options as result files record them, with the effort."""
+        return {**super().recorded(), "effort": asdict(self.effort)}
+
+    @classmethod
+    def restored(cls, recorded: Mapping[str, Any]) -> Self:
+        """Return options as a result file has recorded them, see `Options.restored`."""
+        effort: dict[str, Any] = {name: value for name, value in recorded["effort"].items() if name != "speeds"}
+        others = {name: value for name, value in recorded.items() if name != "effort"}
+        speeds = tuple(recorded["effort"]["speeds"])
+        return replace(super().restored(others), effort=DiagnosisEffort(**effort, speeds=speeds))
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class DiagnoseResult(FromFit):
+    """A diagnosis of an arm.
+
+    Its table has a row for each remedy, the best first [SI]; none where none is needed.
+
+    Attributes:
+        diagnosis: the value of each stage, and the verdict that follows from them.
+        options: what was asked for.
+        runs: the traces of the moving arm, if there were any.
+        verdict: `accept` the arm as it is, `warn` where a remedy is needed and holds, `reject` where none does.
+        advised: the remedy that is advised; None where none is needed.
+        short: whether the posterior's chains are too short.
+        doubtful: whether the fit that the diagnosis rests on is in doubt, or what the runs tell.
+        fitted: the fit that the diagnosis rests on.
+    """
+
+    diagnosis: "Diagnosis"
+    options: DiagnoseOptions = field(default_factory=DiagnoseOptions)
+    runs: "Runs | None" = None
+
+    form = "ident-diagnose/10"
+    subject = "fitted.campaign.name"
+    shown = ("diagnosis",)
+    made_from = ("diagnosis.task.basis.arm_file as arm", "fitted.campaign", "diagnosis.task.basis.log as path", "runs")
+    summary = ("verdict", "advice")
+
+    verdict: ClassVar["Verdict"] = alias("diagnosis.verdict")
+    advised: ClassVar["Remedy | None"] = alias("diagnosis.advised")
+    short: ClassVar[bool] = alias("diagnosis.identification.short")
+    doubtful: ClassVar[bool] = alias("diagnosis.in_doubt")
+    fitted: ClassVar["CampaignFit"] = alias("diagnosis.identification.sampled.fitted")
+
+    @property
+    def advice(self) -> str:
+        """The remedy that is advised, in words; empty where none is needed."""
+        from ident.studies.cure.diagnose_report import change_words
+
+        return change_words(self.advised) if self.advised else ""
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the figures of the page, by the stages' names."""
+        from ident.studies.cure.diagnose_figure import diagnose_figures
+
+        return diagnose_figures(self.diagnosis)
+
+    def html(self) -> str:
+        """Return the page: verdict, stages with tables and figures, inputs, assumptions; it opens without a network."""
+        from ident.report.page import render
+
+        return render(self._page(self.head))
+
+    def _page(self, head: Mapping[str, Any]) -> "Page":
+        from ident.studies.cure.diagnose_page import diagnose_page
+        from ident.studies.look.arm_view import arm_view
+        from ident.studies.look.explore import page_of
+
+        basis, posterior = self.diagnosis.task.basis, f"{self.name}.nc"
+        explorer = page_of(basis, self.fitted.campaign, self.options.soft_base, self.options.profile, posterior)
+        view = arm_view(replace(basis.arm_file, arm=basis.arm))
+        return diagnose_page(self.diagnosis, head, view, explorer, self.runs)
+
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.report.document import write_netcdf
+        from ident.report.page import write_page
+        from ident.studies.cure.diagnose_files import posterior_groups
+
+        page, posterior = self._beside(path, ".html"), self._beside(path, ".nc")
+        write_page(self._page(head), page)
+        write_netcdf(posterior, posterior_groups(self.diagnosis, head))
+        return page, *super()._write(path, head), posterior
+
+
+@study
+def diagnose(
+    arm: "ArmFile",
+    campaign: "Campaign",
+    options: DiagnoseOptions = DEFAULT,
+    *,
+    path: "Log | None" = None,
+    runs: "Runs | str | Path | None" = None,
+    folder: str | Path | None = None,
+    restart: bool = False,
+    progress: Progress = silent,
+    on_stage: OnStage = lambda report: None,
+) -> DiagnoseResult:
+    """Diagnose an arm, step by step: posterior, resonance, vibration, sensitivities, remedies and their verification.
+
+    Remedies by their effort: the speed, along the path or of all of it; then balancing, where runs are given, and mass
+    centres; then torsional stiffness; where none is enough, two of them.
+
+    Args:
+        arm: its stiffnesses are starting values and centres of the priors.
+        campaign: the measurements.
+        options: the limit, the motion, and what is unknown of the arm.
+        path: a joint path to follow instead of the stroke: a log, or its file.
+        runs: traces of the moving arm, or their table's file, see `ident source`: they tell what excites it.
+        folder: where finished stages are kept, so that a call with the same inputs goes on behind the last of them;
+            `discard_stages` removes it. None to keep nothing.
+        restart: throw away the stages that are kept there.
+        progress: shows how far each stage is.
+        on_stage: is told of each stage when it is finished, or taken over.
+
+    Raises:
+        InputError: inputs or options that do not fit together; a folder that holds the stages of other inputs, or in
+            which another run is at work.
+        ModelError: the model has no answer: no optimum, or an arm that collapses.
+    """
+    from ident.codec import Store
+    from ident.files import claimed
+    from ident.identify.binding import loads_of
+    from ident.studies.cause.source_study import posed, with_notes
+    from ident.vibrate.simulate import refuse_jumps
+
+    folder, runs = Path(folder) if folder is not None else None, None if runs is None else as_runs(runs)
+    basis = basis_of(arm, options, path=path)
+    refuse_jumps(basis.arm, basis.motion)  # what can be refused is refused before the posterior is sampled
+    loads_of(basis.arm, basis.load)
+    if options.radius and runs is None:
+        raise refusal("radius", "it without runs", "traces that tell the imbalances", "give `runs`, or drop it")
+    BalanceOptions(radius=options.radius).check_drives([drive.name for drive in basis.arm.drives])
+    if runs is not None:
+        posed(basis.arm, runs, offset=SourceOptions().offset)
+    job = Job(arm, campaign, options, path, runs, folder, progress)
+    if restart and folder is not None:
+        discard_stages(folder)
+    fresh = folder is not None and not os.path.exists(folder)
+    with claimed(folder):
+        store = Store(folder, job.identity)
+        try:
+            noted = runs and with_notes(basis.arm, runs)
+            return DiagnoseResult(carry_out(job, store, on_stage), options, noted)
+        except InputError:
+            if fresh and folder is not None and store.read("stiffness") is None:
+                Store.discard(folder / CHAINS)
+                Store.empty(folder)
+            elif runs and store.read("source") is None:  # the runs are at fault: with others it goes on
+                store.depends_on({name: value for name, value in job.identity.items() if name != "runs"})
+            raise
+
+
+def part_folder(folder: Path, campaign: "Campaign") -> Path:
+    """Return where the command keeps the stages of an unfinished diagnosis whose files go into a folder."""
+    return folder / f"{campaign.name}.diagnose.part"

@@ -1,0 +1,144 @@
+"""Choose how fast the arm goes along its path, so that it vibrates little: no part is changed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ident.studies.door import DEFAULT, study
+from ident.studies.motion_options import HeldMotionOptions, basis_of
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, alias, silent
+from ident.studies.values import drawn_groups
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure import Log
+    from ident.studies.cure.motion_study import MotionStudy
+    from ident.studies.stiffness.sample import SampleResult
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionOptions(HeldMotionOptions):
+    """Options of `ident.motion`: the motion as it is, the limit, and how finely the speed may change along the path."""
+
+    speed: float | None = option(
+        None,
+        "percent of full speed of the motion as it is, default 10; the stroke never goes faster; "
+        "with --path of its own speed, default 100",
+        above=0.0,
+        high=1000.0,
+    )
+    limit: float = option(0.5, "vibration [mm] that the end must not exceed in any direction", above=0.0)
+    time: float | None = option(
+        None, "time [s] in which to vibrate least; default: the least time that keeps the limit", above=0.0
+    )
+    segments: int = option(12, "segments of the path; at their ends the speed is chosen", low=4, high=30)
+    rate: float = option(250.0, "rows a second of the joint path that is written", low=10.0, high=10_000.0)
+    draws: int = option(50, "draws of the posterior by which motions are judged", low=1, high=1000)
+    fresh: int = option(200, "other draws, by which the proposed motion is verified", low=0, high=100_000)
+    seed: int = option(0, "seed of the choice of draws", low=0, high=1e18)
+
+    @property
+    def hold(self) -> float:
+        """None [s]: the study holds the arm itself, after each motion."""
+        return 0.0
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class MotionResult(Result):
+    """Motions along the path of an arm, and the one that keeps the limit in the least time.
+
+    Its table has a row for each motion: time [s], vibration [m], chance of keeping the limit [-], acceleration.
+
+    Attributes:
+        motions: the motion as it is, the others, the speeds along the path, and their verification.
+        options: what was asked for.
+        time: time from start to arrival with the speeds along the path [s].
+        vibration: largest vibration with these speeds and the worst phases, by the exact equations [m].
+    """
+
+    motions: "MotionStudy"
+    options: MotionOptions = field(default_factory=MotionOptions)
+
+    form = "ident-motion/10"
+    subject = "motions.basis.name"
+    shown = ("motions",)
+    made_from = ("motions.basis.sources",)
+    summary = ("time", "vibration", "keeps")
+
+    time: ClassVar[float] = alias("motions.schedule.duration")
+    vibration: ClassVar[float] = alias("motions.verification.largest")
+
+    @property
+    def keeps(self) -> float | None:
+        """Probability that these speeds keep the limit, by fresh draws [-]; None without a posterior."""
+        kept = self.motions.verification.keeps
+        return None if kept is None else kept.share
+
+    @property
+    def short(self) -> bool:
+        """Whether no motion keeps the limit."""
+        return self.motions.recommended is None
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return speed and vibration along the path; what input shapers leave (`shapers`), where they were tried."""
+        from ident.studies.cure.motion_figure import motion_figure, shaper_figure
+
+        shaped = any(each.kind == "shaper" for each in self.motions.candidates)
+        return {"": motion_figure(self.motions)} | ({"shapers": shaper_figure(self.motions)} if shaped else {})
+
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.studies.cure.motion_report import write_path
+
+        csv = self._beside(path, ".csv")
+        write_path(self.motions, self.options.rate, head, csv)
+        return csv, *super()._write(path, head)
+
+
+@study
+def motion(
+    arm: "ArmFile",
+    options: MotionOptions = DEFAULT,
+    *,
+    path: "Log | None" = None,
+    fit: "Values | None" = None,
+    posterior: "Values | SampleResult | str | Path | None" = None,
+    progress: Progress = silent,
+) -> MotionResult:
+    """Choose the speed along the stroke, or a path, so that the arm keeps a limit of vibration in the least time.
+
+    Compared with the motion as it is, slower, by other profiles and, where the motion itself shakes the arm, by input
+    shapers. The path stays; what is proposed is verified by the exact equations and by draws it was not chosen by.
+
+    Args:
+        arm: the arm; it has a stroke, or its joints have limits of speed, acceleration and jerk.
+        options: the motion as it is, the limit, and how finely the speed may change.
+        path: a joint path to follow instead of the stroke: a log, or its file; it starts and ends at rest.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws by which the limit is kept with 95 %: a sample, or its file.
+        progress: shows how far it is, over the steps of the search.
+
+    Raises:
+        InputError: an arm without excitation; a time out of reach; a path with a corner, or that starts moving.
+        ModelError: the arm collapses.
+    """
+    from ident.studies.cure.motion_study import motions, scheduling_of
+    from ident.vibrate.simulate import refuse_jumps
+
+    judging, fresh = drawn_groups(posterior, arm, options.draws, options.fresh, options.seed, options)
+    basis = basis_of(arm, options, path=path, fit=fit, posterior=judging)
+    refuse_jumps(basis.arm, basis.motion)
+    stroke = None if path else basis.arm.stroke
+    found = motions(
+        basis,
+        scheduling_of(basis, stroke, segments=options.segments, dwell=options.dwell, retract=options.retract),
+        limit=options.limit / 1e3,
+        time=options.time,
+        fresh=basis.drawn(fresh, seed=1),
+        progress=progress("speeds along the path"),
+    )
+    return MotionResult(found, options)

@@ -1,0 +1,158 @@
+"""Motions along one path: what is said of them, their rows for programs, and the joint path as a file."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.files import replace_file
+from ident.measure.table import csv_text, guarded
+from ident.report.report import Finding, Report, Section, Table, Verdict
+from ident.report.words import MM, counted
+from ident.studies.basis import all_findings, assumed_section, motion_section, same_motion, subject
+from ident.studies.cure.motion_study import LIMITS, TOUCHED, Candidate
+from ident.studies.cure.remedies import CONFIDENT
+
+if TYPE_CHECKING:
+    from ident.studies.cure.motion_study import MotionStudy
+
+
+def motion_sections(motions: "MotionStudy") -> Report:
+    """Return all that is said of motions along a path."""
+    return Report(
+        f"Motions of {subject(motions.basis)}: {counted(len(motions.candidates), 'way')} along the same path",
+        _verdict(motions),
+        (_touched(motions), _candidates(motions, _shown(motions))),
+        tuple(_findings(motions)),
+        next=_next(motions),
+        details=tuple(_details(motions)),
+    )
+
+
+def _verdict(motions: "MotionStudy") -> Verdict:
+    best, limit = motions.recommended, f"{MM * motions.limit:g} mm"
+    now = motions.candidates[0]
+    if best is None:
+        quiet = min(motions.candidates, key=lambda each: each.worst)
+        least = f"the quietest is {quiet.name}: {MM * quiet.worst:.2f} mm in {quiet.time:.1f} s"
+        return Verdict("NOT MET", f"No motion keeps the limit of {limit} with confidence; {least}.", "bad")
+    keeps = f"keeps the limit of {limit} in {best.time:.1f} s"
+    if best is now:
+        return Verdict("MET", f"The motion as it is {keeps}: no change is needed.", "good")
+    compared = f"as it is: {MM * now.worst:.2f} mm in {now.time:.1f} s"
+    largest = best.worst if best.verification is None else best.verification.largest
+    size = f"{MM * largest:.2f} mm by the exact equations"
+    return Verdict("MET", f"Recommended: {best.name}. It {keeps} ({size}; {compared}).", "good")
+
+
+def _touched(motions: "MotionStudy") -> str:
+    share = motions.share_of_motion
+    what = "shape the motion" if share > 0.5 else "shapers may help" if share > TOUCHED else "no shaper helps"
+    return f"The motion itself makes {100 * share:.0f} % of the vibration as it is, the drives the rest: {what}."
+
+
+def _shown(motions: "MotionStudy") -> tuple[Candidate, ...]:
+    """Return the candidates without shapers than which another is quicker and leaves less."""
+    shapers = [each for each in motions.candidates if each.kind == "shaper"]
+    beaten = {one.name for one in shapers for each in shapers if each.time <= one.time and each.left < one.left}
+    return tuple(each for each in motions.candidates if each.name not in beaten or each is motions.recommended)
+
+
+def _candidates(motions: "MotionStudy", candidates: tuple[Candidate, ...]) -> Table:
+    now, best, rows = motions.candidates[0], motions.recommended, []
+    for each in candidates:
+        keeps = each.keeps(motions.limit)
+        if each.verification is not None and each.verification.keeps is not None:
+            keeps = each.verification.keeps
+        median, high = np.quantile(each.peaks, (0.5, 0.95))
+        sizes = (MM * median, MM * high, MM * each.worst, MM * each.left)
+        name, added = each.name + " *" * bool(each.beyond), round(each.time, 1) - round(now.time, 1)
+        rows.append((name, each.time, added, *sizes, 100 * keeps.share, np.degrees(each.acceleration)))
+    head = (
+        *("Motion", "time [s]", "added [s]", "vibration, median [mm]", "95 % [mm]", "worst phases [mm]"),
+        *("after arrival [mm]", "keeps limit [%]", "joint acceleration [deg/s^2]"),
+    )
+    strong = tuple(k for k, each in enumerate(candidates) if each is best)
+    beyond = [name for name in LIMITS if any(name in each.beyond for each in candidates)]
+    note = f"* beyond the arm file's limit of {' and '.join(beyond)}: not recommended." if beyond else ""
+    return Table("", head, tuple(rows), ("", ".1f", "+.1f", *(".2f",) * 4, ".0f", ".0f"), note, strong)
+
+
+def _findings(motions: "MotionStudy") -> Iterator[Finding]:
+    checked, found = motions.verification, motions.candidates[-1]
+    for each in motions.candidates:
+        if each.verification is not None and each.verification.slack:
+            text = f"{each.name}: the exact equations have {', '.join(each.verification.slack)} go slack: not confirmed"
+            yield Finding(text, "raise the pretension")
+    if checked.largest > motions.limit >= found.worst:
+        text = f"the exact equations give {MM * checked.largest:.3f} mm along the path: more than the limit"
+        yield Finding(text, "give it more time (--time)")
+    if checked.keeps is not None and checked.keeps.share < CONFIDENT:
+        low, high = (f"{100 * end:.0f}" for end in checked.keeps.interval)
+        text = f"speed along the path keeps the limit with {low} to {high} % of {checked.keeps.draws} fresh draws"
+        yield Finding(text, "measure the stiffnesses better (ident plan), or give it more time (--time)")
+    if not motions.basis.posterior:
+        yield Finding("the stiffnesses count as exact", "add --posterior of ident sample")
+    yield from all_findings(motions.basis)
+
+
+def _next(motions: "MotionStudy") -> str:
+    best = motions.recommended
+    if best is None or best.kind != "along the path":
+        return f"ident design {{arm}}{same_motion(motions.basis)}" if best is None else ""
+    others = same_motion(replace(motions.basis, percent=10.0, log=None)).replace(" --retract", "")
+    return f"ident simulate {{arm}} --path {{result}}.csv{others}"
+
+
+def _details(motions: "MotionStudy") -> Iterator[Section]:
+    basis, schedule, allowed = motions.basis, motions.schedule, motions.scheduling.allowed
+    rate, method = motions.scheduling.evaluator.rate, "fast, the proposed motion also exact"
+    yield motion_section(basis, elastic_belts=False, rate=rate, method=method)
+    if len(_shown(motions)) < len(motions.candidates):
+        meaning = "With the shapers than which another is quicker and leaves less."
+        yield Section("All motions", (meaning, _candidates(motions, motions.candidates)))
+    full = np.degrees(allowed.speed.max()) * (1 if basis.log else 100 / basis.percent)
+    places, speeds = np.degrees(schedule.places), 100 * np.degrees(schedule.speeds) / full
+    accelerations = np.degrees(schedule.accelerations)
+    segments = zip(places[:-1], places[1:], speeds[:-1], speeds[1:], accelerations, strict=True)
+    rows = [(number, *segment) for number, segment in enumerate(segments, 1)]
+    of_alpha = ", the length of the path in the space of the joint angles" if basis.log else ""
+    head = ("Segment", "alpha from [deg]", "to [deg]", "speed from [%]", "to [%]", "acceleration [deg/s^2]")
+    windows = " and ".join(f"{window:.3f} s" for window in schedule.windows)
+    note = (
+        f"Percent of full speed, {full:.4g} deg/s of alpha{of_alpha}, with an even acceleration in each segment; "
+        f"then the mean over {windows}, the periods of the two lowest modes at the arrival."
+    )
+    table = Table("", head, tuple(rows), ("d", ".1f", ".1f", ".2f", ".2f", ".1f"))
+    slowest, least = np.degrees(allowed.speed.min()), np.degrees(allowed.acceleration.min())
+    limits = f"Limits of alpha: {slowest:.4g} deg/s at the slowest place, {least:.4g} deg/s^2."
+    yield Section("Speed along the path", (note, table, limits))
+    yield from assumed_section(basis)
+
+
+def motion_rows(motions: "MotionStudy") -> list[dict[str, Any]]:
+    """Return a row for each motion [SI]: time, vibration, chance of keeping the limit, largest acceleration."""
+    return [
+        {"motion": each.name, "kind": each.kind, "time": each.time}
+        | {"median": float(np.median(each.peaks)), "q95": float(np.quantile(each.peaks, 0.95)), "worst": each.worst}
+        | {"after_arrival": each.left, "keeps": each.keeps(motions.limit).share}
+        | {"acceleration": each.acceleration, "met": motions.met(each)}
+        for each in motions.candidates
+    ]
+
+
+def write_path(motions: "MotionStudy", rate: float, head: Mapping[str, Any], path: Path) -> None:
+    """Write the joint path with the speeds along it as CSV, which `read_log` reads."""
+    motion, arm = motions.schedule.motion, motions.basis.arm
+    time = np.append(np.arange(0.0, motion.arrival - 0.5 / rate, 1 / rate), motion.arrival)
+    columns = np.column_stack([time, *np.degrees(np.asarray(motion(time)[0]))])
+    note = f"{head['format']} {head['created']} ident {head['software']['ident']}: {guarded(motions.basis.name)}"
+    top = csv_text(["time [s]", *(f"{joint.name} [deg]" for joint in arm.driven)], (), [note])
+
+    def write(file: Any) -> None:
+        file.write(top.encode())
+        np.savetxt(file, columns, fmt="%.10g", delimiter=",")
+
+    replace_file(path, write, make_folders=True)

@@ -1,0 +1,346 @@
+"""Cures that need no new part: the same path at other speeds, by other profiles, or shaped, side by side."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.multibody import exciting_orders
+from ident.arm.parts import Stroke
+from ident.errors import refusal
+from ident.programs import Progress
+from ident.studies.cure.remedies import CONFIDENT, keeping
+from ident.studies.scenario import Basis, over_phases
+from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, binomial_estimate, exact_response
+from ident.vibrate.motion import PROFILES, Motion, stroke
+from ident.vibrate.replay import replay
+from ident.vibrate.response import belt_tension, peak, slack
+from ident.vibrate.schedule import RATE, Path, Schedule, Scheduling
+from ident.vibrate.shaping import shaped, shapers
+from ident.vibrate.simulate import Superposition
+
+SLOWER = 0.95
+"""Factor from one lower speed to the next that is tried, down to `SLOWEST` of the present one; assumed."""
+SLOWEST = 0.2
+TRIES = 5
+"""Speeds that keep the limit nominally which are judged by draws, at most; assumed."""
+LIMITS = ("speed", "acceleration", "jerk")
+"""What joints have limits of."""
+ALLOWED = 1.001
+"""Factor by which samples may exceed a limit: differences of them stand for the jerk."""
+ALONG = 33
+"""Places of the path at which frequencies are shown."""
+TOUCHED = 0.05
+"""Share of the vibration that the motion itself must make for shapers to be tried; assumed."""
+TIGHTENED = 3
+"""Searches at most, each for a tighter limit until exact equations and draws keep the one asked for; assumed."""
+MARGIN = 0.98
+"""Factor by which a limit is tightened besides; assumed."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A motion along the path, and how far the arm vibrates with it.
+
+    Attributes:
+        name: in words.
+        kind: `as it is`, `speed`, `profile`, `shaper` or `along the path`.
+        motion: of all driven joints, without dwell.
+        peaks: (K,) [m] largest of the three directions, by draws of what is unknown: the phases, and the posterior.
+        worst: [m] largest over the phases, of the nominal arm.
+        left: [m] the same after the arrival.
+        acceleration: [rad/s^2] largest of any joint.
+        beyond: which limits of the joints it exceeds: speed, acceleration, jerk.
+        verification: by the exact equations; None where the motion was not proposed.
+    """
+
+    name: str
+    kind: str
+    motion: Motion
+    peaks: Float[np.ndarray, "K"]
+    worst: float
+    left: float
+    acceleration: float
+    beyond: tuple[str, ...]
+    verification: "MotionVerification | None" = None
+
+    @property
+    def time(self) -> float:
+        """From start to arrival [s]."""
+        return float(self.motion.arrival - self.motion.breaks[0])
+
+    def keeps(self, limit: float) -> BinomialEstimate:
+        """Return with which probability a limit [m] is kept."""
+        return binomial_estimate(self.peaks <= limit)
+
+
+@dataclass(frozen=True)
+class MotionVerification:
+    """The proposed motion by the exact equations, and by draws that it was not chosen by.
+
+    Attributes:
+        largest: [m] vibration of the three directions with the worst phases, as the fast method finds them.
+        keeps: probability of keeping the limit by fresh draws; None without a posterior.
+        slack: names of the belts that a span of would push: taken as rigid they do not, so nothing is confirmed.
+    """
+
+    largest: float
+    keeps: BinomialEstimate | None
+    slack: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MotionStudy:
+    """Motions along one path, and which is proposed.
+
+    Attributes:
+        basis: the arm, its motion as it is, and where their numbers come from.
+        scheduling: the search for speeds along the path.
+        limit: [m]
+        share_of_motion: share of the worst vibration that no drive makes, but the motion itself [-]
+        before: vibration of the motion as it is, over the unknown phases.
+        after: of the speeds along the path.
+        candidates: as it is, the others, and the speeds along the path last.
+        schedule: the speeds along the path.
+        bands: (3, 2, K) [Hz] 5, 50 and 95 % of the draws of the two lowest frequencies at K even places of the path.
+    """
+
+    basis: Basis
+    scheduling: Scheduling
+    limit: float
+    share_of_motion: float
+    before: Superposition
+    after: Superposition
+    candidates: tuple[Candidate, ...]
+    schedule: Schedule
+    bands: Float[np.ndarray, "3 2 K"]
+
+    @property
+    def verification(self) -> MotionVerification:
+        """Of the speeds along the path."""
+        checks = self.candidates[-1].verification
+        assert checks is not None
+        return checks
+
+    def met(self, candidate: Candidate) -> bool:
+        """Tell whether a candidate keeps the limit, with the worst phases and 95 % of the draws, and its own limits.
+
+        One that was verified keeps it by the exact equations and by fresh draws; all others by the fast method.
+        """
+        checks, keeps, largest = candidate.verification, candidate.keeps(self.limit), candidate.worst
+        if checks is not None:
+            keeps, largest = checks.keeps or keeps, checks.largest
+        good = largest <= self.limit and keeps.share >= CONFIDENT and not (checks and checks.slack)
+        return good and (not candidate.beyond or candidate.kind == "as it is")
+
+    @property
+    def recommended(self) -> Candidate | None:
+        """The candidate that keeps the limit in the least time; None where none does."""
+        good = [each for each in self.candidates if self.met(each)]
+        return min(good, key=lambda each: (each.time, each.kind != "as it is")) if good else None
+
+
+def scheduling_of(
+    basis: Basis, along: Stroke | None, *, segments: int, dwell: float, retract: bool = False
+) -> Scheduling:
+    """Return the search for the speeds along a path, over what is not known.
+
+    Args:
+        basis: the arm and its motion.
+        along: the path, on which no speed is higher than the motion's; None for that of the motion itself, on which
+            the limits of the joints count alone.
+        segments: of the path.
+        dwell: [s] that the arm is held after arrival.
+        retract: whether the stroke is from unfolded to folded.
+
+    Raises:
+        InputError: no excitation; joints without limits, or a corner of the path.
+    """
+    arm = basis.arm.replace(basis.unknown.highest)
+    if not exciting_orders(arm):
+        remedy = "give their eccentric_mass and eccentricity, or --errors; without them no speed matters"
+        raise refusal(arm.name, "no drive that excites", "imbalance or a transmission error of a [[drive]]", remedy)
+    evaluator = Evaluator(arm, basis.motion, (), loads=basis.loads, rate=RATE, unknown=basis.unknown.phases)
+    if along is None:
+        path = Path.of_motion(basis.arm, basis.motion)
+    else:
+        path = Path.of_stroke(basis.arm, along, basis.percent, retract=retract)
+    return Scheduling(evaluator, path, segments, dwell)
+
+
+def share_of_motion(scheduling: Scheduling, motion: Motion) -> float:
+    """Return the share of the worst vibration that no drive makes, but the motion itself [-].
+
+    The worst is over the phases of all drives: what a known phase makes would count as the motion's.
+    """
+    phases = tuple(each.phase for each in exciting_orders(scheduling.evaluator.arm))
+    whole = replace(scheduling, evaluator=replace(scheduling.evaluator, unknown=phases)).vibration(motion)
+    known, *driven = whole.division[:, int(whole.worst.argmax())]
+    return float(known / max(known + sum(driven), 1e-15))
+
+
+def motions(
+    basis: Basis,
+    scheduling: Scheduling,
+    *,
+    limit: float,
+    time: float | None,
+    fresh: Draws,
+    progress: Progress = iter,
+) -> MotionStudy:
+    """Compare motions along a path of an arm, and search the speeds along it.
+
+    Args:
+        basis: the arm, its motion without dwell, and the draws that judge.
+        scheduling: the search, of `scheduling_of`.
+        limit: [m] largest vibration that is accepted.
+        time: [s] in which to vibrate least; None for the least time that keeps the limit.
+        fresh: draws that nothing was judged by; none without a posterior.
+        progress: shows how far it is, over the steps of the search.
+
+    Raises:
+        InputError: a time out of reach.
+    """
+    judge = partial(_candidate, basis, scheduling)
+    before = scheduling.vibration(basis.motion)
+    as_it_is = judge("as it is", "as it is", basis.motion, before)
+    share = share_of_motion(scheduling, basis.motion)
+    others = [judge(*each) for each in _profiles(basis, scheduling)]
+    if share > TOUCHED:
+        others += [judge(*each) for each in _shaped(scheduling, basis.motion)]
+    others += _slower(scheduling, basis, limit, judge)
+    schedule, aim = None, limit
+    for _ in range(TIGHTENED):
+        if time is not None:
+            schedule = scheduling.least_vibration(time, progress)
+        else:
+            schedule = scheduling.least_time(aim, progress, near=schedule)
+        after = scheduling.vibration(schedule.motion)
+        found = judge("speed along the path", "along the path", schedule.motion, after)
+        checks = _verified(scheduling, schedule.motion, after, fresh, limit)
+        found = replace(found, verification=checks)
+        every = (as_it_is, *others, found)
+        study = MotionStudy(basis, scheduling, limit, share, before, after, every, schedule, _bands(scheduling, basis))
+        if time is not None or study.met(found):
+            break
+        high = float(np.quantile(found.peaks, CONFIDENT))
+        aim *= MARGIN * min(1.0, limit / checks.largest, limit / high)
+    while (best := study.recommended) and best.verification is None:  # none is proposed that was not verified
+        checks = _verified(scheduling, best.motion, scheduling.vibration(best.motion), fresh, limit)
+        every = tuple(replace(each, verification=checks) if each is best else each for each in study.candidates)
+        study = replace(study, candidates=every)
+    return study
+
+
+def _candidate(
+    basis: Basis,
+    scheduling: Scheduling,
+    name: str,
+    kind: str,
+    motion: Motion,
+    whole: Superposition | None = None,
+) -> Candidate:
+    """Judge a motion by the phases that are unknown, and with a posterior by its draws, each with phases of its own."""
+    whole = whole or scheduling.vibration(motion)
+    if basis.draws:
+        held = motion.dwell(scheduling.dwell)
+        each = replace(scheduling.evaluator, arm=basis.arm, motion=held, draws=basis.draws, unknown=())
+        peaks = each.amplitudes(np.zeros((1, 0)))[:, 0, 1:].max(0)
+    elif whole.unknown:
+        peaks = over_phases(whole, basis.unknown).peaks.max(0)
+    else:
+        peaks = np.array([whole.worst.max()])
+    left = float(whole.envelope[:, whole.time >= motion.arrival].max(initial=0.0))
+    acceleration, beyond = _kinematics(scheduling, motion)
+    return Candidate(name, kind, motion, peaks, float(whole.worst.max()), left, acceleration, beyond)
+
+
+def _kinematics(scheduling: Scheduling, motion: Motion) -> tuple[float, tuple[str, ...]]:
+    """Return the largest acceleration of a joint [rad/s^2], and which limits joints exceed, by dense samples."""
+    step = 0.1 / RATE
+    _, qd, qdd = (np.asarray(part) for part in motion(np.arange(0.0, motion.arrival, step)))
+    still = np.zeros((len(qdd), 1))
+    rates = qd, qdd, np.diff(qdd, prepend=still, append=still) / step
+    sizes = np.array([np.abs(rate).max(1) for rate in rates])
+    within = np.all(sizes <= ALLOWED * scheduling.path.limits, axis=1)
+    return float(sizes[1].max()), tuple(name for name, kept in zip(LIMITS, within, strict=True) if not kept)
+
+
+def _profiles(basis: Basis, scheduling: Scheduling) -> Iterator[tuple[str, str, Motion]]:
+    """Yield the other profiles at the same speed; along a given path at the highest that is allowed everywhere."""
+    (start, end), own, percent = scheduling.path.ends, basis.arm.stroke, basis.percent
+    if basis.log is None and own is not None:
+        speed, acceleration, jerk = (float(each) for each in (own.speed, own.acceleration, own.jerk))
+    else:
+        speed, acceleration = (float(each.min()) for each in scheduling.allowed)
+        jerk, percent = 2 * acceleration / max(scheduling.windows), 100.0
+    alone = Stroke([1.0], folded=start, unfolded=end, speed=speed, acceleration=acceleration, jerk=jerk)
+    for profile in PROFILES:
+        if f", {profile}," not in basis.motion.name:
+            yield profile, "profile", scheduling.path.motion(stroke(alone, percent=percent, profile=profile))
+
+
+def _slower(scheduling: Scheduling, basis: Basis, limit: float, judge: Callable[..., Candidate]) -> Iterator[Candidate]:
+    """Yield the motion at the highest lower speed that keeps the limit; none where it keeps it, or no speed does."""
+    factor, tries = 1.0, TRIES
+    while factor > SLOWEST and tries:
+        motion = basis.motion.at_speed(100 * factor)
+        whole = scheduling.vibration(motion)
+        if whole.worst.max() <= limit:
+            found = judge(f"{factor * basis.percent:.3g} % speed", "speed", motion, whole)
+            if found.keeps(limit).share >= CONFIDENT:
+                if factor < 1:
+                    yield found
+                return
+            tries -= 1
+        factor *= SLOWER
+
+
+def _shaped(scheduling: Scheduling, motion: Motion) -> Iterator[tuple[str, str, Motion]]:
+    """Yield the motion shaped for the first mode, for both of the lowest, and between them, as the posture has them.
+
+    Between them, at the root of their product, a ZVD is nearly that of both where they are close.
+    """
+    along = np.linspace(scheduling.places.min(), scheduling.places.max(), 101)
+    first, second = scheduling.frequencies(along)
+
+    def alpha(time: np.ndarray) -> np.ndarray:
+        return scheduling.path.alpha(motion(time)[0])
+
+    def frequency(mode: Float[np.ndarray, "K"]) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda at: np.interp(at, along, mode)
+
+    each = {shaper.name: shaper for shaper in shapers()}
+    for name, steps in {
+        **{name: ((shaper, frequency(first)),) for name, shaper in each.items()},
+        "ZV x ZV": ((each["ZV"], frequency(first)), (each["ZV"], frequency(second))),
+        "mid-mode ZVD": ((each["ZVD"], frequency(np.sqrt(first * second))),),
+    }.items():
+        time, shaped_alpha = shaped(alpha, motion.arrival, steps)
+        even = np.linspace(0.0, time[-1], 1 + int(np.ceil(time[-1] * RATE)))
+        angles = scheduling.path.angles(np.interp(even, time, shaped_alpha))
+        yield f"{name} shaper", "shaper", replay(even, angles, name=name)
+
+
+def _bands(scheduling: Scheduling, basis: Basis) -> Float[np.ndarray, "3 2 K"]:
+    """Return quantiles over the draws of the two lowest frequencies along the path [Hz]."""
+    along, draws = np.linspace(*scheduling.path.ends, ALONG), basis.draws or {}
+    count = len(next(iter(draws.values()), [0]))
+    arms = (basis.arm.replace({path: float(x[k]) for path, x in draws.items()}) for k in range(count))
+    return np.quantile([scheduling.frequencies(along, arm) for arm in arms], (0.05, 0.5, 0.95), axis=0)
+
+
+def _verified(
+    scheduling: Scheduling, motion: Motion, whole: Superposition, fresh: Draws, limit: float
+) -> MotionVerification:
+    """Simulate a motion by the exact equations with its worst phases, and by fresh draws."""
+    each, held = scheduling.evaluator, motion.dwell(scheduling.dwell)
+    excited = each.arm.replace(whole.worst_phases()) if whole.unknown else each.arm
+    response = exact_response(replace(each, arm=excited, motion=held, rate=2 * RATE))
+    drawn = replace(each, motion=held, draws=fresh, unknown=())
+    keeps = keeping(drawn, np.zeros(0), limit)[1] if fresh else None
+    spans = slack(response.time, belt_tension(response))
+    belts = tuple(sorted({excited.belts[number].name for number, *_ in spans}))
+    return MotionVerification(float(np.max(peak(response.vibration))), keeps, belts)

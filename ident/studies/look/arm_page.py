@@ -1,0 +1,112 @@
+"""An arm on a page: its picture with the modes in motion, and a section on it."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+from markupsafe import escape
+
+from ident.report.page import HEIGHT, MODE_WORDS, ROOM, WIDTH, Picture, Section, picture
+from ident.report.style import colour_of
+from ident.studies.look.predict_figure import swing_of
+from ident.studies.look.show_figure import MODES, View, most_seen, show_figure, views
+from ident.studies.look.show_report import sums
+
+if TYPE_CHECKING:
+    from ident.identify.modal_analysis import ModalAnalysis
+    from ident.studies.look.arm_view import ArmView
+
+PERIOD = 2.0
+"""Duration of a swing [s]: all modes are shown at the same pace, far too slow."""
+
+
+READABLE = 567
+"""Width of the whole at which its smallest letters, of 12 px, are 10 px [px]."""
+
+
+STYLE = (
+    "text{font:13px system-ui,sans-serif;fill:#1b1f24}.soft{fill:#57606a;font-size:12px}"
+    "polyline{fill:none;stroke-linejoin:round;stroke-linecap:round}.still{display:none}"
+)
+
+
+STILL = ".moving{display:none}.still{display:inline}"
+"""Rules of a still picture."""
+
+
+def moving_modes(view: "ArmView", *, still: bool = False) -> str:
+    """Return the first modes as an SVG document in which each swings, largest displacements alike.
+
+    Args:
+        view: an arm whose modes are known.
+        still: whether nothing moves, for a page whose reader wants no motion: an image in it does not know of that.
+    """
+    assert view.analysis is not None
+    analysis = view.analysis
+    count = min(MODES, len(analysis.labels))
+    columns = min(2, count)
+    size = columns * WIDTH, -(-count // columns) * (HEIGHT + MODE_WORDS)
+    modes = "".join(
+        f'<g transform="translate({i % columns * WIDTH:g} {i // columns * (HEIGHT + MODE_WORDS):g})">{mode}</g>'
+        for i, mode in enumerate(_modes(analysis, count, views(view)))
+    )
+    # browsers apply the rule for who wants no motion where a moving picture is opened by itself
+    rules = STYLE + (STILL if still else f"@media (prefers-reduced-motion:reduce),print{{{STILL}}}")
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {size[0]:g} {size[1]:g}" width="{size[0]:g}" '
+        f'height="{size[1]:g}"><style>{rules}</style><rect width="100%" height="100%" fill="#fff"/>{modes}</svg>\n'
+    )
+
+
+def _modes(analysis: "ModalAnalysis", count: int, seen: tuple[View, View]) -> Iterator[str]:
+    for i, label in enumerate(analysis.labels[:count]):
+        swing = swing_of(analysis, i)
+        view = most_seen(seen, swing)
+        words = f"{i + 1}: {analysis.modes.frequency[i]:.2f} Hz, {label}"
+        yield (
+            f'<text x="{ROOM:g}" y="20">{escape(words)}</text>'
+            f'<text class="soft" x="{ROOM:g}" y="37">{escape(view.name)}, exaggerated, slowed down</text>'
+            + _swinging(view.of(analysis.outline[0]), view.of(swing), colour_of(label))
+        )
+
+
+def _swinging(rest: Float[np.ndarray, "2 K"], swing: Float[np.ndarray, "2 K"], colour: str) -> str:
+    """Draw the arm at rest, and moving between both ends of its swing; still, it is drawn at both ends."""
+    every = np.concatenate([rest, rest + swing, rest - swing], 1)
+    low, high = every.min(1), every.max(1)
+    scale = min((WIDTH - 2 * ROOM) / max(high[0] - low[0], 1e-9), (HEIGHT - 2 * ROOM) / max(high[1] - low[1], 1e-9))
+    middle = (low + high) / 2
+
+    def points(places: Float[np.ndarray, "2 K"]) -> str:
+        x = WIDTH / 2 + scale * (places[0] - middle[0])
+        y = MODE_WORDS + HEIGHT / 2 - scale * (places[1] - middle[1])
+        return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+
+    ends = points(rest + swing), points(rest - swing)
+    pace = f'dur="{PERIOD:g}s" repeatCount="indefinite" calcMode="spline" keyTimes="0;0.5;1"'
+    sine = 'keySplines="0.37 0 0.63 1;0.37 0 0.63 1"'
+    return (
+        f'<polyline points="{points(rest)}" stroke="#c8c8c8" stroke-width="5"/>'
+        f'<polyline class="moving" points="{ends[0]}" stroke="{colour}" stroke-width="2.5">'
+        f'<animate attributeName="points" values="{ends[0]};{ends[1]};{ends[0]}" {pace} {sine}/></polyline>'
+        f'<g class="still"><polyline points="{ends[1]}" stroke="{colour}" stroke-width="1" opacity="0.4"/>'
+        f'<polyline points="{ends[0]}" stroke="{colour}" stroke-width="2.5"/></g>'
+    )
+
+
+def arm_section(view: "ArmView", title: str) -> Section:
+    """Return masses and reach of an arm, what looks odd, and its picture."""
+    odd = [f"Looks odd: {each}." for each in view.oddities] or ["None of its numbers looks odd."]
+    failure = [f"No modes: {view.failure}."] if view.failure else []
+    alt = "The arm from the side and from above, with its bodies, mass centres, joints and points."
+    caption = (
+        "To scale. Boxes are the bodies' shapes, or, dashed, boxes of the same inertia; the area of a black dot is in "
+        "proportion to the mass."
+    )
+    drawn = [picture(show_figure(view, modes=False), alt, caption)]
+    if view.analysis:
+        alt = "The first modes of the arm, swinging about the arm at rest."
+        caption = "The first modes, over the arm at rest (grey); exaggerated, and slowed down to one pace."
+        drawn.append(Picture(moving_modes(view, still=True), alt, caption, READABLE, moving_modes(view)))
+    return Section(title, (f"{sums(view)}.", *failure, *odd), tuple(drawn))

@@ -1,0 +1,182 @@
+"""Write a page on which an arm is explored by hand: sliders, and what the arm does with them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import degrees, radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import Problem, refusal
+from ident.studies import reading
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import STROKE_PROFILES, option
+from ident.studies.result import Result
+from ident.studies.shared import FARTHEST, ArmOptions, is_angle, with_numbers
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure import Campaign
+    from ident.studies.look.exploration import Exploration
+    from ident.studies.scenario import Basis
+    from ident.vibrate.motion import Motion
+
+BESIDE = 0.05
+"""Angle [deg] by which a posture may be beside the stroke."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExploreOptions(ArmOptions):
+    """Options of `ident.explore`: where the page begins, and whose mass its payload slider changes."""
+
+    payload: str = option("", "payload or point whose mass can be changed; default: the first payload, or the end")
+    posture: tuple[float, ...] = option(
+        (), "joint angles in degrees to begin with, as 30,-60,30", short="-q", read=reading.several
+    )
+    speed: float = option(10.0, "percent of full speed to begin with", low=1.0, high=120.0)
+    profile: str | None = option(
+        None, "how the stroke's speed rises and falls; the arm file's by default", choices=STROKE_PROFILES
+    )
+    draws: int = option(200, "draws of the posterior", low=2, high=100_000)
+
+    def problems(self) -> list[Problem]:
+        """Return a negative mass or stiffness, or a posture that is none."""
+        expected = f"several angles within {FARTHEST:g} deg"
+        wrong = Problem("posture", f"{self.posture}", expected, "as (30, -60, 30)")
+        return [*super().problems(), *([] if all(map(is_angle, self.posture)) else [wrong])]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class ExploreResult(Result):
+    """An arm as a page: one HTML file that asks for nothing and computes by itself.
+
+    Its table has a row for each stiffness [SI] and mass [kg] that has a slider: name, value, unit. It has no
+    figure: the page draws.
+
+    Attributes:
+        arm: the arm as its file has it.
+        exploration: what the page knows of it.
+        options: what was asked for.
+        posture: (driven,) [deg] that the page begins with.
+        fit: fitted values that the arm has taken over.
+        posterior: draws of the arm's numbers.
+    """
+
+    arm: "ArmFile"
+    exploration: "Exploration"
+    options: ExploreOptions = field(default_factory=ExploreOptions)
+    posture: tuple[float, ...] = ()
+    fit: "Values | None" = None
+    posterior: "Values | None" = None
+
+    form = "ident-explore/1"
+    subject = "arm.name"
+    suffix = ".html"
+    shown, drawn = ("exploration", "fit", "posterior", "options.set"), ()
+    listed = ("exploration",)
+    made_from = ("arm", "fit", "posterior", "exploration.measured")
+
+    def page(self) -> str:
+        """Return the page as HTML."""
+        from ident.studies.look.explore_page import Start, explore_page
+
+        options = self.options
+        start = Start(self.posture, options.speed, options.soft_base, options.set)
+        return explore_page(self.exploration, self.arm, start, fit=self.fit, posterior=self.posterior)
+
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.files import replace_file
+
+        text = self.page().encode("utf-8")
+        replace_file(path, lambda file: file.write(text), make_folders=True)
+        return (path,)
+
+
+@study
+def explore(
+    arm: "ArmFile",
+    options: ExploreOptions = DEFAULT,
+    *,
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
+    measured: "Campaign | None" = None,
+) -> ExploreResult:
+    """Make a page on which stiffnesses, payload, speed and posture of an arm are changed by hand.
+
+    It shows the arm and its modes, natural frequencies along the motion against the pulleys', static deflection and
+    steady response, computed by the page itself: no network, no server.
+
+    Args:
+        arm: the arm.
+        options: posture, load and speed to begin with; numbers to change.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws for marks at 5 and 95 % of each stiffness, or the file of `ident sample`; the arm takes over
+            their medians unless it has fitted values.
+        measured: a campaign, whose values are shown beside the computed ones.
+
+    Raises:
+        InputError: a posture of the wrong length, a load or a number that the arm has not, an arm without any point; a
+            file that does not fit the arm.
+    """
+    from ident.identify.modal_analysis import modal_analysis
+    from ident.measure import Load
+    from ident.studies.look.exploration import exploration
+
+    changed = with_numbers(arm.arm, fit or posterior, options.set)
+    draws, load = posterior.without(options.set) if posterior else {}, Load.parse(options.load)
+    posture, extension = options.posture or _middle(changed), _extension(changed, options.profile)
+    modal_analysis(changed, tuple(map(radians, posture)), load)  # an arm that collapses there has nothing to show
+    if options.posture:
+        _check_on_stroke(changed, options.posture)
+    made = exploration(changed, load, options.payload, extension, draws, measured)
+    return ExploreResult(arm, made, options, posture, fit, posterior)
+
+
+def page_of(basis: "Basis", measured: "Campaign", soft_base: float | None, profile: str | None, posterior: str) -> str:
+    """Return the page of an arm that another study has come to, beside what was measured.
+
+    Args:
+        basis: the arm, its load, and the posterior's draws.
+        measured: the campaign.
+        soft_base: [m] height of a base that gives, or None.
+        profile: of the stroke's speed, or None for the arm file's.
+        posterior: file that the page's commands take the draws from.
+    """
+    from ident.studies.look.exploration import exploration
+    from ident.studies.look.explore_page import Start, explore_page
+
+    extension = _extension(basis.arm, profile if basis.arm.stroke is not None else None)
+    made = exploration(basis.arm, basis.load, "", extension, basis.draws, measured)
+    drawn = replace(basis.posterior, path=posterior, sha256="") if basis.posterior else None
+    start = Start(_middle(basis.arm), min(max(basis.percent, 1.0), 120.0), soft_base, basis.changed)
+    return explore_page(made, basis.arm_file, start, fit=basis.fit, posterior=drawn)
+
+
+def _check_on_stroke(arm: "Arm", posture: tuple[float, ...]) -> None:
+    import numpy as np
+
+    if arm.stroke is not None:
+        direction, q = np.asarray(arm.stroke.direction), np.array(posture)
+        alpha = q @ direction / (direction @ direction)
+        if np.abs(q - alpha * direction).max() > BESIDE:
+            got, expected = f"{posture} deg", f"a posture on the stroke, as {tuple((30 * direction).tolist())}"
+            raise refusal("posture", got, expected, "the page moves the arm along its [stroke]")
+
+
+def _middle(arm: "Arm") -> tuple[float, ...]:
+    """Return the middle of the stroke [deg], where the pulleys turn; all angles zero where there is none."""
+    if arm.stroke is None:
+        return (0.0,) * len(arm.driven)
+    alpha = round(degrees(float(arm.stroke.folded) + float(arm.stroke.unfolded)) / 2)
+    return tuple(float(share) * alpha for share in arm.stroke.direction)
+
+
+def _extension(arm: "Arm", profile: str | None) -> "Motion | None":
+    from ident.vibrate.motion import stroke
+
+    if arm.stroke is None:
+        if profile is not None:
+            raise refusal("profile", "it for an arm without a stroke", "a [stroke] in the file", "drop it")
+        return None
+    return stroke(arm.stroke, profile=profile)

@@ -1,0 +1,286 @@
+"""The page of `ident explore`: template, style and script as one file that asks for nothing.
+
+Names come from files that anybody may have written. In the page's data every `<` is escaped, the script puts words
+into the page as text alone, and a content security policy admits this one script and this one style, by their hashes.
+"""
+
+import base64
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+
+from ident.arm.fields import ALPHA, DAMPING, LOSS
+from ident.arm.multibody import orders_of
+from ident.measure.load import DIFFERENCES
+from ident.report.page import template_of
+from ident.studies.basis import changes_in_words, values_in_words
+from ident.studies.look.exploration import Carried, Exploration, added, mass_of
+from ident.text import one_line
+from ident.units import stiffness_unit
+
+if TYPE_CHECKING:
+    from ident.arm.chain import Moments
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure import Measurement
+
+# -------- Data
+# What a page knows of an arm, as plain data in SI: a matrix row by row, angles in radians unless said in degrees.
+
+SOURCES = files("ident.studies.look") / "explorer"
+"""The template, the style and the scripts of the page."""
+NOT_SHOWN = ("damping_ratio", "shape")
+"""Kinds of measurement that the page does not show beside what it computes."""
+
+
+def page_data(exploration: Exploration) -> dict[str, Any]:
+    """Return the data of a page.
+
+    Args:
+        exploration: the arm.
+    """
+    arm, carried = exploration.arm, exploration.carried
+    size, unit = stiffness_unit()
+    return {
+        "name": one_line(arm.name),
+        "gravity": _plain(arm.gravity),
+        "alpha": float(arm.get(ALPHA)),
+        "joints": [_joint(exploration, j) for j in range(len(arm.joints))],
+        "points": [_point(exploration, p) for p in range(len(arm.points))],
+        "payload": _payload(carried),
+        "fixed": one_line(str(exploration.fixed)) if exploration.fixed else "",
+        "drives": [_drive(exploration, d) for d in range(len(arm.drives))],
+        "stroke": _stroke(exploration),
+        "readings": _readings(exploration),
+        "unit": {"name": unit, "size": size},
+    }
+
+
+def _joint(exploration: Exploration, j: int) -> dict[str, Any]:
+    arm, model = exploration.arm, exploration.model
+    joint = arm.joints[j]
+    pins = [each.name for each in arm.driven]
+    low, high = (math.degrees(x) if math.isfinite(x) else x * 180 for x in joint.limits)
+    paths = [f"{joint.name}.k_bend", f"{joint.name}.k_tors"]
+    return {
+        "name": one_line(joint.name),
+        "driven": joint.driven,
+        "pin": pins.index(joint.name) if joint.driven else 0,
+        "limits_deg": [max(low, -180.0), min(high, 180.0)],
+        "axis": _plain(model.axis[:, j]),
+        "offset": _plain(model.offset[:, j]),
+        "stiffness": [float(arm.get(path)) for path in paths],
+        "tau": [float(arm.get(f"{joint.name}.{field}")) for field in DAMPING],
+        "loss": [float(arm.get(f"{joint.name}.{field}")) for field in LOSS],
+        "paths": paths,
+        "bands": [exploration.bands.get(path) for path in paths],
+        "shaft": _moments(model.shaft, j),
+        "link": _moments(model.link, j),
+    }
+
+
+def _moments(moments: "Moments", j: int) -> dict[str, Any]:
+    return {
+        "mass": float(moments.mass[j]),
+        "first": _plain(moments.first[:, j]),
+        "second": _plain(moments.second[:, :, j]),
+    }
+
+
+def _point(exploration: Exploration, p: int) -> dict[str, Any]:
+    model, point = exploration.model, exploration.arm.points[p]
+    return {
+        "name": one_line(point.name),
+        "joint": model.carrier[p],
+        "position": _plain(model.position[:, p]),
+        "force": _plain(model.force[:, p]),
+    }
+
+
+def _payload(carried: Carried) -> dict[str, Any]:
+    return {
+        "kind": carried.kind,
+        "name": one_line(carried.name),
+        "joint": carried.joint,
+        "unit": _moments(carried.unit, 0),
+        "nominal": carried.nominal,
+        "inertia": _plain(carried.inertia),
+        "largest": carried.largest,
+        "present": carried.present,
+    }
+
+
+def _drive(exploration: Exploration, d: int) -> dict[str, Any]:
+    arm, drives = exploration.arm, exploration.model.drives
+    drive = arm.drives[d]
+    j = [joint.name for joint in arm.joints].index(drive.joint)
+    pin = [joint.name for joint in arm.driven].index(drive.joint)
+    return {
+        "name": one_line(drive.name),
+        "joint": j,
+        "pin": pin,
+        "ratio": float(drives.ratio[j]),
+        "imbalance": float(drives.imbalance[j]),
+        "height": float(drives.height[j]),
+        "phase": float(drives.phase[j]),
+        "across": [_plain(drives.across[:, k, j]) for k in (0, 1)],
+        "orders": orders_of(arm)[drive.name],
+    }
+
+
+def _stroke(exploration: Exploration) -> dict[str, Any] | None:
+    stroke, speed = exploration.arm.stroke, exploration.stroke
+    if stroke is None or speed is None:
+        return None
+    return {"direction": _plain(stroke.direction), "alpha": _plain(speed.alpha), "rate": _plain(speed.rate)}
+
+
+def _readings(exploration: Exploration) -> list[Mapping[str, Any]]:
+    measured, carried = exploration.measured, exploration.carried
+    return [
+        {
+            "kind": m.kind,
+            "posture_deg": [math.degrees(angle) for angle in m.posture],
+            "load": one_line(str(m.load)),
+            "mass": mass_of(m.load, exploration.fixed, carried),
+            "loads": _loads(exploration, m),
+            "value": m.value,
+            "sigma": m.sigma,
+            "mode": m.mode or "",
+            "point": one_line(m.point or ""),
+            "joint": one_line(m.joint or ""),
+            "direction": list(m.direction or (0.0, 0.0, -1.0)),
+        }
+        for m in measured or ()
+        if m.kind not in NOT_SHOWN
+    ]
+
+
+def _loads(exploration: Exploration, m: "Measurement") -> list[dict[str, Any]] | None:
+    """Return what each load case of a reading adds, the reference last; None where the page can't have it."""
+    cases = [m.load, *([m.reference_load] if m.kind in DIFFERENCES else [])]
+    found = [added(case, exploration.fixed, exploration.carried) for case in cases]
+    if any(each is None for each in found):
+        return None
+    named = zip(map(str, cases), found, strict=True)
+    return [{"words": one_line(words), **each._asdict()} for words, each in named if each]
+
+
+def _plain(values: Any) -> list[float]:
+    numbers: list[float] = np.asarray(values, float).ravel().tolist()
+    return numbers
+
+
+# -------- Page
+
+SCRIPTS = ("mechanics.js", "response.js", "readings.js", "drawing.js", "state.js", "sliders.js", "page.js", "views.js")
+"""Parts of the script, in this order."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a page begins, and with which options its commands go on.
+
+    Attributes:
+        posture: (driven,) [deg]
+        speed: [%] of full speed.
+        soft_base: [m] height of a base that gives, or None.
+        changed: numbers that were set, by path [SI].
+    """
+
+    posture: tuple[float, ...]
+    speed: float = 10.0
+    soft_base: float | None = None
+    changed: Mapping[str, float] = field(default_factory=dict)
+
+
+def explore_page(
+    exploration: Exploration,
+    arm_file: "ArmFile",
+    start: Start,
+    *,
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
+) -> str:
+    """Return the page as HTML; the same arm gives the same text.
+
+    Args:
+        exploration: what it knows of the arm.
+        arm_file: where the arm is from.
+        start: where it begins.
+        fit: fitted values that the arm has taken over.
+        posterior: draws that the marks are from.
+    """
+    script, style = _script(), _source("explore.css")
+    sources = {"fit": fit, "posterior": posterior}
+    data = page_data(exploration) | {
+        "start": {"posture_deg": list(start.posture), "speed": start.speed},
+        "command": list(_arguments(arm_file, start, sources)),
+        "set": dict(start.changed),
+    }
+    # data as JSON in which nothing ends a script or begins a comment
+    text = template_of("ident.studies.look", "explorer/page.html.jinja").render(
+        title=exploration.arm.name,
+        remarks=[line.strip() for line in _remarks(exploration, start, fit, posterior)],
+        version=version("ident-arm"),
+        files=_files({"arm": arm_file, **sources, "campaign": exploration.measured}),
+        data=Markup(json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")),
+        script=Markup(script),
+        style=Markup(style),
+        script_hash=Markup(script_hash()),
+        style_hash=Markup(_hash(style)),
+    )
+    return f"{text}\n"
+
+
+def script_hash() -> str:
+    """Return the hash of the page's script, as a content security policy names it."""
+    return _hash(_script())
+
+
+def _remarks(exploration: Exploration, start: Start, fit: "Values | None", posterior: "Values | None") -> Iterator[str]:
+    yield "Drag, and see what the arm does."
+    if exploration.arm.drives and not exploration.stroke:
+        yield "The arm file has no [stroke]: how fast the pulleys turn is not known, so they are left out."
+    if exploration.fixed:
+        yield f"always on it: {exploration.fixed}"
+    yield from values_in_words(fit, posterior)
+    yield from changes_in_words(start.changed)
+
+
+def _arguments(arm_file: "ArmFile", start: Start, sources: Mapping[str, "Values | None"]) -> Iterator[str]:
+    """Yield what every command about this arm begins with."""
+    yield arm_file.path or "arm.toml"
+    for name, values in sources.items():
+        if values is not None and values.path:
+            yield f"--{name}={values.path}"
+    if start.soft_base is not None:
+        yield f"--soft-base={start.soft_base!r}"
+
+
+def _files(sources: Mapping[str, Any]) -> str:
+    known = {what: source for what, source in sources.items() if source is not None and source.path}
+    return "; ".join(
+        f"{what}: {source.path}" + (f", SHA-256 {source.sha256[:12]}…" if source.sha256 else "")
+        for what, source in known.items()
+    )
+
+
+def _script() -> str:
+    return "\n".join(['"use strict";', *map(_source, SCRIPTS)])
+
+
+def _source(name: str) -> str:
+    return (SOURCES / name).read_text("utf-8")
+
+
+def _hash(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")

@@ -1,0 +1,176 @@
+"""Predict natural frequencies, modes and static deflection of an arm at postures."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import radians
+from typing import TYPE_CHECKING
+
+from ident.errors import Problem, refusal
+from ident.studies import reading
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option, repeated, seed_of_draws
+from ident.studies.result import Result
+from ident.studies.shared import FARTHEST, ArmOptions, is_angle, with_numbers
+from ident.text import did_you_mean, quoted
+from ident.units import asked_postures
+
+if TYPE_CHECKING:
+    import numpy as np
+    from matplotlib.figure import Figure
+
+    from ident.description.file import ArmFile
+    from ident.identify.modal_analysis import ModalAnalysis
+    from ident.identify.values import Values
+    from ident.studies.look.prediction import Prediction
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictOptions(ArmOptions):
+    """Options of `ident.predict`: where the arm is held, what it carries, and how many modes are asked for."""
+
+    posture: tuple[tuple[float, ...], ...] = repeated(
+        (),
+        "joint angles in degrees, as 30,-60,30; may be repeated",
+        short="-q",
+        read=reading.postures,
+    )
+    modes: int = option(6, "number of modes", low=1, high=1000)
+    drives: str = option("brake", "what holds the motors: brake, or servo of the arm file", choices=("brake", "servo"))
+    draws: int = option(200, "draws of the posterior", low=2, high=100_000)
+    seed: int | None = seed_of_draws()
+
+    def problems(self) -> list[Problem]:
+        """Return a negative mass or stiffness, or a posture that is none."""
+        fine = all(isinstance(q, tuple | list) and all(map(is_angle, q)) for q in self.posture)
+        expected, remedy = f"postures, each of several angles within {FARTHEST:g} deg", "as ((30, -60, 30),)"
+        return [*super().problems(), *([] if fine else [Problem("posture", f"{self.posture}", expected, remedy)])]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class PredictResult(Result):
+    """What an arm does at each of some postures.
+
+    Its table has a row for each mode at each posture: angles [deg], frequency [Hz], label, damping ratio.
+
+    Attributes:
+        arm: the arm as its file has it.
+        predictions: modes and static deflection at each posture, in the order of the options, with those by draws.
+        options: what was asked for.
+        fit: fitted values that the arm has taken over.
+        posterior: draws of the arm's numbers.
+    """
+
+    arm: "ArmFile"
+    predictions: "tuple[Prediction, ...]"
+    options: PredictOptions = field(default_factory=PredictOptions)
+    fit: "Values | None" = None
+    posterior: "Values | None" = None
+
+    form = "ident-predict/10"
+    subject = "arm.name"
+    shown = ("predictions", "fit", "posterior", "options.set")
+    listed = ("predictions",)
+    made_from = ("arm", "fit", "posterior")
+    numbers = ("frequencies", "deflections")
+    summary = ("deflections", "deflection_bands")
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the arm's description says, and whether a posture's unit is right."""
+        return (*super().notes, *asked_postures(each.posture for each in self.analyses))
+
+    @property
+    def analyses(self) -> "tuple[ModalAnalysis, ...]":
+        """Modes and static deflection of the arm itself at each posture."""
+        return tuple(each.analysis for each in self.predictions)
+
+    @property
+    def frequency_bands(self) -> "tuple[np.ndarray, ...]":
+        """5 and 95 % quantiles of the natural frequencies at each posture, (2, modes) [Hz] each; NaN without draws."""
+        return tuple(each.frequency_band for each in self.predictions)
+
+    @property
+    def deflection_bands(self) -> "tuple[Mapping[str, np.ndarray], ...]":
+        """5 and 95 % quantiles of the deflection at each posture by point name, (2, 3) [m]; NaN without draws."""
+        return tuple(each.deflection_band for each in self.predictions)
+
+    @property
+    def frequencies(self) -> "tuple[np.ndarray, ...]":
+        """Natural frequencies at each posture, ascending, (modes,) [Hz] each."""
+        import numpy as np
+
+        return tuple(np.asarray(analysis.modes.frequency) for analysis in self.analyses)
+
+    @property
+    def labels(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the modes at each posture, by what moves: `vertical bending 1`."""
+        return tuple(tuple(map(str, analysis.labels)) for analysis in self.analyses)
+
+    @property
+    def deflections(self) -> "tuple[Mapping[str, np.ndarray], ...]":
+        """Static deflection at each posture by point name, (3,) [m] in the base frame."""
+        return tuple(analysis.deflection for analysis in self.analyses)
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return one figure a posture, `2` the second's: the modes from the side and from above."""
+        from ident.studies.look.predict_figure import mode_figure
+
+        return {str(i + 1) if i else "": mode_figure(analysis) for i, analysis in enumerate(self.analyses)}
+
+    def frequency_figure(self, joint: str = "") -> "Figure":
+        """Draw the natural frequencies against the angle of a joint, for postures along a motion.
+
+        Args:
+            joint: its name; the first joint that turns from posture to posture where none is given.
+
+        Raises:
+            InputError: the arm has no such driven joint.
+        """
+        from ident.studies.look.predict_figure import frequency_figure
+
+        names = [each.name for each in self.arm.arm.driven]
+        angles = zip(*(analysis.posture for analysis in self.analyses), strict=True)
+        turning = [name for name, own in zip(names, angles, strict=True) if len(set(own)) > 1]
+        chosen = joint or next(iter(turning), names[0])
+        if chosen not in names:
+            remedy = did_you_mean(chosen, names, "correct the name")
+            raise refusal("joint", quoted(chosen), f"one of {', '.join(names)}", remedy)
+        return frequency_figure(self.predictions, names.index(chosen))
+
+
+@study
+def predict(
+    arm: "ArmFile",
+    options: PredictOptions = DEFAULT,
+    *,
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
+) -> PredictResult:
+    """Predict natural frequencies, modes and static deflection of an arm, held at postures under a load.
+
+    Args:
+        arm: the arm.
+        options: postures, by default the one with all angles zero; load; numbers to change; number of modes.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes over their medians
+            unless it has fitted values.
+
+    Raises:
+        InputError: a posture of the wrong length, a load or a number that the arm has not, an arm without any point; a
+            file that does not fit the arm.
+        ModelError: the arm has no stable equilibrium there.
+    """
+    from ident.identify.modal_analysis import modal_analysis
+    from ident.measure import Load
+    from ident.studies.look.prediction import Prediction, predict_draws
+
+    changed = with_numbers(arm.arm, fit or posterior, options.set)
+    draws, load = posterior.without(options.set) if posterior else {}, Load.parse(options.load)
+    if posterior and next(iter(posterior.values.values())).size < 2:
+        raise refusal("posterior", "one draw", "two at least, for a band", "sample longer")
+    if posterior and not draws:
+        raise refusal("set", "every number of the posterior", "one that is drawn", "drop one of them")
+    postures = [tuple(map(radians, angles)) for angles in options.posture] or [(0.0,) * len(changed.driven)]
+    analyses = [modal_analysis(changed, posture, load, options.modes, options.drives) for posture in postures]
+    predictions = tuple(predict_draws(each, draws) if draws else Prediction(each) for each in analyses)
+    return PredictResult(arm, predictions, options, fit, posterior)

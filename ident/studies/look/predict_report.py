@@ -1,0 +1,195 @@
+"""Predictions of an arm at postures: modes, strain energy, static deflection; and their rows for programs."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.measure import DRIVE_STATES
+from ident.report.report import Cell, Finding, Part, Report, Section, Table, cut
+from ident.report.words import MM, counted, degrees, sentence, span
+from ident.studies.basis import changes_in_words, values_in_words
+from ident.studies.look.show_report import largest_shares
+
+if TYPE_CHECKING:
+    from ident.identify.modal_analysis import ModalAnalysis
+    from ident.identify.values import Values
+    from ident.studies.look.prediction import Prediction
+
+FEW = 2
+"""Postures of which each has a table of its own on the first screen; of more, each has a row."""
+MODES, POSTURES = 6, 12
+"""Modes and postures that the first screen shows at most."""
+ACROSS = 6
+"""Joints whose shares of the strain energy have columns side by side."""
+CAUTIONS = ("WARNING: ", "REMARK: ")
+"""How a line on taken-over values begins that casts doubt on them."""
+
+
+def predict_sections(
+    predictions: Sequence["Prediction"],
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
+    changed: Mapping[str, float] | None = None,
+) -> Report:
+    """Return modes, strain energy and deflection at each posture.
+
+    Args:
+        predictions: at each posture.
+        fit: fitted values that the arm has taken over.
+        posterior: draws that the bands are from.
+        changed: numbers that were set, by path [SI].
+    """
+    first = predictions[0].analysis
+    where = f"at {degrees(first.posture)}" if len(predictions) == 1 else f"at {len(predictions)} postures"
+    servo = "" if first.drives == DRIVE_STATES[0] else f", {first.drives} on"
+    origin, cautions = values_used(fit, posterior, changed or {})
+    details = [section for each in predictions for section in _details(each, alone=len(predictions) > FEW)]
+    if len(origin) > FEW:
+        details.insert(0, Section("Values used", origin))
+    return Report(
+        f"{cut(first.arm.name, 50)} {where}, load: {first.load}{servo}: natural frequencies and static deflection",
+        answer=(*origin[:FEW], *(_each(predictions) if len(predictions) <= FEW else _overview(predictions))),
+        findings=(*_findings(predictions), *cautions),
+        next="ident resonance {arm}" if first.arm.stroke is not None else "",
+        details=tuple(details),
+    )
+
+
+def values_used(
+    fit: "Values | None", posterior: "Values | None", changed: Mapping[str, float]
+) -> tuple[tuple[str, ...], tuple[Finding, ...]]:
+    """Return in sentences which values are not the arm file's, and what casts doubt on them."""
+    lines = (*values_in_words(fit, posterior), *changes_in_words(changed))
+    doubts = tuple(Finding(line.partition(": ")[2]) for line in lines if line.startswith(CAUTIONS))
+    return tuple(sentence(line) for line in lines if not line.startswith(CAUTIONS)), doubts
+
+
+def _findings(predictions: Sequence["Prediction"]) -> Iterator[Finding]:
+    for each in predictions:
+        analysis = each.analysis
+        for name, angle, (low, high) in analysis.beyond_limits():
+            limits = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg"
+            yield Finding(f"{name} at {math.degrees(angle):.4g} deg is outside its limits, {limits}", "check --posture")
+        if each.collapsed:
+            collapse = f"collapse{'s' * (each.collapsed == 1)} at {degrees(analysis.posture)}"
+            text = f"{counted(each.collapsed, 'draw')} of the posterior {collapse}"
+            yield Finding(f"{text}: no stable equilibrium; the bands leave them out")
+    unclear = sum(int(each.analysis.ambiguous.sum()) for each in predictions)
+    if unclear:
+        text = f"{counted(unclear, 'mode')} marked (?): nearly as much bending as torsion, or vertical as lateral"
+        yield Finding(text, "compare shapes, not names: a small change may rename such a mode")
+
+
+# -------- First screen
+
+
+def _each(predictions: Sequence["Prediction"]) -> Iterator[Part]:
+    """Yield modes and deflection of each posture."""
+    for each in predictions:
+        yield _modes(each, degrees(each.analysis.posture) if len(predictions) > 1 else "", MODES)
+    rows = tuple(
+        (f"{name} at {degrees(each.analysis.posture)}" if len(predictions) > 1 else name, *_moved(moved))
+        for each in predictions
+        for name, moved in each.analysis.deflection.items()
+    )
+    if rows:
+        yield _deflection_table(rows)
+
+
+def _modes(each: "Prediction", caption: str, most: int) -> Table:
+    """Return the modes of a posture, with the two largest shares of strain energy of each."""
+    analysis, drawn = each.analysis, each.frequency is not None
+    rows: list[tuple[Cell, ...]] = []
+    for i in range(min(most, len(analysis.labels))):
+        band = [span(*each.frequency_band[:, i])] if drawn else []
+        damping = round(100 * float(analysis.damping_ratio[i]), 2) + 0.0
+        frequency = float(analysis.modes.frequency[i])
+        rows.append((i + 1, _mode(analysis, i), frequency, *band, damping, largest_shares(analysis, i)))
+    more = len(analysis.labels) - len(rows)
+    head = ("no.", "mode", "frequency [Hz]", *["5 to 95 %"] * drawn, "damping [%]", "largest shares of strain energy")
+    note = f"{more} more modes: --details" if more > 0 else ""
+    return Table(caption, head, tuple(rows), ("d", "", ".4f", *[""] * drawn, ".2f", ""), note)
+
+
+def _mode(analysis: "ModalAnalysis", i: int) -> str:
+    return f"{analysis.labels[i]}{' (?)' if analysis.ambiguous[i] else ''}"
+
+
+def _overview(predictions: Sequence["Prediction"]) -> Iterator[Part]:
+    """Yield a row for each posture: its lowest frequencies, and by how much the end point moves."""
+    end = list(predictions[0].analysis.deflection)[-1:]
+    count = min(MODES, *(len(each.analysis.labels) for each in predictions))
+    rows: list[tuple[Cell, ...]] = []
+    for analysis in (each.analysis for each in predictions[:POSTURES]):
+        size = [MM * float(np.linalg.norm(analysis.deflection[name])) for name in end]
+        rows.append((degrees(analysis.posture), *analysis.modes.frequency[:count].tolist(), *size))
+    modes = [f"mode {i + 1} [Hz]" for i in range(count)]
+    head = ("posture", *modes, *(f"{cut(name, 12)} deflection [mm]" for name in end))
+    more = len(predictions) - len(rows)
+    note = f"{more} more postures: --details" if more else ""
+    yield Table("", head, tuple(rows), ("", *[".4g"] * count, *[".3f"] * len(end)), note)
+
+
+def _deflection_table(rows: tuple[tuple[Cell, ...], ...]) -> Table:
+    head = ("static deflection [mm]", "x", "y", "z", "total")
+    return Table("", head, rows, ("", ".3f", ".3f", ".3f", ".3f"))
+
+
+def _moved(moved: np.ndarray, *, total: bool = True) -> tuple[float | None, ...]:
+    """Return a deflection in mm by direction, and its size."""
+    parts = ((MM * moved).round(3) + 0.0).tolist()
+    return (*parts, MM * float(np.linalg.norm(moved)) if total else None)
+
+
+# -------- Details
+
+
+def _details(each: "Prediction", *, alone: bool) -> Iterator[Section]:
+    """Yield the strain energy of the modes, and what the first screen does not show: all of it where alone."""
+    analysis = each.analysis
+    where = degrees(analysis.posture)
+    modes = [_modes(each, "", len(analysis.labels))] if alone or len(analysis.labels) > MODES else []
+    yield Section(f"Share of each bushing in the strain energy of the modes at {where}", (*modes, *_shares(each)))
+    if analysis.deflection and (alone or each.deflection is not None):
+        rows: list[tuple[Cell, ...]] = []
+        for name, moved in analysis.deflection.items():
+            rows.append((name, *_moved(moved)))
+            if each.deflection is not None:
+                sides = zip(("5 %", "95 %"), each.deflection_band[name], strict=True)
+                rows += [(f"{name}, {words}", *_moved(side, total=False)) for words, side in sides]
+        title = f"Static deflection at {where}, from the position with rigid joints"
+        yield Section(title, (_deflection_table(tuple(rows)),))
+
+
+def _shares(each: "Prediction") -> Iterator[Table]:
+    """Yield the shares of bending and torsion of each joint [%] by mode, for a few joints at a time."""
+    modes, joints = each.analysis.modes, each.analysis.arm.joints
+    for k in range(0, len(joints), ACROSS):
+        places = range(k, min(k + ACROSS, len(joints)))
+        columns = tuple(f"{joints[j].name} {way} [%]" for j in places for way in ("bend", "tors"))
+        rows = tuple(
+            (_mode(each.analysis, i), *(100 * float(s[j, i]) for j in places for s in (modes.bend, modes.tors)))
+            for i in range(len(each.analysis.labels))
+        )
+        yield Table("", ("mode", *columns), rows, ("", *[".0f"] * len(columns)))
+
+
+# -------- Rows
+
+
+def predict_rows(predictions: Sequence["Prediction"]) -> list[dict[str, Any]]:
+    """Return a row for each mode at each posture: angles [deg], load, frequency [Hz], label, damping ratio [-].
+
+    Frequencies and damping ratios have quantiles of 5 and 95 %, NaN without draws.
+    """
+    return [
+        {joint.name: math.degrees(q) for joint, q in zip(analysis.arm.driven, analysis.posture, strict=True)}
+        | {"load": str(analysis.load), "mode": i + 1, "frequency": float(analysis.modes.frequency[i])}
+        | {"label": str(label), "damping_ratio": float(analysis.damping_ratio[i])}
+        | dict(zip(("frequency_q05", "frequency_q95"), each.frequency_band[:, i].tolist(), strict=True))
+        | dict(zip(("damping_q05", "damping_q95"), each.damping_band[:, i].tolist(), strict=True))
+        for analysis, each in ((each.analysis, each) for each in predictions)
+        for i, label in enumerate(analysis.labels)
+    ]

@@ -1,0 +1,199 @@
+"""An arm by itself: its picture, what looks odd about its numbers, and the names that it knows."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from math import degrees, isfinite, radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ident.files import replace_file, together
+from ident.report.report import Report
+from ident.studies import STUDIES, module_of
+from ident.studies.options import Options, flag_of, specs
+from ident.studies.result import Reported, alias
+from ident.studies.shared import as_file, check_posture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile
+    from ident.studies.look.arm_names import ArmNames
+    from ident.studies.look.arm_view import ArmView
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class ArmPicture(Reported):
+    """An arm in words and as a picture: what looks odd, masses and reach, first modes, every number with its origin.
+
+    Attributes:
+        view: the arm in place, with its first modes and what looks odd.
+        notes: where the arm is not what its robot description says.
+    """
+
+    view: "ArmView"
+
+    notes: ClassVar[tuple[str, ...]] = alias("view.arm_file.notes")
+
+    def __repr__(self) -> str:
+        return f"<ident ArmPicture {self.name}: print it for the report>"
+
+    @property
+    def name(self) -> str:
+        """What its picture is called, without the end."""
+        return f"{self.view.arm_file.name}.show"
+
+    @property
+    def oddities(self) -> tuple[str, ...]:
+        """What looks odd, a line for each number."""
+        return tuple(map(str, self.view.oddities))
+
+    def sections(self) -> Report:
+        """Return all that `ident show` says of the arm."""
+        from ident.studies.look.show_report import show_sections
+
+        return show_sections(self.view)
+
+    def document(self) -> dict[str, Any]:
+        """Return for programs what looks odd, masses [kg], reach [m] and natural frequencies [Hz]."""
+        analysis = self.view.analysis
+        modes = zip(analysis.labels, analysis.modes.frequency, strict=True) if analysis else ()
+        return {
+            "format": "ident-show/1",
+            "arm": self.view.arm.name,
+            "path": self.view.arm_file.path,
+            "sha256": self.view.arm_file.sha256,
+            "posture": [round(degrees(angle), 9) for angle in self.view.posture],
+            "mass": self.view.mass,
+            "reach": self.view.reach,
+            "modes": [{"mode": str(label), "frequency": float(frequency)} for label, frequency in modes],
+            "failure": self.view.failure,
+            "oddities": [asdict(each) for each in self.view.oddities],
+            **self.sections().judged,
+            **({"notes": list(self.view.arm_file.notes)} if self.view.arm_file.notes else {}),
+        }
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the picture: from the side and from above to scale, with the first modes."""
+        from ident.studies.look.show_figure import show_figure
+
+        return {"": show_figure(self.view)}
+
+    def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the picture as PNG, and its first modes as SVG that moves, into a folder, and return their paths.
+
+        Raises:
+            InputError: the folder or the file can't be written.
+        """
+        from ident.report.document import save
+
+        path = Path(folder) / f"{self.name}.png"
+        with together():
+            save(self.figures()[""], path)
+            if not self.view.analysis:
+                return (path,)
+            text, modes = self.moving_modes().encode("utf-8"), Path(folder) / f"{self.name}.modes.svg"
+            replace_file(modes, lambda file: file.write(text), make_folders=True)
+        return path, modes
+
+    def moving_modes(self) -> str:
+        """Return the first modes as an SVG document that moves, of an arm that has modes."""
+        from ident.studies.look.arm_page import moving_modes
+
+        return moving_modes(self.view)
+
+
+def show(arm: "Arm | ArmFile | str | Path", posture: Sequence[float] | None = None) -> ArmPicture:
+    """Draw an arm, and say what looks odd about its numbers.
+
+    Args:
+        arm: the arm, or its file.
+        posture: joint angles [deg]; by default all zero, or as near to that as limits and workspace allow.
+
+    Raises:
+        InputError: the arm's file is wrong, or the posture has another number of angles.
+    """
+    from ident.studies.look.arm_view import arm_view
+
+    arm_file = as_file(arm)
+    if posture is None:
+        return ArmPicture(arm_view(arm_file))
+    check_posture(posture, arm_file.arm)
+    return ArmPicture(arm_view(arm_file, tuple(map(radians, posture))))
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class NamesResult(Reported):
+    """The names of an arm.
+
+    Attributes:
+        names: with the present value of each number.
+    """
+
+    names: "ArmNames"
+
+    def sections(self) -> Report:
+        """Return the names: in short, and with all that is known of them in the details."""
+        from ident.studies.look.show_report import names_sections
+
+        units = {kind: "-" if unit == "1" else unit for kind, unit in kinds().items()}
+        return names_sections(self.names, units, choices(), columns())
+
+    def document(self) -> dict[str, Any]:
+        """Return the same for programs."""
+        arm = self.names.arm_file.arm
+        return {
+            "format": "ident-names/1",
+            "arm": arm.name,
+            "numbers": [asdict(each) for each in self.names.numbers],
+            "joints": [
+                {"name": j.name, "driven": j.driven, "limits": [x if isfinite(x) else None for x in j.limits]}
+                for j in arm.joints
+            ],
+            "points": [point.name for point in arm.points],
+            "loads": [payload.body.name for payload in arm.payloads],
+            "modes": [{"mode": label, "frequency": frequency} for label, frequency in self.names.modes],
+            "kinds": kinds(),
+            "choices": {flag: list(words) for flag, words in choices().items()},
+            "columns": {column: list(words) for column, words in columns().items()},
+        }
+
+
+def names(arm: "Arm | ArmFile | str | Path") -> NamesResult:
+    """List every name that other commands take of an arm.
+
+    Args:
+        arm: the arm, or its file.
+
+    Raises:
+        InputError: the arm's file is wrong.
+    """
+    from ident.studies.look.arm_names import arm_names
+
+    return NamesResult(arm_names(as_file(arm)))
+
+
+def kinds() -> Mapping[str, str]:
+    """Return the SI unit of each kind of measurement."""
+    from ident.measure import KINDS
+    from ident.units import QUANTITIES
+
+    return {kind: QUANTITIES[quantity].si for kind, quantity in KINDS.items()}
+
+
+def columns() -> Mapping[str, tuple[str, ...]]:
+    """Return the words that columns of a campaign have to choose from."""
+    from ident.measure import DEFINITIONS, DRIVE_STATES
+    from ident.measure.load import RAMPS
+
+    return {"of": DEFINITIONS, "drives": DRIVE_STATES, "ramp": RAMPS}
+
+
+def choices() -> Mapping[str, tuple[str, ...]]:
+    """Return the words that options of commands have to choose from, by command and flag."""
+    found: dict[str, tuple[str, ...]] = {}
+    for study in (*STUDIES, "explore"):
+        kind: type[Options] = getattr(module_of(study), f"{study.capitalize()}Options")
+        known = [(each, spec) for each, spec in specs(kind) if each.name not in kind.refuses]
+        found |= {f"{study} {flag_of(each)}": spec.choices for each, spec in known if spec.choices}
+    return found

@@ -1,0 +1,206 @@
+"""What is said of an arm: numbers that look wrong, masses and reach, first modes, every number; and its names."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ident.arm.fields import STIFFNESS, fields_in
+from ident.report.report import Finding, Part, Report, Section, Table, Verdict, cut, kept
+from ident.report.words import by_key, counted, degrees, sentence
+from ident.text import as_word
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.arm.parts import Joint
+    from ident.arm.plausibility import Oddity
+    from ident.description.file import ArmFile
+    from ident.identify.modal_analysis import ModalAnalysis
+    from ident.studies.look.arm_names import ArmNames
+    from ident.studies.look.arm_view import ArmView
+
+
+def show_sections(view: "ArmView") -> Report:
+    """Return all that is said of an arm: numbers that look wrong, first modes, every number [SI] with its origin."""
+    odd, failed, sag = view.oddities, [Finding(view.failure)] if view.failure else [], ""
+    if view.analysis:
+        name, moved = list(view.analysis.deflection.items())[-1]
+        sag = f"Sag of {name}: {1e3 * float(np.linalg.norm(moved)):.3g} mm."
+    rows = tuple(number_rows(view.arm, view.arm_file.origins))
+    note = "Vectors in the axes of their joint; inertia about the mass centre: xx, yy, zz."
+    numbers = Section("Numbers", (Table("", ("number", "value", "unit", "origin"), rows, note=note),))
+    return Report(
+        f"{cut(view.arm.name, 60)} at {degrees(view.posture)}: {sums(view)}",
+        _verdict(view),
+        tuple(_modes(view)),
+        (*failed, *(Finding(_with_line(view.arm_file, each)) for each in odd)),
+        sag,
+        "" if odd or failed else f"ident plan --arm {as_word(view.arm_file.path or 'ARM')}",
+        (_joints(view), numbers),
+    )
+
+
+def _with_line(arm_file: "ArmFile", odd: "Oddity") -> str:
+    line = arm_file.lines.get(odd.path)
+    return f"line {line}, {odd}" if line else str(odd)
+
+
+def sums(view: "ArmView") -> str:
+    """Return masses and reach in a line."""
+    loads = [f"{solid.name} {solid.mass:.4g} kg" for solid in view.solids if solid.kind == "payload"]
+    bodies = sum(solid.kind != "payload" for solid in view.solids)
+    joints, driven = len(view.hinges), len(view.arm.driven)
+    turning = "" if driven == joints else f", {driven} of them driven"
+    payload = f"; payload: {', '.join(loads)}" if loads else ""
+    mass = f"{bodies} bodies, {view.mass:.4g} kg{payload}"
+    return f"{joints} joints{turning}; {mass}; reach {view.reach:.3g} m"
+
+
+def _verdict(view: "ArmView") -> Verdict:
+    """Judge an arm by the plausibility checks of its numbers, and by whether it has modes."""
+    origins = Counter(view.arm_file.origins.values())
+    counts = ", ".join(f"{count} {origin}" for origin, count in origins.most_common())
+    numbers = f"{sum(origins.values())} numbers: {counts}" if origins else ""
+    if odd := len(view.oddities):
+        word = "1 NUMBER LOOKS WRONG" if odd == 1 else f"{odd} NUMBERS LOOK WRONG"
+        file = cut(view.arm_file.path, 50) or "the arm"
+        return Verdict(word, sentence(f"correct {file} before you measure or fit. {numbers}"), "bad")
+    if view.failure:
+        return Verdict("NO MODES", sentence(f"every number is plausible alone, but {view.failure}. {numbers}"), "bad")
+    passed = "Lengths, masses, inertias, stiffnesses and angles are in the range usual for robot arms."
+    return Verdict("PLAUSIBLE", f"{passed} {sentence(numbers) if numbers else ''}".rstrip(), "good")
+
+
+def _modes(view: "ArmView") -> Iterator[Table]:
+    """Yield the first modes, where the arm has any."""
+    if view.analysis:
+        labels, frequency = view.analysis.labels, view.analysis.modes.frequency
+        modes = zip(labels, frequency.tolist(), strict=False)
+        rows = tuple((i + 1, str(label), hz, largest_shares(view.analysis, i)) for i, (label, hz) in enumerate(modes))
+        head = ("no.", "first modes under own weight", "frequency [Hz]", "largest shares of strain energy")
+        yield Table("", head, rows, ("d", "", ".2f", ""))
+
+
+def largest_shares(analysis: "ModalAnalysis", i: int) -> str:
+    """Name the two bushing stiffnesses with the largest shares of the strain energy of the i-th mode."""
+    shares = {
+        f"{joint.name}.{stiffness}": float(share[j, i])
+        for stiffness, share in (("k_bend", analysis.modes.bend), ("k_tors", analysis.modes.tors))
+        for j, joint in enumerate(analysis.arm.joints)
+        if getattr(joint, stiffness) is not None
+    }
+    most = sorted(shares, key=lambda path: -shares[path])[:2]
+    return ", ".join(f"{path} {100 * shares[path]:.0f} %" for path in most)
+
+
+def _joints(view: "ArmView") -> Section:
+    joints = view.arm.joints
+    rows = tuple((joint.name, f"({_vector(np.asarray(joint.axis))})", _limits(joint)) for joint in joints)
+    return Section("Joints", (Table("", ("joint", "axis of the pin in the zero posture", "limits"), rows),))
+
+
+def _limits(joint: "Joint") -> str:
+    low, high = (math.degrees(limit) for limit in joint.limits)
+    within = "turns freely" if math.isinf(low) else f"{low:.4g} to {high:.4g} deg"
+    return within if joint.driven else "no pin: elastic only"
+
+
+def number_rows(arm: "Arm", origins: Mapping[str, str]) -> Iterator[tuple[str, str, str, str]]:
+    """Yield path, value [SI], unit and origin of every number or vector."""
+    for part in arm.parts():
+        for field in fields_in(part):
+            value = np.asarray(getattr(part, field.name))
+            places = list(field.ends.values())
+            path = f"{part.name}.{field.name}"
+            given = {origins.get(f"{path}{end}", "") for end in field.ends}
+            shown = _vector(np.array([value[place] for place in places]))
+            yield path, shown, field.unit, given.pop() if len(given) == 1 else "mixed"
+        yield from ((f"{part.name}.{k}", "rigid", "", "") for k in STIFFNESS if getattr(part, k, "") is None)
+
+
+def _vector(value: np.ndarray) -> str:
+    return ", ".join(f"{x + 0.0:.5g}" for x in value.ravel())
+
+
+# -------- Names
+# The names of an arm: what commands, options and campaigns take.
+
+Choices = Mapping[str, Sequence[str]]
+
+
+def names_sections(names: "ArmNames", kinds: Mapping[str, str], choices: Choices, columns: Choices) -> Report:
+    """Return every name of an arm, by what takes it: in short, and with values, units and limits in the details.
+
+    Args:
+        names: of the arm.
+        kinds: SI unit of each kind of measurement.
+        choices: words that options have to choose from, by command and flag.
+        columns: words that columns of a campaign have to choose from.
+    """
+    arm = names.arm_file.arm
+    end = arm.points[-1].name if arm.points else "POINT"
+    loads = [payload.body.name for payload in arm.payloads]
+    examples = ", ".join(map(kept, (f"'5 kg @ {end}'", f"'20 N -z @ {end}'", "sums by ' + '")))
+    lines = [
+        "Numbers (--set, --fix, --tie, --free, --change, ...):",
+        *(f"  {line}" for line in _grouped([each.path for each in names.numbers])),
+        f"Joints, in the order of --posture and of the columns q1, q2, ...: {_listed(j.name for j in arm.joints)}",
+        f"Points (column point; the last one is the end point): {_listed(point.name for point in arm.points)}",
+        f"Loads (--load, columns load and reference_load): {_listed(loads)}; {examples}",
+        f"Modes (column mode; also as 'vertical 1', 'torsion 2'): {_listed(label for label, _ in names.modes)}",
+        f"Kinds of measurement (column kind; --discrepancy): {_listed(kinds)}",
+    ]
+    counts = {"number": names.numbers, "joint": arm.joints, "point": arm.points, "load": loads}
+    subject = ", ".join(counted(len(each), noun) for noun, each in counts.items())
+    details = tuple(_names_details(names, kinds, choices, columns))
+    return Report(f"Names of {cut(arm.name, 60)}: {subject}", answer=tuple(lines), details=details)
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(names) or "none"
+
+
+def _grouped(paths: Sequence[str]) -> Iterator[str]:
+    """Yield the paths of numbers, parts of the same kind together: `joint1, joint2: offset.x/y/z, k_bend`."""
+    fields: dict[str, dict[str, list[str]]] = {}
+    for path in paths:
+        part, field, *end = path.split(".")
+        fields.setdefault(part, {}).setdefault(field, []).extend(end)
+    parts = by_key(
+        (", ".join(f"{field}{'.' * bool(ends)}{'/'.join(ends)}" for field, ends in own.items()), part)
+        for part, own in fields.items()
+    )
+    yield from (f"{', '.join(names)}: {words}" for words, names in parts.items())
+
+
+def _names_details(
+    names: "ArmNames", kinds: Mapping[str, str], choices: Choices, columns: Choices
+) -> Iterator[Section]:
+    arm = names.arm_file.arm
+    numbers = tuple(
+        (each.path, each.value + 0.0, each.unit, each.origin, "factor" if each.factor else "difference")
+        for each in names.numbers
+    )
+    head = ("number", "value", "unit", "origin", "changed by")
+    yield Section("Numbers [SI]", (Table("", head, numbers, ("", ".7g", "", "", "")),))
+    rows = tuple((joint.name, _limits(joint)) for joint in arm.joints)
+    yield Section("Joints", (Table("", ("joint", "limits"), rows),))
+    if arm.points:
+        points = tuple((point.name, point.joint) for point in arm.points)
+        yield Section("Points", (Table("", ("point", "on joint"), points),))
+    if arm.payloads:
+        loads = tuple((each.body.name, float(each.body.mass), each.joint) for each in arm.payloads)
+        yield Section("Loads", (Table("", ("load", "mass [kg]", "on joint"), loads, ("", ".4g", "")),))
+    if names.modes:
+        title = f"Modes at {degrees(names.posture)} under own weight"
+        yield Section(title, (Table("", ("mode", "frequency [Hz]"), tuple(names.modes), ("", ".4g")),))
+    units = Table("", ("kind", "unit in which a value is stored"), tuple(kinds.items()))
+    yield Section("Kinds of measurement", (units,))
+    yield Section("Words that columns of a campaign choose from", tuple(_words(columns)))
+    yield Section("Words that options choose from", tuple(_words(choices)))
+
+
+def _words(choices: Choices) -> Iterator[Part]:
+    yield from (f"{name}: {', '.join(words)}" for name, words in choices.items())

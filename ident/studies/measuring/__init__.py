@@ -1,0 +1,1 @@
+"""From the files of a modal test to modes and a campaign."""

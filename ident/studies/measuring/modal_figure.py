@@ -1,0 +1,269 @@
+"""Figure of a posture's frequency responses: size and coherence over frequency, a panel for each response."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
+
+from ident.modal.ambient import AmbientTest
+from ident.modal.modes import Modes
+from ident.modal.parameters import PhasePlane, phase_planes
+from ident.report.report import cut
+from ident.report.style import BLUE, GREY, ORANGE, PALE, PINK, Style, key_below, note, plain, titled
+from ident.report.words import counted, degrees
+from ident.studies.measuring.modal_report import place_in_words
+
+if TYPE_CHECKING:
+    from ident.arm.modes import Label
+    from ident.modal.frf import ModalTest, Place
+    from ident.studies.measuring.modal_campaign import IdentifiedModes
+
+# -------- Ambient
+# Figure of an ambient test: singular values of the spectral density, with lines of what turns.
+
+HARMONIC: Style = {"color": PINK, "linewidth": 1.0, "linestyle": ":"}
+"""Look of a line of something that turns."""
+
+
+def ambient_figure(test: AmbientTest, identified: "IdentifiedModes | None" = None) -> Figure:
+    """Draw the singular values of the spectral density matrix, the modes, and the harmonics that were taken out."""
+    figure = titled((9.0, 4.4), f"Responses without a force at {degrees(test.posture)}")
+    axes = figure.subplots()
+    density = test.density
+    axes.semilogy(density.frequency, density.singular[1:].T, color=PALE, linewidth=0.6)
+    axes.semilogy(density.frequency, density.singular[0], color=BLUE, linewidth=1.0)
+    for frequency in identified.modes.frequency if identified else ():
+        axes.axvline(frequency, color=ORANGE, linewidth=1.0, zorder=0)
+    draw_harmonics(axes, test)
+    axes.set(xlim=(0, test.band[1]), xlabel="frequency [Hz]", ylabel="singular value [1/Hz]")
+    plain(axes, grid=True)
+    handles = [
+        Line2D([], [], color=BLUE, label="first singular value"),
+        Line2D([], [], color=PALE, label="others"),
+        *([Line2D([], [], color=ORANGE, label="mode")] if identified else []),
+        *harmonic_key(test),
+    ]
+    note = f"{cut(str(test.load), 70)}; {test.correlations.duration:.0f} s; each response in its standard deviations"
+    key_below(figure, handles, note, columns=4)
+    return figure
+
+
+def draw_harmonics(axes: Axes, test: AmbientTest) -> None:
+    """Mark the lines that were taken out, numbered as in the key."""
+    for number, line in enumerate(test.harmonics, 1):
+        axes.axvline(line.frequency, zorder=1, **HARMONIC)
+        top: Style = {"xycoords": ("data", "axes fraction"), "ha": "center", "va": "bottom"}
+        note(axes, str(number), (line.frequency, 1.0), fontsize=7, color=PINK, **top)
+
+
+def harmonic_key(test: AmbientTest) -> list[Line2D]:
+    """Return what the marks of the lines mean."""
+    return [
+        Line2D([], [], label=f"{number}: {cut(str(line), 36)}", **HARMONIC)
+        for number, line in enumerate(test.harmonics, 1)
+    ]
+
+
+# -------- Modal
+
+COLORS = (BLUE, ORANGE, PINK, GREY)
+"""Of the forces, or of the directions at a point, in their order."""
+
+
+def measured_figure(test: "ModalTest | AmbientTest", identified: "IdentifiedModes | None" = None) -> Figure:
+    """Draw what was measured at a posture."""
+    return ambient_figure(test, identified) if isinstance(test, AmbientTest) else modal_figure(test, identified)
+
+
+def modal_figure(test: "ModalTest", identified: "IdentifiedModes | None" = None) -> Figure:
+    """Draw accelerance of mean, single hits and identified modes, and coherence, of each response.
+
+    A colour stands for each force.
+    """
+    frf = test.frf
+    count = len(frf.responses)
+    rows = -(-count // 2)
+    figure = titled((9.0, 3.1 * rows + 1.4), f"Frequency responses at {degrees(test.posture)}")
+    grid = figure.subplots(2 * rows, 2, sharex=True, squeeze=False, height_ratios=[3, 1] * rows)
+    for o, (upper, lower) in enumerate(zip(grid[::2].flat, grid[1::2].flat, strict=True)):
+        if o < count:
+            _response(upper, test, o)
+            _coherence(lower, test, o)
+            if identified and isinstance(identified.modes, Modes):
+                dashed: Style = {"color": "black", "linewidth": 0.8, "linestyle": "--", "zorder": 3}
+                upper.plot(identified.modes.frf.frequency, np.abs(identified.modes.fitted[o]).T, **dashed)
+        else:
+            upper.set_visible(False)
+            lower.set_visible(False)
+    for axes in grid[-1]:
+        axes.set(xlabel="frequency [Hz]")
+    handles = [
+        Line2D([], [], color=color, label=f"force at {place_in_words(place)}")
+        for place, color in zip(frf.references, COLORS, strict=False)
+    ]
+    handles.append(Line2D([], [], color=PALE, label="single hits"))
+    if identified:
+        handles.append(Line2D([], [], color="black", linewidth=0.8, linestyle="--", label="identified modes"))
+    words = f"{cut(str(test.load), 70)}; {len(frf.hits)} hits at each point"
+    if test.rejected:
+        words += f"\nrejected: {counted(len(test.rejected), 'hit')}, see the report"
+    key_below(figure, handles, words, columns=3)
+    return figure
+
+
+def _response(axes: Axes, test: "ModalTest", o: int) -> None:
+    frf = test.frf
+    axes.set_yscale("log")
+    for i, color in zip(range(len(frf.references)), COLORS, strict=False):
+        axes.plot(frf.frequency, np.abs(frf.hits[:, o, i]).T, color=PALE, linewidth=0.5, zorder=1)
+        axes.plot(frf.frequency, np.abs(frf.mean[o, i]), color=color, linewidth=1.1, zorder=2)
+    top = float(np.abs(frf.mean[o]).max())
+    bottom = float(np.quantile(np.abs(frf.mean[o]), 0.01))
+    axes.set(ylim=(max(bottom / 2, top / 1e5), 2 * top), xlim=(0, frf.frequency[-1]))
+    plain(axes, grid=True)
+    axes.set_title(f"response {place_in_words(frf.responses[o])}", fontsize=9, loc="left", parse_math=False)
+    _named(axes, "accelerance [1/kg]")
+
+
+def _coherence(axes: Axes, test: "ModalTest", o: int) -> None:
+    for i, color in zip(range(len(test.frf.references)), COLORS, strict=False):
+        axes.plot(test.frf.frequency, test.coherence[o, i], color=color, linewidth=0.9)
+    axes.set(ylim=(0, 1.05))
+    plain(axes)
+    _named(axes, "coherence")
+
+
+def _named(axes: Axes, name: str) -> None:
+    """Name the upright axis at a place that all panels share; aligned by their ticks, it takes half of the drawing."""
+    axes.set_ylabel(name, fontsize=8)
+    axes.yaxis.set_label_coords(-0.12, 0.5)
+
+
+# -------- Argand
+# Figure of a posture's mode shapes in the complex plane: arrows in phase lie along one line.
+
+ENDS = "os^Dv"
+"""Ends of arrows, one a point."""
+WITHIN = 2.4477
+"""Half axes of an ellipse that holds 95 %, in standard deviations."""
+
+
+def argand_figure(test: "ModalTest | AmbientTest", identified: "IdentifiedModes") -> Figure:
+    """Draw each mode's motion at the responses as arrows in the complex plane, with ellipses that hold 95 %."""
+    planes = phase_planes(identified.modes)
+    columns = min(4, len(planes))
+    rows = -(-len(planes) // columns)
+    size = 2.5 * max(columns, 3) + 0.4, 2.5 * 1.15 * rows + 1.5
+    figure = titled(size, f"Mode shapes at {degrees(test.posture)}")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    looks = _looks(test.responses)
+    for axes, plane, frequency, label in zip(
+        panels, planes, identified.modes.frequency, identified.labels.given, strict=False
+    ):
+        _panel(axes, plane, looks)
+        title = f"{frequency:.2f} Hz, {_name(label)}\ncollinearity {plane.collinearity:.3f}"
+        axes.set_title(title, fontsize=8, loc="left", parse_math=False)
+    for axes in panels[len(planes) :]:
+        axes.set_visible(False)
+    handles = [
+        Line2D([], [], color=color, marker=end, markersize=4, label=place_in_words(place))
+        for place, (color, end) in zip(test.responses, looks, strict=True)
+    ]
+    note = "turned to the real axis and scaled to one at the largest; ellipses hold 95 %"
+    key_below(figure, handles, note, columns=6)
+    return figure
+
+
+def _name(label: "Label | None") -> str:
+    return cut(str(label), 24) if label else "no certain name"
+
+
+def _panel(axes: Axes, plane: PhasePlane, looks: Sequence[tuple[str, str]]) -> None:
+    for motion, covariance, (color, end) in zip(plane.shape, plane.covariance, looks, strict=True):
+        axes.plot([0, motion.real], [0, motion.imag], color=color, linewidth=1.2, marker=end, markevery=[1], ms=4)
+        variances, axis = np.linalg.eigh(covariance)
+        width, height = 2 * WITHIN * np.sqrt(np.maximum(variances, 0.0))
+        angle = float(np.degrees(np.arctan2(axis[1, 0], axis[0, 0])))
+        centre = (float(motion.real), float(motion.imag))
+        axes.add_patch(Ellipse(centre, float(width), float(height), angle=angle, fill=False, color=color, lw=0.8))
+    axes.axhline(0, color=GREY, linewidth=0.5, zorder=0)
+    axes.axvline(0, color=GREY, linewidth=0.5, zorder=0)
+    axes.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2))
+    axes.set_aspect("equal")
+    plain(axes)
+    axes.tick_params(labelsize=7)
+
+
+def _looks(places: Sequence["Place"]) -> list[tuple[str, str]]:
+    """Return colour and end of each response."""
+    points = list(dict.fromkeys(place.point for place in places))
+    nth = [sum(other.point == place.point for other in places[:o]) for o, place in enumerate(places)]
+    ends = [ENDS[points.index(place.point) % len(ENDS)] for place in places]
+    return [(COLORS[n % len(COLORS)], end) for n, end in zip(nth, ends, strict=True)]
+
+
+# -------- Stabilisation
+# Figure of how a posture's modes were chosen: poles over orders, and the MAC with the arm's modes.
+
+
+def stabilisation_figure(test: "ModalTest | AmbientTest", identified: "IdentifiedModes") -> Figure:
+    """Draw the poles of all orders with the clusters that modes were made of, and MAC and names of the modes."""
+    figure = titled((9.0, 7.6), f"Modes at {degrees(test.posture)}")
+    upper, lower = figure.subplots(2, 1, height_ratios=[3, 2])
+    _poles(upper, test, identified)
+    _mac(lower, identified)
+    ambient = isinstance(test, AmbientTest)
+    handles = [
+        Line2D([], [], linestyle="", marker="o", markersize=4, color=PALE, label="other pole"),
+        Line2D([], [], linestyle="", marker="o", markersize=4, color=BLUE, label="pole of a lasting cluster"),
+        Line2D([], [], color=ORANGE, label="mode" if ambient else "mode, by maximum likelihood"),
+        Line2D([], [], color=GREY, label="two first singular values" if ambient else "size of all responses"),
+        *(harmonic_key(test) if isinstance(test, AmbientTest) else ()),
+    ]
+    key_below(figure, handles, "MAC: measured shapes against those of the arm as its file has it", columns=4)
+    return figure
+
+
+def _poles(axes: Axes, test: "ModalTest | AmbientTest", identified: "IdentifiedModes") -> None:
+    """Draw the diagram over the size of the responses."""
+    diagram = identified.modes.diagram
+    lasting = diagram.cluster >= 0
+    axes.plot(diagram.frequency[~lasting], diagram.order[~lasting], "o", color=PALE, markersize=3)
+    axes.plot(diagram.frequency[lasting], diagram.order[lasting], "o", color=BLUE, markersize=3)
+    for frequency in identified.modes.frequency:
+        axes.axvline(frequency, color=ORANGE, linewidth=1.0, zorder=0)
+    axes.set(xlim=(0, identified.modes.band[1]), ylim=(0, None))
+    axes.set(ylabel="states" if isinstance(test, AmbientTest) else "order of the polynomial", xlabel="frequency [Hz]")
+    plain(axes)
+    size = axes.twinx()
+    if isinstance(test, AmbientTest):
+        size.semilogy(test.density.frequency, np.sqrt(test.density.singular[:2].T), color=GREY, linewidth=0.7)
+        draw_harmonics(axes, test)
+    else:
+        every = np.sqrt((np.abs(test.frf.mean) ** 2).sum((0, 1)))
+        size.semilogy(test.frf.frequency, every, color=GREY, linewidth=0.9)
+    size.set_yticks([])
+    size.minorticks_off()
+    plain(size, left=False)
+
+
+def _mac(axes: Axes, identified: "IdentifiedModes") -> None:
+    """Draw MAC as cells: rows are measured modes with their name or doubt, columns the arm's."""
+    labels, modes = identified.labels, identified.modes
+    axes.imshow(labels.mac, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    for (row, column), value in np.ndenumerate(labels.mac):
+        color = "white" if value > 0.68 else "black"  # on dark and on light blue
+        axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=color)
+    names = [
+        f"{frequency:.2f} Hz: {_name(label)}" for frequency, label in zip(modes.frequency, labels.given, strict=True)
+    ]
+    axes.set_yticks(range(len(names)), names, fontsize=7, parse_math=False)
+    shown = [str(label).replace("bending", "bend.").replace("torsion", "tors.") for label in labels.computed]
+    axes.set_xticks(range(len(shown)), [text.replace(" ", "\n", 1) for text in shown], fontsize=7, parse_math=False)
+    axes.tick_params(length=0)
+    for spine in axes.spines.values():
+        spine.set_visible(False)

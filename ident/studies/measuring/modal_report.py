@@ -1,0 +1,404 @@
+"""A modal test: what is said of hits, records, checks, modes and their names, and its rows for programs."""
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import zip_longest
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.measure import Campaign
+from ident.measure.reproducibility import Reproducibility
+from ident.modal.ambient import AmbientTest
+from ident.modal.frf import MOVING, Check, ModalTest
+from ident.modal.modes import Modes, Ratio
+from ident.modal.operational import DECAYS, OperationalModes
+from ident.modal.sources import POLE, FinishedTest
+from ident.report.report import Cell, Finding, Part, Report, Section, Table, Verdict, cut
+from ident.report.words import (
+    counted,
+    degrees,
+    percent,
+    sentence,
+)
+from ident.studies.measuring.modal_campaign import IdentifiedModes, Labelled, NamedModes
+
+if TYPE_CHECKING:
+    from ident.modal.frf import Place
+
+AnyTest = ModalTest | AmbientTest | FinishedTest
+CORRELATED = 0.3
+"""Correlation of two rows of a campaign from which on it is reported."""
+FEW, LISTED = 3, 3
+"""Hits at a point below which rejected ones should be repeated; rejected hits that a finding names at most."""
+WARNING, IDLE = "WARNING: ", "outside the band"
+"""How a remark begins that bears on the verdict, and how one ends that does not matter: it is in the details only."""
+
+
+def modal_sections(
+    tests: Sequence[ModalTest | AmbientTest],
+    identified: Sequence[IdentifiedModes] = (),
+    finished: Sequence[FinishedTest] = (),
+    named: Sequence[NamedModes] = (),
+    campaign: Campaign | None = None,
+    reproducibility: Reproducibility | None = None,
+) -> Report:
+    """Return all that is said of a modal test."""
+    every: list[AnyTest] = [*tests, *finished]
+    modes: list[Labelled] = [*identified, *named]
+    rows = tuple(_mode_rows(every, modes, reproducibility))
+    head = ("posture [deg]", "mode", "frequency [Hz]", "std. error", "damping [%]", "std. error", "MAC")
+    forms = ("", "", ".4f", ".4f", ".3f", ".3f", ".2f")
+    return Report(
+        _subject(tests, finished, modes),
+        _verdict(tests, identified),
+        (Table("", head, rows, forms),) if rows else (),
+        tuple(_findings(tests, identified, every, modes, reproducibility)),
+        next="ident check {result}.csv --arm {arm}" if campaign else "",
+        details=tuple(_details(every, modes, campaign, reproducibility)),
+    )
+
+
+def _subject(
+    tests: Sequence[ModalTest | AmbientTest], finished: Sequence[FinishedTest], modes: Sequence[Labelled]
+) -> str:
+    hammer, ambient = _hammer(tests), [test for test in tests if isinstance(test, AmbientTest)]
+    parts = []
+    if hammer:
+        hits, rejected = sum(test.hits for test in hammer), sum(len(test.rejected) for test in hammer)
+        parts.append(f"Hammer test at {counted(len(hammer), 'posture')}: {hits} hits accepted, {rejected} rejected")
+    if ambient:
+        duration = sum(test.correlations.duration for test in ambient)
+        where = counted(len(ambient), "posture")
+        parts.append(f"Ambient test at {where}: {duration:.0f} s of responses without a force")
+    if finished:
+        count = sum(len(test.modes.frequency) for test in finished)
+        parts.append(f"Finished modes: {count} in {counted(len(finished), 'file')}")
+    total = sum(len(each.labels.given) for each in modes)
+    return "; ".join(parts) + (f"; {_name_count(modes)} of {counted(total, 'mode')} named" if modes else "")
+
+
+def _hammer(tests: Sequence[ModalTest | AmbientTest]) -> list[ModalTest]:
+    return [test for test in tests if isinstance(test, ModalTest)]
+
+
+def _name_count(modes: Sequence[Labelled]) -> int:
+    return sum(label is not None for each in modes for label in each.labels.given)
+
+
+# -------- Verdict
+
+
+def _verdict(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[IdentifiedModes]) -> Verdict:
+    """Judge a test: NOT CONVERGED, DOUBTFUL where checks fail or the arm moved, NOT CHECKED without any, else GOOD."""
+    checks = [check for test in _hammer(tests) for check in test.checks]
+    ratios = [each.modes.ratio for each in identified if isinstance(each.modes, Modes)]
+    short = [each.modes for each in identified if isinstance(each.modes, OperationalModes)]
+    if not _all_converged(identified):
+        return Verdict("NOT CONVERGED", "The search for the most probable modes has not ended.", "bad")
+    failed = [check for check in checks if not check.good]
+    parts, moving = [], sum(len(test.moving) for test in _hammer(tests))
+    if moving:
+        parts.append(f"{MOVING} hits in {counted(moving, 'file')}")
+    if checks:
+        worst = max(failed or checks, key=lambda check: check.value / check.limit)
+        size, limit = f"{100 * worst.value:.1f} %", f"limit {100 * worst.limit:.0f} %"
+        passed = f"all {len(checks)} driving-point and reciprocity checks pass (largest {size}, {limit})"
+        fail = f"{len(failed)} of {counted(len(checks), 'check')} fail{'s' * (len(failed) == 1)}, most of all "
+        parts.append(f"{fail}{worst.name}, {_places(worst)}: {size} ({limit})" if failed else passed)
+    if ratios:
+        ratio = max(ratios, key=lambda ratio: (ratio.doubtful, abs(math.log(max(ratio.value, 1e-300)))))
+        parts.append(f"hit scatter {ratio.value:.2f} times the expected variance, {_band(ratio)}")
+    if short:
+        fewest = min(short, key=lambda modes: modes.decays)
+        decays = f"{fewest.decays:.1f} decay times of the slowest mode (at least {DECAYS:g} needed)"
+        parts.append(f"each of {fewest.blocks} blocks has {decays}")
+    if not parts:
+        unchecked = "no driving point and no reciprocal pair were measured" if tests else "no recordings, only modes"
+        return Verdict("NOT CHECKED", f"There is nothing to check the modes by: {unchecked}.", "caution")
+    doubtful = failed or moving or any(each.modes.doubtful for each in identified)
+    reason = sentence("; ".join(parts))
+    return Verdict("DOUBTFUL", reason, "bad") if doubtful else Verdict("GOOD", reason, "good")
+
+
+def _places(check: Check) -> str:
+    return " and ".join(map(place_in_words, check.places))
+
+
+def _band(ratio: Ratio) -> str:
+    low, high = ratio.band
+    effect = ", without effect on the std. errors" * (ratio.outside and not ratio.doubtful)
+    return f"{'outside' if ratio.outside else 'within'} {low:.2f} to {high:.2f}{effect}"
+
+
+def _all_converged(identified: Sequence[IdentifiedModes]) -> bool:
+    return all(each.modes.converged for each in identified if isinstance(each.modes, Modes))
+
+
+def _findings(
+    tests: Sequence[ModalTest | AmbientTest],
+    identified: Sequence[IdentifiedModes],
+    every: Sequence[AnyTest],
+    modes: Sequence[Labelled],
+    reproducibility: Reproducibility | None,
+) -> Iterator[Finding]:
+    """Yield what bears on the verdict, the weightiest first; what an arm that still moved explains is left out."""
+    remarks = _remarks(tests, identified)
+    moving = {remark: remarks.pop(remark) for remark in [*remarks] if MOVING in remark}
+    yield from (Finding(where + remark, "wait longer between hits") for remark, where in moving.items())
+    if not moving and not _all_converged(identified):
+        yield Finding("the search for the most probable modes has not ended", "narrow the --band, or choose --modes")
+    for number, test in enumerate(tests, 1):
+        for check in test.checks if isinstance(test, ModalTest) else ():
+            if not check.good:
+                size = f"{100 * check.value:.1f} % (at most {100 * check.limit:.0f} %)"
+                yield Finding(f"posture {number}: {check.name}, {_places(check)}: {size}", check.remedy)
+    if not moving and any(isinstance(each.modes, Modes) and each.modes.doubtful for each in identified):
+        text = "the hits scatter otherwise than their noise says, so the std. errors are in doubt"
+        yield Finding(text, "hit at the same place and in the same direction each time; look for loose sensors")
+    for remark, where in remarks.items():
+        if remark.startswith(WARNING):
+            yield Finding(where + remark.removeprefix(WARNING))
+    yield from _unnamed(every, modes)
+    yield from _rejected(_hammer(tests))
+    yield from _assumed(reproducibility)
+    for remark, where in remarks.items():
+        if not remark.startswith(WARNING) and not remark.endswith(IDLE):
+            yield Finding(where + remark)
+
+
+def _remarks(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[IdentifiedModes]) -> dict[str, str]:
+    """Return the remarks on tests and modes, with the postures to which each applies, where it is not all."""
+    found: dict[str, dict[str, None]] = {}
+    for number, test in enumerate(tests, 1):
+        modes = identified[number - 1].modes if identified else None
+        more = modes.remarks if isinstance(modes, OperationalModes) else ()
+        for remark in (*test.remarks, *more):
+            found.setdefault(remark, {})[str(number)] = None
+    return {
+        remark: f"posture{'s' * (len(at) > 1)} {', '.join(at)}: " if len(at) < len(tests) else ""
+        for remark, at in found.items()
+    }
+
+
+def _unnamed(tests: Sequence[AnyTest], modes: Sequence[Labelled]) -> Iterator[Finding]:
+    """Yield the modes without a certain name: they are no rows of the campaign."""
+    for test, each in zip(tests, modes, strict=False):
+        for i, why in enumerate(each.labels.why):
+            if why:
+                hertz = each.modes.frequency[i]
+                text = f"no certain name for mode {i + 1} at {degrees(test.posture)}, {hertz:.2f} Hz: {why}"
+                yield Finding(text, "add a sensor that tells them apart; the campaign leaves it out")
+
+
+def _rejected(hammer: Sequence[ModalTest]) -> Iterator[Finding]:
+    """Yield that hits were rejected, where few remain."""
+    rejected = [each for test in hammer for each in test.rejected]
+    fewest = min((len(test.frf.hits) for test in hammer), default=FEW)
+    if rejected and fewest < FEW:
+        shown = "; ".join(f"{cut(each.file, 30)}, hit {each.number}: {each.reason}" for each in rejected[:LISTED])
+        more = f"; {len(rejected) - LISTED} more" if len(rejected) > LISTED else ""
+        text = f"{counted(len(rejected), 'hit')} rejected, a point has {counted(fewest, 'hit')} left: {shown}{more}"
+        yield Finding(text, "repeat them")
+
+
+def _assumed(known: Reproducibility | None) -> Iterator[Finding]:
+    """Yield that the reproducibility is assumed, where it is."""
+    if known is None:
+        return
+    shares = [
+        f"{percent(share)} of each {kind.replace('_', ' ')}"
+        for kind, share in known.share.items()
+        if share and kind not in known.said and not known.freedom.get(kind, 0)
+    ]
+    if shares:
+        text = f"the std. errors contain an assumed reproducibility: {' and '.join(shares)}"
+        yield Finding(text, "set up and repeat the test of one posture, or give --reproducibility")
+
+
+# -------- Modes
+
+
+def _mode_rows(
+    tests: Sequence[AnyTest], modes: Sequence[Labelled], reproducibility: Reproducibility | None
+) -> Iterator[tuple[Cell, ...]]:
+    """Yield each mode with the std. errors that the campaign has: repeatability and reproducibility together."""
+    share = reproducibility.share if reproducibility else {}
+    loads, drives = {str(test.load) for test in tests}, {test.drives for test in tests}
+    for test, each in zip(tests, modes, strict=False):
+        state = [degrees(test.posture).removesuffix(" deg")]
+        state += [cut(str(test.load), 24)] * (len(loads) > 1) + [test.drives] * (len(drives) > 1)
+        for i, label in enumerate(each.labels.given):
+            frequency, damping = float(each.modes.frequency[i]), 100 * float(each.modes.damping[i])
+            sd = float(each.modes.sigma[0, i]), 100 * float(each.modes.sigma[1, i])
+            yield (
+                ", ".join(state),
+                str(label) if label else f"no name (mode {i + 1})",
+                frequency,
+                math.hypot(sd[0], share.get("frequency", 0.0) * frequency),
+                damping,
+                math.hypot(sd[1], share.get("damping_ratio", 0.0) * damping),
+                float(each.labels.mac[i].max()),
+            )
+
+
+def _modes_table(each: Labelled, reproducibility: Reproducibility | None) -> Table:
+    """Return the modes of a posture with both parts of their std. errors."""
+    share = reproducibility.share if reproducibility else {}
+    rows = []
+    for i, label in enumerate(each.labels.given):
+        frequency, damping = float(each.modes.frequency[i]), 100 * float(each.modes.damping[i])
+        cells: list[Cell] = [i + 1, frequency, float(each.modes.sigma[0, i])]
+        cells += [share["frequency"] * frequency] if share else []
+        cells += [damping, 100 * float(each.modes.sigma[1, i])]
+        cells += [share["damping_ratio"] * damping] if share else []
+        rows.append((*cells, float(each.labels.mac[i].max()), str(label or "-")))
+    sd = ("repeat", "reprod") if share else ("std. error",)
+    head = ("mode", "frequency [Hz]", *sd, "damping [%]", *sd, "MAC", "name")
+    of_frequency, of_damping = [".4f"] * (1 + len(sd)), [".3f"] * (1 + len(sd))
+    note = "repeat: std. error by the scatter within the test. reprod: by setting up the test again." if share else ""
+    return Table("", head, tuple(rows), ("d", *of_frequency, *of_damping, ".2f", ""), note)
+
+
+# -------- Details
+
+
+def _details(
+    every: Sequence[AnyTest],
+    modes: Sequence[Labelled],
+    campaign: Campaign | None,
+    reproducibility: Reproducibility | None,
+) -> Iterator[Section]:
+    for number, (test, each) in enumerate(zip_longest(every, modes), 1):
+        state = f"{degrees(test.posture)}, {cut(str(test.load), 50)}, drives: {test.drives}"
+        table = (_modes_table(each, reproducibility),) if each else ()
+        if isinstance(test, FinishedTest):
+            places = ", ".join(map(place_in_words, test.modes.responses))
+            line = f"{counted(len(test.modes.frequency), 'mode')} at {places}; frequencies: {test.modes.of}."
+            yield Section(f"{cut(test.files[0], 40)}: {state}", (line, *table))
+        else:
+            parts = _ambient_test(test) if isinstance(test, AmbientTest) else _hammer_test(test)
+            reliance = _reliance(each.modes) if isinstance(each, IdentifiedModes) else ()
+            yield Section(f"Posture {number}: {state}", (*parts, *table, *reliance))
+    if campaign:
+        yield _campaign(modes, campaign, reproducibility)
+
+
+def _hammer_test(test: ModalTest) -> Iterator[Part]:
+    """Yield what was recorded, the hits that were rejected, coherence, and the checks."""
+    frf = test.frf
+    low, high = frf.frequency[0], frf.frequency[-1]
+    step = frf.frequency[1] - frf.frequency[0]
+    record = f", records of {test.duration:.4g} s" if test.duration else ", finished frequency responses"
+    hits = f"{len(frf.hits)} hits at each of {len(frf.references)} points"
+    yield f"{hits}{record}; {low:.3g} to {high:.4g} Hz, lines every {step:.3g} Hz."
+    if frf.decay:
+        yield f"The exponential window adds {frf.decay:.4g} 1/s to the decay rate of each mode; this is removed again."
+    for each in test.rejected:
+        yield f"Rejected: {cut(each.file, 30)}, hit {each.number}: {each.reason}."
+    yield from (sentence(remark) for remark in test.remarks if remark.endswith(IDLE))
+    rows: list[tuple[Cell, ...]] = [
+        (place_in_words(place), *(float(np.median(each)) for each in test.coherence[o]))
+        for o, place in enumerate(frf.responses)
+    ]
+    head = ("coherence, median", *(f"force {place_in_words(place)}" for place in frf.references))
+    yield Table("", head, tuple(rows), ("", *[".3f"] * len(frf.references)))
+    checks = []
+    for check in test.checks:
+        sizes = f"{100 * check.value:.1f} %", f"{100 * check.limit:.0f} %"
+        checks.append((f"{check.name}, {_places(check)}", *sizes, "good" if check.good else "FAILS"))
+    if checks:
+        yield Table("", ("check", "value", "at most", ""), tuple(checks))
+
+
+def _ambient_test(test: AmbientTest) -> Iterator[Part]:
+    """Yield what was recorded, and which lines were taken out."""
+    low, high = test.band
+    record = f"{test.correlations.duration:.4g} s at {1 / test.correlations.step:.4g} Hz"
+    yield (
+        f"{counted(len(test.responses), 'response')}, {len(test.references)} of them references, {record}; "
+        f"{low:.3g} to {high:.4g} Hz: {', '.join(place_in_words(place) for place in test.responses)}."
+    )
+    yield "Shapes are not scaled: without a force there are no residues and no driving point."
+    for line in test.harmonics:
+        where = place_in_words(test.responses[line.response])
+        share = f"{100 * line.share:.2g} % of the power of {where}"
+        yield f"Harmonic, not a mode: {cut(str(line), 50)}, {share}; it was removed."
+
+
+def _reliance(modes: Modes | OperationalModes) -> Iterator[Part]:
+    """Yield what the covariance rests on, and which poles are not modes."""
+    if isinstance(modes, Modes):
+        share = f"{modes.ratio.value:.2f} of the variance by maximum likelihood"
+        yield f"Hit scatter: {share}, {_band(modes.ratio)} (99 %)."
+    else:
+        yield f"Standard errors by leaving out one of {modes.blocks} blocks at a time."
+    yield from (f"No mode at {pole.frequency:.2f} Hz: {pole.why}." for pole in modes.rejected)
+
+
+def reproducibility_in_words(known: Reproducibility) -> str:
+    """Say what the sigmas of a campaign consist of, and where that is from."""
+    parts = []
+    for kind, share in known.share.items():
+        freedom = known.freedom.get(kind, 0)
+        origin = "given" if kind in known.said else f"from repeated tests, {freedom} d.o.f." if freedom else "assumed"
+        parts.append(f"{100 * share:.2g} % of each {kind.replace('_', ' ')} ({origin})")
+    common = f"{100 * known.common:.3g} % of its variance common to a test"
+    return f"repeatability (scatter within the test) and reproducibility: {', '.join(parts)}; {common}"
+
+
+def _campaign(modes: Sequence[Labelled], campaign: Campaign, reproducibility: Reproducibility | None) -> Section:
+    """Return what the campaign contains, and which of its errors are correlated most."""
+    count, total = _name_count(modes), sum(len(each.labels.given) for each in modes)
+    of = " (|pole| / 2 pi)" if all(m.of == POLE for m in campaign.of_kind("frequency")) else ""
+    shapes = ", damping ratio and shape" if campaign.of_kind("shape") else " and damping ratio"
+    parts = [f"{count} of {total} modes have a name: rows of frequency{of}{shapes}."]
+    if count and reproducibility:
+        words = reproducibility_in_words(reproducibility)
+        parts.append(f"Standard errors: {words} (--reproducibility, --common-share).")
+    pairs = [
+        (value, (places[j], places[i]))
+        for places, matrix in campaign.correlated
+        for i, row in enumerate(matrix)
+        for j, value in enumerate(row[:i])
+    ]
+    value, both = max(pairs, key=lambda pair: abs(pair[0]), default=(0.0, (0, 0)))
+    if abs(value) > CORRELATED:
+        rows = [campaign.measurements[k] for k in both]
+        words = " and ".join(f"{row.mode} ({row.kind.replace('_', ' ')})" for row in rows)
+        parts.append(f"Largest correlation {value:.2f}: {words} at {degrees(rows[0].posture)}.")
+    if count:
+        parts += ["The correlations of the rows are in the covariance file next to the campaign; ident fit reads it."]
+    return Section("Campaign", tuple(parts))
+
+
+# -------- Rows
+
+
+def modal_rows(
+    tests: Sequence[ModalTest | AmbientTest],
+    identified: Sequence[IdentifiedModes],
+    finished: Sequence[FinishedTest],
+    named: Sequence[NamedModes],
+    *_: object,
+) -> list[dict[str, Any]]:
+    """Return a row for each mode: posture [deg], load, frequency [Hz], damping ratio [-], sd of both, label."""
+    pairs: list[tuple[AnyTest, Labelled]] = [*zip(tests, identified, strict=False)]
+    pairs += zip(finished, named, strict=False)
+    return [
+        {"posture": " ".join(f"{math.degrees(angle) + 0.0:.6g}" for angle in test.posture), "load": str(test.load)}
+        | {"frequency": float(each.modes.frequency[i]), "frequency_sd": float(each.modes.sigma[0, i])}
+        | {"damping_ratio": float(each.modes.damping[i]), "damping_ratio_sd": float(each.modes.sigma[1, i])}
+        | {"label": str(label or ""), "probability": float(each.labels.probability[i].max(initial=0.0))}
+        for test, each in pairs
+        for i, label in enumerate(each.labels.given)
+    ]
+
+
+def place_in_words(place: "Place") -> str:
+    """Write a place as `tip -z`, or with the components of its direction."""
+    axes = np.array(place.direction)
+    along = np.flatnonzero(abs(axes) > 1 - 1e-9)
+    if len(along):
+        return f"{cut(place.point, 12)} {'-' if axes[along[0]] < 0 else ''}{'xyz'[along[0]]}"
+    return f"{cut(place.point, 12)} ({' '.join(f'{each + 0.0:.2g}' for each in axes)})"

@@ -1,0 +1,1 @@
+"""From a campaign to joint stiffnesses: how certain they are, what to measure next, what has changed."""

@@ -1,0 +1,189 @@
+"""Fit the joint stiffnesses to a campaign, and say what the data support."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option
+from ident.studies.result import Progress, alias, silent
+from ident.studies.saved import FromFit
+from ident.studies.shared import ProblemOptions
+
+if TYPE_CHECKING:
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile
+    from ident.identify.explanations import Explanations
+    from ident.identify.fit import Assumptions, CampaignFit
+    from ident.identify.values import Robot, Values
+    from ident.inference.fit import CrossPrediction
+    from ident.measure import Campaign
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitOptions(ProblemOptions):
+    """Options of `ident.fit`: what is unknown, what is known of it, and how long to search."""
+
+    refuses: ClassVar[tuple[str, ...]] = ()
+
+    starts: int = option(16, "starts of the fit, at least", low=1, high=10_000)
+    robust: str | None = option(
+        None,
+        "let values that are too far off count less, by Huber's loss or Student's t: huber or t",
+        choices=("huber", "t"),
+    )
+    no_explain: bool = option(False, "where data are in doubt, do not search for what would reconcile them")
+
+    @property
+    def explains(self) -> bool:
+        """Whether to search for what would reconcile the data: not for a study whose report has no place for it."""
+        return not self.no_explain and "no_explain" not in self.refuses
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class FitResult(FromFit):
+    """A fit of an arm to a campaign.
+
+    Its figure shows values with intervals, directions and residuals; its table has a row for each parameter: value,
+    unit, interval [SI], and whether the data support it. Its `measurements` have a row for each measurement.
+
+    Attributes:
+        arm: the arm as its file has it.
+        fit: fitted values, intervals, residuals and objections to them.
+        options: what was asked for.
+        short: whether the best that the starts have reached is no optimum.
+        parameters: fitted values by path [SI: N m/rad for a stiffness]; tied numbers each by its own path.
+        explanations: what would reconcile data that are in doubt, most plausible first; None where nothing was searched
+            for.
+        assumptions: how far a violation of each assumption may move a value, and what evidence the data give.
+        doubts: why no interval should be quoted from this fit; empty when there is no objection.
+        fitted_arm: the arm with the fitted numbers in place.
+        doubtful: whether there is any objection to the fit, or evidence against one of its assumptions.
+        fitted: the fit itself.
+    """
+
+    arm: "ArmFile"
+    fit: "CampaignFit"
+    options: FitOptions = field(default_factory=FitOptions)
+
+    form = "ident-fit/10"
+    subject = "fit.campaign.name"
+    shown = ("fit",)
+    made_from = ("arm", "fit.campaign")
+    numbers = ("parameters", "fit.predicted", "fit.chi_squared")
+    summary = (
+        *("parameters", "damping", "scaled", "doubts"),
+        *("fit.chi_squared", "fit.degrees_of_freedom", "fit.p_value", "fit.information.rank"),
+    )
+
+    short: ClassVar[bool] = alias("fit.short")
+    parameters: ClassVar[Mapping[str, float]] = alias("fit.parameters")
+    explanations: ClassVar["Explanations | None"] = alias("fit.explanations")
+    assumptions: ClassVar["Assumptions | None"] = alias("fit.assumptions")
+    doubts: ClassVar[tuple[str, ...]] = alias("fit.doubts")
+    fitted_arm: ClassVar["Arm"] = alias("fit.fitted_arm")
+    doubtful: ClassVar[bool] = alias("fit.in_doubt")
+    fitted: ClassVar["CampaignFit"] = alias("fit")
+
+    @property
+    def damping(self) -> Mapping[str, float] | None:
+        """Damping by the law that the measured ratios follow, by path [s or -]; None where an arm has no place for it.
+
+        Empty without measured ratios.
+        """
+        known = self.fit.damping
+        numbers = known.carried if known else {}
+        return {path: x for paths, x in numbers.items() for path in paths} if numbers or not known else None
+
+    @property
+    def scaled(self) -> tuple[str, ...]:
+        """Bodies whose mass is uncertain, and whose inertia goes with it."""
+        from ident.identify.values import scaled_by
+
+        return scaled_by(self.fit.problem)
+
+    @property
+    def intervals(self) -> Mapping[str, tuple[float, float]]:
+        """95 % intervals by parameter [SI], whether or not the data support them: see `doubts` and `supported`."""
+        names = self.fit.problem.parameters.names
+        return {name: (float(low), float(high)) for name, (low, high) in zip(names, self.fit.interval(), strict=True)}
+
+    @property
+    def sd(self) -> Mapping[str, float]:
+        """Standard deviation of each parameter by data and prior, of ln(value) [-] of a positive one."""
+        known = self.fit.information
+        return dict(zip(known.names, map(float, known.sd), strict=True))
+
+    @property
+    def trade_offs(self) -> Mapping[str, Mapping[str, float]]:
+        """What the data would not notice: by each parameter that may move, how all move along, in ln(value) [-]."""
+        known = self.fit.information
+        return {each.name: dict(zip(known.names, map(float, each.change), strict=True)) for each in known.trade_offs()}
+
+    @property
+    def cross_predictions(self) -> "Mapping[str, CrossPrediction]":
+        """Each kind of measurement as a fit to all others predicts it [SI]."""
+        return {each.kind: each for each in self.fit.cross_predictions}
+
+    @property
+    def supported(self) -> Mapping[str, bool]:
+        """Whether an interval may be quoted for a parameter."""
+        return dict(zip(self.fit.problem.parameters.names, map(bool, self.fit.supported), strict=True))
+
+    @property
+    def measurements(self) -> list[dict[str, Any]]:
+        """A row for each measurement, which `pandas.DataFrame` takes: measured, predicted, sigma [SI], residual [-]."""
+        from ident.studies.stiffness.fit_report import measurement_rows
+
+        return measurement_rows(self.fit)
+
+    def _document(self, head: Mapping[str, Any]) -> dict[str, Any]:
+        from ident.report.document import plain
+
+        return {**super()._document(head), "measurements": plain(self.measurements)}
+
+    def values_of(self, arm: "Arm") -> "tuple[Values, Robot, float | None]":
+        """Return the fitted values of an arm [SI], the robot of the fit, and at which height [m] its base gives."""
+        from ident.identify.values import Robot, Values
+
+        return Values.of_fit(self.fit, arm), Robot.of(self.arm.arm, self.arm.sha256), self.options.soft_base
+
+
+@study
+def fit(
+    arm: "ArmFile",
+    campaign: "Campaign",
+    options: FitOptions = DEFAULT,
+    *,
+    progress: Progress = silent,
+) -> FitResult:
+    """Fit the joint stiffnesses, and what else is freed, to a campaign; damping where damping ratios were measured.
+
+    Args:
+        arm: its stiffnesses are starting values and centres of the priors.
+        campaign: the measurements.
+        options: what is unknown, what is known of it, and how long to search.
+        progress: shows how far it is, over the starts.
+
+    Raises:
+        InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
+        ModelError: no optimum was reached.
+    """
+    from ident.identify.fit import fit_campaign
+
+    unknowns = options.unknowns_of(arm)
+    fitted = fit_campaign(
+        arm.arm,
+        campaign,
+        unknowns,
+        starts=options.starts,
+        seed=options.seed,
+        trusted=tuple(map(str, options.trust_values)),
+        robust=options.robust,
+        progress=progress("starts"),
+    )
+    if options.explains and fitted.in_doubt:
+        from ident.identify.explanations import explain
+
+        fitted = replace(fitted, explanations=explain(fitted, unknowns, progress=progress("explanations")))
+    return FitResult(arm, fitted, options)

@@ -1,0 +1,247 @@
+"""A fit: its values with their intervals, undetermined combinations, and residuals."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+
+from ident.inference.information import WEAK_ABOVE, Direction
+from ident.report.report import cut, written
+from ident.report.style import (
+    BLUE,
+    FILLED,
+    GREEN,
+    HOLLOW,
+    ORANGE,
+    PALE,
+    PALE_BLUE,
+    PINK,
+    Style,
+    heading,
+    note,
+    plain,
+    ratio_axis,
+    rows,
+    titled,
+)
+from ident.report.words import MM, direction_name, is_length, read_unit, short
+from ident.studies.stiffness.fit_report import fit_sections, why_no_interval
+
+if TYPE_CHECKING:
+    from ident.identify.fit import CampaignFit
+    from ident.inference.parameters import Parameter
+    from ident.measure import Measurement
+
+KIND_STYLES: dict[str, Style] = {
+    "frequency": {"color": BLUE, "marker": "o"},
+    "deflection": {"color": ORANGE, "marker": "s"},
+    "deflection_difference": {"color": PINK, "marker": "D"},
+    "position": {"color": ORANGE, "marker": "h"},
+    "rotation": {"color": ORANGE, "marker": "v"},
+    "rotation_difference": {"color": PINK, "marker": "P"},
+    "twist": {"color": ORANGE, "marker": "<"},
+    "twist_difference": {"color": PINK, "marker": ">"},
+    "damping_ratio": {"color": GREEN, "marker": "^"},
+    "shape": {"color": GREEN, "marker": "*"},
+}
+RIMMED: Style = {"markersize": 8, "markeredgecolor": "black", "markeredgewidth": 1.8}
+"""What lies too far from the fit."""
+ROW, PANEL = 0.27, 1.15
+"""Height of one row, and of a panel's heading and axis [inch]."""
+LABEL, LETTER = 80, 0.063
+"""Longest label of a measurement, and the width of a letter [inch]."""
+DENSE = 60
+"""Measurements above which the rows are numbered instead of described."""
+MANY = 400
+"""Measurements above which each is a dot only."""
+REACH = 30.0
+"""Factor beyond the fitted values at which the frame cuts an interval off."""
+
+
+def fit_figure(fit: "CampaignFit") -> Figure:
+    """Draw a fit at one glance: values, the combinations that the data determine, residuals; the verdict is its title.
+
+    Filled markers are what the data determine, hollow ones what they do not.
+    """
+    items = fit.problem.parameters.items
+    own = [i for i, item in enumerate(items) if not item.nuisance]
+    moved = [i for i in own if not items[i].positive and is_length(items[i].name)]
+    scaled = [i for i in own if i not in moved]
+    left = [PANEL + ROW * len(group) for group in (scaled, moved, fit.information.directions) if group]
+    total = max(sum(left), PANEL + ROW * min(len(fit.campaign), DENSE))
+    verdict = fit_sections(fit).verdict
+    assert verdict is not None
+    title = f"Fit of {cut(fit.arm.name, 50)} to {cut(fit.campaign.name, 50) or 'measurements'}: {verdict.word}"
+    known = fit.information
+    left_label = max(len(direction_name(direction, known.names, known.sd)) for direction in _shown(fit))
+    letters = max(left_label, 20) + 24, max(longest_label(fit.campaign.measurements), 20)
+    widths = [4.3 + LETTER * count for count in letters]  # a panel, and letters in its rows
+    figure = titled((sum(widths), total + 0.5), title, (0.1, 0.06), wspace=0.04)
+    columns = figure.add_gridspec(1, 2, width_ratios=widths)
+    *values, directions = _stack(figure, columns[0], left)
+    for axes, group in zip(values, filter(None, (scaled, moved)), strict=True):
+        _values(axes, fit, group, shift=group is moved)
+    _directions(directions, fit)
+    (residuals,) = _stack(figure, columns[1], [total])  # nested as the left column is: else labels take its width
+    _residuals(residuals, fit)
+    return figure
+
+
+def _stack(figure: Figure, cell: SubplotSpec, heights: Sequence[float]) -> list[Axes]:
+    """Return axes one above the other."""
+    grid = cell.subgridspec(len(heights), 1, height_ratios=heights)
+    return [figure.add_subplot(grid[i]) for i in range(len(heights))]
+
+
+def _values(axes: Axes, fit: "CampaignFit", group: Sequence[int], *, shift: bool) -> None:
+    items = fit.problem.parameters.items
+    interval, supported = fit.interval(), [bool(fit.supported[i]) for i in group]
+    drawn = [_as_drawn(items[i], (fit.best.values[i], *interval[i]), shift) for i in group]
+    left, right = _shift_span(drawn) if shift else _ratio_span(drawn)
+    rows(axes, [cut(items[i].name, 30) for i in group])
+    if shift:
+        axes.set(xlim=(left, right))
+    else:
+        ratio_axis(axes, left, right)
+    axes.axvline(0.0 if shift else 1.0, color="black", linewidth=0.8, zorder=1.5)
+    for y, ((value, start, end), known) in enumerate(zip(drawn, supported, strict=True)):
+        line: Style = {"color": BLUE, "linewidth": 2.2} if known else {"color": PALE, "linewidth": 5.0}
+        axes.plot([max(start, left), min(end, right)], [y, y], solid_capstyle="butt", zorder=2, **line)
+        axes.plot([value], [y], linestyle="", zorder=3, **(FILLED if known else HOLLOW))
+    axes.set(xlabel="fitted - arm file [mm]" if shift else "fitted / arm file [-]")
+    why = [why_no_interval(fit, i) for i in group]
+    reasons = {
+        True: "not reported, as the fit is in doubt: by data and prior",
+        False: "not determined by the data alone: with the prior",
+    }
+    hollow = "\n".join(reasons[hidden] for hidden in dict.fromkeys(word == "not reported" for word in why if word))
+    keys = _key(supported, "known, 95 % interval", hollow)
+    heading(axes, "Lengths that were freed" if shift else "Parameters", keys)
+    texts = []
+    for i, word in zip(group, why, strict=True):
+        size, unit = read_unit(items[i].name)
+        best, low, high = (written(float(number) / size, "#.4g") for number in (fit.best.values[i], *interval[i]))
+        texts.append(f"{word}\n({best} {unit})" if word else f"{best} {unit}\n{low} to {high}")
+    rows(axes.twinx(), texts, side="right")
+
+
+def _as_drawn(item: "Parameter", numbers: Sequence[float], shift: bool) -> list[float]:
+    """Return value and ends of an interval relative to the arm file, or as shifts [mm] from it."""
+    centre = float(item.start)
+    return [MM * (x - centre) if shift else x / centre if centre else math.nan for x in map(float, numbers)]
+
+
+def _ratio_span(drawn: Sequence[Sequence[float]]) -> tuple[float, float]:
+    """Return limits with all values, and with the intervals' ends as far as they are within reach."""
+    values = [1.0, *(value for value, *_ in drawn if 0 < value < math.inf)]
+    low, high = min(values), max(values)
+    ends = [end for _, *both in drawn for end in both if math.isfinite(end)]
+    left = min([low, *(max(end, low / REACH) for end in ends)])
+    right = max([high, *(min(end, high * REACH) for end in ends)])
+    pad = (right / left) ** 0.06 * 1.001
+    return left / pad, right * pad
+
+
+def _shift_span(drawn: Sequence[Sequence[float]]) -> tuple[float, float]:
+    size = max([1e-3, *(abs(value) for value, *_ in drawn)])
+    ends = [abs(end) for _, *both in drawn for end in both if math.isfinite(end)]
+    size = 1.1 * max([size, *(min(end, REACH * size) for end in ends)])
+    return -size, size
+
+
+def _directions(axes: Axes, fit: "CampaignFit") -> None:
+    """Draw the std. error of each combination; undetermined ones, and all where the fit is in doubt, have none."""
+    known, doubts = fit.information, bool(fit.doubts)
+    directions = _shown(fit)
+    widths = [d.sd for d in fit.combinations if np.isfinite(d.sd) and not doubts]
+    left, edge = min([0.01, *widths]) / 2, 4 * max([2 * WEAK_ABOVE, *widths])
+    rows(axes, [direction_name(direction, known.names, known.sd) for direction in directions])
+    axes.set_xscale("log")
+    axes.set(xlim=(left, 4 * edge))
+    axes.axvspan(WEAK_ABOVE, 4 * edge, color="#F3F3F3", zorder=0)
+    axes.axvline(WEAK_ABOVE, color="black", linewidth=0.8, linestyle="--")
+    for y, direction in enumerate(directions):
+        is_open = y >= len(fit.combinations)
+        drawn = not is_open and not doubts and np.isfinite(direction.sd)
+        style = HOLLOW if is_open else {**FILLED, "markerfacecolor": PALE_BLUE} if direction.weak else FILLED
+        place = direction.sd if drawn else edge
+        axes.plot([place], [y], linestyle="", **style)
+        word = "" if is_open else ("weak" if direction.weak else "") if drawn else "not reported"
+        note(axes, word, (place, y), (7, 0), va="center", color="black")
+    ticks = {WEAK_ABOVE: f"factor {math.exp(WEAK_ABOVE):.2g}"}
+    for power in range(-1, -9, -1):
+        if math.log(min(ticks) / 10.0**power) > 0.17 * math.log(4 * edge / left) and 10.0**power > left:
+            ticks[10.0**power] = f"{10.0 ** (power + 2):g} %"
+    axes.set_xticks(list(ticks), list(ticks.values()))
+    axes.set_xticks([], minor=True)
+    axes.set(xlabel="std. error of ln(value) [-]")
+    fixed = [i < len(fit.combinations) for i in range(len(directions))]
+    keys = _key(fixed, "determined by the data", "by the prior alone")
+    heading(axes, f"Combinations determined: {known.fixed} of {len(directions)}", keys)
+
+
+def _shown(fit: "CampaignFit") -> tuple[Direction, ...]:
+    """Return the directions as they are shown: those that the data fix, then those that they leave open."""
+    return (*fit.combinations, *(direction for direction in fit.information.directions if direction.open))
+
+
+def _key(filled: Sequence[bool], solid: str, hollow: str) -> dict[str, Style]:
+    """Explain the markers that are there."""
+    return {text: style for text, style in ((solid, FILLED), (hollow, HOLLOW)) if (style is FILLED) in filled}
+
+
+def _residuals(axes: Axes, fit: "CampaignFit") -> None:
+    """Draw measured minus predicted in its standard deviations, a row for each measurement, sorted by kind.
+
+    Outliers have a black rim; what no other measurement checks is hollow.
+    """
+    campaign, outliers, unchecked = fit.campaign, fit.suspicious, fit.row_tests.unchecked
+    kinds = [kind for kind in KIND_STYLES if any(m.kind == kind for m in campaign)]
+    order = sorted(range(len(campaign)), key=lambda i: kinds.index(campaign.measurements[i].kind))
+    z = -np.nan_to_num(fit.standardised)
+    reach = 1.1 * max(3.0, float(np.abs(z).max()))
+    measurement_rows(axes, [campaign.measurements[i] for i in order], "measurement, sorted by kind [-]")
+    axes.set(xlim=(-reach, reach))
+    axes.axvspan(-2, 2, color="#EAF1F6", zorder=0)
+    axes.axvline(0.0, color="black", linewidth=0.8)
+    if len(order) <= MANY:
+        for y, i in enumerate(order):
+            style = KIND_STYLES[campaign.measurements[i].kind]
+            axes.plot([0.0, z[i]], [y, y], color=style["color"], linewidth=1.2)
+            mark = {**style, **({"markerfacecolor": "white"} if unchecked[i] else {})}
+            axes.plot([z[i]], [y], linestyle="", **{**mark, **(RIMMED if outliers[i] else {"markersize": 5})})
+    else:
+        _cloud(axes, [campaign.measurements[i].kind for i in order], z[order], outliers[order])
+    axes.set(xlabel="z = (measured - predicted) / its std. deviation [-]; shaded: ±2")
+    keys: dict[str, Style] = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
+    if outliers.any():
+        keys["outlier"] = {"marker": "o", "markerfacecolor": "white", **RIMMED}
+    if unchecked.any():
+        keys["unchecked"] = {**HOLLOW, "markersize": 5}
+    heading(axes, "Residuals", keys, columns=3)
+
+
+def longest_label(measured: Sequence["Measurement"]) -> int:
+    """Return how many letters the longest label of these measurements has; none where they are too many for labels."""
+    return max(len(cut(short(m), LABEL)) for m in measured) if len(measured) <= DENSE else 0
+
+
+def measurement_rows(axes: Axes, measured: Sequence["Measurement"], words: str) -> None:
+    """Make one row for each measurement; of many, say only in words what the rows are."""
+    if len(measured) <= DENSE:
+        rows(axes, [cut(short(m), LABEL) for m in measured])
+    else:
+        plain(axes)
+        axes.set(ylim=(len(measured), -1), ylabel=words)
+
+
+def _cloud(axes: Axes, kinds: Sequence[str], z: np.ndarray, outliers: np.ndarray) -> None:
+    """Draw one small marker for each of many values."""
+    for kind in dict.fromkeys(kinds):
+        for far in (False, True):
+            at = np.flatnonzero((np.array(kinds) == kind) & (outliers == far))
+            axes.plot(z[at], at, linestyle="", **{**KIND_STYLES[kind], **(RIMMED if far else {"markersize": 1.5})})

@@ -1,0 +1,584 @@
+"""A fit: what is said of it, its rows for programs, and fitted values out of its result file."""
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.arm.fields import ALPHA
+from ident.identify.problem import row_names
+from ident.identify.unknowns import is_damping, is_of_loop
+from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information, chi_squared_in_words, half_width
+from ident.inference.optima import unmet
+from ident.measure import KINDS
+from ident.report.report import (
+    Cell,
+    Finding,
+    Report,
+    Section,
+    Table,
+    Verdict,
+    by_row,
+    cut,
+    short_power,
+    without_empty_columns,
+    written,
+)
+from ident.report.words import (
+    MM,
+    SETUP,
+    correlated_errors,
+    counted,
+    describe,
+    in_percent,
+    in_read_unit,
+    in_shown_unit,
+    is_length,
+    is_stiffness,
+    percent,
+    priors_in_words,
+    read_unit,
+    row_in_file,
+    scatter,
+    sentence,
+    shared_unit,
+    shares,
+    size_in_words,
+    unit_of,
+    what_is_fixed,
+    what_is_open,
+    with_tied,
+)
+from ident.studies.stiffness.warnings import (
+    agreement,
+    asked_for,
+    assumption_section,
+    contradiction,
+    dependence_on_priors,
+    drive_states,
+    explanation_section,
+    good_if,
+    hysteresis,
+    kinds_agree,
+    leading_explanations,
+    odd_numbers,
+    untested,
+    weighty_assumptions,
+    what_may_be_wrong,
+)
+from ident.units import QUANTITIES
+
+if TYPE_CHECKING:
+    from ident.identify.damping import Damping, Law
+    from ident.identify.fit import CampaignFit
+    from ident.inference.fit import Fit
+    from ident.inference.parameters import Parameter
+
+EVERY = 200
+"""Measurements up to which all are listed."""
+FARTHEST = 24
+"""Those that are listed of more."""
+LISTED = 12
+"""Optima that are listed at most."""
+ORIGINS = ("data", "own prior", "data with other priors")
+"""Where the information on an unknown comes from."""
+FAR_OFF, OWN = 2.5, 0.1
+"""Standard deviations off from which what was said of a number is doubted; the prior's share below which it is idle."""
+
+
+def fit_sections(fit: "CampaignFit") -> Report:
+    """Return all that is said of a fit."""
+    causes = leading_explanations(fit.explanations, fit.campaign)
+    conflict = contradiction(fit.cross_predictions, fit.campaign)
+    incomplete = _determined(fit) < len(unknown_places(fit)) or fit.doubts
+    following = "ident plan {campaign}" if incomplete else "ident validate {campaign}"
+    return Report(
+        _subject(fit),
+        _verdict(fit),
+        (*conflict, *causes, _values_table(fit), *damping_in_words(fit.damping), *weighty_assumptions(fit)),
+        tuple(_findings(fit, explained=bool(causes))),
+        _residuals(fit),
+        "check these causes, then: ident fit {campaign}" if causes else following,
+        tuple(_details(fit)),
+    )
+
+
+def _subject(fit: "CampaignFit") -> str:
+    items = [item for item in fit.problem.parameters.items if not item.nuisance]
+    word = "unknown stiffness" if all(is_stiffness(item.name) for item in items) else "unknown"
+    plural = "es" if word.endswith("ss") else "s"
+    beside, loops = int(fit.problem.parameters.nuisance.sum()), len(fit.loops)
+    more = [f", {counted(beside - loops, 'uncertain number')}"] if beside > loops else []
+    more += [f", {counted(loops, 'hysteresis loop')}"] if loops else []
+    more += [", robust weights"] if fit.weights is not None else []
+    more += [f", {counted(len(fit.damping.rows), 'damping ratio')}"] if fit.damping else []
+    return (
+        f"Fit of {cut(fit.arm.name, 40)} to {cut(fit.campaign.name, 30)}: {counted(len(fit.campaign), 'measurement')}, "
+        f"{len(items)} {word}{plural * (len(items) != 1)}{''.join(more)}"
+    )
+
+
+# -------- Verdict
+
+
+def _verdict(fit: "CampaignFit") -> Verdict:
+    """Judge a fit: NOT USABLE in doubt or where nothing is determined, GOOD where all is, PARTLY between."""
+    if refusal := refused(fit):
+        return refusal
+    count, determined = len(unknown_places(fit)), _determined(fit)
+    optima = f"{len(fit.rivals) + 1} optima fit the data, met" if fit.rivals else "one optimum fits, found"
+    quality = f"{chi_squared_in_words(fit)}; {optima} in {counted(_starts(fit), 'start')}."
+    if not determined:
+        of = "the unknown" if count == 1 else f"any of the {count} unknowns"
+        return Verdict("NOT USABLE", f"The data alone do not determine {of}; {quality}", "bad")
+    items = fit.problem.parameters.items
+    errors = [fit.information.sd[i] for i in unknown_places(fit) if _is_determined(fit, i) and items[i].positive]
+    known = f"determined{f' (std. error at most {scatter(float(max(errors)))})' if errors else ''}; {quality}"
+    if determined < count:
+        return Verdict(f"PARTLY {determined} OF {count}", f"{determined} of {count} unknowns {known}", "caution")
+    every = f"All {count} unknowns" if count > 1 else "The unknown is"
+    return Verdict(good_if(fit), f"{every} {known}", "good")
+
+
+def refused(fit: "CampaignFit") -> Verdict | None:
+    """Return why a fit is not usable: it is in doubt, or the data contradict an assumption; else None."""
+    if fit.doubts:
+        rank, own = fit.information.rank, len(fit.information.directions)
+        odd = odd_numbers(fit.arm, fit.problem.parameters)
+        reasons = [f"Check the arm file first: {odd[0].text}."] if odd else []
+        reasons += [sentence(doubt) for doubt in fit.doubts]
+        if rank < own:
+            reasons.append(f"{counted(len(fit.campaign), 'measurement')} cannot determine {counted(own, 'unknown')}.")
+        return Verdict("NOT USABLE", f"{' '.join(reasons)} No interval is reported.", "bad")
+    asked = asked_for(fit)
+    return Verdict("NOT USABLE", sentence(asked.text), "bad") if asked else None
+
+
+def unknown_places(fit: "CampaignFit") -> list[int]:
+    """Return the places of the unknowns that are no nuisances, model factors among them."""
+    return np.flatnonzero(~fit.problem.parameters.nuisance).tolist()
+
+
+def _is_determined(fit: "CampaignFit", i: int) -> bool:
+    """Tell whether an unknown has an interval that holds one optimum alone."""
+    half = half_width(0.95) * fit.information.sd[i]
+    single = all(abs(each.theta[i] - fit.best.theta[i]) < half for each in fit.rivals)
+    return bool(fit.supported[i]) and single
+
+
+def _determined(fit: "CampaignFit") -> int:
+    return sum(_is_determined(fit, i) for i in unknown_places(fit))
+
+
+def _starts(fit: "Fit") -> int:
+    return sum(optimum.starts for optimum in fit.optima) + fit.failed
+
+
+def _residuals(fit: "CampaignFit") -> str:
+    """Name the largest standardised residual, and say whether the kinds of measurement agree."""
+    if not fit.farthest_off:
+        return ""
+    far, z = fit.farthest_off[0], np.abs(fit.standardised)
+    name = row_names(fit.campaign)[far]
+    row = row_in_file(fit.campaign.measurements[far], name)
+    count = len(fit.farthest_off)
+    within = f"All {count} residuals within {z[far]:.1f} sigma; the largest is {row}."
+    if math.isnan(z[far]):
+        within = f"None of the {count} residuals can be judged: no measurement checks another."
+    several = int(fit.suspicious.sum())
+    if several and fit.weights is not None:
+        within = f"{several} of {count} values count for less than half; largest: {row}, {z[far]:.1f} sigma."
+    elif several:
+        within = f"Largest residual: {row}, {z[far]:.1f} sigma; {several} of {count} are too large."
+    if fit.contradictory or not fit.cross_predictions:
+        return within
+    return f"{within} {kinds_agree(fit.cross_predictions)}"
+
+
+def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
+    """Yield what bears on the verdict, the weightiest first."""
+    yield from odd_numbers(fit.arm, fit.problem.parameters)
+    if not fit.doubts:
+        yield from [asked] if (asked := asked_for(fit)) else untested(fit)
+    if fit.weights is not None and fit.suspicious.any():
+        names = np.array(row_names(fit.campaign))[fit.suspicious]
+        yield Finding(f"robust weights: rows {', '.join(names[:LISTED])} count for less than half", "check these rows")
+    if fit.contradictory and not explained and len(fit.blamed) != 1 and not fit.exchanges:
+        yield Finding("the kinds of measurement contradict each other", "check values, labels, units and load cases")
+    yield from odd_ratios(fit.damping)
+    yield from drive_states(fit.arm, fit.campaign)
+    yield from _competing(fit)
+    said = {fit.blamed_in_words, *fit.exchanges_in_words} if explained else ()  # among the causes
+    yield from (Finding(remark) for remark in fit.remarks if remark not in said)
+    if not fit.doubts and (trades := fit.information.trade_offs()):
+        known = fit.information
+        every = np.isfinite(known.sd).all()
+        filler = "the prior fills the rest" if every else "the rest stays where the search stopped"
+        text = f"the data do not determine {len(trades)} of {len(known.directions)} combinations; {filler}"
+        yield Finding(text, "see ident plan")
+
+
+def _competing(fit: "Fit") -> Iterator[Finding]:
+    """Yield that other optima fit as well, or nearly."""
+    costs = [optimum.score - fit.best.score for optimum in fit.rivals[fit.ties :]]
+    if fit.ties:
+        text = f"not unique: {fit.ties + 1} optima fit exactly as well; the one nearest to the prior's centre is shown"
+        yield Finding(text, "measure what tells them apart (`ident plan`)")
+    if costs:
+        others = "another optimum" if len(costs) == 1 else f"{len(costs)} other optima"
+        yield Finding(f"the data do not rule out {others}: chi-squared is {min(costs):.2g} larger there")
+    if fit.rivals:
+        expected = unmet(fit.optima)
+        text = f"{expected:.1f} more optima like them are expected; intervals reach over all that were found"
+        seldom = Finding("the optima were met too seldom to say how many more there are", "try more --starts")
+        yield Finding(text) if np.isfinite(expected) else seldom
+
+
+# -------- Values
+
+
+def _values_table(fit: "CampaignFit") -> Table:
+    """Return each value with its interval, or why it has none."""
+    items, own = fit.problem.parameters.items, unknown_places(fit)
+    unit = shared_unit(items[i].name for i in own)
+    what = "Stiffness" if all(is_stiffness(items[i].name) for i in own) else "Unknown"
+    rows = tuple(_value_row(fit, i, with_unit=not unit) for i in own)
+    head = (what, f"value{unit}", "95 % interval", "std. error", "arm file", "fit vs. arm file")
+    return without_empty_columns(Table("", head, rows))
+
+
+def _value_row(fit: "CampaignFit", i: int, *, with_unit: bool) -> tuple[Cell, ...]:
+    item, value = fit.problem.parameters.items[i], float(fit.best.values[i])
+    number, unit = in_shown_unit(item.name, value)
+    after = f" {unit}" if with_unit else ""
+    word = why_no_interval(fit, i)
+    low, high = (in_shown_unit(item.name, float(end))[0] for end in fit.interval()[i])
+    digits = "#.3g" if item.positive else "#.4g"
+    interval = word or f"{written(low, digits)} to {written(high, digits)}"
+    sd = float(fit.information.sd[i])
+    error = "" if word else scatter(sd) if item.positive else size_in_words(item, sd)
+    return with_tied(item), written(number, "#.4g") + after, interval, error, *_start(item, value)
+
+
+def _start(item: "Parameter", value: float) -> tuple[str, str]:
+    """Write the arm file's value, and how far the fitted one is from it: implausible outside the prior's 95 %."""
+    start = float(item.start)
+    number = short_power(f"{in_shown_unit(item.name, start)[0]:.4g}")
+    if not item.positive or not start:
+        return number, ""
+    wide = math.isfinite(item.prior_sd) and abs(math.log(value / start)) > half_width(0.95) * item.prior_sd
+    ratio = value / start
+    change = percent(ratio - 1, "+") if 0.5 < ratio < 2 else f"x {ratio:.2g}"
+    return number, f"{change}{', implausible' * bool(wide)}"
+
+
+def why_no_interval(fit: "Fit", i: int) -> str:
+    """Return why a parameter has no interval; nothing where it has one."""
+    known = fit.information
+    if known.supported[i] or fit.problem.parameters.nuisance[i]:
+        return "" if fit.supported[i] else "not reported"
+    return "weakly determined" if known.data_sd[i] < OPEN_ABOVE else "not determined"
+
+
+# -------- Details
+
+
+def _details(fit: "CampaignFit") -> Iterator[Section]:
+    yield _values_section(fit)
+    if fit.contradictory:
+        hint = what_may_be_wrong(fit.cross_predictions)
+        words = (dependence_on_priors(fit.cross_predictions), hint, _compromise(fit))
+        yield Section("Contradiction", tuple(filter(None, words)))
+    yield from explanation_section(fit.explanations, fit.campaign)
+    yield from _uncertain_numbers(fit)
+    yield assumption_section(fit)
+    yield _measurements(fit)
+    yield from damping_section(fit.damping)
+    yield from hysteresis(fit)
+    yield what_is_fixed(fit)
+    if trades := what_is_open(fit.information, fit.problem.parameters.items):
+        yield trades
+    if fit.cross_predictions:
+        parameters = fit.problem.parameters
+        flat = not (parameters.proper | parameters.nuisance).all()
+        note = "Where there is no prior on a stiffness, the default one was taken for this comparison." if flat else ""
+        yield agreement(fit.cross_predictions, fit.campaign.measurements, note)
+    yield _optima(fit)
+    if correlated := correlated_errors(fit.campaign):
+        yield Section("Correlated errors", (correlated,))
+
+
+# -------- Damping
+
+TRENDS = {"loss": "does not change with frequency", "tau": "grows with frequency", "alpha": "falls with frequency"}
+"""What a law's ratio does."""
+LAW_WORDS = {"loss": "constant (hysteretic)", "tau": "viscous", "alpha": "falling (mass-proportional)"}
+MUCH, LAWLESS = 0.1, 0.3
+"""Scatter of ln(ratio) that is worth a word, and from which no law is named; assumed."""
+
+
+def damping_in_words(damping: "Damping | None") -> Iterator[str]:
+    """Yield in one line what damping was found, and by which law."""
+    if damping is None:
+        return
+    best, hertz, ratio = damping.best, damping.frequency, damping.predicted
+    ends = [int(np.nanargmin(hertz)), int(np.nanargmax(hertz))]
+    each = [f"{100 * ratio[i]:.2g} % at {hertz[i]:.3g} Hz" for i in ends]
+    if best.scatter > LAWLESS:
+        measured = 100 * np.exp(damping.ratios.log)
+        factor = f"modes scatter by a factor of {math.exp(best.scatter):.2g}"
+        yield f"Damping: {measured.min():.2g} to {measured.max():.2g} % by no law; {factor}."
+        return
+    names = [LAW_WORDS[next(iter(law.family))] for law in (best, *damping.rivals) if len(law.family) == 1]
+    trend = " and ".join(TRENDS[word] for word in TRENDS if word in best.family) or "follows the servos"
+    same = best.family == {"loss"} and np.ptp(ratio) < MUCH * ratio.mean()
+    size = (
+        f"{100 * ratio.mean():.2g} % in all modes" if same else f"{100 * ratio.min():.2g} to {100 * ratio.max():.2g} %"
+    )
+    numbers = _law_words(best)
+    size = size if "loss" in best.family or len(numbers) > 1 else " and ".join(each)
+    words = f"Damping: {size}; it {trend}" if len(best.family) == 1 else f"Damping: {size}, a sum of laws"
+    words += f" ({', '.join(numbers)})" if len(numbers) == 2 else ""
+    if damping.rivals:
+        words = f"Damping: {size}; {' and '.join(dict.fromkeys(names))} laws cannot be told apart"
+    yield f"{words}{f', within {percent(best.scatter)} from mode to mode' if best.scatter > MUCH else ''}."
+
+
+def odd_ratios(damping: "Damping | None") -> Iterator[Finding]:
+    """Yield ratios that are off under a law that fits the others."""
+    if damping is None or not damping.marked.any():
+        return
+    names, measured = row_names(damping.rows), np.exp(damping.ratios.log)
+    for i in np.flatnonzero(damping.marked).tolist():
+        times = f"{measured[i] / damping.predicted[i]:.2g} times what the others say"
+        yield Finding(f"damping ratio of row {names[i]} is {times} and does not count", "check value, unit and label")
+
+
+def damping_section(damping: "Damping | None") -> Iterator[Section]:
+    """Yield each measured ratio beside the law's, and the laws that were tried."""
+    if damping is None:
+        return
+    names, measured = row_names(damping.rows), np.exp(damping.ratios.log)
+    columns = zip(damping.rows, names, damping.frequency, measured, damping.predicted, damping.marked, strict=True)
+    rows = [
+        (name, describe(m), hertz, 100 * x, 100 * y, x / y, "does not count" * bool(odd))
+        for m, name, hertz, x, y, odd in columns
+    ]
+    note = "given stiffness: no ratio moves a stiffness. measured: as expected given the errors of the frequencies."
+    head = ("row", "measurement", "mode [Hz]", "measured [%]", "law [%]", "ratio", "")
+    yield Section("Damping ratios", (Table("", head, tuple(rows), ("", "", ".3f", ".3g", ".3g", ".2f", ""), note),))
+    laws = [(", ".join(_law_words(law)), law.bic - damping.best.bic, law.scatter) for law in damping.laws]
+    note = (
+        "BIC: less is better; a difference below 6 does not tell laws apart, and a sum of laws must be better by as "
+        "much. scatter: of ln(ratio) from mode to mode, which the law does not explain."
+    )
+    yield Section("Laws of damping", (Table("", ("law", "BIC", "scatter"), tuple(laws), ("", "+.1f", ".3f"), note),))
+
+
+def _law_words(law: "Law") -> list[str]:
+    """Write the numbers of a law that are above zero: `loss factor in bending 0.02`."""
+    each = zip(law.groups, law.values, strict=True)
+    return [f"{_number_words(group)} {x:.3g} {unit_of(group[0])}".removesuffix(" -") for group, x in each if x > 0]
+
+
+def _number_words(group: tuple[str, ...]) -> str:
+    """Name a number of a law: `loss factor in bending`."""
+    joints, kinds = ({path.split(".")[i] for path in group} for i in (0, -1))
+    if group == (ALPHA,):
+        return "alpha"
+    what = "loss factor" if "loss" in group[0] else "tau"
+    where = (
+        {"bend": " in bending", "tors": " in torsion"}.get(group[0].rpartition("_")[2], "") if len(kinds) == 1 else ""
+    )
+    return f"{next(iter(joints))}: {what}{where}" if len(joints) == 1 else f"{what}{where}"
+
+
+def _compromise(fit: "Fit") -> str:
+    """Name the value that a contradiction takes farthest from the arm file's; nothing where none can be compared."""
+    items = fit.problem.parameters.items
+    ratios = {item.name: v / float(item.start) for v, item in zip(fit.best.values, items, strict=True) if item.positive}
+    if not ratios:
+        return ""
+    name = max(ratios, key=lambda name: abs(math.log(ratios[name])))
+    return f"The fit is a compromise that takes {name} to {ratios[name]:.2g} times the arm file's value."
+
+
+def _values_section(fit: "CampaignFit") -> Section:
+    """Return each value with the ends of its interval relative to it, and where the information comes from."""
+    known, items, rows, without = fit.information, fit.problem.parameters.items, [], False
+    for i in unknown_places(fit):
+        item, value = items[i], float(fit.best.values[i])
+        without |= bool(why_no_interval(fit, i))
+        ends = ("", "") if why_no_interval(fit, i) else (_end(item, value, end) for end in fit.interval()[i])
+        ratio = value / float(item.start) if item.start else None
+        rows.append((item.name, *in_shown_unit(item.name, value), *ends, ratio, *shares(known, i)))
+    head = ("unknown", "value", "unit", "low end", "high end", "value / arm file", *ORIGINS)
+    meaning = (
+        "not determined: the data alone do not determine it; the value leans on the prior. weakly determined: known by "
+        f"the data alone to no better than a factor of {math.exp(WEAK_ABOVE):.2g} (std. error). not reported: data and "
+        "model would give an interval, but the fit is in doubt."
+    )
+    forms = ("", ".5g", "", "", "", ".3g", ".0%", ".0%", ".0%")
+    table = without_empty_columns(Table("", head, tuple(rows), forms, meaning * without))
+    return Section("Fitted values, and where the information comes from", (table, *_about_values(fit)))
+
+
+def _end(item: "Parameter", value: float, end: float) -> str:
+    """Write how far an interval reaches to one side, as `-3.7 %`."""
+    if item.positive:
+        return in_percent(float(end) / value - 1)
+    factor, unit = (MM, "mm") if is_length(item.name) else (1.0, unit_of(item.name))
+    return f"{factor * (float(end) - value):+.2g} {unit}"
+
+
+def _measurements(fit: "CampaignFit") -> Section:
+    """Return each measurement next to its prediction; of many, those that are farthest off."""
+    count, off, z, many = len(fit.campaign), fit.off, fit.standardised, len(fit.campaign) > EVERY
+    shown = sorted(fit.farthest_off[:FARTHEST]) if many else range(count)
+    outliers, unchecked, names = fit.suspicious, fit.row_tests.unchecked, row_names(fit.campaign)
+    rows = []
+    for i in shown:
+        m = fit.campaign.measurements[i]
+        measured, unit = in_read_unit(m.kind, m.value)
+        predicted, _ = in_read_unit(m.kind, float(fit.predicted[i]))
+        weight = "" if fit.weights is None else f" (weight {fit.weights[i]:.2g})"
+        mark = f"outlier{weight}" if outliers[i] else "unchecked" if unchecked[i] else ""
+        rows.append((names[i], describe(m), unit, measured, predicted, -float(off[i]), -float(z[i]), mark))
+    head = ("row", "measurement", "unit", "measured", "predicted", "off [sigma]", "z", "")
+    limit = f"Outlier limit for {fit.row_tests.tested} values: {fit.row_tests.limit:.1f} sigma"
+    limit += "; vectors are judged as a whole." if fit.problem.vectors is not None else "."
+    if fit.weights is not None:
+        limit = f"Robust weights: {int(outliers.sum())} of {count} values count for less than half."
+    note = (
+        "off: measured less predicted, in sigma. z: the same in its own standard deviation, which is smaller because "
+        f"the fit follows the value; values are judged by z. {limit}"
+    )
+    if unchecked.any():
+        note += " unchecked: no other measurement depends on the same, so that an error would go unnoticed."
+    forms = ("", "", "", ".4g", ".4g", ".2f", ".2f", "")
+    title = f"Measurements: the {FARTHEST} of {count} farthest from the fit" if many else "Measurements"
+    by_kind = (_by_kind(fit),) if many else ()
+    return Section(title, (Table("", head, tuple(rows), forms, note), *by_kind))
+
+
+def _by_kind(fit: "CampaignFit") -> Table:
+    """Return for each kind how far its values are off."""
+    kinds, outliers = np.array([m.kind for m in fit.campaign]), fit.suspicious
+    rows = []
+    for kind in dict.fromkeys(kinds.tolist()):
+        z = -fit.off[kinds == kind]
+        far = int(outliers[kinds == kind].sum())
+        rows.append((kind.replace("_", " "), len(z), float(z.mean()), float(np.sqrt((z**2).mean())), far))
+    head = ("kind", "values", "mean [sigma]", "rms [sigma]", "outliers")
+    return Table("Residuals by kind; all are in the result file", head, tuple(rows), ("", "d", "+.2f", ".2f", "d"))
+
+
+def _uncertain_numbers(fit: "CampaignFit") -> Iterator[Section]:
+    """Yield for each number that is not exactly known what the fit makes of it, and what knowing it would gain."""
+    parameters, known = fit.problem.parameters, fit.information
+    places = [i for i, item in enumerate(parameters.items) if item.nuisance and not is_of_loop(item.name)]
+    if not places:
+        return
+    rows, advice = [], []
+    for i in places:
+        item, off = parameters.items[i], float(parameters.prior_residuals(fit.best.theta)[0][i])
+        size, _ = read_unit(item.name)
+        said, now = (_known_to(item, float(sd)) for sd in (item.prior_sd, known.sd[i]))
+        shift = f"{off:+.1f} sigma" if np.isfinite(item.prior_sd) else "-"
+        rows.append((item.name, float(item.start) / size, said, fit.best.values[i] / size, shift, now, _cost(fit, i)))
+        if words := _advice(item, known, i, off):
+            advice.append(f"{item.name}: {words}")
+    head = ("number", "given", "within", "fitted", "shift", "known to", "widens most")
+    note = "widens most: how much wider an interval is than it would be if this number were known exactly."
+    if any(item.name.startswith(SETUP) for item in parameters.items):
+        note += " setup: place [mm] and further turn [mrad] of its frame; what was free was found from the data first."
+    table = Table("", head, tuple(rows), ("", ".4g", "", ".4g", "", "", ""), note)
+    yield Section("Numbers that are not exactly known", (table, *advice))
+
+
+def _known_to(item: "Parameter", sd: float) -> str:
+    if not np.isfinite(sd):
+        return "free"
+    return f"{100 * sd:.2g} %" if item.positive else size_in_words(item, sd)
+
+
+def _cost(fit: "CampaignFit", i: int) -> str:
+    """Name the unknown whose interval a number widens most."""
+    known, own = fit.information, ~fit.problem.parameters.nuisance
+    shared = np.where(own, np.nan_to_num(known.correlation[i]), 0.0)
+    worst = int(np.argmax(np.abs(shared)))
+    wider = (1 - shared[worst] ** 2) ** -0.5 - 1
+    return f"{known.names[worst]} by {100 * wider:.2g} %" if wider >= 0.01 else "hardly anything"
+
+
+def _advice(item: "Parameter", known: Information, i: int, off: float) -> str:
+    """Say whether the data contradict what was said of a number, or know it better."""
+    if not np.isfinite(item.prior_sd):
+        return ""
+    if abs(off) > FAR_OFF:
+        return "the data contradict the given value: either it is wrong, or something else is (masses, loads, labels)"
+    if known.prior_share[i] < OWN:
+        return f"the data alone determine it: it may as well be an unknown (`free` {known.names[i]})"
+    return ""
+
+
+def _about_values(fit: "CampaignFit") -> Iterator[str]:
+    """Yield chi-squared, the priors, where damping comes from, and the largest correlation."""
+    known, items = fit.information, fit.problem.parameters.items
+    yield sentence(chi_squared_in_words(fit))
+    yield from priors_in_words([items[i] for i in unknown_places(fit)])
+    if not fit.damping and not any(is_damping(item.name) for item in items):
+        times = [float(tau) for j in fit.arm.joints for tau in (j.tau_bend, j.tau_tors) if tau is not None]
+        span = f"{min(times):.2g} to {max(times):.2g} s"
+        yield f"Damping was not fitted; the arm file's is {span} times the stiffness."
+    correlation = np.triu(np.nan_to_num(known.correlation), 1)
+    one, other = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
+    if correlation[one, other]:
+        names = f"{known.names[one]} and {known.names[other]}"
+        yield f"Largest correlation: {correlation[one, other]:+.2f} between {names}."
+
+
+def _optima(fit: "Fit") -> Section:
+    """Return the optima, the answer first."""
+    failed = f"; {fit.failed} starts reached none" if fit.failed else ""
+    first = f"; the first {LISTED} of them" if len(fit.optima) > LISTED else ""
+    rows = []
+    for i, optimum in enumerate(fit.optima[:LISTED]):
+        note = ("undetermined" if len(optimum.open) else "") if optimum.converged else "not converged"
+        values = " ".join(short_power(f"{value:.4g}") for value in optimum.values)
+        name = "other" if i else "answer"
+        rows.append((name, optimum.score, round(optimum.said, 3) + 0.0, optimum.starts, note, values))
+    head = ("optimum", "score", "label cost", "starts", "", "values [SI], in the order of the unknowns")
+    note = "score: chi-squared of data and priors plus label cost."
+    if fit.best.converged and len(fit.best.open):
+        count = f"{len(fit.best.open)} of {len(fit.best.theta)} combinations"
+        note += f" Along {count} the score stays flat, or still falls, over several e-folds."
+    table = Table("", head, tuple(rows), ("", "#.4g", ".3g", "d", "", ""), note)
+    return Section(f"Optima: {len(fit.optima)} found from {counted(_starts(fit), 'start')}{failed}{first}", (table,))
+
+
+# -------- Rows
+
+
+def fit_rows(fit: "CampaignFit") -> list[dict[str, Any]]:
+    """Return a row for each parameter: value, interval [SI] and whether the data support it."""
+    names, (low, high) = fit.problem.parameters.names, fit.interval().T
+    value = {"value": fit.best.values, "unit": map(unit_of, names), "low_95": low, "high_95": high}
+    return by_row(parameter=names, **value, supported=fit.supported)
+
+
+def measurement_rows(fit: "CampaignFit") -> list[dict[str, Any]]:
+    """Return a row for each measurement: what it is, measured, predicted and sigma [SI], and how far it is off.
+
+    `residual` is (measured - predicted) / sigma [-], as reports have it; `too_far_off` marks what they mark. Angles are
+    in degrees.
+    """
+    names = row_names(fit.campaign)
+    return [
+        {"row": names[i], "kind": m.kind, "posture": " ".join(f"{math.degrees(q) + 0.0:.10g}" for q in m.posture)}
+        | {"load": str(m.load), "place": m.mode or m.point or m.joint or "", "unit": QUANTITIES[KINDS[m.kind]].si}
+        | {"measured": m.value, "predicted": float(fit.predicted[i]), "sigma": m.sigma}
+        | {"residual": -float(fit.off[i]), "too_far_off": bool(far)}
+        for i, (m, far) in enumerate(zip(fit.campaign, fit.suspicious, strict=True))
+    ]

@@ -1,0 +1,252 @@
+"""A fleet of robots of one design: each one's stiffnesses, their population, and who stands out."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, ClassVar
+from urllib.parse import quote
+
+from ident.errors import InputError, Problem, refusal
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option
+from ident.studies.result import Progress, Result, silent
+from ident.studies.stiffness.fit import FitOptions
+from ident.text import one_line, which_file
+
+if TYPE_CHECKING:
+    from ident.identify.fleet import Fleet, Robot
+    from ident.inference.population import Draws, Under
+    from ident.report.page import Page
+    from ident.studies.look.arm_view import ArmView
+
+CAMPAIGN, ARM = "campaign.csv", "arm.toml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetOptions(FitOptions):
+    """Options of `ident.fleet`: those of each robot's fit, whose prior is the interim one."""
+
+    refuses: ClassVar[tuple[str, ...]] = ("uncertain", "robust", "no_explain")
+
+    workers: int = option(1, "processes that compute robots at the same time", low=1, high=1024)
+    dask: str = option("", "address of a Dask scheduler whose workers compute them instead, as tcp://host:8786")
+    normal: bool = option(False, "take each robot's data by a normal approximation, not by draws that the model weighs")
+
+    def problems(self) -> list[Problem]:
+        """Refuse processes here beside a cluster."""
+        both = Problem("dask", f"{self.workers} processes here, too", "one of both", "leave `workers` out")
+        return [*super().problems(), *([both] if self.dask and self.workers > 1 else [])]
+
+    @property
+    def of_each(self) -> "FleetOptions":
+        """What results depend on: not where they are computed."""
+        return replace(self, workers=1, dask="")
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class FleetResult(Result):
+    """A fleet: what each robot's data say, and the population of their stiffnesses.
+
+    Its table has a row for each robot and stiffness: its own estimate, the shrunk one, and the chance that a healthy
+    robot differs as far from the others. Its figure shows both beside the population.
+
+    Attributes:
+        label: what the fleet is called.
+        fleet: robots and population.
+        options: what was asked for.
+    """
+
+    label: str
+    fleet: "Fleet"
+    options: FleetOptions = field(default_factory=FleetOptions)
+
+    form = "ident-fleet/10"
+    subject = "label"
+    shown = ("fleet",)
+    summary = ("label", "standing_out", "failed", "priors")
+
+    @property
+    def standing_out(self) -> Mapping[str, Mapping[str, float]]:
+        """Robots that stand out, the clearest first: which stiffness, and its change [-] against the fleet's median."""
+        import numpy as np
+
+        fleet, population = self.fleet, self.fleet.population
+        if population is None:
+            return {}
+        change = np.expm1(population.robot_mean - population.next_mean)
+        return {
+            fleet.robots[fleet.members[r]].name: {fleet.names[i]: float(change[r, i]) for i in which}
+            for r, which in fleet.standing_out.items()
+        }
+
+    @property
+    def failed(self) -> Mapping[str, str]:
+        """Robots without a fit, and why."""
+        return {robot.name: robot.error for robot in self.fleet.failed}
+
+    @property
+    def priors(self) -> Mapping[str, str]:
+        """What the fleet says of the next robot before its data, by stiffness, as `prior` takes it."""
+        from ident.studies.stiffness.fleet_report import fleet_priors
+
+        return fleet_priors(self.fleet)
+
+    @property
+    def short(self) -> bool:
+        """Whether a robot failed, or too few are left for a population."""
+        return bool(self.failed) or self.fleet.population is None
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether a robot stands out, or its data contradict the model."""
+        return bool(self.standing_out or self.fleet.doubted)
+
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        """Write the result, and the priors for the next robot as flags of `ident fit`."""
+        from ident.files import replace_file
+
+        written = super()._write(path, head)
+        if not self.priors:
+            return written
+        flags = "".join(f"--prior={name}={prior}\n" for name, prior in self.priors.items())
+        beside = self._beside(path, ".prior")
+        replace_file(beside, lambda file: file.write(flags.encode("utf-8")))
+        return (*written, beside)
+
+    def html(self) -> str:
+        """Return the page of all robots; its links lead to what `save_figures` writes."""
+        from ident.report.page import render
+
+        return render(self._page())
+
+    def save_figures(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the figure, the page of all robots and a folder with a page for each; return the first two's paths.
+
+        Raises:
+            InputError: the folder or a file can't be written.
+        """
+        from ident.files import together
+        from ident.report.page import write_page
+        from ident.studies.stiffness.fleet_page import file_name, robot_page
+
+        page, pages = Path(folder) / f"{self.name}.html", Path(folder) / f"{self.name}.pages"
+        with together():
+            for i, robot in enumerate(self.fleet.robots):
+                own = robot_page(self.fleet, i, self.label, self.head, f"../{quote(page.name)}")
+                write_page(own, pages / file_name(robot))
+            write_page(self._page(), page)
+            return (*super().save_figures(folder), page)
+
+    def _page(self) -> "Page":
+        from ident.studies.stiffness.fleet_page import fleet_page
+
+        return fleet_page(self.fleet, self.label, self.head, quote(f"{self.name}.pages"), self._drawn())
+
+    def _drawn(self) -> "ArmView | None":
+        """Return the arm as it is drawn, where all fitted robots have the same file and it is still what was fitted."""
+        from ident.description.file import read_arm
+        from ident.studies.look.arm_view import arm_view
+
+        files = {robot.arm.sha256: robot.arm.path for robot in self.fleet.robots if not robot.failed}
+        if len(files) != 1:
+            return None
+        ((digest, path),) = files.items()
+        try:
+            arm = read_arm(path)
+        except InputError:
+            return None
+        return arm_view(arm) if arm.sha256 == digest else None
+
+    def _inputs(self) -> Mapping[str, Any]:
+        robots = self.fleet.robots
+        return {f"{word} of {r.name}": getattr(r, word) for r in robots for word in ("campaign", "arm")}
+
+    @classmethod
+    def arguments(cls, inputs: Mapping[str, Path], summary: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the files of each robot, by its name."""
+        names = [name.removeprefix("campaign of ") for name in inputs if name.startswith("campaign of ")]
+        files = [(name, inputs[f"campaign of {name}"], inputs[f"arm of {name}"]) for name in names]
+        return {"robots": files, "label": summary["label"]}
+
+
+Files = tuple[str, Path, Path]
+"""A robot: its name, campaign and arm."""
+
+
+@study
+def fleet(
+    robots: str | Path | Sequence[Files],
+    arm: str | Path | None = None,
+    options: FleetOptions = DEFAULT,
+    *,
+    folder: str | Path | None = None,
+    label: str = "",
+    progress: Progress = silent,
+) -> FleetResult:
+    """Fit each robot of a fleet, and infer the population of their stiffnesses.
+
+    Args:
+        robots: a folder with a CSV file, or a folder with one, for each robot; or name, campaign and arm of each. Of
+            several in a robot's folder, campaign.csv is the one. A folder's own arm.toml describes its robot.
+        arm: describes the others; by default arm.toml beside them.
+        options: of the fits, and how many are made at the same time.
+        folder: where each robot's fit is kept when it is done, so that a call after an interruption goes on.
+        label: what the fleet is called; by default after its folder.
+        progress: shows how far it is, over the robots.
+
+    Raises:
+        InputError: no robots, or two of one name. What is wrong with one of them does not stop the others.
+    """
+    from ident.identify.fleet import fleet as infer
+    from ident.studies.stiffness.fleet_tasks import Engine, One, drawn, outcomes
+
+    files = robots_in(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
+    if isinstance(robots, str | Path):
+        label = label or Path(robots).absolute().name
+    with TemporaryDirectory() as passing, Engine(options) as engine:
+        tasks = [One(*each, options, Path(folder or passing)) for each in sorted(files)]
+        steps = progress("robots", len(tasks))(range(len(tasks)))
+        done = [robot for _, robot in zip(steps, outcomes(tasks, engine), strict=True)]
+        found = {task.name: task for task in tasks}
+
+        def redraw(robots: "Sequence[Robot]", under: "Under") -> "list[Draws | None]":
+            asked = [found[robot.name] for robot in robots]
+            steps = progress("draws of robots", len(asked))(range(len(asked)))
+            known = {one.name: draws for _, (one, draws) in zip(steps, drawn(asked, under, engine), strict=True)}
+            return [known[robot.name] for robot in robots]
+
+        inferred = infer(done, seed=options.seed, redraw=None if options.normal else redraw)
+    return FleetResult(label or "fleet", inferred, options.of_each)
+
+
+def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
+    """Return the robots of a folder.
+
+    Raises:
+        InputError: it is none, or holds none.
+    """
+    where, expected = one_line(str(folder)), "a folder with a CSV file, or a folder with one, for each robot"
+    if not os.path.isdir(folder):
+        raise refusal(where, "no such folder", expected, which_file(folder))
+    shared = Path(arm) if arm is not None else folder / ARM
+    found: list[Files] = [(path.stem, path, shared) for path in _tables(folder) if path.is_file()]
+    for path in folder.iterdir():
+        if tables := _tables(path):
+            own = path / ARM
+            campaign = tables[0] if len(tables) == 1 else path / CAMPAIGN
+            found.append((path.name, campaign, own if own.is_file() else shared))
+    if not found:
+        raise refusal(where, "no robots", expected, "put their campaigns there")
+    if any(path == shared for _, _, path in found) and not shared.is_file():
+        remedy = "put arm.toml beside the robots, or name it (`arm`)"
+        raise refusal(one_line(str(shared)), "no such file", "the arm's description", remedy)
+    return found
+
+
+def _tables(folder: Path) -> list[Path]:
+    """Return the campaigns in a folder, without the files beside them."""
+    from ident.measure.covariance_and_frames import COVARIANCE_SUFFIX, SETUP_SUFFIX
+
+    return [path for path in folder.glob("*.csv") if not path.name.endswith((COVARIANCE_SUFFIX, SETUP_SUFFIX))]

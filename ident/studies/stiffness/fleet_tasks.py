@@ -1,0 +1,486 @@
+"""The robots of a fleet as tasks: each reads its files and writes one, whole or not at all.
+
+What a task writes depends on its inputs, its options and the program alone, and its file is named by a hash of these:
+whoever does it, and how often, the file is the same.
+"""
+
+import hashlib
+import json
+import logging
+import multiprocessing
+import os
+import platform
+import shutil
+import signal
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from contextlib import ExitStack, chdir, contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from queue import Empty, Queue
+from typing import TYPE_CHECKING, Any, TypeVar
+from uuid import uuid4
+
+from ident.codec import CodecError, decode, encode
+from ident.errors import IdentError, InputError, Problem, refusal
+from ident.files import digest, replace_file
+from ident.text import one_line
+from ident.units import USUAL
+
+if TYPE_CHECKING:
+    from ident.identify.fleet import Robot, SourceFile
+    from ident.inference.population import Draws, Under
+    from ident.studies.stiffness.fleet import FleetOptions
+
+KILLS = 3
+"""Workers that a robot may have killed before it is given up."""
+KILLED = f"its computation was killed {KILLS} times; look at the memory, or fit it alone"
+"""Why such a robot has no fit."""
+
+
+class Task:
+    """What is done at once, and kept in a file of its own."""
+
+    folder: Path
+
+    @property
+    def file(self) -> Path:
+        """Where the result goes, named by all that it depends on."""
+        raise NotImplementedError
+
+    def results(self) -> tuple[Any, ...]:
+        """Return what is asked for, or which input is wrong."""
+        raise NotImplementedError
+
+    def read(self) -> tuple[Any, ...] | None:
+        """Return what was written; None where nothing was, or the file is damaged."""
+        try:
+            results = decode(json.loads(self.file.read_text("utf-8")))
+        except (OSError, ValueError, RecursionError, CodecError):
+            return None
+        return results if isinstance(results, tuple) else None
+
+    def do(self) -> str:
+        """Do what is asked for, and write it.
+
+        Returns:
+            What nobody has expected, such as an error of a library; of it nothing is kept, since it may not come again.
+
+        Raises:
+            InputError: the folder can't be written.
+        """
+        file = self.file  # before the inputs are read: had one changed since, the name would not be of the new one
+        try:
+            text = json.dumps(encode(self.results()))
+        except Exception as error:
+            got = one_line(f"{type(error).__name__}: {error}")[:300]
+            return f"an error in the program or a library ({got}); fit it alone to see more, and report it"
+        replace_file(file, lambda out: out.write(text.encode("utf-8")), make_folders=True)
+        return ""
+
+
+T = TypeVar("T", bound=Task)
+
+
+@dataclass(frozen=True)
+class One(Task):
+    """A robot to be fitted by itself.
+
+    Attributes:
+        name: the robot's.
+        campaign: its measurements, a CSV file.
+        arm: its description, a TOML file.
+        options: of its fit.
+        folder: where its result goes.
+    """
+
+    name: str
+    campaign: Path
+    arm: Path
+    options: "FleetOptions"
+    folder: Path
+
+    @property
+    def key(self) -> str:
+        """A hash of inputs and options, of the program's sources and libraries, and of the machine."""
+        from ident.programs import environment
+
+        options = {**self.options.of_each.recorded(), "units": USUAL}
+        paths = [str(self.campaign), str(self.arm)]
+        parts = [self.name, paths, digest(self.campaign), digest(self.arm), encode(options), environment()]
+        return hashed(parts)
+
+    @property
+    def file(self) -> Path:
+        """Where the result goes."""
+        return self.folder / f"{self.key}.robot"
+
+    @property
+    def sources(self) -> "tuple[SourceFile, SourceFile]":
+        """Campaign and arm as they are now."""
+        from ident.identify.fleet import SourceFile
+
+        return SourceFile(str(self.campaign), digest(self.campaign)), SourceFile(str(self.arm), digest(self.arm))
+
+    def results(self) -> "tuple[Robot, ...]":
+        """Fit the robot, or say which input is wrong."""
+        from ident.identify.fleet import robot_of
+        from ident.studies.stiffness.fit import fit
+
+        sources = self.sources
+        try:
+            return (robot_of(fit(self.arm, self.campaign, self.options).fit, self.name, *sources),)
+        except IdentError as error:
+            return (self.failed(str(error)),)
+
+    def failed(self, error: str) -> "Robot":
+        """Return the robot as one without a fit."""
+        from ident.identify.fleet import Robot
+
+        campaign, arm = self.sources
+        return Robot(name=self.name, campaign=campaign, arm=arm, error=error)
+
+
+@dataclass(frozen=True)
+class Again(Task):
+    """A robot to be drawn under a population.
+
+    Attributes:
+        one: the robot.
+        under: the population.
+    """
+
+    one: One
+    under: "Under"
+
+    @property
+    def folder(self) -> Path:  # type: ignore[override]
+        """Where the result goes."""
+        return self.one.folder
+
+    @property
+    def file(self) -> Path:
+        """Where the result goes."""
+        return self.folder / f"{hashed([self.one.key, encode(self.under)])}.draws"
+
+    def results(self) -> "tuple[Draws | None]":
+        """Draw the robot; None where that is not possible."""
+        from ident.identify.fleet import draws_under
+        from ident.measure import read_campaign
+        from ident.studies.shared import as_file
+
+        options = self.one.options
+        arm = as_file(self.one.arm, options.soft_base).arm
+        seed = int(hashed([self.one.name, options.seed])[:8], 16)
+        return (draws_under(arm, read_campaign(self.one.campaign), options.unknowns, self.under, seed),)
+
+
+def hashed(parts: list[Any]) -> str:
+    """Return a hash of plain data, as a name for a file."""
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
+
+
+# -------- Fleet engine
+# Who does the tasks of a fleet: this process, or executors of `concurrent.futures`: processes here, a Dask cluster.
+#
+# A worker reads a task's files and writes its file: what is killed loses the tasks under way alone, and what was done
+# before is skipped.
+
+LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
+"""Loggers of Dask that write tracebacks of lost connections."""
+
+CONNECT, WORKERS = 10.0, 30.0
+"""Time [s] in which a scheduler must answer at first, and in which a worker must be there."""
+QUIET, ANSWER = 5.0, 15.0
+"""Time [s] without news after which the scheduler is asked whether it is there, and in which it must answer."""
+OF_JAX = ("jax_enable_x64", "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
+OF_SYSTEM = ("IDENT_PROGRAMS", "EQX_ON_ERROR", "TF_CPP_MIN_LOG_LEVEL")
+"""What workers take over of jax's settings, and of the environment."""
+SAFE_PATH = "PYTHONSAFEPATH"
+"""Variable of the environment by which Python leaves the current folder out where it looks for modules."""
+ONE = threading.Lock()
+"""Held while a cluster's worker does a task: jax uses all cores, and folder and settings are the process's."""
+
+
+class LostError(IdentError):
+    """The scheduler of a cluster is gone."""
+
+    def __init__(self) -> None:
+        super().__init__("the scheduler is gone; what is done is kept: with another one, the same command goes on")
+
+
+class Engine(ExitStack):
+    """Does tasks where the options say; a context, to whose end it stays connected with a cluster.
+
+    Args:
+        options: processes here, or a cluster.
+    """
+
+    def __init__(self, options: "FleetOptions"):
+        super().__init__()
+        self.options = options
+        self.cluster: Callable[[list[Any]], Iterator[tuple[Any, str]]] | None = None
+
+    def done(self, tasks: list[T]) -> Iterator[tuple[T, str]]:
+        """Return each task when it is done, and why it is not; those that were done before come first."""
+        pending = []
+        for task in tasks:
+            if task.read() is None:
+                pending.append(task)
+            else:
+                yield task, ""
+        if pending and self.options.dask:
+            if self.cluster is None:
+                self.cluster = self.enter_context(_cluster(self.options.dask, pending[0].folder))
+            yield from self.cluster(pending)
+        elif self.options.workers > 1:
+            spawn = multiprocessing.get_context("spawn")
+            with ExitStack() as pools:  # a process each: when one breaks, it was that one's task
+
+                def pool() -> Executor:
+                    return pools.enter_context(ProcessPoolExecutor(1, spawn, _begin_process, (_settings(),)))
+
+                yield from _handed_out(pending, Task.do, pool, self.options.workers)
+        else:
+            yield from ((task, task.do()) for task in pending)
+
+
+def outcomes(robots: Sequence[One], engine: Engine) -> Iterator["Robot"]:
+    """Fit what is not fitted of the robots, as workers come free, and return all, those that were fitted first."""
+    for one, reason in engine.done(list(robots)):
+        known = one.read()
+        yield known[0] if known else one.failed(f"{one.campaign}: {reason or 'its result can not be read'}")
+
+
+def drawn(robots: Sequence[One], under: "Under", engine: Engine) -> 'Iterator[tuple[One, "Draws | None"]]':
+    """Draw robots under a population, as workers come free; None for one of which that is not possible."""
+    for task, _ in engine.done([Again(one, under) for one in robots]):
+        known = task.read()
+        yield task.one, known[0] if known else None
+
+
+def _handed_out(
+    pending: Sequence[T],
+    work: Callable[[Task], str],
+    fresh: Callable[[], Executor],
+    most: int,
+    ask: Callable[[], None] = lambda: None,
+) -> Iterator[tuple[T, str]]:
+    """Return each task when it is done, or given up, and why it is not.
+
+    Args:
+        pending: the tasks.
+        work: does one, where an executor has it done.
+        fresh: returns an executor; one that has broken has no other task.
+        most: tasks that are handed out at a time.
+        ask: raises what is wrong, if anything is; asked after a while without news, and after bad ones.
+    """
+    news: Queue[Future[str]] = Queue()
+    waiting, free = deque((task, 1) for task in pending), list[Executor]()
+    running: dict[Future[str], tuple[T, int, Executor]] = {}
+    while waiting or running:
+        while waiting and len(running) < most:
+            (task, times), idle = waiting.popleft(), bool(free)
+            with _safe_path():
+                executor = free.pop() if idle else fresh()
+            try:
+                with _safe_path():
+                    future = executor.submit(work, task)
+            except Exception as error:
+                if idle:  # killed while it had nothing to do, which is no fault of this task
+                    waiting.appendleft((task, times))
+                    continue
+                future = Future()
+                future.set_exception(error)
+            running[future] = task, times, executor
+            future.add_done_callback(news.put)
+        try:
+            future = news.get(timeout=QUIET)
+        except Empty:
+            ask()
+            continue
+        task, times, executor = running.pop(future)
+        wrong = LostError() if future.cancelled() else future.exception()
+        if not isinstance(wrong, BrokenExecutor):
+            free.append(executor)
+        if wrong is None:
+            yield task, future.result()
+        elif task.read() is not None:  # killed after that
+            yield task, ""
+        elif isinstance(wrong, IdentError):
+            raise wrong
+        elif not isinstance(wrong, Exception):
+            raise KeyboardInterrupt
+        elif times < KILLS:
+            ask()
+            waiting.appendleft((task, times + 1))
+        else:
+            yield task, KILLED if isinstance(wrong, BrokenExecutor) else f"{type(wrong).__name__}: {wrong}"
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Let processes that start within look for no modules in the current folder, which anybody may have filled."""
+    own = SAFE_PATH not in os.environ
+    os.environ.setdefault(SAFE_PATH, "1")
+    try:
+        yield
+    finally:
+        if own:
+            del os.environ[SAFE_PATH]
+
+
+def _begin_process(settings: dict[str, dict[str, Any]]) -> None:
+    """Set a process up; it ends when the one that has started it is gone, and says nothing when both are stopped."""
+    signal.signal(signal.SIGINT, lambda *_: sys.exit(1))
+    _begin(settings)
+    threading.Thread(target=_end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
+
+
+def _begin(settings: dict[str, dict[str, Any]]) -> None:
+    """Set a worker up like the process that has these settings; jax and equinox read some of them when imported."""
+    sys.path[:] = filter(None, sys.path)  # an empty one is the current folder: of a cluster's worker the client's
+    for name in OF_SYSTEM:
+        os.environ.pop(name, None)
+    os.environ.update(settings["system"])
+    import jax
+
+    for name, value in settings["jax"].items():
+        jax.config.update(name, value)
+
+
+def _settings() -> dict[str, dict[str, Any]]:
+    """Return what a worker shall take over from this process."""
+    import jax
+
+    system = {name: os.environ[name] for name in OF_SYSTEM if name in os.environ}
+    return {"system": system, "jax": {name: jax.config.values[name] for name in OF_JAX}}
+
+
+def _circumstances() -> dict[str, str]:
+    """Return what must be the same at a client and its workers, by the name that a message has for it."""
+    from ident.programs import SOURCES, circumstances
+
+    every = {"ident": SOURCES, **circumstances()}
+    named = {"processor": every.pop("machine"), "XLA_FLAGS or EQX_ON_ERROR": every.pop("flags"), **every.pop("jax")}
+    return {name: str(value) for name, value in (every | named).items()}
+
+
+def attempt(run: Path, folder: Path, task: Task | None = None) -> str:
+    """Do a task on a cluster's worker, unless it has killed as many as it may; return why nothing was written.
+
+    While it lasts there is a mark in the run's folder: one that is left is of a worker that was killed. Dask's own
+    count would not do, for it blames tasks that only waited at that worker.
+
+    Args:
+        run: a folder that the client has made for this run, with a file that says what it is.
+        folder: which paths are relative to.
+        task: None to see only whether this worker could do one.
+
+    Raises:
+        InputError: it is of other versions, or can't read and write the client's folder.
+    """
+    where = f"dask, worker on {platform.node()}"
+    with ONE:
+        try:
+            client = json.loads((run / "client").read_text("utf-8"))
+            _begin(client["settings"])
+            own = _circumstances()
+            if other := [name for name, value in client["circumstances"].items() if own.get(name) != value]:
+                got, expected = f"another {', '.join(other)} than here", "results that are the same to the bit"
+                raise refusal(where, got, expected, "install the same versions, on like machines")
+            with chdir(folder):
+                marks = run / (task.file.name if task else "probe")
+                marks.mkdir(exist_ok=True)
+                if task is None or task.read() is not None:
+                    return ""
+                if len(os.listdir(marks)) >= KILLS:
+                    return KILLED
+                mark = marks / uuid4().hex
+                mark.touch()
+                reason = task.do()
+                mark.unlink()
+                return reason
+        except OSError as error:
+            got = f"another folder {run.parent} than here ({error.strerror})"
+            remedy = "give one on a shared disk (--out), inputs there too"
+            raise refusal(where, got, "one that all can read and write", remedy) from None
+
+
+@contextmanager
+def _cluster(address: str, folder: Path) -> Iterator[Callable[[list[Any]], Iterator[tuple[Any, str]]]]:
+    """Connect with a Dask scheduler whose workers share a folder with this machine; yield what has tasks done there.
+
+    Raises:
+        InputError: no Dask here, or no scheduler or workers there; workers of other versions, or without the folder.
+        LostError: the scheduler was lost.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        got, remedy = "an address without the package distributed", "pip install distributed"
+        raise refusal("dask", got, "it installed", remedy) from None
+    try:
+        client = Client(address, timeout=CONNECT, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        got = f"no scheduler at {address} ({str(error)[:100]})"
+        remedy = "start `dask scheduler` there, or correct the address (tcp://host:8786)"
+        raise refusal("dask", got, "one that answers", remedy) from None
+    run = folder.absolute() / f".attempts-{uuid4().hex}"
+    work, executor = partial(attempt, run, Path.cwd()), client.get_executor(pure=False)
+    here = json.dumps({"settings": _settings(), "circumstances": _circumstances()}).encode("utf-8")
+    before = {logger: logger.level for logger in map(logging.getLogger, LOGGERS)}
+    for logger in before:
+        logger.setLevel(logging.CRITICAL)  # a lost scheduler is said in one line, by us
+    try:
+        replace_file(run / "client", lambda file: file.write(here), make_folders=True)
+        _check(client, work)
+        yield lambda pending: _handed_out(pending, work, lambda: executor, len(pending), partial(_ask, client))
+    finally:
+        shutil.rmtree(run, ignore_errors=True)
+        with suppress(OSError):
+            folder.rmdir()  # where nothing is in it yet
+        with suppress(Exception):  # a lost scheduler can't be taken leave of
+            client.close(timeout=1)
+        for logger, level in before.items():
+            logger.setLevel(level)
+
+
+def _check(client: Any, work: Callable[[], str]) -> None:
+    """Refuse workers that could not do a task, before anything is computed."""
+    try:
+        client.wait_for_workers(1, timeout=WORKERS)
+        answers = client.run(work, on_error="return")
+    except TimeoutError:
+        got = "a scheduler without workers"
+        raise refusal("dask", got, "one at least", "start `dask worker`") from None
+    except Exception:  # whichever of Dask's, of asyncio's and of the system's
+        raise LostError from None
+    problems: list[Problem] = []
+    for name, wrong in answers.items():
+        if isinstance(wrong, InputError):
+            problems += wrong.problems
+        elif wrong:
+            got, remedy = f"{type(wrong).__name__}: {wrong}", "install the same versions"
+            problems.append(Problem(f"dask, worker {name}", got, "ident as it is here", remedy))
+    if problems:
+        raise InputError(dict.fromkeys(problems))
+
+
+def _ask(client: Any) -> None:
+    """Ask whether the scheduler is there, and knows of this client's tasks."""
+    try:
+        client.sync(client.scheduler.identity, callback_timeout=ANSWER)
+    except Exception:
+        raise LostError from None
+    if not client.futures:
+        raise LostError

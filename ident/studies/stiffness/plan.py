@@ -1,0 +1,240 @@
+"""Rank what to measure next by what it would tell for its cost."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import log1p, radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ident.errors import refusal
+from ident.studies import reading
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option, repeated
+from ident.studies.result import Progress, Result, silent
+from ident.studies.stiffness.fit import FitOptions, fit
+
+if TYPE_CHECKING:
+    from ident.description.file import ArmFile
+    from ident.identify.candidates import HammerPlan
+    from ident.identify.plan import CampaignPlan, PlanSettings
+    from ident.measure import Campaign
+    from ident.measure.runs import Runs
+    from ident.studies.stiffness.run_plan import RunPlan
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanOptions(FitOptions):
+    """Options of `ident.plan`: what to choose from, for what, and what is unknown."""
+
+    refuses: ClassVar[tuple[str, ...]] = ("no_explain",)
+
+    count: int = option(4, "experiments in the batch, at most", low=1, high=100, short="-k")
+    criterion: str = option(
+        "d", "what experiments are chosen for: d (information), a (mean variance) or a parameter's name"
+    )
+    target: float = option(
+        0.0, "end the batch when all standard deviations are below this, in percent; 0 for none", low=0.0, high=1e6
+    )
+    step: float = option(30.0, "step of the grid of joint angles [deg]", above=0.0, high=360.0)
+    modes: int = option(4, "frequencies that a hammer test gives, from the lowest", low=1, high=100)
+    load: tuple[str, ...] = repeated(
+        (), "load that can be mounted, as 'glass' or '5 kg @ tip'; may be repeated", read=reading.names
+    )
+    sigma: dict[str, float] = repeated(
+        {},
+        "standard deviation as a share of the value, as frequency=0.005; default: the campaign's",
+        read=reading.numbers,
+    )
+    cost: dict[str, float] = repeated(
+        {},
+        "minutes for a part of an experiment, as posture=10; also hammer, labels, dial and load",
+        read=reading.numbers,
+    )
+    common_share: float | None = option(
+        None,
+        "share of a value's variance that is common to its posture, so that a repeat there makes it no smaller;"
+        " default: the campaign's, or 0.5, which is assumed",
+        low=0.0,
+        high=0.99,
+    )
+    sensors: int = option(
+        0,
+        "channels of accelerometers at hand: says where to put them, and where to hit how often; 0 to leave that out",
+        low=0,
+        high=60,
+    )
+    hit_noise: float = option(0.1, "standard deviation of one hit's shape, as a share of it", above=0.0, high=1.0)
+    run_noise: float = option(
+        5.0, "noise of planned runs (--runs), in percent of each trace's peak", above=0.0, high=100.0
+    )
+    draws: int = option(8, "points besides the best estimate over which gains are averaged", low=0, high=1000)
+
+    @property
+    def settings(self) -> "PlanSettings":
+        """The same as identification takes it, in SI."""
+        from ident.identify.plan import PlanSettings
+        from ident.measure import OWN_WEIGHT, Load
+
+        return PlanSettings(
+            count=self.count,
+            criterion=self.criterion,
+            target=log1p(self.target / 100),
+            step=radians(self.step),
+            modes=self.modes,
+            loads=(OWN_WEIGHT, *(Load.parse(text) for text in self.load)),
+            sigma=self.sigma,
+            costs=self.cost,
+            common=self.common_share,
+            draws=self.draws,
+            seed=self.seed,
+        )
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class PlanResult(Result):
+    """What to measure next on an arm, and what it will give.
+
+    Its figure shows gain over posture, and what the standard deviations will become; its table has a row for each
+    experiment of the batch: posture [deg], load, what is done, cost [min], gain, nat.
+
+    Attributes:
+        arm: the arm as its file has it.
+        plan: the batch, what it was chosen from, and what the standard deviations will become.
+        hammer: where to measure and to hit in the hammer tests of the batch; none where no sensors are named.
+        options: what was asked for.
+    """
+
+    arm: "ArmFile"
+    plan: "CampaignPlan"
+    hammer: "tuple[HammerPlan, ...]" = ()
+    options: PlanOptions = field(default_factory=PlanOptions)
+
+    form = "ident-plan/10"
+    shown = ("plan", "hammer")
+    drawn = listed = ("plan",)
+    numbers = ("cost",)
+    summary = ("cost", "sd")
+
+    @property
+    def name(self) -> str:
+        """The campaign's name, or the arm's, and what was done with it."""
+        return f"{(self.plan.fit.campaign if self.plan.fit else self.arm).name}.plan"
+
+    @property
+    def campaign(self) -> "Campaign":
+        """The batch as measurements with the values that are expected."""
+        return self.plan.campaign()
+
+    @property
+    def cost(self) -> float:
+        """What the batch costs [min]."""
+        return float(sum(step.cost for step in self.plan.steps))
+
+    @property
+    def sd(self) -> Mapping[str, tuple[float, ...]]:
+        """Standard deviation of each parameter, now and after each experiment: of ln(value) [-] of a positive one."""
+        names = self.plan.known.sought
+        return {name: tuple(map(float, column)) for name, column in zip(names, self.plan.sd.T, strict=True)}
+
+    @property
+    def sd_at_draws(self) -> Mapping[str, tuple[float, ...]]:
+        """Standard deviation at the end of the batch, at other draws of what is not known: of ln(value) [-]."""
+        names, end = self.plan.known.sought, self.plan.at_draws
+        return {name: tuple(map(float, column)) for name, column in zip(names, end.T, strict=True)}
+
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        """Write the plan, and a campaign to fill in unless the batch is empty."""
+        from ident.studies.stiffness.plan_report import write_form
+
+        forms = (self._beside(path, ".csv"),) if self.plan.steps else ()
+        for each in forms:
+            write_form(self.plan, each)
+        return (*super()._write(path, head), *forms)
+
+    @property
+    def short(self) -> bool:
+        """Whether the fit that the plan starts from is no optimum."""
+        return self.plan.fit is not None and self.plan.fit.short
+
+    def _inputs(self) -> Mapping[str, Any]:
+        return {"arm": self.arm, "campaign": self.plan.fit.campaign if self.plan.fit else None}
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class RunPlanResult(Result):
+    """What planned runs of the moving arm would tell of its drives, and which further run would tell more.
+
+    Its table has a row for each source: amplitude in the arm's file, standard deviation, least amplitude told [SI].
+    It has no figure.
+
+    Attributes:
+        arm: the arm as its file has it.
+        plan: what the runs would tell.
+        runs: their table.
+        options: what was asked for.
+    """
+
+    arm: "ArmFile"
+    plan: "RunPlan"
+    runs: "Runs"
+    options: PlanOptions = field(default_factory=PlanOptions)
+
+    form, called = PlanResult.form, "run_plan"
+    subject = "runs.name"
+    shown, drawn = ("plan",), ()
+    made_from = ("arm", "runs")
+
+
+@study
+def plan(
+    arm: "ArmFile",
+    campaign: "Campaign | None" = None,
+    options: PlanOptions = DEFAULT,
+    *,
+    runs: "Runs | str | Path | None" = None,
+    progress: Progress = silent,
+) -> "PlanResult | RunPlanResult":
+    """Choose what to measure next on an arm, by what it would tell for its cost.
+
+    Args:
+        arm: its joint limits and workspace say which postures can be held.
+        campaign: what is measured already; None for nothing, so that the priors alone are known.
+        options: what to choose from, for what, and what is unknown.
+        runs: table of runs to measure on the moving arm, instead of a campaign: what they would tell of its drives.
+        progress: shows how far it is, over the starts of the fit, or over further runs.
+
+    Raises:
+        InputError: arm, campaign and options do not fit together; a campaign with runs.
+        ModelError: the campaign can't be fitted, or the arm stands in no posture.
+    """
+    import numpy as np
+
+    from ident.identify.candidates import hammer_plans
+    from ident.identify.instruments import all_postures
+    from ident.identify.plan import plan_campaign
+
+    if runs is not None:
+        return _of_runs(arm, campaign, runs, options, progress)
+    settings = options.settings
+    all_postures(arm.arm, settings.step, settings.seed)  # what is wrong with a step is said before the fit
+    fitted = fit(arm, campaign, options, progress=progress).fit if campaign is not None else None
+    made = plan_campaign(arm.arm, fitted, options.unknowns_of(arm), settings)
+    best = made.parameters.by_path(np.asarray(made.parameters.values(made.known.points[0])))
+    places = (options.modes, options.sensors, options.hit_noise)
+    sought = {path: best[path] for item in made.sought for path in item.paths if path in arm.arm.paths()}
+    hammer = hammer_plans(arm.arm.replace(sought), made.batch, *places) if options.sensors else ()
+    return PlanResult(arm, made, hammer, options)
+
+
+def _of_runs(
+    arm: "ArmFile", campaign: "Campaign | None", runs: "Runs | str | Path", options: PlanOptions, progress: Progress
+) -> RunPlanResult:
+    """Plan runs of the moving arm."""
+    from ident.measure.runs import Runs, planned_runs
+    from ident.studies.stiffness.run_plan import planned
+
+    if campaign is not None:
+        raise refusal("runs", f"the campaign {campaign.name} too", "one of them", "plan them one after the other")
+    table = runs if isinstance(runs, Runs) else planned_runs(runs)
+    made = planned(arm.arm, table, noise=options.run_noise / 100, progress=progress("further runs"))
+    return RunPlanResult(arm, made, table, options)

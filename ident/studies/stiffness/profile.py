@@ -1,0 +1,105 @@
+"""Check the intervals of a fit: move each parameter, fit all others again, and see how the cost rises."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+from ident.studies import reading
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import option, repeated
+from ident.studies.result import Progress, Result, alias, silent
+from ident.studies.stiffness.fit import FitOptions
+from ident.studies.stiffness.fit import fit as fit_study
+
+if TYPE_CHECKING:
+    from ident.description.file import ArmFile
+    from ident.identify.fit import CampaignFit
+    from ident.inference.profile import Profile
+    from ident.measure import Campaign
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileOptions(FitOptions):
+    """Options of `ident.profile`: those of the fit, which parameters are profiled, and how far."""
+
+    refuses: ClassVar[tuple[str, ...]] = ("no_explain",)
+
+    parameter: tuple[str, ...] = repeated(
+        (), "parameter to profile, default: all; may be repeated", read=reading.each_of
+    )
+    reach: float = option(
+        1000.0, "factor on the fitted value beyond which a profile is called open", above=1.0, high=1e12
+    )
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class ProfileResult(Result):
+    """Profile likelihoods of a fit.
+
+    Its figure has a panel for each parameter; its table a row: fitted value, unit, and the ends [SI] of both intervals.
+
+    Attributes:
+        arm: the arm as its file has it.
+        fit: the fit whose intervals are checked.
+        profiles: the least cost as a function of each parameter.
+        options: what was asked for.
+        short: whether the fit that is profiled is no optimum.
+    """
+
+    arm: "ArmFile"
+    fit: "CampaignFit"
+    profiles: "tuple[Profile, ...]"
+    options: ProfileOptions = field(default_factory=ProfileOptions)
+
+    form = "ident-profile/10"
+    subject = "fit.campaign.name"
+    shown = ("fit", "profiles")
+    listed = ("profiles",)
+    made_from = ("arm", "fit.campaign")
+    numbers = ("fit.parameters",)
+    summary = ("fit.doubts",)
+
+    short: ClassVar[bool] = alias("fit.short")
+
+    @property
+    def intervals(self) -> Mapping[str, tuple[float, float]]:
+        """95 % intervals by parameter [SI]; where a side is open, infinity, or zero for a positive number."""
+        ends = {each.name: each.values([each.widest.low, each.widest.high]) for each in self.profiles}
+        return {name: (float(low), float(high)) for name, (low, high) in ends.items()}
+
+    @property
+    def linear(self) -> Mapping[str, bool]:
+        """Whether a parameter's interval agrees with that of the fit, the linear one."""
+        return {each.name: each.linear for each in self.profiles}
+
+
+@study
+def profile(
+    arm: "ArmFile",
+    campaign: "Campaign",
+    options: ProfileOptions = DEFAULT,
+    *,
+    progress: Progress = silent,
+) -> ProfileResult:
+    """Fit an arm to a campaign, and profile the likelihood of its parameters, priors included.
+
+    With `no_prior` the profiles show what the data alone support.
+
+    Args:
+        arm: its stiffnesses are starting values and centres of the priors.
+        campaign: the measurements.
+        options: those of the fit; which parameters, and how far.
+        progress: shows how far it is, over the starts and then over the sides of the profiles.
+
+    Raises:
+        InputError: campaign and arm, or the named parameters, do not fit together; implausible values.
+        ModelError: no optimum was reached.
+    """
+    from ident.identify.problem import pose
+    from ident.inference import profile as likelihood
+
+    problem = pose(arm.arm, campaign, options.unknowns_of(arm)).problem
+    likelihood.check(problem.parameters, options.parameter)
+    fit = fit_study(arm, campaign, options, progress=progress).fit
+    profiles = likelihood.profile(fit, options.parameter, reach=options.reach, progress=progress("profiles"))
+    return ProfileResult(arm, fit, profiles, options)

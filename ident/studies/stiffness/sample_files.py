@@ -1,0 +1,100 @@
+"""A sampled posterior as ArviZ InferenceData, which other tools for posteriors read."""
+
+import json
+import math
+import warnings
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ident.identify.values import scaled_by
+from ident.inference.draws import LEVELS
+
+if TYPE_CHECKING:
+    import arviz
+    import xarray
+
+    from ident.identify.compare import CampaignSample
+    from ident.measure import Campaign
+
+
+def inference_data(result: "CampaignSample", head: Mapping[str, Any]) -> "arviz.InferenceData":
+    """Return draws, simulated data, observed data and sampler statistics, with where they come from; all SI.
+
+    Every walker is a chain, as ArviZ has it for emcee; `ensemble` and `optimum` say where a chain belongs. Burn-in is
+    left out. A variable's attribute `paths` has the paths of the numbers that it stands for: several where tied.
+
+    Args:
+        result: the posterior.
+        head: attributes of the file, written as JSON.
+    """
+    import arviz
+
+    drawn, posterior = result.posterior_predictive, result.sample.posterior
+    by_chain = result.sample.by_chain()
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "More chains")  # every walker is one, and few steps may be enough
+        data = arviz.from_dict(
+            posterior=dict(zip(posterior.parameters.names, by_chain.values, strict=True)),
+            posterior_predictive={"data": drawn.simulated[None], "predicted": drawn.predicted[None]},
+            sample_stats={"lp": by_chain.log_density},
+            observed_data={"data": np.asarray(posterior.problem.measured)},
+            dims={"data": ["measurement"], "predicted": ["measurement"]},
+            attrs={name: json.dumps(part) for name, part in head.items()},
+        )
+    data.posterior.attrs["scaled"] = json.dumps(scaled_by(posterior.problem))
+    for item in posterior.parameters.items:
+        data.posterior[item.name].attrs["paths"] = json.dumps(item.paths)
+    for paths, own in result.damping.items():
+        data.posterior[paths[0]] = (("chain", "draw"), own)
+        data.posterior[paths[0]].attrs["paths"] = json.dumps(paths)
+    data.sample_stats["ensemble"] = ("chain", by_chain.ensemble)
+    data.sample_stats["optimum"] = ("chain", by_chain.optimum)
+    data.sample_stats["acceptance"] = ("chain", result.sample.acceptance[by_chain.ensemble])
+    for name, column in _columns(result.fitted.campaign).items():
+        data.observed_data[name] = ("measurement", np.asarray(column))
+    return data
+
+
+def groups_of(data: "arviz.InferenceData") -> "dict[str, xarray.Dataset]":
+    """Return InferenceData as the groups of a netCDF file, compressed as `InferenceData.to_netcdf` does it."""
+    import xarray
+
+    groups = {"/": xarray.Dataset(attrs=data.attrs), **{name: data[name] for name in data.groups()}}
+    for group in groups.values():
+        for variable in group.variables.values():
+            variable.encoding = {"zlib": True} if variable.dtype.kind in "biufc" else {}
+    return groups
+
+
+def sample_errors(result: "CampaignSample") -> list[dict[str, float]]:
+    """Return Monte Carlo standard errors of the numbers of `sample_rows` [SI]; infinite for diagnostics of the chains.
+
+    References:
+        Vehtari et al., "Rank-normalization, folding, and localization: an improved R-hat", Bayesian Analysis 16 (2021):
+        quantiles.
+    """
+    import arviz
+
+    sample, by_chain = result.sample, result.sample.by_chain()
+    levels = dict(zip(("low_95", "low_50", "median", "high_50", "high_95"), LEVELS, strict=True))
+    own = [by_chain.values[:, by_chain.optimum == basin] for basin in sample.basins]
+    return [
+        {name: float(arviz.mcse(draws, method="quantile", prob=level)) for name, level in levels.items()}
+        | {"effective_samples": math.inf, "r_hat": math.inf}
+        for basin in own
+        for draws in basin
+    ]
+
+
+def _columns(campaign: "Campaign") -> dict[str, list[Any]]:
+    """Return what is known of each measurement, as columns."""
+    return {
+        "kind": [m.kind for m in campaign],
+        "row": [m.where for m in campaign],
+        "mode": [m.mode or "" for m in campaign],
+        "point": [m.point or "" for m in campaign],
+        "joint": [m.joint or "" for m in campaign],
+        "sigma": [m.sigma for m in campaign],
+    }

@@ -1,0 +1,529 @@
+"""What several reports say of a fit: agreement of kinds, assumptions, possible causes, hysteresis, odd numbers."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from ident.arm.arm import Arm
+from ident.arm.plausibility import oddities
+from ident.identify.explanations import APART, MARGIN, SLIP, Change, Explanation, Explanations, Telling
+from ident.identify.fit import KINDS, Assumption, Assumptions, CampaignFit, of_kind
+from ident.identify.hypotheses import NUMBER_KINDS
+from ident.identify.problem import Ramp, row_names
+from ident.inference.fit import FEW, CrossPrediction, contradicting
+from ident.inference.information import RARE, sigma_in_words, standard_deviations
+from ident.inference.parameters import Parameters
+from ident.measure import Campaign, Measurement
+from ident.report.report import Cell, Finding, Part, Section, Table, cut
+from ident.report.words import (
+    MOST_ROWS,
+    by_key,
+    describe,
+    in_percent,
+    in_read_unit,
+    kinds_in_words,
+    percent,
+    place_read,
+    read_unit,
+    sentence,
+    size_in_words,
+    some,
+    three_digits,
+)
+
+# -------- Agreement
+# Whether the kinds of measurement agree.
+
+
+def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement], note: str = "") -> Section:
+    """Return of each kind how far it is off the others and the prior, and of a small kind each value as well.
+
+    Args:
+        predictions: of each kind.
+        measured: the measurements.
+        note: what else to know.
+    """
+    kinds = []
+    for cross in predictions:
+        numbers = cross.statistic, cross.degrees_of_freedom, cross.p_value, cross.sd if cross.sd >= 1 else None
+        kinds.append((cross.kind.replace("_", " "), len(cross.rows), *numbers))
+    head = ("kind", "values", "T", "degrees of freedom", "p", "sigma")
+    meaning = (
+        "T: rise of the minimum chi-squared of the joint fit over that of the separate fits; priors count with the "
+        "other kinds."
+    )
+    rows = tuple(
+        (describe(measured[row]), unit, value, predicted, None if cross.z is None else float(cross.z[i]))
+        for cross in predictions
+        for i, row in enumerate(cross.rows if len(cross.rows) <= FEW else ())
+        for predicted, value, unit in [against(cross, i, measured[row])]
+    )
+    parts: list[Part] = [Table("", head, tuple(kinds), ("", "d", "#.3g", ".1f", ".2g", ".1f"), meaning)]
+    if rows:
+        of_values = ("value", "unit", "measured", "predicted from the other kinds", "difference [sigma]")
+        parts.append(Table("", of_values, rows, ("", "", ".3g", ".3g", "+.1f")))
+    return Section("Agreement between kinds of measurement", (*parts, *([note] if note else [])))
+
+
+def kinds_agree(predictions: Sequence[CrossPrediction]) -> str:
+    """Say in a sentence how well the kinds of measurement agree."""
+    largest = max(cross.sd for cross in predictions)
+    kinds = kinds_in_words([cross.kind for cross in predictions]).capitalize()
+    return f"{kinds} agree within {max(math.ceil(10 * largest), 1) / 10:.1f} sigma."
+
+
+def against(cross: CrossPrediction, i: int, m: Measurement) -> tuple[float, float, str]:
+    """Return what the other kinds predict for the i-th value of a small kind, what was measured, and the unit."""
+    value, unit = in_read_unit(m.kind, cross.measured[i])
+    return in_read_unit(m.kind, cross.predicted[i])[0], value, unit
+
+
+def contradiction(predictions: Sequence[CrossPrediction], campaign: Campaign) -> tuple[str, ...]:
+    """Say in a sentence which value of a small kind is farthest from what the other kinds predict; nothing for none."""
+    few = (cross for cross in contradicting(predictions) if len(cross.rows) <= FEW)
+    small = [(np.abs(cross.z), cross) for cross in few if cross.z is not None]
+    if not small:
+        return ()
+    single = [pair for pair in small if len(pair[0]) == 1]
+    z, cross = max(single or small, key=lambda pair: float(np.max(pair[0])))
+    i = int(np.argmax(z))
+    m, name = campaign.measurements[cross.rows[i]], row_names(campaign)[cross.rows[i]]
+    predicted, value, unit = against(cross, i, m)
+    read = f"{describe(m)}: measured {three_digits(value)} {unit}"
+    other = f"predicted from the other data {three_digits(predicted)} {unit}"
+    return (sentence(f"row {name}, {read}, {other}"),)
+
+
+def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:
+    """Say in a word whether a contradiction would stand with wider priors."""
+    worst = min(contradicting(predictions), key=lambda cross: cross.p_value)
+    word = "hardly depends on" if worst.wider < RARE else "rests on"
+    wider = f"{sigma_in_words(standard_deviations(worst.wider))} with priors twice as wide"
+    return f"The contradiction {word} the priors: {sigma_in_words(worst.sd)}, and {wider}."
+
+
+def what_may_be_wrong(predictions: Sequence[CrossPrediction]) -> str:
+    """Say where to look when deflections and frequencies contradict each other; nothing for other kinds.
+
+    A mass on a spring deflects by g / omega^2, whatever the spring; a chain adds a factor that masses and lengths give.
+    A spring that hardens vibrates about its loaded state: tangent above secant, so that omega^2 times deflection grows.
+    """
+    kinds = {cross.kind: cross for cross in predictions}
+    if not {"frequency", "deflection"} <= set(kinds) or not contradicting(predictions):
+        return ""
+    deflection = kinds["deflection"]
+    if np.mean(deflection.measured / deflection.predicted) < 1:
+        word, load, drives = "small", "less", "; drives that stiffen under load would make it larger, not smaller"
+    else:
+        word, load, drives = "large", "more", ", and whether drives stiffen under load or stick"
+    return (
+        "Masses and lengths alone nearly fix the deflection times the square of the frequency, and here it is too "
+        f"{word}: check whether the deflection was measured under {load} load or mass than the frequency. Then check "
+        f"mass centres and lengths{drives}."
+    )
+
+
+# -------- Odd numbers
+
+
+def odd_numbers(arm: Arm, unknowns: Parameters | None = None) -> tuple[Finding, ...]:
+    """Return the numbers of an arm that look wrong: a wrong arm file is the commonest cause of a wrong stiffness."""
+    odd = oddities(arm, free=None if unknowns is None else unknowns.paths)
+    more = len(odd) - MOST_ROWS
+    named = [Finding(f"arm file: {each}", "correct it, see `ident show`") for each in odd[:MOST_ROWS]]
+    rest = [Finding(f"arm file: {more} more numbers look wrong", "see `ident show`")] if more > 0 else []
+    return (*named, *rest)
+
+
+def drive_states(arm: Arm, campaign: Campaign) -> tuple[Finding, ...]:
+    """Warn of rows measured with a servo on, where the arm file describes no servo."""
+    own = [name for name, m in zip(row_names(campaign), campaign, strict=True) if m.drives == "servo"]
+    if arm.servos or not own:
+        return ()
+    if len(own) == len(campaign):
+        text = "the servos were on in all rows and the arm file describes none: each k_tors includes its servo"
+        return (Finding(text, "describe them ([[servo]]), or measure with the brakes on"),)
+    rows = f"row{'s' * (len(own) > 1)} {some(own)}"
+    return (Finding(f"rows with brakes and with servos are mixed: the servo was on in {rows}", "fit them separately"),)
+
+
+# -------- Assumptions
+# What a fit assumes, and what that may do to its values.
+
+TITLE = "Sensitivity to modelling assumptions"
+GIVING = {
+    **dict.fromkeys(("base rocks", "base turns"), "the base is rigid"),
+    **dict.fromkeys(("link bends", "link twists"), "the links are rigid"),
+}
+"""What a fit assumes of base and links, by the kind of compliance that it leaves out."""
+SOFT = {"gives": "is soft"}
+"""How reports call what a servo does that is compliant."""
+UNTESTABLE = "cannot be tested"
+"""Evidence on an assumption whose violation other values of the unknowns would hide."""
+LEAST_SHIFT = 1.0
+"""Shift, in standard errors, from which an assumption weighs more than the noise."""
+
+
+def assumption_section(fit: CampaignFit) -> Section:
+    """Return of each kind of assumption how far it may move a value, and what evidence the data have against it."""
+    found = fit.assumptions
+    if found is None:
+        return Section(TITLE, ("Not tested, as the search has not ended in an optimum.",))
+    kinds = [kind for kind in KINDS if of_kind(found.items, kind)]
+    rows = tuple(_assumption_row(fit, of_kind(found.items, kind)) for kind in kinds)
+    head = ("assumption dropped", "assumed error", "shift", "of", "evidence in the data")
+    return Section(TITLE, (Table("", head, rows), *_meaning(fit, found, kinds)))
+
+
+def weighty_assumptions(fit: CampaignFit) -> tuple[Table, ...]:
+    """Return a table of the assumptions that move a reported value by more than its standard error, or nothing."""
+    found = fit.assumptions
+    if found is None or fit.doubts:
+        return ()
+    heavy = []
+    for kind in KINDS:
+        if items := of_kind(found.items, kind):
+            _, which, moved = _most_moved(fit, items)
+            if moved >= LEAST_SHIFT and fit.supported[which]:
+                heavy.append((moved, _assumption_row(fit, items, in_errors=False)))
+    heavy.sort(key=lambda pair: (pair[1][-1] != UNTESTABLE, -pair[0]))  # what no data test weighs most
+    rows = tuple((what, size, of, shift, evidence) for _, (what, size, shift, of, evidence) in heavy[:MOST_ROWS])
+    note = f"{len(heavy) - len(rows)} more: --details" if len(heavy) > len(rows) else ""
+    head = ("Not modelled, if present", "assumed size", "would shift", "by", "evidence in the data")
+    return (Table("", head, rows, note=note),) if rows else ()
+
+
+def good_if(fit: CampaignFit) -> str:
+    """Return GOOD, with the rigid parts that no data test, and without which a value moves by more than its error."""
+    rigid = " and ".join(_untested(fit))
+    return f"GOOD if {rigid}" if rigid else "GOOD"
+
+
+def untested(fit: CampaignFit) -> Iterator[Finding]:
+    """Yield for each of those parts what it may do to the value that it moves most, and how to find out."""
+    for assumed, (item, which) in _untested(fit).items():
+        moved = f"{fit.information.names[which]} {_move(fit, item, which, in_errors=False)}"
+        remedy = "measure the foot's motion" if item.kind.startswith("base") else CHECKS[item.kind]
+        yield Finding(f"cannot be tested: {assumed} (if not, {moved})", remedy)
+
+
+def _untested(fit: CampaignFit) -> dict[str, tuple[Assumption, int]]:
+    """Return the compliance that moves a value most, and which value, by the rigid part that it belongs to."""
+    items = [each for each in (fit.assumptions.items if fit.assumptions else ()) if each.kind in GIVING]
+    rigid = by_key((GIVING[each.kind], each) for each in items if each.test.seen and not each.test.separable)
+    worst = {assumed: _most_moved(fit, own) for assumed, own in rigid.items()}
+    return {assumed: (item, which) for assumed, (item, which, moved) in worst.items() if moved >= LEAST_SHIFT}
+
+
+def asked_for(fit: CampaignFit) -> Finding | None:
+    """Return the assumption that the data contradict most, with what to do; None where they contradict none."""
+    found = fit.assumptions
+    if found is None or not found.asked_for:
+        return None
+    first = found.asked_for[0]
+    share = f"{percent(first.test.z * first.test.sd)} +- {percent(first.test.sd)} of {KINDS[first.kind].of}"
+    text = f"the data contradict an assumption: {in_words(first)} (z = {first.test.z:.1f}; {share} would fit best)"
+    if fit.doubts:
+        return Finding(text, "look for a wrong value first: one may be the cause")
+    base = first.kind.startswith("base")
+    return Finding(text, f"fit again with --soft-base {found.height:.2g}" if base else "model it, or measure it")
+
+
+def in_words(item: Assumption) -> str:
+    """Name an assumption: `base rocks`, `link of joint2 bends`, `mass of link of joint2`."""
+    if item.kind.startswith("mass"):
+        return f"{item.kind} of link of {cut(item.joint, 12)}"
+    thing, does = item.kind.split(" ")
+    return f"{thing} of {cut(item.joint, 12)} {SOFT.get(does, does)}" if item.joint else item.kind
+
+
+def _most_moved(fit: CampaignFit, items: Sequence[Assumption]) -> tuple[Assumption, int, float]:
+    """Return the assumption of a kind that moves a value most, which one, and by how many standard errors."""
+    known = fit.information
+    own = ~fit.problem.parameters.nuisance
+    counted = known.supported & own if (known.supported & own).any() else own
+    moves = [np.where(counted, np.nan_to_num(np.abs(item.test.shift) / known.sd), 0.0) for item in items]
+    worst = int(np.argmax([move.max() for move in moves]))
+    return items[worst], int(np.argmax(moves[worst])), float(moves[worst].max())
+
+
+def _assumption_row(fit: CampaignFit, items: tuple[Assumption, ...], *, in_errors: bool = True) -> tuple[Cell, ...]:
+    """Return a kind by one joint: that which the data ask for, or else that which moves a value most."""
+    asked = [item for item in (fit.assumptions.asked_for if fit.assumptions else ()) if item in items]
+    item, which, moved = _most_moved(fit, asked[:1] or items)
+    shift, name = _move(fit, item, which, in_errors=in_errors), cut(fit.information.names[which], 22)
+    owner, _, field = KINDS[item.kind].of.partition("'s ")
+    whose = f" of {owner}" if field.endswith("compliance") else " of its length" if field == "length" else ""
+    size = f"{100 * item.test.amount:.0f} %{whose}"
+    return in_words(item), size, *((shift, name) if moved else ("none", "")), _evidence(item, asked=bool(asked))
+
+
+def _move(fit: CampaignFit, item: Assumption, which: int, *, in_errors: bool) -> str:
+    """Write how far a value would move: in percent or its unit, or in standard errors if it has an interval."""
+    shift, parameter = item.test.shift[which], fit.problem.parameters.items[which]
+    if in_errors and fit.supported[which]:
+        return f"{shift / fit.information.sd[which]:+.1f} std. errors"
+    return in_percent(float(np.expm1(shift))) if parameter.positive else size_in_words(parameter, shift, "+")
+
+
+def _evidence(item: Assumption, *, asked: bool) -> str:
+    """Say what the data say against an assumption."""
+    if not item.test.separable:
+        return UNTESTABLE if item.test.seen else "does not affect these data"
+    return f"{'YES' if asked else 'no sign'} (z = {item.test.z:.1f})"
+
+
+def _meaning(fit: CampaignFit, found: Assumptions, kinds: Sequence[str]) -> Iterator[str]:
+    """Say what each assumed error is a share of, and where it comes from."""
+    of = by_key((KINDS[kind].of, kind) for kind in kinds)
+    shares = "; ".join(f"{', '.join(each)}: {share}" for share, each in of.items()).replace("gives", "is soft")
+    origins = "; ".join(dict.fromkeys(part for kind in kinds for part in KINDS[kind].origin.split("; ")))
+    height = f" The base is taken to rock about a point {found.height:.2g} m below bushing 1."
+    yield (
+        "The joint of each row: the one with evidence, else the one that moves a value most. Shift: of that value, in "
+        "std. errors, or in percent where it has no interval. z: test statistic; a compliance cannot be "
+        "negative, so only z > 0 counts."
+    )
+    yield f"Assumed error as a share of: {shares}. Origin: {origins}.{height * bool(fit.arm.joints[0].driven)}"
+
+
+# -------- Explanations
+# What would reconcile data that are in doubt.
+
+LISTED = 10
+"""Explanations that are listed at most."""
+LEADING = 3
+"""Explanations on the first screen, and those that are listed where none fits."""
+ROWS = 6
+"""Rows that one names, at most."""
+CHECKS = {
+    "mass": "weigh it",
+    "payload": "weigh it",
+    "mass centre": "balance it",
+    "length": "measure it",
+    "loads": "check the load cell or the scales",
+    "scale": "check the calibration and the unit",
+    "clock": "check the sampling rate",
+    "value": "measure it again",
+    "exchange": "swap them, or check the mode shapes",
+    "on": "check the load",
+    "off": "check the load",
+    "soft base": "put a dial gauge on the foot; `--soft-base`",
+    "spring": "measure deflections under several loads",
+    "link bends": "measure deflections along the link",
+    "link twists": "measure rotations along the link",
+    "servo gives": "compare twists with brakes and with servos on",
+}
+
+
+def leading_explanations(found: Explanations | None, campaign: Campaign) -> tuple[Table, ...]:
+    """Return the most probable causes with what to check, and what to measure to tell them apart; maybe nothing."""
+    if found is None or not found.fitting:
+        return ()
+    leading = found.fitting[:LEADING]
+    rows = [(str(number), _causes(item, campaign), _check(item, campaign)) for number, item in enumerate(leading, 1)]
+    several = "Each of these would explain the data" if len(leading) > 1 else "This would explain the data"
+    several += " (+- std. error)" * any("+-" in row[1] for row in rows)
+    tables = Table("", ("", several, "what to do"), tuple(rows)), *discriminating(found.telling, len(leading))
+    return tuple(replace(table, brief=True) for table in tables)
+
+
+def explanation_section(found: Explanations | None, campaign: Campaign) -> tuple[Section, ...]:
+    """Return what would reconcile a campaign, most probable first, and what would tell the leading causes apart."""
+    if found is None:
+        return ()
+    labels = f", and {three_digits(found.said)} for the labels" if found.said > MARGIN else ""
+    title = f"Possible causes of the contradiction (chi-squared {three_digits(found.cost)} as it is{labels})"
+    if not found.items:
+        none = f"No single cause that was tried lowers chi-squared left + implausibility by {MARGIN:g}."
+        return (Section(title, (none,)),)
+    fitting = found.fitting
+    listed = fitting[:LISTED] or [item for item in found.items if not item.fits][:LEADING]
+    rows = []
+    for number, item in enumerate(listed, 1):
+        slip = all(change.off == SLIP for change in item.changes)
+        off = "entry error" if slip else f"{item.off:.1f} sigma" if item.off < 100 else "absurd"
+        left = f"{'~' if item.linear else ''}{three_digits(item.cost)}"
+        cause = _causes(item, campaign), _check(item, campaign)
+        rows.append((str(number) if fitting else "-", left, off, *cause))
+    head = ("no.", "chi2 left", "implausibility", "possible cause", "what to do")
+    note = (
+        "chi2 left: sum of squares of data and priors with the smallest change that suffices. Implausibility: size of "
+        f"the change in standard deviations of what is plausible ({_widths(found)}all assumed); an entry error counts "
+        f"as {SLIP:g}. Ranked by chi2 left + implausibility^2, which must fall by {MARGIN:g} or more. A value that may "
+        "be wrong is held weakly near the one measured, so it lies between that and the prediction from the other data."
+    )
+    note += " ~: estimated by linearisation." if any(item.linear for item in found.items) else ""
+    none = "Nothing that was tried explains the data, alone or in pairs; these come nearest:"
+    more = f"{len(fitting) - LISTED} less probable causes are not listed."
+    above, below = [none] * (not fitting), [more] * (len(fitting) > LISTED)
+    table = Table("", head, tuple(rows), note=note)
+    return (Section(title, (*above, table, *below, *discriminating(found.telling, LISTED))),)
+
+
+def _check(item: Explanation, campaign: Campaign) -> str:
+    """Say what to do about a cause: labels are swapped back, or the shapes looked at; values are measured again."""
+    first = item.changes[0]
+    if first.kind == "exchange" and not _labelled(first, campaign):
+        return "swap them, or measure both again"
+    return CHECKS[first.kind]
+
+
+def _labelled(change: Change, campaign: Campaign) -> bool:
+    return all(campaign.measurements[i].mode for i in change.rows)
+
+
+def _causes(item: Explanation, campaign: Campaign) -> str:
+    return " and ".join(_words(change, campaign) for change in item.changes)
+
+
+def _words(change: Change, campaign: Campaign) -> str:
+    """Say what would have to be otherwise, and by how much."""
+    rows, of = _rows(change.rows, campaign), cut(change.of, 24)
+    match change.kind:
+        case "value":
+            m = campaign.measurements[change.rows[0]]
+            value, sd, was = (in_read_unit(m.kind, number)[0] for number in (change.amount, change.sd, m.value))
+            unit = in_read_unit(m.kind, 1.0)[1]
+            return f"{rows}: {_quantity(m)} is {_to_its_sd(value, sd)} {unit}, not {was:.4g} {unit}"
+        case "exchange":
+            return f"the {'labels' if _labelled(change, campaign) else 'values'} of {rows} are swapped"
+        case "on" | "off":
+            return f"{of} was {change.kind} in {rows}"
+        case "soft base":
+            return "the base is not rigid: it rocks and turns"
+        case "scale" | "clock":
+            return f"every {of.replace('_', ' ')} was read as {_amount(change)} of its true value"
+        case "mass centre":
+            return f"mass centre of the link of {of}: {_amount(change)} of its length further out"
+        case "length":
+            return f"length of the link of {of}: {_amount(change)}"
+        case "mass" | "payload":
+            return f"mass of {of}: {_amount(change)}"
+        case "loads":
+            return f"all masses and forces that were hung on: {_amount(change)}"
+        case "spring":
+            every = of in ("bending", "torsion")
+            name = f"all joints' {of}" if every else " ".join(of.rsplit(".", 1))
+            return f"{name}: torque {_amount(change)} above a linear spring's at the largest load"
+        case _:
+            joint, (thing, does) = of, change.kind.split(" ")
+            return f"{thing} of {joint} {SOFT.get(does, does)}: {_amount(change)} of {KINDS[change.kind].of}"
+
+
+def _to_its_sd(value: float, sd: float) -> str:
+    """Write a value with as many digits as two of its standard deviation bear: `30.6 +- 3.0`."""
+    decimals = max(1 - math.floor(math.log10(sd)), 0) if 0 < sd < math.inf else 3
+    return f"{value:.{decimals}f} +- {sd:.{decimals}f}"
+
+
+def _quantity(m: Measurement) -> str:
+    """Name what a row measured without its posture and load, which its number tells."""
+    if m.kind == "frequency":
+        return m.mode or "the frequency"
+    return f"the {m.kind.replace('_', ' ')} of {m.mode or m.point or m.joint or 'the arm'}"
+
+
+def _amount(change: Change) -> str:
+    kind = NUMBER_KINDS.get(change.kind)
+    if kind is not None and kind.factor:
+        spread = f" +- {percent(change.sd)}" if change.sd < 1 else ""
+        return f"x {change.amount:.3g}{spread}"
+    return f"{percent(change.amount, '+')} +- {percent(change.sd)}"
+
+
+def _rows(rows: Sequence[int], campaign: Campaign) -> str:
+    if len(rows) == len(campaign):
+        return "all rows"
+    names = row_names(campaign)
+    return f"row{'s' * (len(rows) > 1)} {some([names[i] for i in rows], ROWS)}"
+
+
+def _widths(found: Explanations) -> str:
+    """Name the plausible widths of what is listed."""
+    kinds = dict.fromkeys(change.kind for item in found.items for change in item.changes)
+    widths = {kind: NUMBER_KINDS[kind].plausible for kind in kinds if kind in NUMBER_KINDS}
+    widths |= {kind: KINDS[kind].plausible for kind in kinds if kind in KINDS}
+    return ", ".join(f"{kind} {percent(width)}" for kind, width in widths.items()) + "; " * bool(widths)
+
+
+def discriminating(found: Sequence[Telling], leading: int) -> tuple[Table, ...]:
+    """Return what to measure to tell causes apart, with what each predicts; nothing where nothing would.
+
+    Args:
+        found: the measurements.
+        leading: how many causes are shown.
+    """
+    if not found:
+        return ()
+    numbers = [number for number in found[0].numbers if number <= leading]
+    rows = []
+    for each in found:
+        m, cells = each.measurement, []
+        sigma, unit = in_read_unit(m.kind, m.sigma)
+        for number, *predicted in zip(each.numbers, each.predicted, each.sd, strict=True):
+            value, sd = (in_read_unit(m.kind, part)[0] for part in predicted)
+            if number <= leading:
+                cells.append(f"{value:.3g} +- {sd:.1g}" if math.isfinite(value) else "-")
+        which = {1.0: "lowest ", 2.0: "second "}.get(each.place, "")
+        rows.append((f"{which}{describe(m)} [{unit}]", *cells, f"+- {sigma:.1g}"))
+    head = ("To tell them apart, measure", *(f"if {number}" for number in numbers), "measured to")
+    note = "+-: std. error. No load unless one is named."
+    if len(found) > 1 and not any(_tells_all(each, leading) for each in found):
+        note += f" No single one separates all causes: measure {'both' if len(found) == 2 else 'all'}."
+    return (Table("", head, tuple(rows), note=note),)
+
+
+def _tells_all(each: Telling, leading: int) -> bool:
+    """Tell whether a measurement separates every two of the causes that are shown."""
+    shown = [(x, sd) for number, x, sd in zip(each.numbers, each.predicted, each.sd, strict=True) if number <= leading]
+    sigma, pairs = each.measurement.sigma, combinations(shown, 2)
+    return all(abs(x - other) >= APART * math.hypot(sd, of_other, sigma) for (x, sd), (other, of_other) in pairs)
+
+
+# -------- Hysteresis
+# Ramps of loads and the widths of their hysteresis loops.
+
+
+def hysteresis(fit: CampaignFit) -> tuple[Section, ...]:
+    """Return for each ramp of loads how wide its hysteresis loop is."""
+    if not fit.loops:
+        return ()
+    rows: list[tuple[Cell, ...]] = []
+    for loop in fit.loops:
+        size, unit = read_unit(loop.name)
+        known = np.isfinite(loop.sd)
+        width = f"{loop.width / size:.3g} +- {loop.sd / size:.2g} {unit}" if known else "not determined"
+        share = f"{100 * abs(loop.width) / loop.largest:.2g} %" if loop.largest and known else "-"
+        rows.append((place_read(loop.of), width, share, len(loop.rows)))
+    note = "Friction and play: the width determines no stiffness; the mean of loading and unloading does."
+    table = Table("", ("loop", "unloading - loading", "of largest", "rows"), tuple(rows), note=note)
+    return (_ramps("Hysteresis of loading ramps: fitted widths", table, fit.campaign, fit.loops),)
+
+
+def expected_hysteresis(campaign: Campaign, ramps: Sequence[Ramp]) -> tuple[Section, ...]:
+    """Return for each ramp of loads how well the width of its hysteresis loop will be known."""
+    if not ramps:
+        return ()
+    rows: list[tuple[Cell, ...]] = []
+    for ramp in ramps:
+        size, unit = read_unit(ramp.name)
+        within = f"{ramp.sd / size:.2g} {unit}" if np.isfinite(ramp.sd) else "not determined"
+        rows.append((place_read(ramp.of), within, len(ramp.rows)))
+    note = "By the data alone, at the arm file's values. `ident fit` finds the widths."
+    table = Table("", ("loop", "std. error of its width", "rows"), tuple(rows), note=note)
+    return (_ramps("Hysteresis of loading ramps: how well a fit will know the widths", table, campaign, ramps),)
+
+
+def _ramps(title: str, table: Table, campaign: Campaign, ramps: Sequence[Ramp]) -> Section:
+    """Return the table of the loops, and which of them were measured in one direction only."""
+    ways = [(ramp, {campaign.measurements[i].ramp for i in ramp.rows}) for ramp in ramps]
+    one_way = (
+        f"{place_read(ramp.of)}: only {own.pop()}, so these rows determine slopes, not the zero reading."
+        for ramp, own in ways
+        if len(own) == 1
+    )
+    return Section(title, (table, *one_way))

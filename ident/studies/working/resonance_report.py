@@ -1,0 +1,295 @@
+"""Resonance along a motion: what is said of the crossings of pulley and natural frequencies; crossings as rows."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from ident.report.report import Cell, Finding, Part, Report, Section, Table, Verdict
+from ident.report.words import MM, counted, degrees, percent
+from ident.studies.basis import (
+    assumed_section,
+    assumption_findings,
+    basis_findings,
+    same_motion,
+    subject,
+    without_transmission_error,
+)
+from ident.vibrate.branches import BAND, Branches
+from ident.vibrate.resonance import MARGIN, QUASI_STEADY, Excitation, ResonanceCrossing, Source
+
+if TYPE_CHECKING:
+    from ident.studies.scenario import Basis
+
+# -------- Words
+# What figure and report say alike: numbers of resonance crossings, names of what excites.
+
+SAME = 1e-6
+"""Distance in time [s] or relative in frequency within which two are one."""
+SMALL = 1e-4
+"""Vibration [m] from which on it is told in mm."""
+T = TypeVar("T")
+"""What is put into groups."""
+
+
+def grouped(crossings: Sequence[ResonanceCrossing]) -> list[list[ResonanceCrossing]]:
+    """Put crossings of one branch in the same interval together, as of pulleys that turn alike; the order stays."""
+
+    def together(one: ResonanceCrossing, other: ResonanceCrossing) -> bool:
+        apart = max(abs(one.start - other.start), abs(one.end - other.end), abs(one.time - other.time))
+        return one.branch == other.branch and apart < SAME
+
+    return _alike(crossings, together)
+
+
+def _alike(items: Iterable[T], alike: Callable[[T, T], bool]) -> list[list[T]]:
+    """Put each item to the first group whose first one is like it, or into a group of its own."""
+    groups: list[list[T]] = []
+    for item in items:
+        same = next((group for group in groups if alike(group[0], item)), None)
+        if same is None:
+            groups.append([item])
+        else:
+            same.append(item)
+    return groups
+
+
+def caused_words(group: Sequence[ResonanceCrossing]) -> str:
+    """Say the vibration that crossings of one mode at one time cause together: 0.7 mm, or 12 um."""
+    size = sum(crossing.amplitude for crossing in group)
+    return f"{MM * size:.3g} mm" if size >= SMALL else f"{1e6 * size:.3g} um"
+
+
+def same_lines(excitation: Excitation) -> list[list[int]]:
+    """Put sources together whose frequencies are the same all the time."""
+    lines = excitation.frequency
+
+    def same(first: int, other: int) -> bool:
+        return bool(np.abs(lines[first] - lines[other]).max() <= SAME * max(float(lines[other].max()), SAME))
+
+    return _alike(range(len(lines)), same)
+
+
+def sources_words(sources: Sequence[Source]) -> str:
+    """Name what excites: `pulleys 1 and 3`, `pulley 2, pulley 1 x 2`."""
+    orders = sorted({source.order for source in sources})
+    return ", ".join(_of_order([source for source in sources if source.order == order]) for order in orders)
+
+
+def band_words(branches: Branches) -> str:
+    """Say what the bands are."""
+    low, high = BAND
+    return f"{low:g} to {high:g} % of {branches.batch_size} draws"
+
+
+def _of_order(sources: Sequence[Source]) -> str:
+    *most, last = (str(source.pulley) for source in sources)
+    order = f" x {sources[0].order:g}" if sources[0].order != 1 else ""
+    return f"pulleys {', '.join(most)} and {last}{order}" if most else str(sources[0])
+
+
+# -------- Report
+
+STEADY, FAST = 0.9, 0.5
+"""Share of the steady amplitude from which a mode builds up, and below which it is passed too fast."""
+UNSURE = 0.99
+"""Share of the draws and postures that must be followed surely."""
+LISTED = 8
+"""Crossings on the first screen."""
+
+Group = Sequence[ResonanceCrossing]
+"""Crossings of pulleys that turn alike with one mode."""
+
+
+def resonance_sections(
+    basis: "Basis",
+    branches: Branches,
+    excitation: Excitation,
+    crossings: Sequence[ResonanceCrossing],
+    margin: float = 100 * MARGIN,
+) -> Report:
+    """Return all that is said of resonance along a motion.
+
+    Args:
+        basis: arm and motion.
+        branches: natural frequencies along it.
+        excitation: frequencies of the pulleys.
+        crossings: where both meet or come near, by the vibration they cause.
+        margin: distance that counts as near [% of the natural frequency].
+    """
+    margin /= 100
+    groups = grouped(crossings)
+    hidden = len(groups) - LISTED
+    note = f"{counted(hidden, 'more crossing')}, weaker: --details" if hidden > 0 else ""
+    return Report(
+        f"Resonances of {subject(basis)}: {branches.time[0]:.4g} to {branches.time[-1]:.4g} s",
+        _verdict(branches, groups, margin),
+        (_table(branches, groups[:LISTED], note),) if groups else (),
+        tuple(_findings(basis, branches, excitation)),
+        next=f"ident simulate {{arm}}{same_motion(basis)}",
+        details=tuple(_details(basis, branches, excitation, groups, margin)),
+    )
+
+
+def _verdict(branches: Branches, groups: Sequence[Group], margin: float) -> Verdict:
+    """Judge a motion: RESONANCE where a pulley crosses a natural frequency, NEAR within the margin, else CLEAR."""
+    if not groups:
+        modes = counted(len(branches.labels), "natural frequency").replace("ys", "ies")
+        return Verdict("CLEAR", f"No pulley comes within {100 * margin:.3g} % of the {modes} followed.", "good")
+    met = sum(bool(group[0].crossings) for group in groups)
+    near = f"{len(groups) - met} within {100 * margin:.3g} %" if len(groups) > met else ""
+    counts = " and ".join(filter(None, [counted(met, "crossing") if met else "", near]))
+    reason = f"{_meeting(branches, groups[0])}. Total: {counts}."
+    return Verdict("RESONANCE", reason, "bad") if met else Verdict("NEAR", reason, "caution")
+
+
+def _meeting(branches: Branches, group: Group) -> str:
+    """Say in one sentence what happens: `Pulley 2 (drive2) crosses lateral torsion 1 at 13.61 s, 7.63 Hz: ...`."""
+    e = group[0]
+    who = sources_words([crossing.source for crossing in group])
+    many = "" if len(group) > 1 else "s"
+    near = f"come{many} within {100 * e.relative_distance:.1f} % ({e.distance:.2g} Hz) of"
+    does = f"cross{'es' * bool(many)}" if e.crossings else near
+    chance = f"; near in {percent(e.probability)} of {branches.batch_size} draws" if branches.batch_size else ""
+    drives = ", ".join(dict.fromkeys(crossing.source.drive for crossing in group))
+    return (
+        f"{who[:1].upper()}{who[1:]} ({drives}) {does} {e.label} at {e.time:.2f} s, {e.natural:.2f} Hz: "
+        f"the vibration reaches {caused_words(group)}, {percent(e.built_up)} of that at steady resonance{chance}"
+    )
+
+
+def passage(crossing: ResonanceCrossing) -> str:
+    """Say how far the mode builds up."""
+    if not crossing.crossings:
+        return "does not cross"
+    if crossing.built_up >= STEADY:
+        return "builds up fully"
+    return "builds up in part" if crossing.built_up >= FAST else "passes too fast"
+
+
+def _table(branches: Branches, groups: Sequence[Group], note: str = "") -> Table:
+    """Return the crossings: what meets which mode, when, and how large it gets."""
+    drawn = branches.batch_size > 0
+    rows: list[tuple[Cell, ...]] = []
+    for number, group in enumerate(groups, 1):
+        e = group[0]
+        who = sources_words([crossing.source for crossing in group])
+        distance = "crosses" if e.crossings else f"{100 * e.relative_distance:.1f} %"
+        share = (percent(e.probability),) if drawn else ()
+        size, built_up = caused_words(group), percent(e.built_up)
+        rows.append((str(number), who, str(e.label), e.time, e.natural, distance, size, built_up, *share))
+    head = ("", "excitation", "mode", "at [s]", "f [Hz]", "distance", "vibration", "built up")
+    forms = ("", "", "", ".2f", ".2f", "", "", "")
+    return Table("", (*head, *["near"] * drawn), tuple(rows), (*forms, *[""] * drawn), note)
+
+
+def _findings(basis: "Basis", branches: Branches, excitation: Excitation) -> Iterator[Finding]:
+    """Yield what bears on the verdict, the weightiest first."""
+    for veering in branches.veerings:
+        names = " and ".join(str(branches.labels[b]) for b in veering.branches)
+        text = f"veering at {veering.time:.3f} s: {names} exchange shapes (MAC {veering.mac:.2f}) faster than resolved"
+        yield Finding(text, "beyond it their names may be swapped: trust the frequencies")
+    if branches.batch_size and min(branches.likeness) < UNSURE:
+        share = percent(1 - min(branches.likeness))
+        yield Finding(f"in {share} of draws and postures a mode hardly matches (MAC below 0.5): a band mixes two modes")
+    yield from basis_findings(basis)
+    yield from assumption_findings(basis)
+    if without_transmission_error(basis):
+        text, remedy = "order 2 causes no vibration, as transmission error is set to 0", "--set drive1.error=..."
+        if all(source.order != 2 for source in excitation.sources):
+            text = "transmission error is set to 0, so twice the pulley frequencies were not checked"
+            remedy = "check it with --orders 1,2"
+        yield Finding(text, remedy)
+
+
+# -------- Details
+
+
+def _details(
+    basis: "Basis", branches: Branches, excitation: Excitation, groups: Sequence[Group], margin: float
+) -> Iterator[Section]:
+    lines = zip(excitation.sources, excitation.frequency, strict=True)
+    peaks = ", ".join(f"{source} ({source.drive}) up to {line.max():.2f} Hz" for source, line in lines)
+    yield Section("Pulley frequencies", (f"{peaks}.",))
+    if groups:
+        drawn = ", times the share of draws that meet it" * (branches.batch_size > 0)
+        title = f"Resonance crossings, by the vibration they cause{drawn}"
+        yield Section(title, tuple(_crossings(branches, groups, margin)))
+    yield _branches(branches)
+    further = " (and those of its `errors`)" if any(drive.errors for drive in basis.arm.drives) else ""
+    meaning = (
+        "Natural frequencies are those of the arm held at each posture. A pulley turns at |ratio qd| / 2 pi as seen "
+        f"from its shaft; order 1 is its imbalance, order 2{further} the transmission error of its drive."
+    )
+    yield Section("What the frequencies are", (meaning,))
+    yield from assumed_section(basis)
+
+
+def _crossings(branches: Branches, groups: Sequence[Group], margin: float) -> Iterator[Part]:
+    drawn = branches.batch_size > 0
+    if len(groups) > LISTED:
+        yield _table(branches, groups)
+    rows: list[tuple[Cell, ...]] = []
+    for number, (e, *_) in enumerate(groups, 1):
+        span, posture = f"{e.start:.2f} to {e.end:.2f}", degrees(e.posture).removesuffix(" deg")
+        last = percent(e.crossing_probability) if drawn else e.sweep_number
+        rows.append((str(number), span, posture, e.distance, e.magnification, passage(e), last))
+    last_head = "cross" if drawn else "sweep number"
+    head = ("", "near [s]", "posture [deg]", "distance [Hz]", "magnification", "passage", last_head)
+    yield Table("", head, tuple(rows), ("", "", "", ".2g", ".3g", "", ".3g"))
+    yield (
+        f"near: within {100 * margin:.3g} % of the natural frequency, or its half-power bandwidth if wider. vibration: "
+        "largest vibration of the end point along the mode's motion, by these pulleys alone with the worst phases, "
+        "while they are near and the mode swells; by the fast method. A mode of a similar frequency that moves the end "
+        "point the same way is included."
+    )
+    yield (
+        "magnification: largest amplitude over the static response to the same force, of one mode at constant force, "
+        "passed at the true rate from rest. built up: the same over steady resonance, 1/(2 zeta)."
+    )
+    of_draws = (
+        f"near, cross: share of the {branches.batch_size} draws for which the pulley comes near the natural frequency "
+        "in this interval, or crosses it; all else holds for the medians."
+    )
+    of_one = (
+        f"sweep number: rate of the pulley relative to the mode [Hz/s] / (zeta f)^2. Up to {QUASI_STEADY:g} the "
+        "response is nearly steady (ISO 7626-2); far above, the pulley passes too fast for the mode to build up "
+        "(Lewis, 1932)."
+    )
+    yield of_draws if drawn else of_one
+
+
+def _branches(branches: Branches) -> Section:
+    drawn = branches.batch_size > 0
+    ends = branches.median[:, [0, -1]].tolist()
+    rows = tuple((str(label), first, last) for label, (first, last) in zip(branches.labels, ends, strict=True))
+    medians = f", medians of {branches.batch_size} draws" * drawn
+    changes = tuple(
+        (str(branches.labels[c.branch]), str(c.before), c.time, str(c.after))
+        for c in sorted(branches.changes, key=lambda change: (change.branch, change.time))
+    )
+    parts: list[Part] = [Table("", ("mode", "first [Hz]", "last [Hz]"), rows, ("", ".3f", ".3f"))]
+    if changes:
+        head = ("mode", "called", "until [s]", "then")
+        parts.append(Table("Names follow the shape, which changes on the way", head, changes, ("", "", ".2f", "")))
+    if drawn:
+        parts.append(f"Bands: {band_words(branches)}.")
+    return Section(f"Natural frequencies at the first and the last posture{medians}", tuple(parts))
+
+
+# -------- Rows
+
+COLUMNS = (
+    *("start", "end", "time", "natural", "excitation", "distance", "relative_distance"),
+    *("amplitude", "cycles", "sweep_number", "magnification", "built_up", "probability", "crossing_probability"),
+)
+
+
+def resonance_rows(crossings: Sequence[ResonanceCrossing]) -> list[dict[str, Any]]:
+    """Return resonance crossings as rows, numbered as in the report: times [s], frequencies [Hz], amplitude [m]."""
+    return [
+        {"number": number, "drive": each.source.drive, "order": each.source.order, "label": str(each.label)}
+        | {name: getattr(each, name) for name in COLUMNS}
+        for number, group in enumerate(grouped(crossings), start=1)
+        for each in group
+    ]

@@ -1,0 +1,229 @@
+"""Simulate how the end point vibrates while the arm carries out a motion."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ident.errors import Problem, refusal
+from ident.studies import reading
+from ident.studies.door import DEFAULT, study
+from ident.studies.motion_options import HeldMotionOptions, basis_of
+from ident.studies.options import option, seed_of_draws
+from ident.studies.result import Progress, Result, alias, silent
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
+    from matplotlib.animation import FuncAnimation
+    from matplotlib.figure import Figure
+
+    from ident.arm.arm import Arm
+    from ident.description.file import ArmFile
+    from ident.identify.values import Values
+    from ident.measure import Log, Trace
+    from ident.studies.scenario import Basis
+    from ident.studies.working.simulation import Simulation
+    from ident.vibrate.response import Outline
+    from ident.vibrate.study import Draws
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions(HeldMotionOptions):
+    """Options of `ident.simulate`: the motion, how it is simulated, and what is reported of the vibration."""
+
+    draws: int = option(200, "draws of the posterior", low=1, high=100_000)
+    seed: int | None = seed_of_draws()
+    elastic_belts: bool = option(False, "belts stretch: k_tors without them, which one from a hammer test has in it")
+    method: str | None = option(
+        None, "fast, exact or both (default; with --posterior: fast)", choices=("fast", "exact", "both")
+    )
+    rate: float = option(500.0, "samples a second", low=1.0, high=1e6)
+    step: float | None = option(None, "longest time step [s] of method fast; default: as the arm needs", above=0.0)
+    band: tuple[float, float] = option(
+        (4.0, 8.0),
+        "band LOW:HIGH [Hz] in which the strongest frequency is compared",
+        read=reading.band,
+        text="4:8",
+    )
+    tolerance: float = option(0.1, "of the settling time [mm]", above=0.0)
+    at: float | None = option(None, "time [s] from which on a further peak is reported, as 4")
+    limit: float | None = option(None, "peak [mm] that should not be exceeded", above=0.0)
+
+    def problems(self) -> list[Problem]:
+        """Refuse a step of a method that chooses its own."""
+        misplaced = Problem("step", "it with another method", "the method fast", "choose that (`method`)")
+        return [*super().problems(), *([misplaced] if self.step and self.method != "fast" else [])]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class SimulateResult(Result):
+    """A simulated motion of an arm.
+
+    Its table has a row for each direction: peak and its time, rms, residual, settling time [m, s].
+
+    Attributes:
+        simulation: basis, response, draws, and the trace that it was compared with.
+        options: what was asked for.
+        arm: the arm as it was simulated.
+        time: times [s].
+        vibration: displacement of the end point from its quasi-static position, in x, y and z of the base frame [m].
+        arrival: when the arm arrives [s]; from then on it is held.
+        posture: commanded joint angles [rad].
+        path: where the end point would be, were the joints rigid, in the base frame [m].
+        peak: largest magnitude of the vibration in x, y and z [m].
+        draws: the vibration by the draws of a posterior; None without one.
+    """
+
+    simulation: "Simulation"
+    options: SimulateOptions = field(default_factory=SimulateOptions)
+
+    form = "ident-simulate/10"
+    subject = "simulation.basis.name"
+    shown = ("simulation",)
+    made_from = ("simulation.basis.sources", "simulation.trace")
+    numbers = ("vibration",)
+    summary = ("arrival", "exceedance")
+
+    arm: ClassVar["Arm"] = alias("simulation.arm")
+    time: ClassVar['Float[np.ndarray, "T"]'] = alias("simulation.time")
+    vibration: ClassVar['Float[np.ndarray, "3 T"]'] = alias("simulation.vibration")
+    arrival: ClassVar[float] = alias("simulation.response.motion.arrival")
+    posture: ClassVar['Float[np.ndarray, "driven T"]'] = alias("simulation.posture")
+    path: ClassVar['Float[np.ndarray, "3 T"]'] = alias("simulation.path")
+    peak: ClassVar['Float[np.ndarray, "3"]'] = alias("simulation.sizes.peak")
+    draws: ClassVar["Draws | None"] = alias("simulation.draws")
+
+    @property
+    def pulleys(self) -> "Mapping[str, Float[np.ndarray, 'T']]":
+        """Turning frequencies of the drives' pulleys, counted positive, by the drive's name [Hz]."""
+        return {name: frequency for name, (_, frequency) in self.simulation.pulleys.items()}
+
+    @property
+    def exceedance(self) -> float | None:
+        """Share of the draws [-] whose peak exceeds the limit in any direction; None without draws or limit."""
+        draws, limit = self.simulation.draws, self.simulation.limit
+        return None if draws is None or limit is None else float(draws.exceeds(limit)[1])
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return two figures: vibration of the end point; joints, belts and pulleys (`drives`)."""
+        from ident.studies.working.simulate_figure import drives_figure, simulate_figure
+
+        return {"": simulate_figure(self.simulation), "drives": drives_figure(self.simulation)}
+
+    def path_figure(self, times: Sequence[float], *, factor: float = 100.0) -> "Figure":
+        """Draw the path of the end point, and the arm at some times [s], from the side and from above.
+
+        Args:
+            times: [s] when the arm is drawn.
+            factor: by how much the vibration is drawn larger than it is.
+        """
+        from ident.studies.working.path_figure import path_figure
+
+        return path_figure(self.simulation.response, self._outline(times, factor))
+
+    def animation(self, times: Sequence[float], *, factor: float = 100.0, fps: float = 10.0) -> "FuncAnimation":
+        """Animate the arm at equally spaced times [s], as in `path_figure`, at so many pictures a second."""
+        from ident.studies.working.path_figure import motion_animation
+
+        return motion_animation(self.simulation.response, self._outline(times, factor), fps=fps)
+
+    def _outline(self, times: Sequence[float], factor: float) -> "Outline":
+        from ident.vibrate.response import outline
+
+        return outline(self.arm, self.simulation.response, times, factor=factor, loads=self.simulation.basis.loads)
+
+    def _write(self, path: Path, head: Mapping[str, Any]) -> tuple[Path, ...]:
+        from ident.report.document import write_netcdf
+        from ident.studies.working.simulate_files import simulate_groups, write_csv
+
+        csv, arrays = self._beside(path, ".csv"), self._beside(path, ".nc")
+        write_csv(self.simulation, head, csv)
+        write_netcdf(arrays, simulate_groups(self.simulation, head))
+        return csv, arrays, *super()._write(path, head)
+
+
+@study
+def simulate(
+    arm: "ArmFile",
+    options: SimulateOptions = DEFAULT,
+    *,
+    path: "Log | None" = None,
+    fit: "Values | None" = None,
+    posterior: "Values | None" = None,
+    trace: "Trace | None" = None,
+    progress: Progress = silent,
+) -> SimulateResult:
+    """Simulate how the end point vibrates while the arm carries out a motion.
+
+    Args:
+        arm: the arm.
+        options: motion, load, method, and what is reported of the vibration.
+        path: a joint path to follow instead of the stroke: a log, or its file.
+        fit: fitted values that the arm takes over: a result, or its file.
+        posterior: draws for bands of 5 to 95 %, or the file of `ident sample`; the arm takes over their medians
+            unless it has fitted values.
+        trace: measured vibration to compare with, on the clock of the motion, or its file.
+        progress: shows how far it is, over the draws.
+
+    Raises:
+        InputError: options that do not go together, a file that does not fit the arm, a motion that it can't make.
+        ModelError: the arm collapses.
+    """
+    from ident.studies.working.simulation import Simulation, simulated_over_phases
+    from ident.vibrate.response import refuse_slack
+    from ident.vibrate.study import against, simulate_motion
+
+    basis = basis_of(arm, options, path=path, fit=fit, posterior=posterior)
+    _check_time(options.at, basis)
+    response, other = simulate_motion(
+        basis.arm,
+        basis.motion,
+        loads=basis.loads,
+        method=options.method or ("fast" if posterior else "both"),
+        elastic_belts=options.elastic_belts,
+        rate=options.rate,
+        step=options.step,
+    )
+    if response.model.elastic and (basis.draws or response.method == "fast"):
+        refuse_slack(response, [belt.name for belt in basis.arm.belts])
+    simulation = Simulation(
+        basis,
+        response,
+        other,
+        options.tolerance / 1e3,
+        options.at,
+        None if options.limit is None else options.limit / 1e3,
+        _draws(basis, options, progress),
+        trace,
+        against(response, trace.time, trace.values, trace.kind, options.band) if trace else None,
+        simulated_over_phases(basis, options.elastic_belts, options.rate, options.step),
+    )
+    return SimulateResult(simulation, options)
+
+
+def _draws(basis: "Basis", options: SimulateOptions, progress: Progress) -> "Draws | None":
+    """Simulate the motion for the draws of the posterior, if there is one."""
+    from ident.vibrate.study import draw, measures
+
+    if not basis.draws:
+        return None
+    how = partial(measures, tolerance=options.tolerance / 1e3, at=options.at)
+    return draw(
+        basis.arm,
+        basis.motion,
+        basis.draws,
+        loads=basis.loads,
+        elastic_belts=options.elastic_belts,
+        rate=options.rate,
+        measure=how,
+        progress=progress("draws"),
+    )
+
+
+def _check_time(at: float | None, basis: "Basis") -> None:
+    first, last = float(basis.motion.breaks[0]), float(basis.motion.breaks[-1])
+    if at is not None and not first <= at <= last:
+        remedy = "hold the arm longer (`dwell`)" if at > last else "correct it"
+        raise refusal("at", f"{at:g} s", f"a time from {first:g} to {last:.4g} s", remedy)

@@ -1,0 +1,165 @@
+"""A simulated motion as it is reported: all that the report, the files and the figures have in common."""
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.measure import Trace
+from ident.studies.scenario import Basis, OverPhases, over_phases
+from ident.vibrate.compare import Comparison
+from ident.vibrate.fast import LeavesTangentError
+from ident.vibrate.response import Response, belt_tension, slack
+from ident.vibrate.simulate import superposition
+from ident.vibrate.study import Draws, Sizes, measures
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What was simulated, from what, and what came out.
+
+    Attributes:
+        basis: what was simulated, and what that rests on.
+        response: by the exact method, unless the fast one alone was chosen.
+        other: by the fast method, if both were chosen.
+        tolerance: [m] of the settling time.
+        at: [s] from when on the late peak counts; None for none.
+        limit: [m] that the peak should not exceed; None for none.
+        draws: the vibration by draws of the basis' posterior.
+        trace: a measured trace.
+        comparisons: the simulation against it, by direction.
+        phases: the vibration over the phases that are not known; None where all are known.
+    """
+
+    basis: Basis
+    response: Response
+    other: Response | None
+    tolerance: float
+    at: float | None = None
+    limit: float | None = None
+    draws: Draws | None = None
+    trace: Trace | None = None
+    comparisons: Mapping[str, Comparison] | None = None
+    phases: OverPhases | None = None
+
+    @property
+    def difference(self) -> Float[np.ndarray, "3"]:
+        """Largest difference of the two methods in each direction, as a share of the peak; NaN with one method."""
+        if self.other is None:
+            return np.full(3, np.nan)
+        ours, theirs = (np.asarray(response.vibration) for response in (self.response, self.other))
+        largest = np.maximum(np.abs(ours).max(1), np.finfo(float).tiny)
+        return np.abs(ours - theirs).max(1) / largest
+
+    @property
+    def arm(self) -> Arm:
+        """The arm as it was simulated."""
+        return self.basis.arm
+
+    @property
+    def point(self) -> str:
+        """Name of the end point."""
+        return self.basis.point
+
+    @cached_property
+    def time(self) -> Float[np.ndarray, "T"]:
+        """Times [s]."""
+        return np.asarray(self.response.time)
+
+    @cached_property
+    def vibration(self) -> Float[np.ndarray, "3 T"]:
+        """Displacement of the end point from its quasi-static position [m]."""
+        return np.asarray(self.response.vibration)
+
+    @cached_property
+    def posture(self) -> Float[np.ndarray, "driven T"]:
+        """Commanded joint angles [rad]."""
+        return np.asarray(self.response.posture)
+
+    @cached_property
+    def path(self) -> Float[np.ndarray, "3 T"]:
+        """Where the end point would be, were the joints rigid, in the base frame [m]."""
+        return np.asarray(self.response.path)
+
+    @cached_property
+    def sizes(self) -> Sizes:
+        """How large the vibration is."""
+        return measures(self.response, self.tolerance, self.at)
+
+    @cached_property
+    def phi(self) -> Float[np.ndarray, "3 N T"]:
+        """Rotations of the bushings along their shafts' axes [rad]."""
+        return np.asarray(self.response.phi)
+
+    @cached_property
+    def tension(self) -> Float[np.ndarray, "2 B T"]:
+        """Tension of upper and lower span of each belt [N]."""
+        return np.asarray(belt_tension(self.response))
+
+    @cached_property
+    def slack(self) -> tuple[tuple[int, str, float, float], ...]:
+        """Belt, span (`upper` or `lower`) and the times [s] between which it pulls with nothing, the earliest first."""
+        spans = slack(self.time, self.tension)
+        return tuple(sorted(spans, key=lambda span: span[2]))
+
+    @cached_property
+    def pulleys(self) -> dict[str, tuple[Float[np.ndarray, "T"], Float[np.ndarray, "T"]]]:
+        """Angle [rad] and turning frequency [Hz] of the pulley of each drive, by the drive's name."""
+        names = [joint.name for joint in self.arm.driven]
+        angle, frequency = (np.asarray(part) for part in self.response.pulley)
+        places = {drive.name: names.index(drive.joint) for drive in self.arm.drives}
+        return {name: (angle[place], frequency[place]) for name, place in places.items()}
+
+    @cached_property
+    def moments(self) -> tuple[Float[np.ndarray, "N T"], Float[np.ndarray, "N T"]]:
+        """Bending (across the axis) and torsion (about it) of each bushing [N m]."""
+        moment, axis = np.asarray(self.response.moment), np.asarray(self.response.model.axis).reshape(3, -1, 1)
+        torsion = (moment * axis).sum(0)
+        return np.linalg.norm(moment - axis * torsion, axis=0), torsion
+
+
+def simulated_over_phases(basis: Basis, elastic_belts: bool, rate: float, step: float | None) -> OverPhases | None:
+    """Return the vibration over the phases that are not known, by the fast method; None without.
+
+    None as well where it leaves the tangents of curved springs: what is not linear does not add up.
+    """
+    unknown = basis.unknown
+    if not unknown.phases:
+        return None
+    with suppress(LeavesTangentError):
+        whole = superposition(
+            basis.arm,
+            basis.motion,
+            unknown.phases,
+            loads=basis.loads,
+            elastic_belts=elastic_belts,
+            rate=rate,
+            step=step,
+        )
+        return over_phases(whole, unknown)
+    return None
+
+
+def alike(lines: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Join lines that lie on one another under one name."""
+    groups = grouped(lines, partial(np.allclose, rtol=1e-6, atol=1e-6, equal_nan=True))
+    return {", ".join(names): values for names, values in groups}
+
+
+def grouped(items: Mapping[str, T], are_alike: Callable[[T, T], bool]) -> list[tuple[list[str], T]]:
+    """Return the names of items that are like the first of their group, and that one."""
+    groups: list[tuple[list[str], T]] = []
+    for name, item in items.items():
+        names = next((names for names, first in groups if are_alike(item, first)), None)
+        if names is None:
+            groups.append(([name], item))
+        else:
+            names.append(name)
+    return groups

@@ -1,0 +1,309 @@
+"""The spectrum of a trace with the natural frequencies of the arm."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.arm.arm import Arm
+from ident.errors import refusal
+from ident.identify.binding import loads_of
+from ident.identify.modal_analysis import modal_analysis
+from ident.measure import Load, Log, Pulley, Trace
+from ident.studies.working.simulation import alike, grouped
+from ident.text import quoted
+from ident.vibrate.branches import branches
+from ident.vibrate.compare import second_derivative
+from ident.vibrate.orders import OrderTrack, Spectrogram, order_tracking, spectrogram
+from ident.vibrate.replay import replay
+from ident.vibrate.spectra import Peak, Spectrum, amplitude_spectrum, peaks
+
+# -------- Marked modes
+# Natural frequencies that are marked in a spectrum: of an arm held at a posture, or all along a motion.
+
+MODES = 6
+"""Modes that are marked."""
+POSTURES = 400
+"""Samples of a joint path at which the arm is held, at most: frequencies change slowly along it."""
+
+ROUNDING = 1e-9
+"""Time [s] by which a trace may reach beyond its path."""
+
+Band = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class MarkedModes:
+    """The lowest natural frequencies of an arm.
+
+    Attributes:
+        arm: name of the arm.
+        load: the load case.
+        first: (driven,) [rad] the posture, or the first one of a motion.
+        last: (driven,) [rad] the last one; alike where the arm is held.
+        frequencies: (K,) [Hz] of each mode at equal steps of time, by its label at the last posture; ascending there.
+    """
+
+    arm: str
+    load: Load
+    first: tuple[float, ...]
+    last: tuple[float, ...]
+    frequencies: Mapping[str, Float[np.ndarray, "K"]]
+
+    @property
+    def bands(self) -> dict[str, Band]:
+        """The lowest and the highest frequency [Hz] of each mode, by its label."""
+        return {label: (float(along.min()), float(along.max())) for label, along in self.frequencies.items()}
+
+    @property
+    def held(self) -> bool:
+        """Whether the arm is held at one posture."""
+        return all(low == high for low, high in self.bands.values())
+
+    def near(self, frequency: float, within: float, direction: str) -> str | None:
+        """Return the mode near a frequency, None for none.
+
+        Of several, one that moves in the direction; of these the one that is near for the longest time, then the
+        nearest.
+
+        Args:
+            frequency: [Hz]
+            within: [Hz] what counts as near.
+            direction: `vertical` or `lateral`.
+        """
+        apart = {label: np.abs(along - frequency) for label, along in self.frequencies.items()}
+        near = {label: gap for label, gap in apart.items() if gap.min() <= within}
+        rank = {label: (label.startswith(direction), (gap <= within).sum(), -gap.min()) for label, gap in near.items()}
+        return max(rank, key=lambda label: rank[label], default=None)
+
+
+def marked_at(arm: Arm, posture: tuple[float, ...], load: Load) -> MarkedModes:
+    """Return the natural frequencies of an arm that is held at a posture [rad].
+
+    Raises:
+        InputError: the posture or the load does not fit the arm.
+        ModelError: the arm has no stable equilibrium there.
+    """
+    modes = modal_analysis(arm, posture, load, MODES)
+    frequencies = np.asarray(modes.modes.frequency)[:, None]
+    return MarkedModes(arm.name, load, posture, posture, dict(zip(map(str, modes.labels), frequencies, strict=True)))
+
+
+def marked_along(arm: Arm, log: Log, span: tuple[float, float], load: Load) -> MarkedModes:
+    """Return the natural frequencies of an arm held at the postures of a joint path, between two of its times [s].
+
+    Raises:
+        InputError: the path does not cover that time.
+        ModelError: the arm has no stable equilibrium at some posture.
+    """
+    (start, end), time = span, log.time
+    if start < time[0] - ROUNDING or end > time[-1] + ROUNDING:
+        got, expected = f"{time[0]:.4g} to {time[-1]:.4g} s", f"the span of the trace, {start:.4g} to {end:.4g} s"
+        raise refusal(log.path, got, expected, "cut the trace to it (`start`, `end`)", "time")
+    at = np.linspace(start, end, min(POSTURES, len(time)))
+    angles = np.stack([np.interp(at, time, log.angles[joint.name]) for joint in arm.driven])
+    found = branches(arm, replay(at, angles), count=MODES, times=at - at[0], loads=loads_of(arm, load))
+    frequencies = {str(found.labels[b]): found.median[b] for b in np.argsort(found.median[:, -1])}
+    first, last = (tuple(round(float(angle), 9) for angle in angles[:, k]) for k in (0, -1))
+    return MarkedModes(arm.name, load, first, last, frequencies)
+
+
+# -------- Spectra
+# The spectra of a trace as they are reported: beside another trace, over time, and by a pulley's orders.
+
+Pulleys = Mapping[str, Pulley]
+PEAKS = 5
+"""Peaks of each direction that are reported."""
+SLOW = 3.0
+"""Bins from zero up to which a peak may be a drift or the slow part of a motion; assumed."""
+STANDING = 1e-3
+"""Share of its fastest turning below which a pulley counts as standing; assumed."""
+SMALL = 0.02
+"""Share of the largest peak below which a peak is not reported; assumed."""
+NEAR = 0.05
+"""Distance of a mode from a peak, relative to the frequency, up to which it is named; or a bin, if that is more;
+assumed."""
+LONGEST, LEAST_SEGMENTS = 1.0, 4
+"""Duration [s] of a spectrogram's segments unless asked otherwise, in a trace that has so many of them."""
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """The spectra of one trace, or of two.
+
+    Attributes:
+        directions: which directions were asked for.
+        traces: by name, all of the same kind.
+        spectra: by the same names, a column for each direction.
+        upto: [Hz] highest frequency that is looked at.
+        pulleys: of the first trace's file, those that turn alike under one name.
+        modes: natural frequencies of the arm, if one was named.
+        tracks: by pulley, the orders in each direction.
+        orders: multiples of the pulleys' turning that were asked for.
+        spectrograms: of the first trace by direction, if they were asked for.
+        remark: what was done to make the traces comparable; mostly empty.
+    """
+
+    directions: tuple[str, ...]
+    traces: Mapping[str, Trace]
+    spectra: Mapping[str, Spectrum]
+    upto: float
+    pulleys: Mapping[str, Pulley] = field(default_factory=dict)
+    modes: MarkedModes | None = None
+    tracks: Mapping[str, OrderTrack] = field(default_factory=dict)
+    orders: tuple[float, ...] = ()
+    spectrograms: Mapping[str, Spectrogram] = field(default_factory=dict)
+    remark: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the first trace."""
+        return next(iter(self.traces))
+
+    @property
+    def kind(self) -> str:
+        """`displacement` or `acceleration`."""
+        return next(iter(self.traces.values())).kind
+
+    @property
+    def lines(self) -> dict[str, Float[np.ndarray, "T"]]:
+        """Multiples of the pulleys' turning frequencies [Hz] over the time of the first trace; NaN while they stand."""
+        turning = {name: p.frequency for name, p in self.pulleys.items() if p.frequency is not None}
+        return alike(
+            {
+                f"{order:g} x {name}": np.where(frequency > STANDING * frequency.max(), order * frequency, np.nan)
+                for name, frequency in turning.items()
+                for order in self.orders or (1.0,)
+            }
+        )
+
+    def strongest(self, name: str, direction: str) -> tuple[Peak, ...]:
+        """Return the strongest peaks of a trace in a direction, the largest first; none that is a slow drift."""
+        spectrum = self.spectra[name].column(self.directions.index(direction))
+        largest = peaks(spectrum, PEAKS, (SLOW * spectrum.resolution, self.upto))
+        return tuple(peak for peak in largest if peak.amplitude >= SMALL * largest[0].amplitude)
+
+    def mode_near(self, name: str, direction: str, frequency: float) -> str | None:
+        """Return the label of the mode near a peak [Hz] of a trace in a direction; see `MarkedModes.near`."""
+        within = max(self.spectra[name].resolution, NEAR * frequency)
+        return self.modes.near(frequency, within, "vertical" if direction == "z" else "lateral") if self.modes else None
+
+    def elsewhere(self, name: str, order: int) -> str | None:
+        """Return the lower order of another pulley that an order is in every block; see `lower_order`."""
+        found = {self.lower_order(name, order, block) for block in range(len(self.tracks[name].time))}
+        return found.pop() if len(found) == 1 else None
+
+    def lower_order(self, name: str, order: int, block: int) -> str | None:
+        """Return what turns as fast as an order of a pulley in a block, by a lower order: `1 x drive2`.
+
+        An eccentric mass is order 1, a drive's error order 2: of orders that can't be told apart, the lowest is the one
+        that excites.
+
+        Args:
+            name: the pulley.
+            order: place among the orders.
+            block: place among the blocks.
+        """
+        track = self.tracks[name]
+        multiple, turning, time = track.orders[order], track.frequency[block], track.time[block]
+        for other, beside in self.tracks.items():
+            faster = np.interp(time, beside.time, beside.frequency)
+            for lower in beside.orders[beside.orders < multiple] if other != name else ():
+                if abs(lower * faster - multiple * turning) < turning * 2 / track.revolutions:
+                    return f"{lower:g} x {other}"
+        return None
+
+
+def cut(trace: Trace, pulleys: Mapping[str, Pulley], start: float | None, end: float | None) -> tuple[Trace, Pulleys]:
+    """Return what of a trace, and of the pulleys beside it, lies between two times [s]."""
+    time = trace.time
+    low = 0 if start is None else int(np.searchsorted(time, start - 1e-9))
+    high = len(time) if end is None else int(np.searchsorted(time, end + 1e-9))
+    if high - low < 2:
+        got, expected = f"{max(high - low, 0)} samples up to `end`", f"a span within {time[0]:.4g} to {time[-1]:.4g} s"
+        raise refusal("start", got, expected, "widen it")
+    inside = slice(low, high)
+    part = replace(trace, time=time[inside], values={d: values[inside] for d, values in trace.values.items()})
+    parts = {name: [x if x is None else x[inside] for x in (p.frequency, p.angle)] for name, p in pulleys.items()}
+    return part, {name: Pulley(*part) for name, part in parts.items()}
+
+
+def common_directions(traces: Mapping[str, Trace], wanted: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the directions asked for, which all traces must have; by default all that they have in common."""
+    common = [d for d in next(iter(traces.values())).values if all(d in trace.values for trace in traces.values())]
+    for direction in wanted or ():
+        if direction not in common:
+            expected = f"some of {', '.join(common)}" if common else "a direction that both traces have"
+            raise refusal("direction", quoted(direction), expected, "the traces have no other in common")
+    if not common:
+        raise refusal("against", "a trace of other directions", "one in common", "give another trace")
+    return tuple(dict.fromkeys(wanted or common))
+
+
+def comparable(traces: Mapping[str, Trace]) -> tuple[dict[str, Trace], str]:
+    """Return traces of one kind, and what was done to them.
+
+    A displacement beside an acceleration is differentiated twice; no acceleration is ever integrated.
+    """
+    if len({trace.kind for trace in traces.values()}) == 1:
+        return dict(traces), ""
+    made = {}
+    for name, trace in traces.items():
+        if trace.kind == "displacement":
+            values = {direction: second_derivative(trace.time, x) for direction, x in trace.values.items()}
+            made[name] = replace(trace, kind="acceleration", values=values)
+    return {**traces, **made}, f"{', '.join(made)}: a displacement, differentiated twice"
+
+
+def amplitude_spectra(
+    traces: Mapping[str, Trace], directions: Sequence[str], *, window: str, segments: int
+) -> dict[str, Spectrum]:
+    """Return the spectrum of each trace, a column for each direction."""
+    return {
+        name: amplitude_spectrum(trace.time, _columns(trace, directions), window=window, segments=segments)
+        for name, trace in traces.items()
+    }
+
+
+def spectrograms(
+    trace: Trace, directions: Sequence[str], *, window: str, seconds: float | None
+) -> dict[str, Spectrogram]:
+    """Return the spectrogram of a trace in each direction."""
+    segment = seconds or min(LONGEST, float(trace.time[-1] - trace.time[0]) / LEAST_SEGMENTS)
+    return {
+        direction: spectrogram(trace.time, trace.values[direction], window=window, segment_seconds=segment)
+        for direction in directions
+    }
+
+
+def order_tracks(
+    trace: Trace, directions: Sequence[str], pulleys: Pulleys, orders: Sequence[float], revolutions: int
+) -> dict[str, OrderTrack]:
+    """Return the orders of each pulley whose angle is known."""
+    values = _columns(trace, directions)
+    return {
+        name: order_tracking(trace.time, values, pulley.angle, orders=orders, revolutions=revolutions)
+        for name, pulley in pulleys.items()
+        if pulley.angle is not None
+    }
+
+
+def distinct(pulleys: Pulleys) -> dict[str, Pulley]:
+    """Put pulleys that turn alike under one name: their orders cannot be told from each other."""
+    return {" and ".join(names): pulley for names, pulley in grouped(pulleys, _turns_as)}
+
+
+def _columns(trace: Trace, directions: Sequence[str]) -> Float[np.ndarray, "T D"]:
+    return np.stack([trace.values[direction] for direction in directions], axis=1)
+
+
+def _turns_as(one: Pulley, other: Pulley) -> bool:
+    angles = (None if each.angle is None else np.abs(each.angle - each.angle[0]) for each in (one, other))
+    for a, b in ((one.frequency, other.frequency), tuple(angles)):
+        if a is None or b is None:
+            if a is not b:
+                return False
+        elif not np.allclose(a, b, rtol=1e-6, atol=1e-6 * np.abs(a).max()):
+            return False
+    return True

@@ -1,0 +1,288 @@
+"""Show at which frequencies a trace vibrates, and how much."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf, radians
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ident.errors import Problem, refusal
+from ident.studies import reading
+from ident.studies.door import DEFAULT, study
+from ident.studies.options import WINDOWS, option
+from ident.studies.result import Result
+from ident.studies.shared import FARTHEST, BaseOptions, as_log, is_angle
+from ident.studies.working.simulate import SimulateResult
+
+if TYPE_CHECKING:
+    import numpy as np
+    from jaxtyping import Float
+    from matplotlib.figure import Figure
+
+    from ident.description.file import ArmFile
+    from ident.measure import Log, Pulley, Trace
+    from ident.studies.working.spectra import MarkedModes, Spectra
+    from ident.vibrate.spectra import Peak
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpectrumOptions(BaseOptions):
+    """Options of `ident.spectrum`: what of the trace counts, how it is analysed, and at which posture an arm is."""
+
+    direction: tuple[str, ...] | None = option(None, "as x,z; default: all that the file has", read=reading.words)
+    window: str = option("hann", "hann, boxcar, hamming, blackmanharris or flattop", choices=WINDOWS)
+    segments: int = option(1, "segments to average over: steadier, but wider peaks")
+    upto: float = option(20.0, "highest frequency [Hz]", above=0.0)
+    start: float | None = option(None, "time [s] from which on the trace counts", flag="--from")
+    end: float | None = option(None, "time [s] up to which the trace counts", flag="--to")
+    posture: tuple[float, ...] | None = option(
+        None,
+        "of that arm, in degrees, as 30,-60,30; default: along the trace's motion where its file has it",
+        short="-q",
+        read=reading.several,
+    )
+    load: str = option("", "load case, as 'glass' or '5 kg @ tip'")
+    spectrogram: bool = option(False, "amplitudes over time and frequency")
+    segment: float | None = option(
+        None,
+        "duration [s] of the spectrogram's segments; default: 1, at most a quarter of all",
+        above=0.0,
+        argument="segment_seconds",
+    )
+    decibel: bool = option(False, "colours of the spectrogram in dB")
+    orders: tuple[float, ...] = option(
+        (),
+        "multiples of the pulleys' turning, as 1,2: tracked where the file has their angles",
+        read=reading.several,
+    )
+    revolutions: int = option(
+        4,
+        "of a block over which an order is tracked: more tell orders better, times worse",
+        low=1,
+        argument="angle",
+    )
+
+    def problems(self) -> list[Problem]:
+        """Refuse a posture that is none, and orders that are."""
+        problems = super().problems()
+        if self.posture and not all(map(is_angle, self.posture)):
+            expected = f"angles within {FARTHEST:g} deg"
+            problems.append(Problem("posture", f"{self.posture}", expected, "as (30, -60, 30)"))
+        return problems
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class SpectrumResult(Result):
+    """The spectra of a trace, or of two.
+
+    Its table has a row for each of the strongest peaks: frequency [Hz], amplitude [SI], and the mode near it.
+
+    Attributes:
+        spectra: traces, spectra, spectrograms, orders, and the modes of an arm.
+        arm: the arm as its file has it; None if none was named.
+        path: the joint path that was given for the modes; None for that of the trace's own file.
+        options: what was asked for.
+    """
+
+    spectra: "Spectra"
+    arm: "ArmFile | None" = None
+    path: "Log | None" = None
+    options: SpectrumOptions = field(default_factory=SpectrumOptions)
+
+    form = "ident-spectrum/10"
+    shown = ("spectra",)
+    numbers = ("amplitudes",)
+
+    @property
+    def name(self) -> str:
+        """The trace's name and what was done with it."""
+        return f"{next(iter(self.spectra.traces)).removesuffix('.simulate')}.spectrum"
+
+    @property
+    def frequency(self) -> 'Float[np.ndarray, "F"]':
+        """Frequencies of the (first) trace's spectrum [Hz], up to half the sampling rate."""
+        return self.spectra.spectra[self.spectra.name].frequency
+
+    @property
+    def amplitudes(self) -> "Mapping[str, Float[np.ndarray, 'F']]":
+        """Amplitudes of the (first) trace at these frequencies, 0-peak, by direction [m or m/s^2]."""
+        spectrum = self.spectra.spectra[self.spectra.name]
+        return {d: spectrum.column(i).amplitude for i, d in enumerate(self.spectra.directions)}
+
+    def band_rms(self, low: float, high: float) -> "Mapping[str, float]":
+        """Return the root mean square of what lies in a band of the (first) trace, by direction [m or m/s^2].
+
+        Args:
+            low: [Hz] lower end of the band.
+            high: [Hz] upper end.
+
+        Raises:
+            InputError: the spectrum has no frequency in the band.
+        """
+        from ident.vibrate.spectra import band_rms
+
+        rms = band_rms(self.spectra.spectra[self.spectra.name], low, high)
+        return dict(zip(self.spectra.directions, map(float, rms), strict=True))
+
+    def peaks(self, direction: str, *, low: float = 0.0, high: float = inf, count: int = 5) -> "tuple[Peak, ...]":
+        """Return the largest peaks of the (first) trace in a direction within a band, the largest first [Hz].
+
+        Args:
+            direction: one of those of the spectrum.
+            low: [Hz] lower end of the band.
+            high: [Hz] upper end.
+            count: peaks, at most.
+        """
+        from ident.vibrate.spectra import peaks
+
+        column = self.spectra.directions.index(direction)
+        return peaks(self.spectra.spectra[self.spectra.name].column(column), count, (low, high))
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the spectra, the pulleys' orders (`orders`) and spectrograms by direction, as far as asked for."""
+        from ident.studies.working.spectrum_figure import orders_figure, spectra_figure, spectrogram_figures
+
+        orders = {"orders": orders_figure(self.spectra)} if self.spectra.tracks else {}
+        spectrograms = spectrogram_figures(self.spectra, decibel=self.options.decibel)
+        return {"": spectra_figure(self.spectra), **orders, **spectrograms}
+
+    def _inputs(self) -> Mapping[str, Any]:
+        files = dict(zip(("trace", "against"), self.spectra.traces.values(), strict=False))
+        return {"arm": self.arm, "path": self.path, "trace": None, "against": None} | files
+
+
+@study
+def spectrum(
+    trace: "Trace | SimulateResult | str | Path",
+    options: SpectrumOptions = DEFAULT,
+    *,
+    arm: "ArmFile | None" = None,
+    against: "Trace | SimulateResult | str | Path | None" = None,
+    pulleys: "Mapping[str, Pulley] | None" = None,
+    path: "Log | str | Path | None" = None,
+) -> SpectrumResult:
+    """Show at which frequencies a trace vibrates, and how much.
+
+    Args:
+        trace: a trace, its file, or a simulated motion, whose vibration is the trace then.
+        options: what of it counts, and how it is analysed.
+        arm: marks its natural frequencies: along the motion where the joint path is known, else at a posture.
+        against: another trace, drawn over the first, as a measured one.
+        pulleys: how pulleys turn at the times of the trace, by name; by default as its file or the simulation has it.
+        path: joint angles at the times of the trace: a log, or its file; by default as the trace's file or the
+            simulation has them.
+
+    Raises:
+        InputError: a trace that is too short, or has not what is asked for; options that do not go together.
+        ModelError: the arm has no stable equilibrium at the posture.
+    """
+    from ident.studies.working.spectra import (
+        Spectra,
+        amplitude_spectra,
+        common_directions,
+        comparable,
+        distinct,
+        order_tracks,
+        spectrograms,
+    )
+
+    _check_arm(arm, options, path)
+    given, turning = _traces(trace, against, pulleys, options)
+    directions, (traces, remark) = common_directions(given, options.direction), comparable(given)
+    first, turning = next(iter(traces.values())), distinct(turning)
+    log = None if arm is None or path is None else as_log(path, arm.arm)
+    orders, window = options.orders, options.window
+    spectra = Spectra(
+        directions,
+        traces,
+        amplitude_spectra(traces, directions, window=window, segments=options.segments),
+        options.upto,
+        turning,
+        _modes(arm, options, first, trace, log),
+        order_tracks(first, directions, turning, orders, options.revolutions) if orders else {},
+        orders,
+        spectrograms(first, directions, window=window, seconds=options.segment) if options.spectrogram else {},
+        remark,
+    )
+    return SpectrumResult(spectra, arm, log, options)
+
+
+def _traces(
+    trace: "Trace | SimulateResult | str | Path",
+    against: "Trace | SimulateResult | str | Path | None",
+    pulleys: "Mapping[str, Pulley] | None",
+    options: SpectrumOptions,
+) -> "tuple[dict[str, Trace], Mapping[str, Pulley]]":
+    """Return what of the traces counts, by name, and the pulleys beside the first."""
+    from ident.studies.working.spectra import cut
+
+    name, first, beside = _read(trace)
+    turning = beside if pulleys is None else pulleys
+    if options.orders and not any(pulley.angle is not None for pulley in turning.values()):
+        expected, remedy = "a column as 'drive1.angle [rad]'", "give a file of ident simulate, or drop `orders`"
+        raise refusal(first.path or name, "no pulley's angle", expected, remedy)
+    first, turning = cut(first, turning, options.start, options.end)
+    if against is None:
+        return {name: first}, turning
+    other, second, _ = _read(against)
+    second, _ = cut(second, {}, options.start, options.end)
+    return {name: first, other if other != name else second.path or f"{other} (2)": second}, turning
+
+
+def _read(trace: "Trace | SimulateResult | str | Path") -> "tuple[str, Trace, Mapping[str, Pulley]]":
+    """Return a trace with its name and the pulleys beside it."""
+    from ident.measure import Pulley, Trace, read_pulleys, read_trace
+
+    if isinstance(trace, Trace):
+        return Path(trace.path).stem or "trace", trace, {}
+    if isinstance(trace, SimulateResult):
+        values = dict(zip("xyz", trace.vibration, strict=True))
+        turning = {name: Pulley(frequency, angle) for name, (angle, frequency) in trace.simulation.pulleys.items()}
+        return trace.name, Trace("", "", trace.time, "displacement", values), turning
+    measured = read_trace(trace)
+    return Path(trace).stem, measured, read_pulleys(trace, measured)
+
+
+def _check_arm(arm: "ArmFile | None", options: SpectrumOptions, path: Any) -> None:
+    """Refuse what is asked of an arm where none is named, and two postures of one."""
+    if path is not None and options.posture is not None:
+        raise refusal("posture", "it beside `path`", "one of them", "drop one")
+    for name, value in {"posture": options.posture, "soft_base": options.soft_base, "path": path}.items():
+        if arm is None and value is not None:
+            raise refusal(name, "it without `arm`", "an arm", "name the arm's file (`arm`)")
+
+
+def _modes(
+    arm_file: "ArmFile | None",
+    options: SpectrumOptions,
+    first: "Trace",
+    trace: "Trace | SimulateResult | str | Path",
+    path: "Log | None",
+) -> "MarkedModes | None":
+    """Return the arm's natural frequencies at the posture asked for, or along the motion, or at all angles zero."""
+    from ident.measure import Load
+    from ident.studies.working.spectra import marked_along, marked_at
+
+    if arm_file is None:
+        return None
+    arm, load = arm_file.arm, Load.parse(options.load)
+    joints = [joint.name for joint in arm.driven]
+    log = path or (_joint_path(trace, first, joints) if options.posture is None else None)
+    if log is not None:
+        return marked_along(arm, log, (float(first.time[0]), float(first.time[-1])), load)
+    return marked_at(arm, tuple(map(radians, options.posture or (0.0,) * len(joints))), load)
+
+
+def _joint_path(trace: "Trace | SimulateResult | str | Path", first: "Trace", joints: list[str]) -> "Log | None":
+    """Return the joint angles during a trace: those of the simulation or of the file; None for none."""
+    from ident.measure import Log, Trace, read_log
+
+    if isinstance(trace, Trace):
+        return None
+    if isinstance(trace, SimulateResult):
+        simulated = trace.simulation
+        names = [joint.name for joint in simulated.arm.driven]
+        angles = dict(zip(names, simulated.response.posture, strict=True))
+        return Log("", "", trace.time, angles) if set(joints) <= set(angles) else None
+    named = {column.partition(" [")[0] for column in first.ignored}
+    return read_log(trace, joints) if named.issuperset(joints) else None

@@ -1,0 +1,268 @@
+"""Amplitude spectra, spectrograms and order tracks of traces, with natural frequencies."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import cycle
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize, PowerNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ident.report.report import cut
+from ident.report.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PINK,
+    Style,
+    colour_bar,
+    key_below,
+    note,
+    plain,
+    titled,
+)
+from ident.report.words import TRACE_UNITS, by_key
+from ident.studies.working.spectrum_report import hertz, where_marked
+
+if TYPE_CHECKING:
+    from ident.studies.working.spectra import Band, Spectra
+    from ident.vibrate.orders import OrderTrack, Spectrogram
+    from ident.vibrate.spectra import Spectrum
+from ident.studies.working.simulate_figure import LETTER, LINE
+
+SPECTRUM_PANEL = (8.0, 2.5)
+"""Width and height of a panel [inch]."""
+
+
+def _styles(width: float, colours: Sequence[str]) -> tuple[Style, ...]:
+    """Return a style for each colour as a solid line, then dashed, then dotted."""
+    lines = ("-", "--", ":")
+    return tuple({"color": color, "linestyle": line, "linewidth": width} for line in lines for color in colours)
+
+
+SERIES = _styles(1.4, (BLUE, ORANGE, GREEN, PINK))
+
+
+LINES = _styles(1.6, (ORANGE, GREEN, "black", PINK))
+"""Styles of a pulley's orders: over the blue of a spectrogram, and the same over time."""
+
+
+def spectra_figure(spectra: "Spectra") -> Figure:
+    """Draw the spectra of one or two traces with the modes of an arm, a panel for each direction."""
+    remarks, modes = [spectra.remark] if spectra.remark else [], spectra.modes
+    if modes:
+        drawn = "thin lines" if modes.held else "grey"
+        remarks.append(f"{drawn}: natural frequencies {where_marked(modes)}, {modes.load}")
+    panels = [direction.upper() for direction in spectra.directions]
+    return spectrum_figure(
+        spectra.spectra, panels, modes.bands if modes else {}, upto=spectra.upto, kind=spectra.kind, remarks=remarks
+    )
+
+
+def spectrogram_figures(spectra: "Spectra", *, decibel: bool = False) -> dict[str, Figure]:
+    """Draw the spectrogram of each direction, with a line for each order of each pulley."""
+    time = spectra.traces[spectra.name].time
+    same = {f"{track.orders[o]:g} x {name}" for name, track, o, other in _orders(spectra) if other}
+    lines = {name: (time, frequency) for name, frequency in spectra.lines.items() if name not in same}
+    style: dict[str, Any] = {"upto": spectra.upto, "decibel": decibel, "kind": spectra.kind}
+    return {
+        direction: spectrogram_figure(part, lines, title=f"{direction.upper()}: {spectra.name}", **style)
+        for direction, part in spectra.spectrograms.items()
+    }
+
+
+def spectrum_figure(
+    series: Mapping[str, "Spectrum"],
+    directions: Sequence[str] = ("X", "Z"),
+    marks: Mapping[str, "Band"] | None = None,
+    *,
+    upto: float = 20.0,
+    kind: str = "displacement",
+    remarks: Sequence[str] = (),
+) -> Figure:
+    """Draw amplitude spectra of displacements or accelerations, a panel for each direction.
+
+    Args:
+        series: spectra by name, of amplitudes (F, directions) [m], or (F,) [m] for a single direction.
+        directions: names of the panels, in the order of the amplitudes' columns.
+        marks: lowest and highest frequency [Hz] by name, drawn as thin lines where they are alike, else as a shade;
+            those beyond the axis are named below.
+        upto: [Hz] right end of the axis.
+        kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
+        remarks: further lines below the panels.
+    """
+    flags = _rows_of_flags({name: band for name, band in (marks or {}).items() if band[0] <= upto}, upto)
+    beyond = [_mark(name, band) for name, band in (marks or {}).items() if band[0] > upto]
+    notes = [*_descriptions(series), *([f"beyond the axis: {', '.join(beyond)}"] if beyond else []), *remarks]
+    above = LINE / 72 * (1 + max((flag.row for flag in flags), default=-1))
+    height = SPECTRUM_PANEL[1] * len(directions) + above + 0.19 * len(notes) + 0.9
+    figure = titled((SPECTRUM_PANEL[0], height), "Amplitude spectrum")
+    grid = figure.subplots(len(directions), 1, squeeze=False, sharex=True)[:, 0]
+    for i, (axes, direction) in enumerate(zip(grid, directions, strict=True)):
+        _spectra(axes, series, i, upto, TRACE_UNITS[kind][0])
+        axes.set_ylabel(
+            f"{cut(direction, 20)}: amplitude, 0-peak [{TRACE_UNITS[kind][1]}]", fontsize=9, parse_math=False
+        )
+        _flags(axes, flags, labelled=i == 0)
+    grid[-1].set(xlabel="frequency [Hz]")
+    handles = [Line2D([], [], label=cut(name, 40), **s) for name, s in zip(series, cycle(SERIES), strict=False)]
+    figure.align_ylabels(grid)
+    key_below(figure, handles, "\n".join(notes), columns=3)
+    return figure
+
+
+def spectrogram_figure(
+    spectrogram: "Spectrogram",
+    lines: Mapping[str, tuple[Float[np.ndarray, "_"], Float[np.ndarray, "_"]]] | None = None,
+    *,
+    title: str = "Spectrogram",
+    upto: float = 20.0,
+    decibel: bool = False,
+    kind: str = "displacement",
+) -> Figure:
+    """Draw the amplitude of a trace over time and frequency, with lines such as a pulley's frequency.
+
+    Args:
+        spectrogram: of one trace, amplitudes (F, B) [m].
+        lines: times [s] and frequencies [Hz] by name; NaN interrupts a line.
+        title: heading, such as which direction of which motion.
+        upto: [Hz] upper end of the axis.
+        decibel: colours by 20 log10(amplitude / 1 unit), down to 60 dB below the largest, instead of the unit.
+        kind: `displacement` [m], drawn in mm, or `acceleration` [m/s^2].
+    """
+    figure, axes = amplitude_figure((SPECTRUM_PANEL[0], 4.9), spectrogram, title, upto, kind, decibel)
+    handles = []
+    for (name, (time, frequency)), style in zip((lines or {}).items(), cycle(LINES), strict=False):
+        axes.plot(time, frequency, **style)
+        handles.append(Line2D([], [], label=cut(name, 40), **style))
+    note = f"{spectrogram.description()}\ngrey: less than half a segment from an end of the trace"
+    key_below(figure, handles, note, columns=3)
+    return figure
+
+
+def _spectra(axes: Axes, series: Mapping[str, "Spectrum"], column: int, upto: float, factor: float) -> None:
+    """Draw one direction of each spectrum, the axis from zero to what is seen."""
+    top = 0.0
+    for spectrum, style in zip(series.values(), cycle(SERIES), strict=False):
+        amplitude = factor * spectrum.amplitude.reshape(len(spectrum.frequency), -1)[:, column]
+        axes.plot(spectrum.frequency, amplitude, **style)
+        top = max(top, float(amplitude[spectrum.frequency <= upto].max()))
+    plain(axes)
+    axes.set(xlim=(0, upto), ylim=(0, 1.08 * top or 1.0))
+
+
+class _Flag(NamedTuple):
+    """A mark: its text, and from which to which frequency [Hz] it reaches, in which row above the panel."""
+
+    text: str
+    band: "Band"
+    row: int
+
+
+def _rows_of_flags(marks: Mapping[str, "Band"], upto: float) -> list[_Flag]:
+    """Return the marks, each above the rows of all others that its text reaches over."""
+    flags: list[_Flag] = []
+    for name, band in sorted(marks.items(), key=lambda mark: -mark[1][0]):
+        text = _mark(name, band)
+        end = band[0] + LETTER * (len(text) + 2) * upto / (SPECTRUM_PANEL[0] - 2.0)
+        row = 1 + max((flag.row for flag in flags if flag.band[0] <= end), default=-1)
+        flags.append(_Flag(text, band, row))
+    return flags
+
+
+def _mark(name: str, band: "Band") -> str:
+    return f"{cut(name, 24)}: {hertz(band)}"
+
+
+def _flags(axes: Axes, flags: Sequence[_Flag], *, labelled: bool) -> None:
+    """Draw each mark as a thin line, or the shade of a band, up to its text above the panel."""
+    for text, (low, high), row in flags:
+        axes.axvline(low, color=GREY, linewidth=0.7, zorder=1)
+        if high > low:
+            axes.axvspan(low, high, color=GREY, alpha=0.15, linewidth=0, zorder=0)
+        if labelled:
+            line = {"arrowstyle": "-", "color": GREY, "linewidth": 0.7, "relpos": (0, 0), "shrinkA": 0, "shrinkB": 0}
+            place: Any = {"xycoords": axes.get_xaxis_transform(), "arrowprops": line}
+            note(axes, f" {text}", (low, 1.0), (0, 2 + LINE * row), **place)
+
+
+def amplitude_figure(
+    size: tuple[float, float], spectrogram: "Spectrogram", title: str, upto: float, kind: str, decibel: bool = False
+) -> tuple[Figure, Axes]:
+    """Draw the amplitudes, straight between bins and segments, and the bar that tells them."""
+    factor, unit = TRACE_UNITS[kind]
+    figure = titled(size, cut(title, 70))
+    axes = figure.subplots()
+    inside = spectrogram.frequency <= upto + spectrogram.resolution
+    shown = factor * spectrogram.amplitude[inside]
+    top, bottom = float(shown.max()), 0.0
+    if decibel:
+        shown = 20 * np.log10(np.maximum(shown, np.finfo(float).tiny))
+        top, unit = float(shown.max()), f"dB re 1 {unit}"
+        bottom = top - 60.0
+    # in proportion to the root of the amplitude, so that an order is seen beside its resonances
+    scale = Normalize(bottom, top or 1.0) if decibel else PowerNorm(0.5, bottom, top or 1.0)
+    mesh = axes.pcolormesh(
+        spectrogram.time, spectrogram.frequency[inside], shown, cmap="Blues", norm=scale, shading="gouraud"
+    )
+    colour_bar(figure, axes, mesh, f"amplitude, 0-peak [{unit}]", extend="min" if decibel else "neither")
+    axes.set_facecolor("#E4E4E4")
+    half = 0.5 / spectrogram.resolution
+    axes.set(xlim=(spectrogram.time[0] - half, spectrogram.time[-1] + half), ylim=(0, upto))
+    axes.set(xlabel="time [s]", ylabel="frequency [Hz]")
+    plain(axes)
+    return figure, axes
+
+
+def _descriptions(series: Mapping[str, "Spectrum"]) -> Iterator[str]:
+    """Yield how the spectra were made: one line for all that were made alike."""
+    alike = by_key((spectrum.description(), cut(name, 24)) for name, spectrum in series.items())
+    for words, names in alike.items():
+        yield words if len(alike) == 1 else f"{', '.join(names)}: {words}"
+    resolutions = [spectrum.resolution for spectrum in series.values()]
+    if max(resolutions) > 1.01 * min(resolutions):
+        yield "resolutions differ: compare the heights of steady sines only, not of what swells, decays or is noise"
+
+
+def orders_figure(spectra: "Spectra") -> Figure:
+    """Draw the amplitude of each pulley's orders over time, a panel for each direction; none that is another's."""
+    factor, unit = TRACE_UNITS[spectra.kind]
+    count = len(spectra.directions)
+    figure = titled((SPECTRUM_PANEL[0], SPECTRUM_PANEL[1] * count + 1.3), "Orders of the pulleys")
+    grid = figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0]
+    every = list(_orders(spectra))
+    styled = list(zip([order[:3] for order in every if not order[3]], cycle(LINES), strict=False))
+    for d, (axes, direction) in enumerate(zip(grid, spectra.directions, strict=True)):
+        for (_, track, o), style in styled:
+            axes.plot(track.time, factor * track.amplitude[o, :, d], marker="o", markersize=3.5, **style)
+        plain(axes)
+        axes.set_ylim(bottom=0)
+        axes.set(ylabel=f"{direction.upper()}: amplitude, 0-peak [{unit}]")
+    grid[-1].set(xlabel="time [s]")
+    figure.align_ylabels(grid)
+    handles = [
+        Line2D([], [], marker="o", markersize=3.5, label=_order(track, o, name), **style)
+        for (name, track, o), style in styled
+    ]
+    revolutions = next(iter(spectra.tracks.values())).revolutions
+    fastest = max(float(np.max(track.frequency)) for track in spectra.tracks.values())
+    notes = f"a point for each {revolutions} revolutions; pulleys turn at up to {fastest:.3g} Hz"
+    same = [(_order(track, o, name), other) for name, track, o, other in every if other]
+    notes += "".join(f"\nnot drawn: {order}, as fast as {cut(other, 30)}" for order, other in same)
+    key_below(figure, handles, notes, columns=3)
+    return figure
+
+
+def _orders(spectra: "Spectra") -> Iterator[tuple[str, "OrderTrack", int, str | None]]:
+    """Yield each order of each pulley, with the lower order that turns as fast, if there is one."""
+    for name, track in spectra.tracks.items():
+        for o in range(len(track.orders)):
+            yield name, track, o, spectra.elsewhere(name, o)
+
+
+def _order(track: "OrderTrack", order: int, name: str) -> str:
+    return f"order {track.orders[order]:g} of {cut(name, 30)}"
