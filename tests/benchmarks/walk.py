@@ -1,4 +1,4 @@
-"""How often a run crosses from one room of ident into another, a step of the studies counting as one; and between files.
+"""How often a run crosses from one room of ident into another, each step of the studies one; and between files.
 
     PYTHONPATH=TREE python tests/benchmarks/walk.py [STUDY ...]
 
@@ -20,11 +20,11 @@ ARM, TABLE1, CAMPAIGN, HAMMER = (DATA / name for name in ("arm.toml", "table1.cs
 
 def small_diagnosis():
     try:
-        from ident.studies.cure.effort import DiagnosisEffort as of_effort
+        from ident.studies.cure.effort import DiagnosisEffort
     except ImportError:
-        from ident.assess.effort import DiagnosisEffort as of_effort
+        from ident.assess.effort import DiagnosisEffort
     numbers = {"steps": 500, "draws": 30, "band_draws": 4, "assessment_draws": 10, "values": 5, "screened": 4}
-    few = of_effort(**numbers, speeds=(0.5, 1.25), iterations=2)
+    few = DiagnosisEffort(**numbers, speeds=(0.5, 1.25), iterations=2)
     return ident.diagnose(ARM, CAMPAIGN, ident.DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=few))
 
 
