@@ -197,8 +197,7 @@ offer(
     spectrum,
     """Show at which frequencies a trace vibrates, and how much.
 
-    Writes FILE.spectrum.json and .png, and with --spectrogram and --orders further figures, into the folder given by
-    --out.
+    Writes FILE.spectrum.json and .png, and with --spectrogram further figures, into the folder given by --out.
     """,
     trace=Annotated[
         Path,

@@ -16,7 +16,7 @@ from ident.text import did_you_mean
 
 INPUTS = ("path", "fit", "posterior", "trace", "against", "arm", "restart", "force", "posture")
 """Inputs of studies that the command line takes as flags, too."""
-GONE = ("batch",)
+GONE = ("batch", "revolutions")
 """Options of earlier versions that recorded ones may have."""
 ADDRESSES = ("dask",)
 """Options that connect: the command line and Python give them, no file does."""

@@ -1,12 +1,9 @@
-"""How often a run crosses from one file of ident into another: distinct pairs of calling and called file.
+"""How often a run crosses from one room of ident into another, each step of the studies one; and between files.
 
     PYTHONPATH=TREE python tests/benchmarks/walk.py [STUDY ...]
 
 TREE is the checkout whose package is walked through; an older one may be of another layout. The data are those of this
 checkout. What is left out is the ground, which every file calls: errors, units, texts, files, compiled programs.
-
-Pairs in November 2026, and before the files were merged (293eab6): predict 31 (47), fit 110 (173), simulate 61 (122),
-diagnose 208 (385), modal 71 (119).
 """
 
 import contextlib
@@ -22,11 +19,12 @@ ARM, TABLE1, CAMPAIGN, HAMMER = (DATA / name for name in ("arm.toml", "table1.cs
 
 
 def small_diagnosis():
-    from ident.studies.cure import effort
-
-    of_effort = getattr(effort, "DiagnosisEffort", None) or effort.Effort  # its name at 293eab6
+    try:
+        from ident.studies.cure.effort import DiagnosisEffort
+    except ImportError:
+        from ident.assess.effort import DiagnosisEffort
     numbers = {"steps": 500, "draws": 30, "band_draws": 4, "assessment_draws": 10, "values": 5, "screened": 4}
-    few = of_effort(**numbers, speeds=(0.5, 1.25), iterations=2)
+    few = DiagnosisEffort(**numbers, speeds=(0.5, 1.25), iterations=2)
     return ident.diagnose(ARM, CAMPAIGN, ident.DiagnoseOptions(speed=100.0, dwell=0.2, limit=1.3, effort=few))
 
 
@@ -36,6 +34,8 @@ RUNS = {
     "simulate": lambda: ident.simulate(ARM, ident.SimulateOptions(speed=100.0)),
     "diagnose": small_diagnosis,
     "modal": lambda: ident.modal_test(HAMMER),
+    "source": lambda: ident.source(DATA / "runs" / "runs.csv", ARM),
+    "motion": lambda: ident.motion(ARM, ident.MotionOptions(limit=0.3)),
 }
 
 
@@ -64,9 +64,16 @@ def above_ground(path):
     return path.is_relative_to(PACKAGE) and path.parent != PACKAGE
 
 
+def room(path):
+    """A folder of the package, or of a step of its studies."""
+    parts = path.relative_to(PACKAGE).parts[:-1]
+    return "/".join(parts[:2] if parts[0] == "studies" else parts[:1])
+
+
 if __name__ == "__main__":
     for study in sys.argv[1:] or RUNS:
         with contextlib.redirect_stdout(sys.stderr):
             found = pairs(RUNS[study])
         files = {path for pair in found for path in pair}
-        print(f"{study:9s} {len(found):4d} pairs of {len(files):3d} files", flush=True)
+        rooms = {(a, b) for a, b in (tuple(map(room, pair)) for pair in found) if a != b}
+        print(f"{study:9s} {len(rooms):3d} pairs of rooms, {len(found):4d} of {len(files):3d} files", flush=True)

@@ -7,7 +7,7 @@ from reports import assert_one_screen, too_wide
 from results import assert_comes_back
 
 from ident import InputError, read_arm, read_trace
-from ident.measure import Load, Log, Pulley, Trace, read_pulleys
+from ident.measure import Load, Log, Trace, read_pulleys
 from ident.studies.working.simulate import SimulateOptions, simulate
 from ident.studies.working.spectra import MarkedModes
 from ident.studies.working.spectrum import SpectrumOptions, spectrum
@@ -28,7 +28,7 @@ def motion():
     return simulate(read_arm(ARM), SimulateOptions(speed=200.0, dwell=0.5, method="fast"))
 
 
-FULL = SpectrumOptions(orders=(1.0, 2.0), revolutions=8, spectrogram=True, decibel=True, direction=("x", "z"), upto=100)
+FULL = SpectrumOptions(orders=(1.0, 2.0), spectrogram=True, decibel=True, direction=("x", "z"), upto=100)
 
 
 @pytest.fixture(scope="module")
@@ -71,19 +71,10 @@ def test_a_simulated_motion_is_analysed_as_its_file_is(motion, full, tmp_path):
     trace = read_trace(csv)
     given = spectrum(trace, FULL, arm=ARM, pulleys=read_pulleys(csv, trace), path=csv)
     assert given.report() == full.report()
-    assert set(full.figures()) == {"spectrum", "orders", "x", "z"}
-    assert any(section.title.startswith("Orders of drive1 and drive3") for section in full.sections().details)
-    assert_one_screen(full.report(), files=5)
+    assert set(full.figures()) == {"spectrum", "x", "z"}
+    assert "1 x drive1 and drive3" in " ".join(full.spectra.lines)
+    assert_one_screen(full.report(), files=4)
     assert not too_wide(full.report(details=True))
-
-
-def test_an_order_is_tracked_where_a_pulley_turns():
-    angle = 2 * np.pi * 3.0 * TIME
-    trace = Trace("", "", TIME, "displacement", {"y": 0.01 * np.cos(2 * angle)})
-    result = spectrum(trace, SpectrumOptions(orders=(1.0, 2.0)), pulleys={"p": Pulley(np.full(1000, 3.0), angle)})
-    amplitude = result.spectra.tracks["p"].amplitude[:, :, 0]
-    np.testing.assert_allclose(amplitude[1], 0.01, rtol=5e-3)
-    assert np.abs(amplitude[0]).max() < 1e-4
 
 
 def test_acceleration_beside_displacement_is_compared_as_acceleration():
@@ -141,24 +132,6 @@ def test_a_path_that_does_not_cover_the_trace_is_refused():
         spectrum(sine(1e-3, 4.1), arm=ARM, path=Log("log.csv", "", np.linspace(0, 5, 50), angles))
 
 
-def test_an_order_that_another_pulley_makes_by_a_lower_one_is_attributed_to_that():
-    """Two pulleys, one twice as fast: what vibrates with the fast one is no second order of the slow one."""
-    angle = np.cumsum(2 * np.pi * np.linspace(2.0, 3.0, 1000)) / 100
-    trace = Trace("", "", TIME, "displacement", {"y": 0.01 * np.cos(2 * angle)})
-    pulleys = {"slow": Pulley(None, angle), "fast": Pulley(None, 2 * angle)}
-    result = spectrum(trace, SpectrumOptions(orders=(1.0, 2.0), revolutions=8), pulleys=pulleys)
-    places = [(name, o) for name in pulleys for o in (0, 1)]
-    assert [result.spectra.elsewhere(*place) for place in places] == [None, "1 x fast", None, None]
-    slow, fast = (section.parts[0] for section in result.sections().details[-2:])
-    assert [row[-1] for row in slow.rows] == ["", "1 x fast"]
-    assert [row[1] for row in fast.rows] == ["1 x fast", "2 x fast"]
-    (strongest,) = result.sections().answer[1].rows
-    assert strongest[:2] == ("y", "1 x fast"), "what belongs to another pulley is not the slow one's"
-    (key,) = result.figures()["orders"].legends
-    assert "order 2 of slow" not in [text.get_text() for text in key.get_texts()]
-    assert "not drawn: order 2 of slow, as fast as 1 x fast" in key.get_title().get_text()
-
-
 @pytest.mark.parametrize("case", ["full", "bare"])
 def test_a_saved_result_comes_back_as_it_was(full, tmp_path, case):
     result = full if case == "full" else spectrum(sine(4e-4, 5.0))
@@ -171,7 +144,6 @@ def test_a_saved_result_comes_back_as_it_was(full, tmp_path, case):
     [
         ({"upto": 0.0}, "upto: got 0, expected a number above 0"),
         ({"direction": ("y",)}, "direction: got 'y', expected some of x, z"),
-        ({"orders": (1.0,)}, "a.csv: got no pulley's angle"),
         ({"posture": (0.0,)}, "posture: got it without `arm`"),
         ({"start": 8.0, "end": 3.0}, "start: got 0 samples up to `end`, expected a span within 0 to 9.99 s"),
         ({"window": "han"}, "did you mean hann"),

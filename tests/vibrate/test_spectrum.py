@@ -5,8 +5,7 @@ import pytest
 
 from ident.errors import InputError
 from ident.vibrate.compare import second_derivative
-from ident.vibrate.orders import order_tracking, spectrogram
-from ident.vibrate.spectra import WINDOWS, amplitude_spectrum, band_rms, peaks, trace_band_rms
+from ident.vibrate.spectra import WINDOWS, amplitude_spectrum, band_rms, peaks, spectrogram, trace_band_rms
 
 RATE = 200.0
 TIME = np.arange(2000) / RATE
@@ -128,36 +127,6 @@ def turning(sign=1):
     return np.arange(len(angle)) / RATE, angle
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-def test_order_tracking_of_a_chirp(sign):
-    time, angle = turning(sign)
-    track = order_tracking(time, 5.0 + A * np.cos(2 * angle + 0.2), angle, orders=[1, 1.5, 2, 3], revolutions=8)
-    assert track.amplitude.shape == (4, 12)
-    np.testing.assert_allclose(track.amplitude[2], A, rtol=1e-5)
-    assert track.amplitude[[0, 1, 3]].max() < 1e-6 * A
-    # turned = 2 t + 0.3 t^2 revolutions
-    begin, middle, end = ((np.sqrt(4 + 1.2 * (8 * np.arange(6) + more)) - 2) / 0.6 for more in (0, 4, 8))
-    np.testing.assert_allclose(track.time[:6], middle, atol=1 / RATE)
-    np.testing.assert_allclose(track.frequency[:6], 8 / (end - begin), rtol=1e-3)
-    assert ((track.time < 10) | (track.time > 12)).all()
-
-
-def test_what_does_not_turn_with_the_pulley_is_no_order():
-    time, angle = turning()
-    track = order_tracking(time, sine(31.0, time=time), angle, orders=[1, 2], revolutions=8)
-    assert track.amplitude.max() < 0.01 * A
-
-
-def test_orders_beyond_the_sampling_are_not_a_number():
-    time, angle = turning()
-    track = order_tracking(time, A * np.cos(8 * angle), angle, orders=[8.0], revolutions=8)
-    low = track.highest_order > 8
-    assert 0 < low.sum() < len(low)
-    np.testing.assert_allclose(track.amplitude[0, low], A, rtol=2e-3)
-    assert np.isnan(track.amplitude[0, ~low]).all()
-    assert track.highest_order[0] == pytest.approx(RATE / 4 / 3.5, rel=0.1)
-
-
 def test_second_derivative_against_closed_form():
     w, v = 2 * np.pi * 3.0, 2 * np.pi * 7.3
     values = np.stack([np.cos(w * TIME + 1) + 0.2 * np.sin(v * TIME) + 1 + TIME, TIME**3], axis=1)
@@ -195,15 +164,6 @@ GAP = np.where(np.arange(2000) == 17, np.nan, 0.0)
         (lambda: band_rms(amplitude_spectrum(TIME, TIME), 200, 300), "expected a band within 0 to 100 Hz, wider than"),
         (lambda: spectrogram(TIME, TIME, segment_seconds=0.05), "segment_seconds: got 0.05 s, expected 0.08 s"),
         (lambda: spectrogram(TIME, TIME, segment_seconds=6.0), "to 5 s (half the trace)"),
-        (
-            lambda: order_tracking(TIME, TIME, 6.0 * TIME, orders=[2], revolutions=10),
-            "angle: got at most 9.54 revolutions one way, expected a whole block of 10; ask for fewer",
-        ),
-        (lambda: order_tracking(TIME, TIME, 0 * TIME, orders=[1]), "angle: got at most 0 revolutions one way"),
-        (lambda: order_tracking(TIME, TIME, 6.0 * TIME, orders=[1], revolutions=1), "orders: got 1, expected at least"),
-        (lambda: order_tracking(TIME, TIME, 6.0 * TIME, orders=[]), "orders: got none, expected one or more"),
-        (lambda: order_tracking(TIME, TIME, TIME, orders=[1], revolutions=0), "revolutions: got 0"),
-        (lambda: order_tracking(TIME, TIME, np.ones((2000, 2)), orders=[1]), "the angle of one pulley; give one"),
     ],
 )
 def test_what_is_refused_and_how(call, text):

@@ -68,7 +68,7 @@ class TriageResult(Result):
         """Return the order map of the trace in which the largest part is strongest."""
         from ident.measure.runs import QUANTITIES
         from ident.studies.cause.triage_figure import triage_figure
-        from ident.vibrate.orders import spectrogram
+        from ident.vibrate.spectra import spectrogram
 
         strongest = self.found.findings[0].trace if self.found.findings else 0
         trace = self.runs.traces[strongest]

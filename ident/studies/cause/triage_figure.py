@@ -13,7 +13,7 @@ from ident.report.style import BLUE, GREEN, ORANGE, PINK, Style, key_below, note
 from ident.studies.working.spectrum_figure import amplitude_figure
 
 if TYPE_CHECKING:
-    from ident.vibrate.orders import Spectrogram
+    from ident.vibrate.spectra import Spectrogram
     from ident.vibrate.triage import Finding, Triage
 from ident.studies.cause.source_figure import SIZE
 

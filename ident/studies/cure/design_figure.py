@@ -179,64 +179,63 @@ MOST = 16
 
 def sensitivity_figure(study: DesignStudy) -> Figure:
     """Draw the sensitivities in x, y and z, the strongest at the top, with 5 to 95 % of the draws."""
-    each = study.sensitivities
-    shown = each.order[:MOST]
     title = motion_title(f"What the vibration of {study.basis.point} depends on", study.basis)
+    words = f"{study.evaluator.measure} of the vibration, at the arm as it is; scales differ"
+    return sensitivities_drawn(study.sensitivities, title, words, study.draws)
+
+
+def sensitivities_drawn(each: "Sensitivities", title: str, words: str, draws: int = 0) -> Figure:
+    """Draw sensitivities, with a title and a note below, and with 5 to 95 % of the draws where there are any."""
+    shown = each.order[:MOST]
     figure = titled((9.0, 0.24 * len(shown) + 1.9), title, (0.06, 0.08))
     grid = figure.subplots(1, len(DIRECTIONS), sharey=True)
-    names = [f"{cut(each.paths[i], 22)}, {value_in_words(each.paths[i], each.present[i])}" for i in shown]
     for d, axes in enumerate(grid):
-        _direction(axes, study, d, shown)
-    rows(grid[0], names)
+        _direction(axes, each, d, shown, draws)
+    rows(grid[0], [f"{cut(each.paths[i], 22)}, {value_in_words(each.paths[i], each.present[i])}" for i in shown])
     for axes in grid[1:]:
         axes.tick_params(axis="y", length=0, labelleft=False)
         axes.grid(axis="y", color="#EEEEEE", linewidth=0.8)
-    _key(figure, study, len(shown))
+    handles: list[Patch | Line2D] = [
+        Patch(color=BLUE, label="more of it: less vibration"),
+        Patch(color=ORANGE, label="more of it: more vibration"),
+    ]
+    if draws:
+        handles.append(Line2D([], [], color="black", linewidth=1.1, label=f"5 to 95 % of {draws} draws"))
+    if each.unsure[shown].any():
+        unsure = "of either sign over the draws" if draws else f"turns within {100 * NEARBY:g} % of it"
+        handles.append(Patch(facecolor="white", edgecolor=GREY, label=f"{UNSURE} {unsure}"))
+    left = len(each.paths) - len(shown)
+    key_below(figure, handles, words + f"; {left} weaker ones are not shown" * (left > 0), columns=3)
     return figure
 
 
-def _direction(axes: Axes, study: DesignStudy, d: int, shown: list[int]) -> None:
-    each = study.sensitivities
+def _direction(axes: Axes, each: "Sensitivities", d: int, shown: list[int], draws: int) -> None:
+    """Draw bars with bands, each number beyond the end of both: beside strong ones, weak bars can't be read."""
     values, places = each.elasticity[shown, d], np.arange(len(shown))
     color, unsure = np.where(values < 0, BLUE, ORANGE), each.unsure[shown, d]
     axes.barh(places, values, height=0.62, color=np.where(unsure, "white", color), edgecolor=color, zorder=2)
-    if study.draws:
-        low, high = each.band[:, shown, d]
-        axes.hlines(places, low, high, color="black", linewidth=1.1, zorder=3)
-    _numbers(axes, study, d, shown)
+    band = each.band[:, shown, d] if draws else np.stack([values, values])
+    if draws:
+        axes.hlines(places, *band, color="black", linewidth=1.1, zorder=3)
+    ends = np.stack([values, *band])
+    for place, value in enumerate(values):
+        end = ends[:, place].min() if value < 0 else ends[:, place].max()
+        side, align = (-3, "right") if value < 0 else (3, "left")
+        note(
+            axes,
+            f"{value:+.2f}{f' {UNSURE}' * bool(unsure[place])}",
+            (end, place),
+            (side, 0),
+            ha=align,
+            va="center",
+            fontsize=7,
+        )
+    low, high = min(ends.min(), 0.0), max(ends.max(), 0.0)
+    room = 0.24 * (high - low) or 1.0  # of a direction in which nothing vibrates
+    axes.set(xlim=(low - room, high + room))
     axes.axvline(0, color=GREY, linewidth=0.8, zorder=1)
     plain(axes, left=False)
     axes.set_title(f"{DIRECTIONS[d].upper()}: {MM * each.amplitude[d]:.3g} mm", fontsize=10)
     axes.locator_params(axis="x", nbins=5)
     if d == 1:
         axes.set(xlabel="% of amplitude per % of the number")
-
-
-def _numbers(axes: Axes, study: DesignStudy, d: int, shown: list[int]) -> None:
-    """Write each number beyond the end of its bar and band: beside strong ones, weak bars can't be read."""
-    each = study.sensitivities
-    values = each.elasticity[shown, d]
-    ends = np.stack([values, *(each.band[:, shown, d] if study.draws else ())])
-    for place, value in enumerate(values):
-        end = ends[:, place].min() if value < 0 else ends[:, place].max()
-        side, align = (-3, "right") if value < 0 else (3, "left")
-        mark = f" {UNSURE}" if each.unsure[shown[place], d] else ""
-        note(axes, f"{value:+.2f}{mark}", (end, place), (side, 0), ha=align, va="center", fontsize=7)
-    room = 0.24 * (max(ends.max(), 0.0) - min(ends.min(), 0.0)) or 1.0  # of a direction in which nothing vibrates
-    axes.set(xlim=(min(ends.min(), 0.0) - room, max(ends.max(), 0.0) + room))
-
-
-def _key(figure: Figure, study: DesignStudy, shown: int) -> None:
-    handles: list[Patch | Line2D] = [
-        Patch(color=BLUE, label="more of it: less vibration"),
-        Patch(color=ORANGE, label="more of it: more vibration"),
-    ]
-    if study.draws:
-        handles.append(Line2D([], [], color="black", linewidth=1.1, label=f"5 to 95 % of {study.draws} draws"))
-    if study.sensitivities.unsure[study.sensitivities.order[:shown]].any():
-        unsure = "of either sign over the draws" if study.draws else f"turns within {100 * NEARBY:g} % of it"
-        handles.append(Patch(facecolor="white", edgecolor=GREY, label=f"{UNSURE} {unsure}"))
-    left = len(study.sensitivities.paths) - shown
-    notes = [f"{study.evaluator.measure} of the vibration, at the arm as it is; scales differ"]
-    notes += [f"{left} weaker ones are not shown"] if left else []
-    key_below(figure, handles, "; ".join(notes), columns=3)

@@ -17,7 +17,7 @@ from ident.text import one_line
 from ident.vibrate.design import Design
 from ident.vibrate.simulate import MEASURES
 from ident.vibrate.study import DIRECTIONS
-from ident.vibrate.sweep import NEARBY
+from ident.vibrate.sweep import NEARBY, Sensitivities
 
 STRONGEST = 12
 """Sensitivities that are listed of many."""
@@ -48,10 +48,10 @@ def risen(before: np.ndarray, after: np.ndarray, limit: float | None) -> list[st
 
 def _sensitivities_alone(study: DesignStudy) -> Report:
     count = len(study.sensitivities.paths)
-    every = Section("All sensitivities", (_sensitivity_table(study, count),))
+    every = Section("All sensitivities", (sensitivity_table(study.sensitivities, count, study.draws),))
     return Report(
         f"Sensitivities of {subject(study.basis)}",
-        answer=(_at_present(study), _sensitivity_table(study, STRONGEST)),
+        answer=(_at_present(study), sensitivity_table(study.sensitivities, draws=study.draws)),
         findings=tuple(all_findings(study.basis)),
         next=f"ident design {{arm}}{same_motion(study.basis)}",
         details=(_motion(study), *[every] * (count > STRONGEST), *assumed_section(study.basis)),
@@ -64,20 +64,19 @@ def _at_present(study: DesignStudy) -> str:
     return f"Vibration of {study.basis.point}, {study.evaluator.measure}: {each}"
 
 
-def _sensitivity_table(study: DesignStudy, most: int) -> Table:
+def sensitivity_table(each: Sensitivities, most: int = STRONGEST, draws: int = 0) -> Table:
     """Return by how many percent the amplitude changes with each number, the strongest first."""
-    each = study.sensitivities
     rows = []
     for i in each.order[:most]:
         row = [each.paths[i], short_power(value_in_words(each.paths[i], each.present[i]))]
         for d in range(len(DIRECTIONS)):
             row.append(f"{each.elasticity[i, d]:+.3f}{UNSURE * bool(each.unsure[i, d])}")
-            row += ["{:+.3f} to {:+.3f}".format(*each.band[:, i, d])] if study.draws else []
+            row += ["{:+.3f} to {:+.3f}".format(*each.band[:, i, d])] if draws else []
         rows.append(tuple(row))
-    ways = (part for d in DIRECTIONS for part in (d, *(["5 to 95 %"] if study.draws else [])))
+    ways = (part for d in DIRECTIONS for part in (d, *(["5 to 95 %"] if draws else [])))
     strongest = DIRECTIONS[int(np.argmax(each.amplitude))]
     note = f"Sorted by {strongest}, the direction that vibrates most."
-    note += f" {UNSURE}: {unsure_words(study.draws)}." if each.unsure[each.order[:most]].any() else ""
+    note += f" {UNSURE}: {unsure_words(draws)}." if each.unsure[each.order[:most]].any() else ""
     note += f" {len(each.paths) - most} more are in the result file." if len(each.paths) > most else ""
     caption = "Sensitivities: percent of amplitude per percent of the number, at the present values"
     return Table(caption, ("Number", "at present", *ways), tuple(rows), note=note)
@@ -218,7 +217,7 @@ def _details(study: DesignStudy, design: Design) -> Iterator[Section]:
     yield Section("Effect of the change", tuple(lines))
     yield _optima(study, design)
     yield from _curve(design)
-    yield Section("What the vibration depends on", (_sensitivity_table(study, STRONGEST),))
+    yield Section("What the vibration depends on", (sensitivity_table(study.sensitivities, draws=study.draws),))
     yield from _verification(study, design)
     yield from assumed_section(study.basis)
 

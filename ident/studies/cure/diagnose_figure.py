@@ -9,9 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.report.report import cut
-from ident.report.style import BLUE, note, plain, ratio_axis, rows
+from ident.report.style import BLUE, plain, ratio_axis, rows
 from ident.report.words import MM
-from ident.studies.cure.diagnose_report import SENSITIVITIES, change_words
+from ident.studies.cure.design_figure import sensitivities_drawn
+from ident.studies.cure.diagnose_report import change_words
 from ident.studies.stiffness.validate_figure import validate_figure
 from ident.studies.working.resonance_figure import resonance_figure
 
@@ -71,23 +72,6 @@ def _vibration_figure(diagnosis: "Diagnosis") -> Figure:
     return figure
 
 
-def _sensitivities_figure(diagnosis: "Diagnosis") -> Figure:
-    """Draw how the largest amplitude depends on the numbers, the strongest on top."""
-    sensitivities = diagnosis.sensitivities
-    order = sensitivities.order[:SENSITIVITIES]
-    figure, axes = _rows([sensitivities.paths[i] for i in order])
-    column = int(np.argmax(sensitivities.amplitude))
-    values, unsure = sensitivities.elasticity[order, column], sensitivities.unsure[order, column]
-    axes.barh(np.arange(len(order)), values, color=np.where(unsure, "white", BLUE), edgecolor=BLUE, height=0.6)
-    axes.axvline(0, color="black", linewidth=0.8)
-    for place, value in enumerate(values):
-        side, align = (-3, "right") if value < 0 else (3, "left")
-        note(axes, f"{value:+.2f}", (value, place), (side, 0), ha=align, va="center")
-    axes.margins(x=0.2)
-    axes.set(xlabel="percent of vibration per percent of the number")
-    return figure
-
-
 def _remedies_figure(diagnosis: "Diagnosis") -> Figure:
     """Draw the largest vibration after each remedy against the limit."""
     task, remedies = diagnosis.task, diagnosis.remedies
@@ -117,6 +101,6 @@ _FIGURES: Mapping[str, Callable[["Diagnosis"], Figure | None]] = {
     "trust": lambda diagnosis: validate_figure(diagnosis.validation) if diagnosis.validation.told else None,
     "resonance": _resonance_figure,
     "vibration": _vibration_figure,
-    "sensitivities": _sensitivities_figure,
+    "sensitivities": lambda diagnosis: sensitivities_drawn(diagnosis.sensitivities, "", "scales differ"),
     "remedies": _remedies_figure,
 }

@@ -3,8 +3,6 @@
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ident.report.page import Frame, Page, Section, picture, provenance
 from ident.report.report import Report, Table, cut
 from ident.report.words import MM, sentence
@@ -90,7 +88,6 @@ def _stages(diagnosis: "Diagnosis", report: Report) -> Iterator[Section]:
 def _captions(diagnosis: "Diagnosis", stage: str) -> tuple[str, str]:
     """Return the alternative text of a stage's figure, and its caption."""
     limit = f"{MM * diagnosis.task.limit:g} mm"
-    direction = "xyz"[int(np.argmax(diagnosis.sensitivities.amplitude))]
     return {
         "stiffness": (
             "Each identified number with its interval, relative to its median",
@@ -111,8 +108,8 @@ def _captions(diagnosis: "Diagnosis", stage: str) -> tuple[str, str]:
             f"Vibration of the end point; dashed: limit of {limit}.",
         ),
         "sensitivities": (
-            "Bars of the sensitivity of the largest vibration to each number",
-            f"Percent of the vibration in {direction} for one percent of each number. White: {unsure_words()}.",
+            "Bars of the sensitivity of the vibration in x, y and z to each number",
+            f"Percent of the vibration for one percent of each number. White: {unsure_words()}.",
         ),
         "remedies": (
             "Largest vibration after each remedy, with the limit",

@@ -35,10 +35,11 @@ from ident.studies.basis import (
 from ident.studies.cause.source_report import estimates, source_findings, source_verdict
 from ident.studies.cure.balance_report import needs_words
 from ident.studies.cure.cures import SHARES
-from ident.studies.cure.design_report import UNSURE, risen, unsure_words
+from ident.studies.cure.design_report import risen, sensitivity_table
 from ident.studies.cure.remedies import AND, CONFIDENT, EFFORTS, FINER, MOVED, STIFFER, VERIFIED, Remedy
+from ident.studies.stiffness.validate_report import scope_table
 from ident.studies.stiffness.warnings import untested
-from ident.studies.working.resonance_report import caused_words, grouped, sources_words
+from ident.studies.working.resonance_report import caused_words, crossings_table, grouped
 from ident.vibrate.evaluator import is_shifted
 
 if TYPE_CHECKING:
@@ -84,9 +85,6 @@ def spaced(path: str) -> str:
 
 
 # -------- Diagnose
-
-SENSITIVITIES = 12
-"""Sensitivities that are listed."""
 
 
 def diagnose_sections(diagnosis: "Diagnosis") -> Report:
@@ -391,13 +389,7 @@ def _trust(diagnosis: "Diagnosis") -> Iterator[Part]:
     if diagnosis.beyond:
         joints = ", ".join(f"{name} {np.degrees(by):.0f} deg" for name, by in diagnosis.beyond.items())
         yield f"The motion turns {joints} beyond all measured postures."
-    rows = [(s.kind.replace("_", " "), *map(percent, (s.half, s.seen, s.expected)), s.count) for s in validation.scopes]
-    note = (
-        "Error: half width of the 95 % interval, relative to the value. Seen: from the errors of the predicted "
-        "postures; expected: from the model's own standard deviations. The larger one counts."
-    )
-    head = ("kind", "error", "seen", "expected", "measurements")
-    yield Table("Prediction error in postures that were not measured (95 %)", head, tuple(rows), note=note)
+    yield from scope_table(validation)
 
 
 def scope_words(validation: "Validation") -> str:
@@ -417,22 +409,8 @@ def _resonance(diagnosis: "Diagnosis") -> Iterator[Part]:
         undriven = "The arm file has no [[drive]]: only the motion itself excites the arm."
         yield undriven if resonance.branches is None else "No pulley comes near a natural frequency along this motion."
         return
-    rows = []
-    for number, group in enumerate(grouped(resonance.crossings), 1):
-        e = group[0]
-        who = sources_words([crossing.source for crossing in group])
-        closest = "crosses" if e.crossings else f"{100 * e.relative_distance:.1f} % off"
-        row = (str(number), who, str(e.label), f"{e.start:.2f} to {e.end:.2f}", f"{e.natural:.2f}", closest)
-        rows.append((*row, caused_words(group), f"{e.magnification:.1f}", f"{100 * e.probability:.0f} %"))
-    head = (
-        *("no.", "excited by", "mode", "time [s]", "at [Hz]", "closest"),
-        *("vibration caused", "build-up [-]", "probability"),
-    )
-    note = (
-        "Vibration caused: of the end point along the mode's motion, by these pulleys alone with the worst phases. "
-        "Build-up: amplitude of the mode over its static response to the same force, estimated."
-    )
-    yield Table("Resonance along the motion, by the vibration caused", head, tuple(rows), note=note)
+    yield crossings_table(resonance.branches, grouped(resonance.crossings))
+    yield "Vibration: of the end point along the mode's motion, by these pulleys alone with the worst phases."
 
 
 def vibration_line(vibration: "VibrationAssessment") -> str:
@@ -509,15 +487,7 @@ def _sensitivities(diagnosis: "Diagnosis") -> Iterator[Part]:
         "per percent of the number."
     )
     yield "Drive ratios and masses shift a resonance along the path; they can rarely be chosen."
-    shown, rows = sensitivities.order[:SENSITIVITIES], []
-    for i in shown:
-        pairs = zip(sensitivities.elasticity[i], sensitivities.unsure[i], strict=True)
-        ways = (f"{value:+.2f}{UNSURE * bool(unsure)}" for value, unsure in pairs)
-        rows.append((sensitivities.paths[i], sensitivities.present[i], *ways))
-    head = ("number", "now [SI]", "x [% per %]", "y [% per %]", "z [% per %]")
-    note = "At the present values, for small changes."
-    note += f" {UNSURE}: {unsure_words()}." if sensitivities.unsure[shown].any() else ""
-    yield Table("Sensitivities, the strongest first", head, tuple(rows), ("", ".4g", "", "", ""), note)
+    yield sensitivity_table(sensitivities)
 
 
 def remedies_line(remedies: Sequence[Remedy]) -> str:

@@ -30,7 +30,7 @@ def validate_sections(validation: "Validation") -> Report:
         f"Cross-validation of {cut(fit.arm.name, 30)} on {cut(fit.campaign.name, 30)}: "
         f"{len(validation.parts)} {PARTS[validation.leave]}, each predicted by a fit to the others",
         _verdict(validation),
-        (*_scope_table(validation, absolute), _parts_table(validation, absolute, few=True), *_ratios(validation)),
+        (*scope_table(validation), _parts_table(validation, absolute, few=True), *_ratios(validation)),
         tuple(_findings(validation)),
         next=f"{following} {{campaign}}",
         details=tuple(_details(validation, absolute)),
@@ -73,8 +73,9 @@ def _absolute_kinds(validation: "Validation") -> set[str]:
     return {kind for kind, sizes in sizes.items() if kind != "frequency" and min(sizes) <= SMALL * max(sizes)}
 
 
-def _scope_table(validation: "Validation", absolute: Collection[str]) -> tuple[Table, ...]:
+def scope_table(validation: "Validation") -> tuple[Table, ...]:
     """Return how far measurements of each kind will lie from their prediction; nothing where none was predicted."""
+    absolute = _absolute_kinds(validation)
     rows: list[tuple[Cell, ...]] = []
     for kind in dict.fromkeys(m.kind for m in validation.fit.campaign):
         if scope := validation.scope(kind, relative=kind not in absolute):

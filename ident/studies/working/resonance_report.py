@@ -124,7 +124,7 @@ def resonance_sections(
     return Report(
         f"Resonances of {subject(basis)}: {branches.time[0]:.4g} to {branches.time[-1]:.4g} s",
         _verdict(branches, groups, margin),
-        (_table(branches, groups[:LISTED], note),) if groups else (),
+        (crossings_table(branches, groups[:LISTED], note),) if groups else (),
         tuple(_findings(basis, branches, excitation)),
         next=f"ident simulate {{arm}}{same_motion(basis)}",
         details=tuple(_details(basis, branches, excitation, groups, margin)),
@@ -167,7 +167,7 @@ def passage(crossing: ResonanceCrossing) -> str:
     return "builds up in part" if crossing.built_up >= FAST else "passes too fast"
 
 
-def _table(branches: Branches, groups: Sequence[Group], note: str = "") -> Table:
+def crossings_table(branches: Branches, groups: Sequence[Group], note: str = "") -> Table:
     """Return the crossings: what meets which mode, when, and how large it gets."""
     drawn = branches.batch_size > 0
     rows: list[tuple[Cell, ...]] = []
@@ -228,7 +228,7 @@ def _details(
 def _crossings(branches: Branches, groups: Sequence[Group], margin: float) -> Iterator[Part]:
     drawn = branches.batch_size > 0
     if len(groups) > LISTED:
-        yield _table(branches, groups)
+        yield crossings_table(branches, groups)
     rows: list[tuple[Cell, ...]] = []
     for number, (e, *_) in enumerate(groups, 1):
         span, posture = f"{e.start:.2f} to {e.end:.2f}", degrees(e.posture).removesuffix(" deg")

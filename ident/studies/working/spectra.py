@@ -15,9 +15,8 @@ from ident.studies.working.simulation import alike, grouped
 from ident.text import quoted
 from ident.vibrate.branches import branches
 from ident.vibrate.compare import second_derivative
-from ident.vibrate.orders import OrderTrack, Spectrogram, order_tracking, spectrogram
 from ident.vibrate.replay import replay
-from ident.vibrate.spectra import Peak, Spectrum, amplitude_spectrum, peaks
+from ident.vibrate.spectra import Peak, Spectrogram, Spectrum, amplitude_spectrum, peaks, spectrogram
 
 # -------- Marked modes
 # Natural frequencies that are marked in a spectrum: of an arm held at a posture, or all along a motion.
@@ -110,7 +109,7 @@ def marked_along(arm: Arm, log: Log, span: tuple[float, float], load: Load) -> M
 
 
 # -------- Spectra
-# The spectra of a trace as they are reported: beside another trace, over time, and by a pulley's orders.
+# The spectra of a trace as they are reported: beside another trace, and over time.
 
 Pulleys = Mapping[str, Pulley]
 PEAKS = 5
@@ -139,8 +138,7 @@ class Spectra:
         upto: [Hz] highest frequency that is looked at.
         pulleys: of the first trace's file, those that turn alike under one name.
         modes: natural frequencies of the arm, if one was named.
-        tracks: by pulley, the orders in each direction.
-        orders: multiples of the pulleys' turning that were asked for.
+        orders: multiples of the pulleys' turning whose lines the spectrograms have.
         spectrograms: of the first trace by direction, if they were asked for.
         remark: what was done to make the traces comparable; mostly empty.
     """
@@ -151,8 +149,7 @@ class Spectra:
     upto: float
     pulleys: Mapping[str, Pulley] = field(default_factory=dict)
     modes: MarkedModes | None = None
-    tracks: Mapping[str, OrderTrack] = field(default_factory=dict)
-    orders: tuple[float, ...] = ()
+    orders: tuple[float, ...] = (1.0,)
     spectrograms: Mapping[str, Spectrogram] = field(default_factory=dict)
     remark: str = ""
 
@@ -174,7 +171,7 @@ class Spectra:
             {
                 f"{order:g} x {name}": np.where(frequency > STANDING * frequency.max(), order * frequency, np.nan)
                 for name, frequency in turning.items()
-                for order in self.orders or (1.0,)
+                for order in self.orders
             }
         )
 
@@ -188,31 +185,6 @@ class Spectra:
         """Return the label of the mode near a peak [Hz] of a trace in a direction; see `MarkedModes.near`."""
         within = max(self.spectra[name].resolution, NEAR * frequency)
         return self.modes.near(frequency, within, "vertical" if direction == "z" else "lateral") if self.modes else None
-
-    def elsewhere(self, name: str, order: int) -> str | None:
-        """Return the lower order of another pulley that an order is in every block; see `lower_order`."""
-        found = {self.lower_order(name, order, block) for block in range(len(self.tracks[name].time))}
-        return found.pop() if len(found) == 1 else None
-
-    def lower_order(self, name: str, order: int, block: int) -> str | None:
-        """Return what turns as fast as an order of a pulley in a block, by a lower order: `1 x drive2`.
-
-        An eccentric mass is order 1, a drive's error order 2: of orders that can't be told apart, the lowest is the one
-        that excites.
-
-        Args:
-            name: the pulley.
-            order: place among the orders.
-            block: place among the blocks.
-        """
-        track = self.tracks[name]
-        multiple, turning, time = track.orders[order], track.frequency[block], track.time[block]
-        for other, beside in self.tracks.items():
-            faster = np.interp(time, beside.time, beside.frequency)
-            for lower in beside.orders[beside.orders < multiple] if other != name else ():
-                if abs(lower * faster - multiple * turning) < turning * 2 / track.revolutions:
-                    return f"{lower:g} x {other}"
-        return None
 
 
 def cut(trace: Trace, pulleys: Mapping[str, Pulley], start: float | None, end: float | None) -> tuple[Trace, Pulleys]:
@@ -274,18 +246,6 @@ def spectrograms(
     return {
         direction: spectrogram(trace.time, trace.values[direction], window=window, segment_seconds=segment)
         for direction in directions
-    }
-
-
-def order_tracks(
-    trace: Trace, directions: Sequence[str], pulleys: Pulleys, orders: Sequence[float], revolutions: int
-) -> dict[str, OrderTrack]:
-    """Return the orders of each pulley whose angle is known."""
-    values = _columns(trace, directions)
-    return {
-        name: order_tracking(trace.time, values, pulley.angle, orders=orders, revolutions=revolutions)
-        for name, pulley in pulleys.items()
-        if pulley.angle is not None
     }
 
 

@@ -51,19 +51,14 @@ class SpectrumOptions(BaseOptions):
     )
     decibel: bool = option(False, "colours of the spectrogram in dB")
     orders: tuple[float, ...] = option(
-        (),
-        "multiples of the pulleys' turning, as 1,2: tracked where the file has their angles",
+        (1.0,),
+        "multiples of the pulleys' turning that are drawn in the spectrogram, where the file has their frequency",
         read=reading.several,
-    )
-    revolutions: int = option(
-        4,
-        "of a block over which an order is tracked: more tell orders better, times worse",
-        low=1,
-        argument="angle",
+        text="1",
     )
 
     def problems(self) -> list[Problem]:
-        """Refuse a posture that is none, and orders that are."""
+        """Refuse a posture that is none."""
         problems = super().problems()
         if self.posture and not all(map(is_angle, self.posture)):
             expected = f"angles within {FARTHEST:g} deg"
@@ -78,7 +73,7 @@ class SpectrumResult(Result):
     Its table has a row for each of the strongest peaks: frequency [Hz], amplitude [SI], and the mode near it.
 
     Attributes:
-        spectra: traces, spectra, spectrograms, orders, and the modes of an arm.
+        spectra: traces, spectra, spectrograms, and the modes of an arm.
         arm: the arm as its file has it; None if none was named.
         path: the joint path that was given for the modes; None for that of the trace's own file.
         options: what was asked for.
@@ -139,12 +134,10 @@ class SpectrumResult(Result):
         return peaks(self.spectra.spectra[self.spectra.name].column(column), count, (low, high))
 
     def figures(self) -> "dict[str, Figure]":
-        """Return the spectra, the pulleys' orders (`orders`) and spectrograms by direction, as far as asked for."""
-        from ident.studies.working.spectrum_figure import orders_figure, spectra_figure, spectrogram_figures
+        """Return the spectra, and spectrograms by direction if they were asked for."""
+        from ident.studies.working.spectrum_figure import spectra_figure, spectrogram_figures
 
-        orders = {"orders": orders_figure(self.spectra)} if self.spectra.tracks else {}
-        spectrograms = spectrogram_figures(self.spectra, decibel=self.options.decibel)
-        return {"": spectra_figure(self.spectra), **orders, **spectrograms}
+        return {"": spectra_figure(self.spectra), **spectrogram_figures(self.spectra, decibel=self.options.decibel)}
 
     def _inputs(self) -> Mapping[str, Any]:
         files = dict(zip(("trace", "against"), self.spectra.traces.values(), strict=False))
@@ -182,7 +175,6 @@ def spectrum(
         common_directions,
         comparable,
         distinct,
-        order_tracks,
         spectrograms,
     )
 
@@ -191,7 +183,7 @@ def spectrum(
     directions, (traces, remark) = common_directions(given, options.direction), comparable(given)
     first, turning = next(iter(traces.values())), distinct(turning)
     log = None if arm is None or path is None else as_log(path, arm.arm)
-    orders, window = options.orders, options.window
+    window = options.window
     spectra = Spectra(
         directions,
         traces,
@@ -199,8 +191,7 @@ def spectrum(
         options.upto,
         turning,
         _modes(arm, options, first, trace, log),
-        order_tracks(first, directions, turning, orders, options.revolutions) if orders else {},
-        orders,
+        options.orders,
         spectrograms(first, directions, window=window, seconds=options.segment) if options.spectrogram else {},
         remark,
     )
@@ -218,9 +209,6 @@ def _traces(
 
     name, first, beside = _read(trace)
     turning = beside if pulleys is None else pulleys
-    if options.orders and not any(pulley.angle is not None for pulley in turning.values()):
-        expected, remedy = "a column as 'drive1.angle [rad]'", "give a file of ident simulate, or drop `orders`"
-        raise refusal(first.path or name, "no pulley's angle", expected, remedy)
     first, turning = cut(first, turning, options.start, options.end)
     if against is None:
         return {name: first}, turning

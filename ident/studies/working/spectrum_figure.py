@@ -1,4 +1,4 @@
-"""Amplitude spectra, spectrograms and order tracks of traces, with natural frequencies."""
+"""Amplitude spectra and spectrograms of traces, with natural frequencies."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
@@ -30,8 +30,7 @@ from ident.studies.working.spectrum_report import hertz, where_marked
 
 if TYPE_CHECKING:
     from ident.studies.working.spectra import Band, Spectra
-    from ident.vibrate.orders import OrderTrack, Spectrogram
-    from ident.vibrate.spectra import Spectrum
+    from ident.vibrate.spectra import Spectrogram, Spectrum
 from ident.studies.working.simulate_figure import LETTER, LINE
 
 SPECTRUM_PANEL = (8.0, 2.5)
@@ -66,8 +65,7 @@ def spectra_figure(spectra: "Spectra") -> Figure:
 def spectrogram_figures(spectra: "Spectra", *, decibel: bool = False) -> dict[str, Figure]:
     """Draw the spectrogram of each direction, with a line for each order of each pulley."""
     time = spectra.traces[spectra.name].time
-    same = {f"{track.orders[o]:g} x {name}" for name, track, o, other in _orders(spectra) if other}
-    lines = {name: (time, frequency) for name, frequency in spectra.lines.items() if name not in same}
+    lines = {name: (time, frequency) for name, frequency in spectra.lines.items()}
     style: dict[str, Any] = {"upto": spectra.upto, "decibel": decibel, "kind": spectra.kind}
     return {
         direction: spectrogram_figure(part, lines, title=f"{direction.upper()}: {spectra.name}", **style)
@@ -226,43 +224,3 @@ def _descriptions(series: Mapping[str, "Spectrum"]) -> Iterator[str]:
     resolutions = [spectrum.resolution for spectrum in series.values()]
     if max(resolutions) > 1.01 * min(resolutions):
         yield "resolutions differ: compare the heights of steady sines only, not of what swells, decays or is noise"
-
-
-def orders_figure(spectra: "Spectra") -> Figure:
-    """Draw the amplitude of each pulley's orders over time, a panel for each direction; none that is another's."""
-    factor, unit = TRACE_UNITS[spectra.kind]
-    count = len(spectra.directions)
-    figure = titled((SPECTRUM_PANEL[0], SPECTRUM_PANEL[1] * count + 1.3), "Orders of the pulleys")
-    grid = figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0]
-    every = list(_orders(spectra))
-    styled = list(zip([order[:3] for order in every if not order[3]], cycle(LINES), strict=False))
-    for d, (axes, direction) in enumerate(zip(grid, spectra.directions, strict=True)):
-        for (_, track, o), style in styled:
-            axes.plot(track.time, factor * track.amplitude[o, :, d], marker="o", markersize=3.5, **style)
-        plain(axes)
-        axes.set_ylim(bottom=0)
-        axes.set(ylabel=f"{direction.upper()}: amplitude, 0-peak [{unit}]")
-    grid[-1].set(xlabel="time [s]")
-    figure.align_ylabels(grid)
-    handles = [
-        Line2D([], [], marker="o", markersize=3.5, label=_order(track, o, name), **style)
-        for (name, track, o), style in styled
-    ]
-    revolutions = next(iter(spectra.tracks.values())).revolutions
-    fastest = max(float(np.max(track.frequency)) for track in spectra.tracks.values())
-    notes = f"a point for each {revolutions} revolutions; pulleys turn at up to {fastest:.3g} Hz"
-    same = [(_order(track, o, name), other) for name, track, o, other in every if other]
-    notes += "".join(f"\nnot drawn: {order}, as fast as {cut(other, 30)}" for order, other in same)
-    key_below(figure, handles, notes, columns=3)
-    return figure
-
-
-def _orders(spectra: "Spectra") -> Iterator[tuple[str, "OrderTrack", int, str | None]]:
-    """Yield each order of each pulley, with the lower order that turns as fast, if there is one."""
-    for name, track in spectra.tracks.items():
-        for o in range(len(track.orders)):
-            yield name, track, o, spectra.elsewhere(name, o)
-
-
-def _order(track: "OrderTrack", order: int, name: str) -> str:
-    return f"order {track.orders[order]:g} of {cut(name, 30)}"

@@ -1,10 +1,7 @@
-"""Spectra of traces: what is said of their peaks, of the modes near these and of pulley orders; the peaks as rows."""
+"""Spectra of traces: what is said of their peaks, and of the modes near these; the peaks as rows."""
 
-import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from ident.report.report import Cell, Part, Report, Section, Table, cut
 from ident.report.words import (
@@ -37,8 +34,7 @@ def _next(spectra: Spectra) -> str:
     """Return what names the modes near the peaks, or else what excites them."""
     if spectra.modes is None:
         return "ident spectrum {trace} --arm ARM"
-    tracked = any(pulley.angle is not None for pulley in spectra.pulleys.values()) and not spectra.tracks
-    return "ident spectrum {trace} --arm {arm} --orders 1,2" if tracked else "ident resonance {arm}"
+    return "ident resonance {arm}"
 
 
 def _answer(spectra: Spectra) -> Iterator[Part]:
@@ -46,9 +42,6 @@ def _answer(spectra: Spectra) -> Iterator[Part]:
     for name in spectra.traces:
         caption = "Strongest peaks" + (f" of {cut(name, 40)}" if len(spectra.traces) > 1 else "")
         yield _peaks_table(spectra, name, caption, most)
-    rows = [max(each, key=lambda row: row.amplitude) for each in _orders(spectra).values() if each]
-    if rows:
-        yield _orders_table(spectra, "Strongest pulley order in each direction", rows)
 
 
 def _details(spectra: Spectra) -> Iterator[Section]:
@@ -60,14 +53,6 @@ def _details(spectra: Spectra) -> Iterator[Section]:
         yield Section(title, (peaks, f"{spectra.spectra[name].description()}.", samples))
     if spectra.modes is not None:
         yield _modes(spectra.modes)
-    for name, track in spectra.tracks.items():
-        rows = [row for each in _orders(spectra, attributed=True).values() for row in each if row.pulley == name]
-        title = f"Orders of {name}, in blocks of {track.revolutions} revolutions: largest amplitude"
-        note = (
-            "belongs to: another pulley's lower order at the same frequency, which excites it. Free vibration near "
-            "such a frequency is included."
-        )
-        yield Section(title, (_orders_table(spectra, "", rows, note),))
 
 
 # -------- Peaks
@@ -98,51 +83,6 @@ def _modes(modes: MarkedModes) -> Section:
     )
     title = f"Natural frequencies of {cut(modes.arm, 40)}, {modes.load}, {where_marked(modes)}"
     return Section(title, (Table("", ("mode", "frequency"), rows, note="" if modes.held else meaning),))
-
-
-# -------- Orders
-
-
-class _Order(NamedTuple):
-    """The largest amplitude of an order of a pulley in a direction, in the trace's unit; NaN if not resolved."""
-
-    direction: str
-    order: float
-    pulley: str
-    amplitude: float
-    time: float
-    turning: float
-    other: str
-
-
-def _orders(spectra: Spectra, *, attributed: bool = False) -> dict[str, list[_Order]]:
-    """Return the orders by direction; those that belong to another pulley or are not resolved only if asked for."""
-    factor = TRACE_UNITS[spectra.kind][0]
-    found: dict[str, list[_Order]] = {direction: [] for direction in spectra.directions}
-    for d, direction in enumerate(spectra.directions):
-        for name, track in spectra.tracks.items():
-            for o, order in enumerate(track.orders):
-                amplitude = track.amplitude[o, :, d]
-                numbers, other = (math.nan, math.nan, math.nan), "beyond what the sampling resolves"
-                if not np.isnan(amplitude).all():
-                    place = int(np.nanargmax(amplitude))
-                    other = spectra.lower_order(name, o, place) or ""
-                    numbers = factor * amplitude[place], track.time[place], track.frequency[place]
-                if attributed or not other:
-                    found[direction].append(_Order(direction, order, name, *numbers, other))
-    return found
-
-
-def _orders_table(spectra: Spectra, caption: str, orders: list[_Order], note: str = "") -> Table:
-    unit = TRACE_UNITS[spectra.kind][1]
-    rows: list[tuple[Cell, ...]] = []
-    for row in orders:
-        numbers = map(float, (row.amplitude, row.time, row.turning, row.order * row.turning))
-        rows.append((row.direction, f"{row.order:g} x {row.pulley}", *numbers, row.other))
-    head = ("", "order", f"amplitude [{unit}]", "at [s]", "pulley [Hz]", "vibration [Hz]", "belongs to")
-    forms = ("", "", "#.4g", ".3f", ".3f", ".3f", "")
-    shown = len(head) if note and any(row.other for row in orders) else len(head) - 1
-    return Table(caption, head[:shown], tuple(row[:shown] for row in rows), forms[:shown], note * (shown == len(head)))
 
 
 # -------- Rows

@@ -79,7 +79,7 @@ SHIPPED = [
     "rerun out/campaign.fit.json",
     "resonance data/lcd_arm/arm.toml",
     "simulate data/lcd_arm/arm.toml",
-    "spectrum out/arm.extend-10.simulate.csv --arm data/lcd_arm/arm.toml --spectrogram --orders 1,2",
+    "spectrum out/arm.extend-10.simulate.csv --arm data/lcd_arm/arm.toml --spectrogram",
     "sweep data/lcd_arm/arm.toml --vary joint1.k_tors --vary bracket.com.x=0:0.29 --vary speed=4:20:17",
     "design data/lcd_arm/arm.toml --limit 0.5",
     "explore data/lcd_arm/arm.toml",

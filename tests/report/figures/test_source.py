@@ -5,7 +5,7 @@ import pytest
 from figures import HOSTILE, assert_tidy
 
 from ident.studies.cause.triage_figure import triage_figure
-from ident.vibrate.orders import spectrogram
+from ident.vibrate.spectra import spectrogram
 from ident.vibrate.triage import Finding, Hypothesis, Triage
 
 TIME = np.arange(2000) / 200.0

@@ -7,8 +7,7 @@ from matplotlib.text import Annotation, Text
 
 from ident.report.document import save
 from ident.studies.working.spectrum_figure import spectrogram_figure, spectrum_figure
-from ident.vibrate.orders import spectrogram
-from ident.vibrate.spectra import amplitude_spectrum
+from ident.vibrate.spectra import amplitude_spectrum, spectrogram
 
 TIME = np.arange(2000) / 200
 BOTH = np.stack([1e-3 * np.sin(2 * np.pi * 5 * TIME), 3e-3 * np.sin(2 * np.pi * 9 * TIME)], axis=1)
