@@ -1,10 +1,12 @@
 """What ident says when something is wrong: one sentence that names the place and the remedy."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
+T = TypeVar("T")
+R = TypeVar("R")
 LONGEST = 300
 """Characters of each part of a problem that its line shows."""
 ARM_FILE = "arm file"
@@ -70,6 +72,12 @@ def refusal(where: str, got: str, expected: str, remedy: str, column: str = "") 
     return InputError(Problem(where, got, expected, remedy, column))
 
 
+def require(fine: object, where: str, got: str, expected: str, remedy: str, column: str = "") -> None:
+    """Raise an InputError of one thing wrong, see `Problem`, unless all is fine."""
+    if not fine:
+        raise refusal(where, got, expected, remedy, column)
+
+
 @contextmanager
 def noted(problems: list[Problem]) -> Iterator[None]:
     """Add the problems of an InputError to others, so that all are reported at once."""
@@ -86,6 +94,16 @@ def placed(where: str, column: str = "") -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(replace(each, where=where, column=column or each.column) for each in error.problems) from None
+
+
+def every(read: Callable[[T], R], items: Iterable[T]) -> list[R]:
+    """Return what is read of each item; the problems of all are reported at once."""
+    problems, found = list[Problem](), list[R]()
+    for item in items:
+        with noted(problems):
+            found.append(read(item))
+    refuse(problems)
+    return found
 
 
 def refuse(problems: Iterable[Problem]) -> None:

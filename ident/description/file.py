@@ -7,13 +7,11 @@ from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import equinox as eqx
 import numpy as np
 import tomlkit
 from jaxtyping import Float
-from pydantic import ValidationError
 
 from ident.arm.arm import Arm, check_size, loss_paths, massless_joints, on_soft_base
 from ident.arm.parts import Payload, Point
@@ -26,7 +24,7 @@ from ident.description.rewriting import (
     set_numbers,
     with_first_joint,
 )
-from ident.description.robot import JointsFile, Robot, beside, check_joints, read_joints, refuse_xacro
+from ident.description.robot import JointsFile, Robot, beside, check_joints, read_joints, robot_root
 from ident.description.schema import BUSHING, SINGLE, ArmDocument, Origin, named, uncertain_numbers
 from ident.errors import ARM_FILE, InputError, Problem, refusal
 from ident.text import decode, one_line, read_bytes
@@ -34,26 +32,10 @@ from ident.text import decode, one_line, read_bytes
 # -------- Robot file
 # An arm of a robot description, URDF or MJCF, and the file of bushings beside it.
 
-REMEDY = "give a URDF or MJCF file, not xacro or SDF"
-
 
 def robot_kind(data: bytes, where: str) -> str:
-    """Return what the root element of a robot description is called: robot of URDF, mujoco of MJCF.
-
-    Raises:
-        InputError: it is no XML, or another root.
-    """
-    try:
-        root = ElementTree.fromstring(data)
-    except (ElementTree.ParseError, LookupError, ValueError) as error:
-        refuse_xacro(data, None, where)
-        line, column = getattr(error, "position", (1, 0))
-        got, expected = f"no XML ({one_line(str(error))})", "a robot description (URDF or MJCF)"
-        raise refusal(f"{where}:{line}, column {column}", got, expected, "correct it") from None
-    refuse_xacro(data, root, where)
-    if root.tag not in ("robot", "mujoco"):
-        raise refusal(f"{where}:1", f"<{one_line(root.tag)}>", "<robot> or <mujoco>", REMEDY)
-    return str(root.tag)
+    """Return what the root element of a robot description is called: robot of URDF, mujoco of MJCF."""
+    return str(robot_root(data, where).tag)
 
 
 def read_robot(path: str | PathLike[str], tip: str | None = None) -> Robot:
@@ -87,7 +69,7 @@ def robot_arm(path: str | PathLike[str], sha256: str) -> "ArmFile":
     robot = read_robot(path, document.tip)
     check_joints(document, robot, text)
     bushings = {table.name: table.bushing() for table in document.joint}
-    points = tuple(Point(each.name, each.joint, each.position.number) for each in document.point)
+    points = tuple(each.part(Point) for each in document.point)
     payloads = tuple(Payload(each.joint, each.body()) for each in document.payload)
     arm = eqx.tree_at(lambda a: a.damping, robot.arm(bushings, points, payloads), document.damping.in_arm())
     named_tables: list[Any] = [*document.joint, *document.point, *document.payload]
@@ -178,12 +160,8 @@ def parse_document(text: str, where: str = "arm.toml") -> ArmDocument:
     source = Source(where, text, load_toml(text, where))
     joints = source.raw.get("joint")
     check_size(len(joints) if isinstance(joints, list) else 0, where)
-    problems = list(source.name_problems())
-    try:
-        document = ArmDocument.model_validate(source.raw)
-    except ValidationError as error:
-        problems = [*source.explain(error), *problems]
-    else:
+    document, problems = source.read()
+    if document is not None:
         for place, got, expected in massless_joints([joint.joint() for joint in document.joint]):
             which = "last " * (place == len(document.joint) - 1)
             remedy = f"give the {which}joint a shaft or link of positive mass, with inertia or shape"
@@ -213,8 +191,7 @@ def update_file(text: str, values: Mapping[str, float], *, origin: Origin, where
     before, document = parse_arm(text, where), tomlkit.parse(text)
     lossy = before.replace({path: values[path] for path in loss_paths(before) if path in values})
     place_damping(document, _tables(document), lossy, values)
-    tables = _tables(document)
-    set_numbers(tables, values, origin, where)
+    set_numbers(_tables(document), values, origin, where)
     updated = tomlkit.dumps(document)
     parse_document(updated, where)
     return updated

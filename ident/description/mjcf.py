@@ -21,10 +21,11 @@ from ident.arm.parts import Body, Point
 from ident.description.robot import (
     TIP,
     Held,
-    Pair,
+    Pairs,
     Pin,
     Robot,
     body_names,
+    carrier,
     held_note,
     is_sane,
     limits_note,
@@ -35,8 +36,8 @@ from ident.description.robot import (
     serial_chain,
     unclear_branch,
 )
-from ident.errors import InputError, Problem, placed, refusal, refuse
-from ident.text import NAME_RULE, did_you_mean, one_line, read_bytes
+from ident.errors import InputError, Problem, placed, refusal, refuse, require
+from ident.text import NAME_RULE, one_line, read_bytes
 
 ENDS = ("tors", "bend_1", "bend_2")
 """How the hinges of a bushing are called, after the joint: about its axis, and about two directions across it."""
@@ -47,11 +48,7 @@ NUMBERS |= {"diaginertia", "fullinertia", "gravity", "scale", "offset", "boundma
 
 
 def read_mjcf(
-    path: str | PathLike[str],
-    *,
-    stiffness: Mapping[str, Pair] | Pair,
-    damping: Mapping[str, Pair] | Pair = (0.0, 0.0),
-    tip: str | None = None,
+    path: str | PathLike[str], *, stiffness: Pairs, damping: Pairs = (0.0, 0.0), tip: str | None = None
 ) -> Arm:
     """Return a serial arm from an MJCF file.
 
@@ -192,9 +189,8 @@ def at_zero(path: str, where: str) -> tuple[Any, Any, "Ties"]:
         mujoco.mj_kinematics(model, data)
     for body in range(1, model.nbody):
         numbers = (model.body_mass[body], *model.body_inertia[body], *data.xpos[body], *data.ximat[body])
-        if not np.isfinite([*numbers, *data.xipos[body]]).all():
-            got, place = "a place or inertia that is not finite", f"{where}, body {_body_name(model, body)}"
-            raise refusal(place, got, "finite numbers", "correct it")
+        finite, place = np.isfinite([*numbers, *data.xipos[body]]).all(), f"{where}, body {_body_name(model, body)}"
+        require(finite, place, "a place or inertia that is not finite", "finite numbers", "correct it")
     return model, data, ties
 
 
@@ -300,9 +296,8 @@ def _drop_shapes(spec: Any) -> None:
     for shown in (*spec.geoms, *spec.sites):
         shown.material = ""
     used = {geom.meshname for geom in spec.geoms}
-    for mesh in list(spec.meshes):
-        if mesh.name not in used:
-            spec.delete(mesh)
+    for mesh in [each for each in spec.meshes if each.name not in used]:
+        spec.delete(mesh)
     for unused in (*spec.materials, *spec.textures):
         spec.delete(unused)
 
@@ -344,9 +339,8 @@ class _Tree:
 
         bushings = _passed_over(model)
         joints: dict[int, list[int]] = {}
-        for n in range(model.njnt):
-            if model.joint(n).name not in bushings:
-                joints.setdefault(int(model.jnt_bodyid[n]), []).append(n)
+        for n in [n for n in range(model.njnt) if model.joint(n).name not in bushings]:
+            joints.setdefault(int(model.jnt_bodyid[n]), []).append(n)
         mover, after = [0], {0: list[int](), **{body: [] for body in joints}}
         for body in range(1, model.nbody):
             before = mover[model.body_parentid[body]]
@@ -361,7 +355,9 @@ class _Tree:
         def is_followed(body: int) -> bool:
             return any(model.joint(n).name in ties.joints.values() for n in joints[body])
 
-        end = None if tip is None else _carrier(model, tip, mover, where)
+        frames = {str(model.site(n).name): int(model.site_bodyid[n]) for n in range(model.nsite) if model.site(n).name}
+        frames |= {_body_name(model, n): n for n in range(1, model.nbody)}
+        end = carrier(tip, {name: mover[body] for name, body in frames.items() if mover[body]}, where, "body or site")
         kept, unclear = serial_chain(after, 0, end, turns, is_followed)
         if unclear:
             first = (_joint_name(model, joints[body][0]) for body, _ in unclear)
@@ -392,12 +388,9 @@ class _Tree:
         model, last = self.model, int(self.model.jnt_bodyid[self.links[-1][-1]])
         holders = model.body_weldid[model.site_bodyid]
         sites = [n for n in range(model.nsite) if holders[n] == last and model.site(n).name]
+        body, place = last, data.site_xpos[sites[0]] if len(sites) == 1 else data.xpos[last]
         if tip is not None:
             body, place = _frame(model, data, tip)
-        elif len(sites) == 1:
-            body, place = last, data.site_xpos[sites[0]]
-        else:
-            body, place = last, data.xpos[last]
         joint = next(link[-1] for link in self.links if model.jnt_bodyid[link[-1]] == self.owner[body])
         return Point(TIP, self.name(joint), place - data.xanchor[joint])
 
@@ -417,9 +410,8 @@ class _Tree:
             name = _body_name(model, n)
             if names[name] != name and model.body_mass[n] > 0 and self.owner[n]:
                 yield renamed_note(self.where, "body", name, names[name])
-        for name in map(self.name, self.joints):
-            if name in self.ties.ranges:
-                yield limits_note(self.where, name, self.ties.ranges[name])
+        joints, ranges = map(self.name, self.joints), self.ties.ranges
+        yield from (limits_note(self.where, name, ranges[name]) for name in joints if name in ranges)
 
     def _told(self, joint: int) -> Held:
         name = self.name(joint)
@@ -432,25 +424,22 @@ class _Tree:
         import mujoco
 
         model, where, ties = self.model, self.where, self.ties
-        if not self.links:
-            others = listed(str(self._told(each)) for each in self.held)
-            got = f"no hinge that turns on its own, but {others}" if others else "no moving joint"
-            raise refusal(where, got, "a hinge", "check the joints of the bodies")
+        others = listed(str(self._told(each)) for each in self.held)
+        got = f"no hinge that turns on its own, but {others}" if others else "no moving joint"
+        require(self.links, where, got, "a hinge", "check the joints of the bodies")
         own = {str(model.joint(n).name) for n in self.joints}
         tied = bool(ties.joints.keys() & own) or any(each is None or each & own for each in ties.others)
         for one, other, are_sites in ties.bodies:
             bodies = [self._body(name, is_site=are_sites) for name in (one, other)]
             tied = tied or self.owner[bodies[0]] != self.owner[bodies[1]]
-        if tied:
-            remedy = "remove it, and what it ties to the arm"
-            raise refusal(where, "an equality constraint", "a serial arm whose hinges turn on their own", remedy)
+        expected, remedy = "a serial arm whose hinges turn on their own", "remove it, and what it ties to the arm"
+        require(not tied, where, "an equality constraint", expected, remedy)
+        remedy = "fix this joint, or let the arm end before it (tip)"
         for joint in self.joints:
-            if not self.name(joint):
-                place = f"{where}, body {_body_name(model, int(model.jnt_bodyid[joint]))}"
-                raise refusal(place, "a joint without a name", NAME_RULE, "name it")
-            if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
-                got, remedy = f"type {_type(model, joint)}", "fix this joint, or let the arm end before it (tip)"
-                raise refusal(f"{where}, joint {self.name(joint)}", got, "a hinge", remedy)
+            place = f"{where}, body {_body_name(model, int(model.jnt_bodyid[joint]))}"
+            require(self.name(joint), place, "a joint without a name", NAME_RULE, "name it")
+            place, is_hinge = f"{where}, joint {self.name(joint)}", model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
+            require(is_hinge, place, f"type {_type(model, joint)}", "a hinge", remedy)
 
     def _body(self, name: str, *, is_site: bool) -> int:
         if not name:
@@ -462,21 +451,6 @@ def _type(model: Any, joint: int) -> str:
     import mujoco
 
     return str(mujoco.mjtJoint(model.jnt_type[joint]).name.removeprefix("mjJNT_").lower())
-
-
-def _carrier(model: Any, tip: str, mover: Sequence[int], where: str) -> int:
-    """Return the moving body that carries a body or site.
-
-    Raises:
-        InputError: none does.
-    """
-    frames = {str(model.site(n).name): int(model.site_bodyid[n]) for n in range(model.nsite) if model.site(n).name}
-    frames |= {_body_name(model, n): n for n in range(1, model.nbody)}
-    moving = {name: mover[body] for name, body in frames.items() if mover[body]}
-    if moving and tip not in moving:
-        remedy = did_you_mean(tip, moving, f"one of {listed(moving)}")
-        raise refusal(where, f"the tip {tip!r}", "a moving body or site of this robot", remedy)
-    return moving.get(tip, 0)
 
 
 def _frame(model: Any, data: Any, tip: str) -> tuple[int, Any]:
@@ -498,8 +472,7 @@ def _passed_over(model: Any) -> set[str]:
 def _undriven(name: str, names: set[str]) -> str:
     """Return what a bushing without a pin is called of which this is the hinge about its axis; empty for another."""
     stem = name.removesuffix(f"_{ENDS[0]}")
-    whole = stem != name and stem not in names and {f"{stem}_{end}" for end in ENDS} <= names
-    return stem if whole else ""
+    return stem if stem != name and stem not in names and {f"{stem}_{end}" for end in ENDS} <= names else ""
 
 
 def _pin(tree: _Tree, data: Any, joint: int, bodies: tuple[Body, ...], place: Any) -> Pin:
@@ -533,8 +506,7 @@ def names_of_bodies(model: Any) -> list[str]:
 def _joint_name(model: Any, joint: int) -> str:
     """Return the name of a joint; that of a bushing without a pin for the hinge about its axis."""
     name = str(model.joint(joint).name)
-    names = {str(model.joint(n).name) for n in range(model.njnt)}
-    return _undriven(name, names) or name
+    return _undriven(name, {str(model.joint(n).name) for n in range(model.njnt)}) or name
 
 
 def _body_name(model: Any, body: int) -> str:
@@ -616,10 +588,9 @@ class Tree:
             place -= 1
         held = path[place + 1]
         unwanted = {id(each) for tag in others for each in held.iter(tag)} - {id(each) for each in path[-1].iter()}
-        if unwanted:
-            got, expected = "a <frame> with more in it", f"a <frame> about this {path[-1].tag} alone"
-            name = path[-1].get("name", "")
-            raise refusal(f"{self.where}, {path[-1].tag} {name}", got, expected, "write it without that frame")
+        tag, name = path[-1].tag, path[-1].get("name", "")
+        where, expected = f"{self.where}, {tag} {name}", f"a <frame> about this {tag} alone"
+        require(not unwanted, where, "a <frame> with more in it", expected, "write it without that frame")
         return path[place], held
 
 
@@ -654,10 +625,10 @@ def own_masses(path: str, where: str) -> None:
     """
     import mujoco
 
-    compiler = load_spec(path, where).compiler
-    if compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE or compiler.settotalmass > 0:
-        got, remedy = "masses by inertiafromgeom or settotalmass", "drop that, or write .toml or .json"
-        raise refusal(f"{where}, compiler", got, "masses that the bodies have themselves", remedy)
+    compiler, by_geom = load_spec(path, where).compiler, mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    got, remedy = "masses by inertiafromgeom or settotalmass", "drop that, or write .toml or .json"
+    own = compiler.inertiafromgeom != by_geom and compiler.settotalmass <= 0
+    require(own, f"{where}, compiler", got, "masses that the bodies have themselves", remedy)
 
 
 def _path(element: Any, wanted: Callable[[Any], bool]) -> list[Any]:

@@ -27,7 +27,7 @@ from ident.arm.rotations import matmul, rotation, rotation_vector
 from ident.description.mjcf import ENDS, Tree, names_of_bodies, numbers, own_masses, tree_of, wrapped
 from ident.description.rewriting import changed_bodies, changed_numbers
 from ident.description.robot import body_names
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.programs import jit
 from ident.text import one_line, read_bytes
 
@@ -55,9 +55,8 @@ def tendons(turns: Mapping[str, Any], arm: Arm, posture: tuple[float, ...]) -> A
         InputError: the arm has no stable equilibrium there.
     """
     phi, frame = (np.asarray(x) for x in _working_point(arm, jnp.asarray(posture)))
-    if not np.isfinite(phi).all():
-        got, expected = "no stable equilibrium under the arm's weight", "a posture in which the arm stands"
-        raise refusal("posture", got, expected, "choose another one")
+    got, expected = "no stable equilibrium under the arm's weight", "a posture in which the arm stands"
+    require(np.isfinite(phi).all(), "posture", got, expected, "choose another one")
     section = ElementTree.Element("tendon")
     for n, joint in enumerate(arm.joints):
         if joint.k_bend is None or joint.k_tors is None:
@@ -135,16 +134,8 @@ def comment(lines: list[str]) -> bytes:
 
 # -------- Writing MJCF
 
-HINGE_DEFAULTS = {
-    "type": "hinge",
-    "armature": "0",
-    "frictionloss": "0",
-    "limited": "false",
-    "actuatorfrclimited": "false",
-    "ref": "0",
-    "springref": "0",
-    "springdamper": "0 0",
-}
+HINGE_DEFAULTS = {"type": "hinge", "armature": "0", "frictionloss": "0", "limited": "false"}
+HINGE_DEFAULTS |= {"actuatorfrclimited": "false", "ref": "0", "springref": "0", "springdamper": "0 0"}
 """What such a hinge has none of, whatever the file's defaults for joints are."""
 
 
@@ -190,28 +181,25 @@ def mjcf_with_bushings(
     lost = [joint.name for joint in joints if any(float(getattr(joint, key) or 0.0) for key in LOSS)]
     lacking = [f"the loss factors of {', '.join(lost)}"] * bool(lost) + ["damping.alpha"] * bool(float(arm.get(ALPHA)))
     more = [f"Not in this file: {' and '.join(lacking)}. MuJoCo has none."] if lacking else []
-    return (
-        data[: root_start(data)] + comment([*lines, *more]) + ElementTree.tostring(tree.root, encoding="utf-8") + b"\n"
-    )
+    head = data[: root_start(data)] + comment([*lines, *more])
+    return head + ElementTree.tostring(tree.root, encoding="utf-8") + b"\n"
 
 
 def _check_free(tree: Tree, arm: Arm) -> None:
     """Refuse a file that has bushings already, or another body of the name that the base needs."""
     names = {tree.model.joint(n).name for n in range(tree.model.njnt)}
     taken = [name for joint in arm.joints for end in ENDS if (name := f"{joint.name}_{end}") in names]
-    if taken:
-        got, remedy = f"the hinge {taken[0]}", "write into the file without them (--arm)"
-        raise refusal(tree.where, got, "a robot without bushings", remedy)
+    remedy = "write into the file without them (--arm)"
+    require(not taken, tree.where, f"the hinge {''.join(taken[:1])}", "a robot without bushings", remedy)
     bodies = {tree.model.body(n).name for n in range(tree.model.nbody)}
     for body in arm.base.link if arm.base else ():
-        if body.name in bodies:
-            raise refusal(tree.where, f"a body {body.name}", "that name for the base that gives", "rename the body")
+        got, expected = f"a body {body.name}", "that name for the base that gives"
+        require(body.name not in bodies, tree.where, got, expected, "rename the body")
 
 
 def _put_bushing(tree: Tree, joint: Joint, straight: bool) -> Any:
     """Put hinges before a driven one, and return their axes, columns, in the base frame at zero posture."""
-    path = tree.path("joint", joint.name)
-    holder, held = tree.only(path, ("joint", "freejoint", "body"))
+    holder, held = tree.only(tree.path("joint", joint.name), ("joint", "freejoint", "body"))
     number, place = tree.model.joint(joint.name).id, list(holder).index(held)
     turn = _triad(np.array(tree.model.jnt_axis[number]))
     hinges = _hinges(joint, turn, tree.model.jnt_pos[number], straight)

@@ -2,16 +2,14 @@
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, get_args
 
 from pydantic import ValidationError
 
-from ident.arm.fields import LOSS
-from ident.description import schema as document
-from ident.description.schema import Box, Cylinder, Direction, Loc, Lump, Origin, Quantity, Table, as_written, named
+from ident.description.schema import ArmDocument, Box, Cylinder, Loc, Lump, Origin, Quantity, Table, as_written, named
 from ident.errors import Problem, refusal
 from ident.text import NAME_RULE, did_you_mean
 
@@ -45,25 +43,22 @@ ADD = {
 }
 """How to add a key that is missing."""
 
-BODY = document.BodyTable
-TABLES: dict[str, type[Table]] = {
-    "": document.ArmDocument,
-    "damping": document.ArmDampingTable,
-    "value": document.EachWay,
-    "joint": document.JointTable,
-    "shaft": BODY,
-    "link": BODY,
-    "drive": document.DriveTable,
-    "errors": document.ErrorOrderTable,
-    "belt": document.BeltTable,
-    "servo": document.ServoTable,
-    "spring": document.SpringTable,
-    "cubic_spring": document.CubicSpringTable,
-    "stroke": document.StrokeTable,
-}
-TABLES |= {"point": document.PointTable, "payload": document.PayloadTable, "axis": Direction}
-TABLES |= dict.fromkeys(("ratio", "ratio2", "ratio3", "loss_factor", *LOSS), document.LossFactor)
 SHAPES: dict[str, type[Table]] = {"box": Box, "cylinder": Cylinder, "point": Lump}
+
+
+@cache
+def tables_of(document: type[Table]) -> dict[str, type[Table]]:
+    """Return what each table of a document may say, by its key; the whole by none."""
+    inner = [(key, kind) for key, field in document.model_fields.items() for kind in _tables_in(field.annotation)]
+    return {key: kind for _, table in inner for key, kind in tables_of(table).items()} | dict(inner) | {"": document}
+
+
+def _tables_in(annotation: Any) -> Iterator[type[Table]]:
+    """Yield the classes of tables that a field may have."""
+    if inner := get_args(annotation):
+        yield from (table for each in inner for table in _tables_in(each))
+    elif isinstance(annotation, type) and issubclass(annotation, Table):
+        yield annotation
 
 
 @dataclass(frozen=True)
@@ -74,13 +69,13 @@ class Source:
         where: names the text.
         text: the TOML text.
         raw: its content, not checked.
-        tables: what each table may say, by its key; the whole by none.
+        document: what it may say.
     """
 
     where: str
     text: str
     raw: dict[str, Any]
-    tables: Mapping[str, type[Table]] = field(default_factory=lambda: TABLES)
+    document: type[Table] = ArmDocument
 
     def problem(self, loc: Loc, got: str, expected: str, remedy: str) -> Problem:
         """Return a problem with what is, or should be, at a location."""
@@ -88,11 +83,16 @@ class Source:
         line = next(lines[loc[:n]] for n in range(len(loc), -1, -1) if loc[:n] in lines)
         return Problem(f"{self.where}:{line}", got, expected, remedy, self.words(loc))
 
-    def explain(self, error: ValidationError) -> Iterator[Problem]:
-        """Yield pydantic's findings as problems."""
-        for detail in error.errors(include_url=False):
-            loc = self._written(detail["loc"], missing=detail["type"] == "missing")
-            yield self.problem(loc, *self._finding(loc, detail))
+    def read(self) -> tuple[Any, list[Problem]]:
+        """Return the document, None where it is none, and what is wrong with it."""
+        problems = list(self.name_problems())
+        try:
+            return self.document.model_validate(self.raw), problems
+        except ValidationError as error:
+            details = error.errors(include_url=False)
+        places = [self._written(detail["loc"], missing=detail["type"] == "missing") for detail in details]
+        found = [self.problem(loc, *self._finding(loc, each)) for loc, each in zip(places, details, strict=True)]
+        return None, [*found, *problems]
 
     def name_problems(self) -> Iterator[Problem]:
         """Yield names that occur twice, and joints that do not exist."""
@@ -132,7 +132,7 @@ class Source:
             remedy = did_you_mean(key, known, "remove it")
             return f"unknown key {as_written(key)}", f"one of {', '.join(known)}", remedy
         if kind in ("model_type", "model_attributes_type"):
-            unit = ', unit = "..."' * ("unit" in self.tables.get(key, Quantity).model_fields)
+            unit = ', unit = "..."' * ("unit" in tables_of(self.document).get(key, Quantity).model_fields)
             remedy = f'write {key} = {{ value = ...{unit}, origin = "..." }}'
             return as_written(detail["input"]), "a table", remedy
         return as_written(detail["input"]), EXPECTED.get(kind, detail["msg"]).format(**context), "correct it"
@@ -152,7 +152,7 @@ class Source:
         node: Any = self.raw
         for step in loc:
             node = _child(node, step)
-        table = SHAPES[node["kind"]] if last == "shape" else self.tables.get(last, Quantity)
+        table = SHAPES[node["kind"]] if last == "shape" else tables_of(self.document).get(last, Quantity)
         return list(table.model_fields)
 
 

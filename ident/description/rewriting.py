@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -107,8 +108,7 @@ def bodies_of(arm: Arm) -> list[Body]:
 
 
 def _in_unit(entry: Any, value: float) -> float:
-    unit = si(1.0, entry["unit"]) if "unit" in entry else 1.0
-    return float(f"{value / unit:.12g}")
+    return float(f"{value / (si(1.0, entry['unit']) if 'unit' in entry else 1.0):.12g}")
 
 
 def _slot(tables: Mapping[str, Any], path: str, where: str) -> tuple[Any, Any, Any]:
@@ -157,8 +157,7 @@ def arm_text(
         origins: of quantities, as `link2.com`, where it is another.
         ratio: damping ratio of all modes, which is written as assumed in place of the bushings' own damping.
     """
-    bushing = STIFFNESS if ratio is not None else BUSHING
-    writer = _Writer(origin, guessed, note, origins, bushing)
+    writer = _Writer(origin, guessed, note, origins or {}, STIFFNESS if ratio is not None else BUSHING)
     lines = [f"# {one_line(line)}".rstrip() for line in head.splitlines()]
     lines += ['format = "ident-arm/1"', f"name = {_quoted(arm.name)}"]
     if not np.array_equal(arm.gravity, GRAVITY):
@@ -200,18 +199,15 @@ def with_first_joint(text: str, table: str, where: str) -> str:
     return text[: first.start()] + table + text[first.start() :]
 
 
+@dataclass(frozen=True)
 class _Writer:
     """Writes numbers with their origin."""
 
-    def __init__(
-        self,
-        origin: Origin,
-        guessed: tuple[str, ...] = (),
-        note: str = "",
-        origins: Mapping[str, str] | None = None,
-        bushing: tuple[str, ...] = BUSHING,
-    ):
-        self.origin, self.guessed, self.note, self.origins, self.keys = origin, guessed, note, origins or {}, bushing
+    origin: Origin
+    guessed: tuple[str, ...] = ()
+    note: str = ""
+    origins: Mapping[str, str] = field(default_factory=dict)
+    keys: tuple[str, ...] = BUSHING
 
     def line(self, key: str, value: Any, unit: str = "", part: str = "") -> str:
         """Return a quantity of a part."""

@@ -6,17 +6,18 @@ from collections.abc import Callable, Container, Hashable, Iterable, Iterator, M
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
+from xml.etree import ElementTree
 
 import equinox as eqx
 import numpy as np
 import tomlkit
 from jaxtyping import Float
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from ident.arm.arm import GRAVITY, Arm, massless_joints, on_soft_base
 from ident.arm.fields import ALPHA, LARGEST
 from ident.arm.parts import Body, Joint, Payload, Point
-from ident.description.problems import TABLES, Source, load_toml
+from ident.description.problems import Source, load_toml
 from ident.description.rewriting import (
     bushing_text,
     changed_numbers,
@@ -26,11 +27,13 @@ from ident.description.rewriting import (
     with_first_joint,
 )
 from ident.description.schema import BUSHING, BushingTable, Damped, Origin, PayloadTable, PointTable
-from ident.errors import InputError, Problem, placed, refusal, refuse
+from ident.errors import InputError, Problem, placed, refusal, refuse, require
 from ident.text import NAME, NAME_RULE, decode, did_you_mean, one_line, read_bytes
 
 Pair = tuple[float, ...]
 """Two numbers, across the axis and about it; their number is checked when the file is read."""
+Pairs = Mapping[str, Pair] | Pair
+"""A pair for each joint by name, or one for all."""
 TIP = "tip"
 """Name of the end point."""
 HEAVY = 0.05
@@ -56,11 +59,29 @@ def own_names(names: Iterable[str], where: str) -> tuple[dict[str, str], tuple[s
     own = {name: new for name in every if (new := own_name(name)) != name}
     notes, several = [], f" and {len(own) - 1} more names" if len(own) > 1 else ""
     for name, new in own.items():
-        if [*own.values(), *every].count(new) > 1:
-            got = f"the name {name!r}, which {new} would stand for here as for another"
-            raise refusal(where, got, NAME_RULE, "rename one of them")
+        got = f"the name {name!r}, which {new} would stand for here as for another"
+        require([*own.values(), *every].count(new) == 1, where, got, NAME_RULE, "rename one of them")
         notes.append(f"{where}: {one_line(name)} is called {new} here{several}: {NAME_RULE}")
     return own, tuple(notes[:1])
+
+
+def robot_root(data: bytes, where: str) -> Any:
+    """Return the root element of a robot description: robot of URDF, mujoco of MJCF.
+
+    Raises:
+        InputError: it is no XML, or has another root.
+    """
+    try:
+        root = ElementTree.fromstring(data)
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        refuse_xacro(data, None, where)
+        (line, column), expected = getattr(error, "position", (1, 0)), "a robot description (URDF or MJCF)"
+        got = f"no XML ({one_line(str(error).partition(':')[0])})"
+        raise refusal(f"{where}:{line}", got, expected, "correct it", f"column {column + 1}") from None
+    refuse_xacro(data, root, where)
+    got, remedy = f"<{one_line(root.tag)}>", "give a URDF or MJCF file, not xacro or SDF"
+    require(root.tag in ("robot", "mujoco"), f"{where}:1", got, "<robot> or <mujoco>", remedy)
+    return root
 
 
 def refuse_xacro(data: bytes, root: Any, where: str) -> None:
@@ -74,11 +95,10 @@ def refuse_xacro(data: bytes, root: Any, where: str) -> None:
     else:
         there = any(re.match(r"\{[^}]*xacro", str(each.tag)) for each in root.iter())
         there = there or any(re.search(r"\$[{(]", value) for each in root.iter() for value in each.attrib.values())
-    if there:
-        path = Path(where)
-        made = f"{path.stem if path.suffix == '.xacro' else 'robot'}".removesuffix(".urdf") + ".urdf"
-        made = "expanded.urdf" if made == path.name else made
-        raise refusal(where, "a xacro file", "a URDF file", f"expand it: xacro {where} > {made}")
+    path = Path(where)
+    made = (path.stem if path.suffix == ".xacro" else "robot").removesuffix(".urdf") + ".urdf"
+    made = "expanded.urdf" if made == path.name else made
+    require(not there, where, "a xacro file", "a URDF file", f"expand it: xacro {where} > {made}")
 
 
 def is_sane(word: str, *, bounded: bool = True) -> bool:
@@ -146,6 +166,18 @@ def _end(node: Node, after: Mapping[Node, Sequence[Node]], depth: Mapping[Node, 
     while len(further := [each for each in after[node] if depth[each]]) == 1:
         node = further[0]
     return node
+
+
+def carrier(tip: str | None, carriers: Mapping[str, Node], where: str, kind: str) -> Node | None:
+    """Return the part that carries the end point, by what the moving links or bodies are carried by; None for any.
+
+    Raises:
+        InputError: no moving one has that name.
+    """
+    if carriers and tip is not None and tip not in carriers:
+        remedy = did_you_mean(tip, carriers, f"one of {listed(carriers)}")
+        raise refusal(where, f"the tip {tip!r}", f"a moving {kind} of this robot", remedy)
+    return carriers.get(tip or "")
 
 
 def unclear_branch(where: str, joints: Iterable[str], ends: Iterable[str]) -> InputError:
@@ -261,10 +293,7 @@ class Robot:
         return [pin.name for pin in self.pins]
 
     def arm(
-        self,
-        bushings: Mapping[str, Mapping[str, Any]],
-        points: tuple[Point, ...] = (),
-        payloads: tuple[Payload, ...] = (),
+        self, bushings: Mapping[str, dict[str, Any]], points: tuple[Point, ...] = (), payloads: tuple[Payload, ...] = ()
     ) -> Arm:
         """Return the arm.
 
@@ -299,9 +328,7 @@ class Robot:
                 remedy = f"give {heavy} an inertia that is not zero about any axis"
                 yield Problem(f"{self.where}, joint {joints[place].name}", got, expected, remedy)
 
-    def bushings(
-        self, stiffness: Mapping[str, Pair] | Pair, damping: Mapping[str, Pair] | Pair
-    ) -> dict[str, dict[str, float]]:
+    def bushings(self, stiffness: Pairs, damping: Pairs) -> dict[str, dict[str, float]]:
         """Return what `Joint` takes by joint, of pairs for each joint or one for all.
 
         Raises:
@@ -381,12 +408,8 @@ def read_joints(path: Path) -> tuple[JointsFile, JointsDocument, Source]:
     where = one_line(str(path))
     data = read_bytes(path, "the bushings of a robot (TOML)")
     text = decode(data, where)
-    source = Source(where, text, load_toml(text, where), TABLES | {"": JointsDocument, "joint": BushingTable})
-    problems = list(source.name_problems())
-    try:
-        document = JointsDocument.model_validate(source.raw)
-    except ValidationError as error:
-        raise InputError([*source.explain(error), *problems]) from None
+    source = Source(where, text, load_toml(text, where), JointsDocument)
+    document, problems = source.read()
     refuse(problems)
     return JointsFile(str(path), hashlib.sha256(data).hexdigest()), document, source
 

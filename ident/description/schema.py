@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field
 from pydantic_core import PydanticCustomError
 
 from ident.arm.arm import GRAVITY, Arm, Workspace
-from ident.arm.fields import DAMPING, LARGEST, LOSS, STIFFNESS, field_named, names_of
+from ident.arm.fields import DAMPING, LARGEST, LOSS, STIFFNESS, field_named
 from ident.arm.parts import (
     Belt,
     Body,
@@ -38,6 +38,9 @@ from ident.units import in_si, width
 Origin = Literal["paper", "assumed", "calibrated", "measured", "derived", "datasheet", "designed"]
 
 
+Part = TypeVar("Part")
+
+
 def complaint(got: str, expected: str, remedy: str) -> PydanticCustomError:
     """Return the error by which a validator says what is wrong; pydantic adds where."""
     return PydanticCustomError("ident", "{got}", {"got": got, "expected": expected, "remedy": remedy})
@@ -55,6 +58,11 @@ class Table(BaseModel):
     """A TOML table: no unknown keys, no silent conversion, no nan or inf."""
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+    def part(self, kind: Callable[..., Part], **more: Any) -> Part:
+        """Return the part of the arm that the table describes: each key means what the part's attribute does."""
+        given = {key: getattr(self, key) for key in type(self).model_fields if key not in more}
+        return kind(**{key: getattr(each, "number", each) for key, each in given.items() if each is not None}, **more)
 
 
 def si(value: Any, unit: str) -> Any:
@@ -224,10 +232,8 @@ PerMass = Quantity[Annotated[str, _checked_unit("1/s")], Annotated[float, _range
 LossFactor = Plain[Annotated[float, _range("loss_bend")]]
 
 
-class Profile(Sourced):
-    """How a stroke goes from end to end."""
-
-    value: Literal["s-curve", "trapezoid", "cycloid", "minimum-jerk"]
+Profile = Plain[Literal["s-curve", "trapezoid", "cycloid", "minimum-jerk"]]
+"""How a stroke goes from end to end."""
 
 
 class Postures(
@@ -304,33 +310,28 @@ class Lump(Table):
 # What `arm.toml` says of springs that are no straight lines: `[[spring]]` and `[[cubic_spring]]`.
 
 
-class SpringTable(Table):
-    """A spring that is a broken line; the meaning of each key is that of `Spring`'s attribute."""
+class JointPartTable(Table):
+    """What sits on a joint."""
 
     name: Name
     joint: str
+
+
+class SpringTable(JointPartTable):
+    """A spring that is a broken line; the meaning of each key is that of `Spring`'s attribute."""
+
     direction: Literal["bending", "torsion"]
     ratio2: Ratio
     ratio3: Ratio
     torque1: Torque
     torque2: Torque
 
-    def spring(self) -> Spring:
-        """Return the spring as a value."""
-        return Spring(self.name, self.joint, self.direction, **_given(self, names_of("Spring")))
 
-
-class CubicSpringTable(Table):
+class CubicSpringTable(JointPartTable):
     """A cubic spring; the meaning of each key is that of `CubicSpring`'s attribute."""
 
-    name: Name
-    joint: str
     direction: Literal["bending", "torsion"]
     cubic: CubicStiffness
-
-    def spring(self) -> CubicSpring:
-        """Return the spring as a value."""
-        return CubicSpring(self.name, self.joint, self.direction, self.cubic.number)
 
 
 # -------- Schema
@@ -500,27 +501,18 @@ class JointTable(BushingTable):
 
     def joint(self) -> Joint:
         """Return the joint as a value."""
-        speed, acceleration, jerk = (
-            np.inf if each is None else float(each.number) for each in (self.speed, self.acceleration, self.jerk)
-        )
-        return Joint(
-            self.name,
-            axis=self.axis.number,
-            offset=self.offset.number,
-            **self.bushing(),
-            shaft=tuple(body.body() for body in self.shaft),
-            link=tuple(body.body() for body in self.link),
-            driven=self.driven,
-            limits=tuple(self.limits.number.tolist()) if self.limits else (-np.inf, np.inf),
-            rates=(speed, acceleration, jerk),
-        )
+        top = (self.speed, self.acceleration, self.jerk)
+        speed, acceleration, jerk = (np.inf if each is None else float(each.number) for each in top)
+        limits = tuple(self.limits.number.tolist()) if self.limits else (-np.inf, np.inf)
+        shaft, link = (tuple(body.body() for body in bodies) for bodies in (self.shaft, self.link))
+        parts, rates = {**self.bushing(), "shaft": shaft, "link": link}, (speed, acceleration, jerk)
+        place = {"axis": self.axis.number, "offset": self.offset.number}
+        return Joint(self.name, **place, **parts, driven=self.driven, limits=limits, rates=rates)
 
 
-class PointTable(Table):
+class PointTable(JointPartTable):
     """A named point on a joint's link."""
 
-    name: Name
-    joint: str
     position: Position
 
 
@@ -538,14 +530,12 @@ class ErrorOrderTable(Table):
     phase: Angle | None = None
 
 
-class DriveTable(Table):
+class DriveTable(JointPartTable):
     """A harmonic drive; the meaning of each key is that of `Drive`'s attribute.
 
     Pulley, wave generator and eccentric mass are parts of the shaft, whose bodies have their mass and their inertia.
     """
 
-    name: Name
-    joint: str
     ratio: NonZero
     rotor_inertia: MassMoment | None = None
     eccentric_mass: Mass | None = None
@@ -558,8 +548,7 @@ class DriveTable(Table):
 
     def drive(self) -> Drive:
         """Return the drive as a value; what is not given is zero."""
-        errors = (ErrorOrder(self.name, each.order, **_given(each, names_of("ErrorOrder"))) for each in self.errors)
-        return Drive(self.name, self.joint, errors=tuple(errors), **_given(self, names_of("Drive")))
+        return self.part(Drive, errors=tuple(each.part(ErrorOrder, drive=self.name) for each in self.errors))
 
 
 class BeltTable(Table):
@@ -575,22 +564,12 @@ class BeltTable(Table):
     tau: Time | None = None
     height: Height | None = None
 
-    def belt(self) -> Belt:
-        """Return the belt as a value."""
-        return Belt(self.name, self.driver, self.driven, **_given(self, names_of("Belt")))
 
-
-class ServoTable(Table):
+class ServoTable(JointPartTable):
     """A servo that holds a motor; the meaning of each key is that of `Servo`'s attribute."""
 
-    name: Name
-    joint: str
     k_servo: ServoStiffness
     tau: Time | None = None
-
-    def servo(self) -> Servo:
-        """Return the servo as a value."""
-        return Servo(self.name, self.joint, **_given(self, names_of("Servo")))
 
 
 class StrokeTable(Table):
@@ -606,8 +585,7 @@ class StrokeTable(Table):
 
     def stroke(self) -> Stroke:
         """Return the stroke as a value."""
-        profile = {"profile": self.profile.value} if self.profile else {}
-        return Stroke(self.direction.number, **profile, **_given(self, names_of("Stroke")))
+        return self.part(Stroke, **({"profile": self.profile.value} if self.profile else {}))
 
 
 class WorkspaceTable(Table):
@@ -626,10 +604,6 @@ class WorkspaceTable(Table):
         )
 
 
-def _given(table: Table, fields: tuple[str, ...]) -> dict[str, Any]:
-    return {field: quantity.number for field in fields if (quantity := getattr(table, field)) is not None}
-
-
 class Damped(Table):
     """A file of joints, with the damping of those that say none."""
 
@@ -641,9 +615,8 @@ class Damped(Table):
         filled = [joint.fill(self.damping) for joint in self.joint]
         if self.damping.by_way() and not any(filled):
             word = next(iter(self.damping.by_way().values()))[0]
-            raise complaint(
-                f"[damping] {word}", "a bushing without damping of its own", "take out the one or the other"
-            )
+            expected = "a bushing without damping of its own"
+            raise complaint(f"[damping] {word}", expected, "take out the one or the other")
         return self
 
 
@@ -667,24 +640,19 @@ class ArmDocument(Damped):
 
     def arm(self) -> Arm:
         """Return the arm as a value, in SI units."""
+        joints, payloads = (each.joint() for each in self.joint), (Payload(p.joint, p.body()) for p in self.payload)
+        parts: Any = ((Point, self.point), (Belt, self.belt), (Servo, self.servo), (Spring, self.spring))
+        points, belts, servos, springs = (tuple(each.part(kind) for each in tables) for kind, tables in parts)
+        springs += tuple(each.part(CubicSpring) for each in self.cubic_spring)
+        drives, stroke = tuple(each.drive() for each in self.drive), self.stroke.stroke() if self.stroke else None
         return Arm(
-            self.name,
-            tuple(joint.joint() for joint in self.joint),
-            tuple(Point(p.name, p.joint, p.position.number) for p in self.point),
-            tuple(Payload(p.joint, p.body()) for p in self.payload),
-            self.gravity.number,
-            tuple(drive.drive() for drive in self.drive),
-            tuple(belt.belt() for belt in self.belt),
-            self.stroke.stroke() if self.stroke else None,
-            self.workspace.workspace(),
-            tuple(servo.servo() for servo in self.servo),
-            (*(each.spring() for each in self.spring), *(each.spring() for each in self.cubic_spring)),
-            self.damping.in_arm(),
-        )
+            self.name, tuple(joints), points, tuple(payloads), self.gravity.number, drives, belts, stroke,
+            self.workspace.workspace(), servos, springs, self.damping.in_arm(),
+        )  # fmt: skip
 
     def extents(self) -> dict[str, Any]:
         """Return the corners of the bodies whose shape is known, (2, 3) [m] by name."""
-        bodies = [body for joint in self.joint for body in (*joint.shaft, *joint.link)] + [*self.payload]
+        bodies = [*(body for joint in self.joint for body in (*joint.shaft, *joint.link)), *self.payload]
         return {body.name: extent for body in bodies if (extent := body.extent()) is not None}
 
     def origins(self) -> dict[str, str]:

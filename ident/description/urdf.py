@@ -8,10 +8,10 @@ import io
 import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,22 +22,23 @@ from ident.arm.parts import Body, Point
 from ident.description.robot import (
     TIP,
     Held,
-    Pair,
+    Pairs,
     Pin,
     Robot,
     body_names,
+    carrier,
     held_note,
     is_sane,
     limits_note,
     listed,
     own_names,
-    refuse_xacro,
     renamed_note,
+    robot_root,
     serial_chain,
     unclear_branch,
 )
-from ident.errors import Problem, noted, placed, refusal, refuse
-from ident.text import NAME_RULE, did_you_mean, one_line, read_bytes
+from ident.errors import Problem, every, placed, refusal, refuse, require
+from ident.text import NAME_RULE, one_line, read_bytes
 
 # -------- Chain of a URDF file
 # The serial chain of a URDF file: what moves, in the base frame at zero posture, and what is wrong with the file.
@@ -82,16 +83,8 @@ class Segment:
 
 def parse(data: bytes, where: str) -> Any:
     """Return yourdfpy's robot; malformed XML is refused first, since yourdfpy would repair it in silence."""
-    try:
-        root = ElementTree.fromstring(data)
-    except ElementTree.ParseError as error:
-        refuse_xacro(data, None, where)
-        place, column = f"{where}:{error.position[0]}", f"column {error.position[1] + 1}"
-        got = str(error).partition(":")[0]
-        raise refusal(place, got, "XML", "correct the syntax", column) from None
-    refuse_xacro(data, root, where)
-    if root.tag != "robot":
-        raise refusal(f"{where}:1", f"<{root.tag}>", "<robot>", "give a URDF file, not xacro or SDF")
+    root = robot_root(data, where)
+    require(root.tag == "robot", f"{where}:1", f"<{root.tag}>", "<robot>", "give a URDF file")
     refuse(_wild_numbers(root, where))
     try:
         from yourdfpy import URDF
@@ -128,20 +121,13 @@ def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
     links, joints = {link.name: link for link in robot.links}, {joint.name: joint for joint in robot.joints}
     refuse(_names_twice(robot, where))
     refuse(_no_tree(robot, set(links), where))
-    children: dict[str, list[Any]] = {name: [] for name in links}
-    for joint in robot.joints:
-        children[joint.parent].append(joint)
+    children = {name: [joint for joint in robot.joints if joint.parent == name] for name in links}
     root = next(iter(links.keys() - {joint.child for joint in robot.joints}))
     owner, after = _moving(root, children)
-    if owner.keys() != links.keys():
-        got = f"links that do not hang on {root}: {', '.join(sorted(links.keys() - owner.keys()))}"
-        raise refusal(where, got, "one tree with one root", "open the loop")
-    moving = [name for name in owner if owner[name]]
-    if moving and tip is not None and tip not in moving:
-        remedy = did_you_mean(tip, moving, f"one of {listed(moving)}")
-        raise refusal(where, f"the tip {tip!r}", "a moving link of this robot", remedy)
+    loose = ", ".join(sorted(links.keys() - owner.keys()))
+    require(not loose, where, f"links that do not hang on {root}: {loose}", "one tree with one root", "open the loop")
+    end = carrier(tip, {name: joint for name, joint in owner.items() if joint}, where, "link")
     followed = {joint.mimic.joint for joint in robot.joints if joint.mimic is not None}
-    end = owner[tip] if moving and tip is not None else None
 
     def turns(name: str) -> bool:
         return joints[name].type in TURNING and joints[name].mimic is None
@@ -149,10 +135,9 @@ def chain(robot: Any, where: str, tip: str | None = None) -> list[Segment]:
     kept, unclear = serial_chain(after, "", end, turns, followed.__contains__)
     if unclear:
         raise unclear_branch(where, (first for first, _ in unclear), (joints[last].child for _, last in unclear))
-    if not kept:
-        others = listed(f"{joint.name} ({joint.type})" for joint in robot.joints if joint.type != "fixed")
-        got = f"no joint that turns on its own, but {others}" if others else "no moving joint"
-        raise refusal(where, got, "a revolute or continuous joint", "check the joint types")
+    others = listed(f"{joint.name} ({joint.type})" for joint in robot.joints if joint.type != "fixed")
+    got = f"no joint that turns on its own, but {others}" if others else "no moving joint"
+    require(kept, where, got, "a revolute or continuous joint", "check the joint types")
     refuse(_other_types([joints[name] for name in kept], where))
     segments, pose = [Segment(None, np.eye(4))], np.eye(4)
     for name, following in zip(["", *kept], [*kept, ""], strict=True):
@@ -257,11 +242,7 @@ def _no_tree(robot: Any, links: set[str], where: str) -> Iterator[Problem]:
 
 
 def read_urdf(
-    path: str | PathLike[str],
-    *,
-    stiffness: Mapping[str, Pair] | Pair,
-    damping: Mapping[str, Pair] | Pair = (0.0, 0.0),
-    tip: str | None = None,
+    path: str | PathLike[str], *, stiffness: Pairs, damping: Pairs = (0.0, 0.0), tip: str | None = None
 ) -> Arm:
     """Return a serial arm from a URDF file.
 
@@ -305,12 +286,7 @@ def urdf_robot(data: bytes, path: str, tip: str | None = None) -> Robot:
     base, *segments = chain(robot, where, tip)
     check_size(len(segments), where)
     names = body_names([link.name for link in robot.links], [each.joint.name for each in segments], "link")
-    pins, place, problems = [], np.zeros(3), list[Problem]()
-    for segment in segments:
-        with noted(problems):
-            pins.append(_pin(segment, place, names, where))
-        place = segment.origin
-    refuse(problems)
+    pins = every(lambda pair: _pin(pair[1], pair[0].origin, names, where), pairwise((base, *segments)))
     last = segments[-1]
     end = tip or (last.ends[0] if len(last.ends) == 1 else last.joint.child)
     carrier = next(each for each in segments if end in each.links)
@@ -329,9 +305,7 @@ def _notes(base: Segment, segments: list[Segment], names: Mapping[str, str], whe
             held = [Held(j.name, j.type, j.mimic.joint if j.mimic else "", _offset(j)) for j in joints]
             yield held_note(where, held, (mass, whole), segment.joint.name if segment.joint else "", own)
     for segment in segments:
-        for name in segment.bodies:
-            if names[name] != name:
-                yield renamed_note(where, "link", name, names[name])
+        yield from (renamed_note(where, "link", name, names[name]) for name in segment.bodies if names[name] != name)
         limit = segment.joint.limit
         lower, upper = (limit.lower, limit.upper) if limit is not None else (None, None)
         if segment.joint.type != "continuous" and (lower or 0.0) == (upper or 0.0):
@@ -350,13 +324,9 @@ def _pin(segment: Segment, place: Any, names: Mapping[str, str], where: str) -> 
     """Return a segment as a pin; `place` is the origin of the segment before, `names` what links are called."""
     urdf = segment.joint
     axis = segment.pose[:3, :3] @ urdf.axis if np.shape(urdf.axis) == (3,) else np.zeros(3)
-    if not 1e-9 < np.linalg.norm(axis) < np.inf:
-        raise refusal(f"{where}, joint {urdf.name}", f"axis {urdf.axis}", "a direction", "correct the axis")
-    link, problems = [], list[Problem]()
-    for name, body in segment.bodies.items():
-        with noted(problems):
-            link.append(_body(name, names[name], *body, segment.origin, where))
-    refuse(problems)
+    is_direction = 1e-9 < np.linalg.norm(axis) < np.inf
+    require(is_direction, f"{where}, joint {urdf.name}", f"axis {urdf.axis}", "a direction", "correct the axis")
+    link = every(lambda each: _body(each, names[each], *segment.bodies[each], segment.origin, where), segment.bodies)
     axis, limits = axis / np.linalg.norm(axis), _limits(urdf, where)
     return Pin(urdf.name, axis, segment.origin - place, tuple(link), limits, carrier=f"link {urdf.child}")
 
@@ -364,8 +334,8 @@ def _pin(segment: Segment, place: Any, names: Mapping[str, str], where: str) -> 
 def _body(link: str, name: str, inertial: Any, pose: Any, origin: Any, where: str) -> Body:
     """Return a link's inertial as a body, seen from a frame at `origin` that is parallel to the base frame."""
     place = f"{where}, link {link}"
-    if inertial.mass is None or inertial.inertia is None:
-        raise refusal(place, "an <inertial> that is not complete", "<mass> and <inertia>", "add them")
+    complete = inertial.mass is not None and inertial.inertia is not None
+    require(complete, place, "an <inertial> that is not complete", "<mass> and <inertia>", "add them")
     at = pose if inertial.origin is None else pose @ inertial.origin
     turn = at[:3, :3]
     inertia = turn @ inertial.inertia @ turn.T
@@ -375,11 +345,9 @@ def _body(link: str, name: str, inertial: Any, pose: Any, origin: Any, where: st
 
 def _limits(urdf: Any, where: str) -> tuple[float, float]:
     if urdf.type == "continuous" or urdf.limit is None:
-        return (-np.inf, np.inf)
+        return -np.inf, np.inf
     lower, upper = urdf.limit.lower or 0.0, urdf.limit.upper or 0.0
-    if not lower <= upper:
-        place = f"{where}, joint {urdf.name}"
-        raise refusal(place, f"limits {lower:g}, {upper:g}", "lower <= upper", "swap or correct them")
-    if lower == upper:
-        return (-np.inf, np.inf)
-    return (lower if lower > -LARGEST else -np.inf, upper if upper < LARGEST else np.inf)
+    place, got = f"{where}, joint {urdf.name}", f"limits {lower:g}, {upper:g}"
+    require(lower <= upper, place, got, "lower <= upper", "swap or correct them")
+    free = lower == upper
+    return -np.inf if free or lower <= -LARGEST else lower, np.inf if free or upper >= LARGEST else upper

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from ident.errors import Problem, refusal, refuse
+from ident.errors import Problem, refuse, require
 from ident.measure.columns import Word
 from ident.measure.covariance_and_frames import NO_SETUPS, Correlated, Covariance, Setups, correlated
 from ident.measure.load import (
@@ -54,18 +54,17 @@ def role_problems(kind: str, given: Mapping[str, str]) -> Iterator[Problem]:
         if name in given and name not in ROLES[kind]:
             expected = f"nothing, since a {kind} has no {name}"
             yield Problem("", quoted(given[name]), expected, "empty the cell or correct the kind", name)
-    if "point" in ROLES[kind] and "point" not in given:
-        read = "whose body turned" if kind in ROTATIONS else "whose motion was read"
-        yield Problem("", "nothing", f"the point {read}", "name a point of the arm", "point")
-    if kind in TWISTS and "joint" not in given:
-        yield Problem("", "nothing", "the joint whose twist was read", "name a driven joint of the arm", "joint")
-    for name in ROLES[kind] if kind in SHAPES else ():
-        if name not in ("of", "point") and name not in given:
-            yield Problem("", "nothing", f"the {name.replace('_', ' ')} of a shape", "fill the cell", name)
-    if kind in (*ROTATIONS, *POSITIONS) and "direction" not in given:
-        remedy = "give one of x, -z, ... or three numbers"
-        axis = "the axis that the rotation is about, right-handed" if kind in ROTATIONS else "the axis that it is along"
-        yield Problem("", "nothing", axis, remedy, "direction")
+    needed, turns = dict[str, tuple[str, str]](), kind in ROTATIONS
+    if "point" in ROLES[kind]:
+        needed["point"] = f"the point whose {'body turned' if turns else 'motion was read'}", "name a point of the arm"
+    if kind in TWISTS:
+        needed["joint"] = "the joint whose twist was read", "name a driven joint of the arm"
+    for name in [name for name in ROLES[kind] if name not in ("of", "point")] if kind in SHAPES else ():
+        needed[name] = f"the {name.replace('_', ' ')} of a shape", "fill the cell"
+    if kind in (*ROTATIONS, *POSITIONS):
+        axis = "the axis that the rotation is about, right-handed" if turns else "the axis that it is along"
+        needed["direction"] = axis, "give one of x, -z, ... or three numbers"
+    yield from (Problem("", "nothing", *words, name) for name, words in needed.items() if name not in given)
 
 
 def load_problems(kind: str, load: Load, reference_load: Load) -> Iterator[Problem]:
@@ -170,12 +169,10 @@ class Measurement:
     where: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
-        if self.setup and not re.fullmatch(NAME, self.setup):
-            got, expected = quoted(self.setup), "a name such as tracker or tracker-2"
-            raise refusal(self.where, got, expected, "use letters, digits, _ and -", "setup")
-        if self.kind not in KINDS:
-            expected = f"one of {', '.join(KINDS)}"
-            raise refusal(self.where, quoted(self.kind), expected, "correct the kind", "kind")
+        is_name, expected = not self.setup or re.fullmatch(NAME, self.setup), "a name such as tracker or tracker-2"
+        require(is_name, self.where, quoted(self.setup), expected, "use letters, digits, _ and -", "setup")
+        expected = f"one of {', '.join(KINDS)}"
+        require(self.kind in KINDS, self.where, quoted(self.kind), expected, "correct the kind", "kind")
         for name, value in _normalised(self).items():
             object.__setattr__(self, name, value)
         given = {name: str(getattr(self, name)) for name in ROLE_FIELDS if getattr(self, name)}

@@ -1,22 +1,23 @@
 """The channel table of a modal test: what each channel of each file measured, where, along what, in which unit."""
 
 import hashlib
+import math
 import os
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from ident.errors import InputError, Problem, refusal, refuse
+from ident.errors import InputError, Problem, refusal, refuse, require
 from ident.files import replace_file
 from ident.measure.campaign import WORDS
-from ident.measure.columns import ABOVE_0, ANGLES, Number, Row, Rule, Word, read_header, rows_of
+from ident.measure.columns import ABOVE_0, ANGLES, Number, Row, Rule, Word, read_rows
 from ident.measure.load import DRIVE_STATES, OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, LackingError, NoChannelError, Recording, is_recording, read_recording
 from ident.measure.recordings.recording import ONE_NAME
 from ident.measure.series import Speed, parse_speeds
-from ident.measure.table import Findings, csv_text, guarded, name_and_unit, parse_number, read_table, records_of
+from ident.measure.table import Findings, csv_text, grouped, guarded, parse_number, read_table
 from ident.text import one_line, quoted, which_file
 from ident.units import sensor_factor
 
@@ -35,50 +36,94 @@ VOLTS = re.compile(rf"(?P<number>[-+0-9.,eE]+)\s*(?P<volts>{'|'.join(VOLTAGES)})
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChannelRow:
-    """What one channel measured.
+class RecordedChannel:
+    """What a row of a table says of one channel of a recording.
 
     Attributes:
         where: `file:row` of the table.
-        file: name of the recording, beside the table; `*` stands for any letters.
+        file: name of the recording, beside the table.
         channel: name of the channel, as the recording has it.
-        role: one of `ROLES`.
-        posture: (joints,) [rad] at which the arm was held.
         point: name of a point of the arm.
-        joint: joint on whose body the point lies, where the arm has no such point.
-        position: (3,) [m] of that point in the body's frame.
-        direction: (3,) [-] along which the force acts or the response counts.
-        frame: one of `FRAMES`.
-        quantity: what is measured; empty to take what the unit measures.
-        unit: of the quantity; empty to take what the file says.
+        frame: one of `FRAMES`, in which the direction has its components.
+        unit: of what is measured; empty to take what the file says.
         sensitivity: number of the file for one `unit`; None where the file's numbers are in the unit already.
         in_volts: whether it is a number of volts, whatever voltage the file is in.
-        full_scale: [unit] beyond which the input is overloaded; None where the file's largest numbers tell.
-        rate: [Hz] of the samples; None where the file says it.
-        decay: [1/s] by which the analyser's own exponential window has faded the response.
         load: what the arm carried, sensors included.
-        drives: what held the motors.
-        harmonics: what turned, and how fast, during a test without force.
     """
 
     where: str
     file: str
     channel: str
-    role: str
-    posture: tuple[float, ...]
     point: str = ""
-    joint: str = ""
-    position: Vector | None = None
-    direction: Vector | None = None
     frame: str = FRAMES[0]
-    quantity: str = ""
     unit: str = ""
     sensitivity: float | None = None
     in_volts: bool = False
+    load: Load = OWN_WEIGHT
+
+    def scale(self, unit: str, quantities: Iterable[str], named: str, example: str) -> tuple[str, float]:
+        """Return what the channel measures, a name in `ident.units.QUANTITIES`, and SI units per number of its file.
+
+        Args:
+            unit: as the file says it; empty where it says none.
+            quantities: that it may measure.
+            named: what these are, for messages.
+            example: of a unit of them.
+
+        Raises:
+            InputError: neither file nor table say a unit, they contradict each other, or it is of another quantity.
+        """
+        channel, said = f"channel {quoted(self.channel)}", self.unit or unit
+        expected = f"a unit such as {example}: neither the file nor the table has one"
+        require(said, self.where, f"no unit of {channel}", expected, "fill the cell", "unit")
+        factors = ((quantity, sensor_factor(said, quantity)) for quantity in quantities)
+        quantity, factor = next(((q, factor) for q, factor in factors if factor is not None), ("", 0.0))
+        expected = f"a unit of {named}, such as {example}"
+        remedy = "correct the unit" if self.unit else "write the unit and the sensitivity into the table"
+        require(quantity, self.where, f"{quoted(said)} of {channel}", expected, remedy, "unit")
+        by_file = sensor_factor(unit, quantity)
+        if self.sensitivity is not None:
+            got = f"a sensitivity of {channel}, whose file is in {quoted(unit or self.unit)}"
+            expected = "numbers of the file for one unit of the table"
+            fine = self.unit and by_file is None
+            require(fine, self.where, got, expected, "leave the cell empty", "sensitivity")
+            got = f"a sensitivity in volts of {channel}, whose file is in {quoted(unit or 'no unit')}"
+            expected, remedy = f"a file in one of {', '.join(VOLTAGES)}", "write the file's number for one unit"
+            require(not self.in_volts or unit in VOLTAGES, self.where, got, expected, remedy, "sensitivity")
+            return quantity, factor / (self.sensitivity * (1 / VOLTAGES[unit] if self.in_volts else 1.0))
+        fine = not unit or (by_file is not None and math.isclose(by_file, factor, rel_tol=1e-6))
+        remedy = "give its sensitivity" if by_file is None else "correct one of them, or leave the cell empty"
+        require(fine, self.where, f"{quoted(said)} of {channel}", f"{quoted(unit)}, as in the file", remedy, "unit")
+        return quantity, factor
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelRow(RecordedChannel):
+    """What one channel measured; `*` in the name of its file stands for any letters.
+
+    Attributes:
+        role: one of `ROLES`.
+        posture: (joints,) [rad] at which the arm was held.
+        joint: joint on whose body the point lies, where the arm has no such point.
+        position: (3,) [m] of that point in the body's frame.
+        direction: (3,) [-] along which the force acts or the response counts.
+        quantity: what is measured; empty to take what the unit measures.
+        full_scale: [unit] beyond which the input is overloaded; None where the file's largest numbers tell.
+        rate: [Hz] of the samples; None where the file says it.
+        decay: [1/s] by which the analyser's own exponential window has faded the response.
+        drives: what held the motors.
+        harmonics: what turned, and how fast, during a test without force.
+    """
+
+    role: str
+    posture: tuple[float, ...]
+    joint: str = ""
+    position: Vector | None = None
+    direction: Vector | None = None
+    quantity: str = ""
     full_scale: float | None = None
     rate: float | None = None
     decay: float = 0.0
-    load: Load = OWN_WEIGHT
     drives: str = DRIVE_STATES[0]
     harmonics: tuple[Speed, ...] = ()
 
@@ -92,10 +137,8 @@ POSITIVE = Number("a number above 0", "correct it, or leave the cell empty", ABO
 
 
 def _position(text: str, decimal: str) -> Vector:
-    parts = text.split()
-    if len(parts) != 3:
-        remedy = "give its coordinates in the body's frame, separated by blanks"
-        raise refusal("", quoted(text), "three numbers", remedy)
+    parts, remedy = text.split(), "give its coordinates in the body's frame, separated by blanks"
+    require(len(parts) == 3, "", quoted(text), "three numbers", remedy)
     x, y, z = (parse_number(part, decimal) for part in parts)
     return x, y, z
 
@@ -118,7 +161,7 @@ NAMED = (*RECORDED, Rule("role", Word(ROLES), IGNORED, required=True))
 DETAILS = (
     Rule("point", required=True),
     Rule("joint"),
-    Rule("position", _position, None, quantity="length"),
+    Rule("position", _position, None, quantities=("length",)),
     Rule("direction", parse_direction, None, required=True),
     Rule("frame", Word(FRAMES, suggestion=""), FRAMES[0]),
     Rule("quantity"),
@@ -160,35 +203,11 @@ def read_channels(path: str | Path) -> ChannelTable:
     data, findings = read_table(path), Findings()
     needed = "channel", "see `ident modal --init`, which writes one to fill in"
     shown = f"one of {', '.join(COLUMNS)}, q1 [deg], ..."
-    table = read_columns(data, path, (*RULES, ANGLES), findings, needed, shown)
+    table = read_rows(data, path, (*RULES, ANGLES), findings, shown, *needed)
     rows = [row for row in map(_channel, table) if row]
     findings += [*(problem for row in table for problem in row.problems), *_repeated(rows)]
     refuse(findings)
     return ChannelTable(str(path), hashlib.sha256(data).hexdigest(), tuple(rows))
-
-
-def read_columns(
-    data: bytes, path: str | Path, rules: Collection[Rule], findings: Findings, needed: tuple[str, str], shown: str
-) -> list[Row]:
-    """Return the rows of a table that lies beside recordings.
-
-    Args:
-        data: the bytes of the file.
-        path: names it in messages.
-        rules: of all columns that it may have.
-        findings: where problems are put.
-        needed: what the rows are for, and what to do where there are none.
-        shown: the columns in words, for messages.
-
-    Raises:
-        InputError: it is no table, or its header is wrong.
-    """
-    known = {rule.name for rule in rules}
-    is_column = lambda cell: name_and_unit(cell)[0].lower() in known  # noqa: E731
-    _, delimiter, records = records_of(data, path, is_column, findings, *needed)
-    header = read_header(records[0], rules, shown, findings)
-    refuse(findings)
-    return rows_of(records[1:], header, delimiter, findings)
 
 
 def _channel(row: Row) -> ChannelRow | None:
@@ -218,10 +237,7 @@ def _channel(row: Row) -> ChannelRow | None:
 
 def _repeated(rows: list[ChannelRow]) -> Iterator[Problem]:
     """Yield one problem for each channel that several rows speak of in the same words, one of which counts."""
-    by_name: dict[tuple[str, str], list[ChannelRow]] = {}
-    for row in rows:
-        by_name.setdefault((row.file, row.channel), []).append(row)
-    for same in by_name.values():
+    for same in grouped(rows, lambda row: (row.file, row.channel)).values():
         if len(same) > 1 and any(row.counts for row in same):
             count = "twice" if len(same) == 2 else f"{len(same)} times"
             got = f"{quoted(same[0].channel)} of {quoted(same[0].file)} {count}"
@@ -297,8 +313,7 @@ def check_folder(folder: Path) -> None:
 
 def check_new(path: Path, remedy: str) -> None:
     """Refuse a file that is there: none is overwritten."""
-    if os.path.exists(path):
-        raise refusal(one_line(str(path)), "a file that is there", "none", remedy)
+    require(not os.path.exists(path), one_line(str(path)), "a file that is there", "none", remedy)
 
 
 def is_table(path: Path) -> bool:
@@ -337,8 +352,7 @@ def write_template(folder: Path, path: Path, joints: int) -> int:
 
 def write_blank(path: Path, comments: Iterable[str], columns: Sequence[str], rows: Iterable[Mapping[str, str]]) -> None:
     """Write a table to fill in, below lines that say how."""
-    text = csv_text(columns, rows, comments)
-    replace_file(path, lambda file: file.write(text.encode()), make_folders=True)
+    replace_file(path, lambda file: file.write(csv_text(columns, rows, comments).encode()), make_folders=True)
 
 
 def _rows(name: str, recording: Recording) -> Iterator[dict[str, str]]:
@@ -349,16 +363,13 @@ def _rows(name: str, recording: Recording) -> Iterator[dict[str, str]]:
         role = {"force": FORCE, "acceleration": RESPONSE}.get(each.rpartition(" ")[2], "") if not flawed else ""
         of_force = (own.reference_unit for own in recording.channels if own.reference == each)
         said = channel.unit if channel else next(of_force, "")
-        unit = said if _is_taken(said, role) else ""
+        possible = QUANTITIES[role] if role else (each for role in MEASURED for each in QUANTITIES[role])
+        unit = said if any(sensor_factor(said, quantity) is not None for quantity in possible) else ""
         hint = "" if unit == said or flawed else f"in {one_line(said)!r}: write unit and sensitivity"
-        note = [note_of(channel) if channel else "", hint, _place(recording, each)]
+        place = recording.places.get(each.partition(":")[0])
+        where = f"node at {' '.join(f'{x:g}' for x in place)} in the file" if place else ""
+        note = [note_of(channel) if channel else "", hint, where]
         yield {"file": name, "channel": each, "role": role, "unit": unit, "note": "; ".join(filter(None, note))}
-
-
-def _is_taken(unit: str, role: str) -> bool:
-    """Tell whether a row of this role, or of any, may have a unit: volts are none."""
-    quantities = QUANTITIES[role] if role else dict.fromkeys(each for role in MEASURED for each in QUANTITIES[role])
-    return any(sensor_factor(unit, quantity) is not None for quantity in quantities)
 
 
 def note_of(channel: Channel) -> str:
@@ -368,8 +379,3 @@ def note_of(channel: Channel) -> str:
     blocks, samples = channel.values.shape
     step = f" at {1 / channel.step:.6g} Hz" if channel.step and not channel.reference else ""
     return f"{blocks} x {samples} {'lines' if channel.reference else 'samples'}{step}"
-
-
-def _place(recording: Recording, channel: str) -> str:
-    place = recording.places.get(channel.partition(":")[0])
-    return f"node at {' '.join(f'{each:g}' for each in place)} in the file" if place else ""

@@ -2,21 +2,31 @@
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from ident.errors import Problem, refusal
-from ident.measure.table import Findings, Record, decimal_mark, fitting, header_problems, name_and_unit, parse_number
+from ident.errors import InputError, Problem, refusal, refuse, require
+from ident.measure.table import (
+    Findings,
+    Record,
+    decimal_mark,
+    doubled,
+    fitting,
+    name_and_unit,
+    parse_number,
+    records_of,
+)
 from ident.text import LONGEST_QUOTE, nearest, one_line, quoted
-from ident.units import si_factor
+from ident.units import QUANTITIES, si_factor
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 ANGLE = re.compile(r"q[1-9][0-9]{0,2}")
 """Name of a joint angle's column."""
-EXAMPLES = {"time": "s", "angle": "deg", "length": "mm", "acceleration": "m/s^2", "moment": "N*m"}
+EXAMPLES = {"time": "s", "angle": "deg", "length": "mm", "acceleration": "m/s^2", "moment": "N*m", "frequency": "Hz"}
 """A unit of each quantity that a header may state, for messages."""
 ABOVE_0 = math.ulp(0.0)
 """The least number above 0."""
@@ -84,11 +94,11 @@ class Rule:
     """The rule of a column.
 
     Attributes:
-        name: in the header, in lower case.
+        name: in the header, which may have it in either case.
         read: reads a cell, given the decimal mark; None for text that is taken as it is.
         empty: what an empty cell says, or one that the file has no column for.
         needed: what is missing where a cell is empty that must be filled; blank where it need not be.
-        quantity: of the unit in the header, in which the numbers are; blank where the header needs none.
+        quantities: that the unit in the header may measure, in which the numbers are; none where it needs no unit.
         unit: that is meant where the header has none; blank where it must have one.
         unit_is: what was expected, and what to do, where the header has another unit, as none is converted.
         required: whether the header must have the column.
@@ -98,17 +108,32 @@ class Rule:
     read: Callable[[str, str], Any] | None = None
     empty: Any = UNSET
     needed: str = ""
-    quantity: str = ""
+    quantities: tuple[str, ...] = ()
     unit: str = ""
     unit_is: tuple[str, str] | None = None
     required: bool = False
 
 
-ANGLES = Rule("q1", parse_number, quantity="angle")
+ANGLES = Rule("q1", parse_number, quantities=("angle",))
 """The rule of all joint angles, `q1 [deg]`, `q2 [deg]`, ..."""
 
 
 # -------- Reader
+
+
+@dataclass(frozen=True)
+class Unit:
+    """The unit of a column whose numbers are converted.
+
+    Attributes:
+        written: in the header.
+        quantity: that it measures, a name in `QUANTITIES`.
+        factor: SI units in one of it.
+    """
+
+    written: str
+    quantity: str
+    factor: float
 
 
 @dataclass(frozen=True)
@@ -117,18 +142,20 @@ class Header:
 
     Attributes:
         where: its place, `file:row`.
-        names: of the columns in the file's order, without units.
-        factors: SI units per unit of the columns whose numbers are converted.
+        names: of the columns in the file's order, without units; of those that are ignored with units, as written.
+        units: of the columns whose numbers are converted.
+        ignored: names of the columns that have no rule, where these are not refused.
     """
 
     where: str
     names: tuple[str, ...]
-    factors: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, Unit] = field(default_factory=dict)
+    ignored: tuple[str, ...] = ()
 
     @property
     def angles(self) -> list[str]:
         """Names of the joint angles, in the order of the joints."""
-        return sorted(filter(ANGLE.fullmatch, self.factors), key=lambda name: int(name[1:]))
+        return sorted(filter(ANGLE.fullmatch, self.units), key=lambda name: int(name[1:]))
 
 
 @dataclass(frozen=True)
@@ -167,7 +194,7 @@ class Row:
 
     def value(self, rule: Rule) -> Any:
         """Return what a cell says, numbers in SI; None where it breaks the rule of its column, which is noted."""
-        text, factor = self[rule.name], self.header.factors.get(rule.name)
+        text, unit = self[rule.name], self.header.units.get(rule.name)
         if rule.needed:
             self.need(rule.name, rule.needed)
         if not text and rule.empty is not UNSET:
@@ -175,9 +202,9 @@ class Row:
         if rule.read is None:
             return text
         value = self.attempt(rule.name, rule.read, text, self.decimal)
-        if value is None or factor is None:
+        if value is None or unit is None:
             return value
-        return tuple(each * factor for each in value) if isinstance(value, tuple) else value * factor
+        return tuple(each * unit.factor for each in value) if isinstance(value, tuple) else value * unit.factor
 
     def values(self, rules: Iterable[Rule]) -> dict[str, Any]:
         """Return what the cells say, by column."""
@@ -194,47 +221,60 @@ def read_header(
 ) -> Header:
     """Read the header line, and note unknown, missing and doubled columns, and units that are none.
 
-    `shown` are all columns in words; if `strict`, one that has a unit without need is an unknown one, too.
+    `shown` are all columns in words, blank where others are ignored; if `strict`, one that has a unit without need is
+    an unknown one, too.
     """
     (where, cells), columns = record, list[tuple[str, str, Rule | None]]()
-    own, factors = {rule.name: rule for rule in rules if rule is not ANGLES}, dict[str, float]()
+    own, units = {rule.name.lower(): rule for rule in rules if rule is not ANGLES}, dict[str, Unit]()
     for cell in cells:
         name, unit = name_and_unit(cell)
-        rule = ANGLES if ANGLES in rules and ANGLE.fullmatch(name.lower()) else own.get(name.lower())
-        if strict and not (rule and (rule.quantity or not unit)):
-            name, rule = cell, None
-        columns.append((name.lower() if rule else name, unit, rule))
+        is_angle = ANGLES in rules and ANGLE.fullmatch(name.lower())
+        rule = replace(ANGLES, name=name.lower()) if is_angle else own.get(name.lower())
+        if rule is None or (strict and unit and not rule.quantities):
+            columns.append((cell if strict or not shown else name, unit, None))
+        else:
+            columns.append((rule.name, unit, rule))
+    names, others = tuple(name for name, _, _ in columns), [name for name, _, rule in columns if rule is None]
     for name, unit, rule in columns:
-        if rule and rule.quantity:
-            factors[name] = findings.attempt(where, name, unit_factor, unit or rule.unit, name, rule.quantity) or 1.0
+        if rule and rule.quantities:
+            read = findings.attempt(where, name, unit_of, unit or rule.unit, name, *rule.quantities)
+            units[name] = read or Unit(unit, rule.quantities[0], 1.0)
         elif rule and rule.unit_is and unit not in ("", rule.unit):
             findings.append(Problem(where, unit, *rule.unit_is, name))
-    names = tuple(name for name, _, _ in columns)
-    for name in (name for name, _, rule in columns if rule is None):
+    for name in others if shown else ():
         near = nearest(name, own)
         remedy = f"write {near}" if strict else f"did you mean {near}?"
         got = f"the unknown column {quoted(name)}" if name else "a column without a name"
         column = one_line(name[:LONGEST_QUOTE]) if strict else ""
         findings.append(Problem(where, got, shown, remedy if near else "remove or rename the column", column))
-    findings += header_problems(where, [*filter(None, names)], [rule.name for rule in rules if rule.required])
-    findings += angle_problems(where, names) if ANGLES in rules else ()
-    return Header(where, names, factors)
-
-
-def unit_factor(unit: str, name: str, quantity: str, expected: str = "a unit") -> float:
-    """Return SI units per unit of a column, which its header must state."""
-    if not unit:
-        example = f"{expected}, as in '{name} [{EXAMPLES[quantity]}]'"
-        raise refusal("", "no unit", example, "write the unit in square brackets")
-    return si_factor(unit, quantity)
-
-
-def angle_problems(where: str, names: Collection[str]) -> Iterator[Problem]:
-    """Yield the joint angles that a header leaves out, from `q1` on."""
-    joints = [int(name[1:]) for name in names if ANGLE.fullmatch(name)]
-    for joint in sorted({*range(1, max(joints, default=1) + 1)} - {*joints}):
+    for rule in rules:
+        if rule.required and rule.name not in names:
+            expected = f"'{rule.name} [{EXAMPLES[rule.quantities[0]]}]'" if rule.quantities else rule.name
+            near = "" if shown else nearest(rule.name, (name_and_unit(name)[0] for name in others))
+            remedy = f"rename {one_line(near[:LONGEST_QUOTE])}" if near else "add the column"
+            findings.append(Problem(where, "no such column", f"a column {expected}", remedy, rule.name))
+    findings += doubled(where, [name for name, _, rule in columns if name and (rule or shown)])
+    joints = [int(name[1:]) for name in names if ANGLES in rules and ANGLE.fullmatch(name)]
+    for joint in sorted({*range(1, max(joints, default=1) + 1)} - {*joints}) if ANGLES in rules else ():
         expected, remedy = "joint angles numbered q1, q2, ... without a gap", "add or renumber the column"
-        yield Problem(where, "no such column", expected, remedy, f"q{joint}")
+        findings.append(Problem(where, "no such column", expected, remedy, f"q{joint}"))
+    return Header(where, names, units, () if shown else tuple(others))
+
+
+def unit_of(written: str, name: str, *quantities: str) -> Unit:
+    """Return the unit of a column, which its header must state: of the first of these quantities that it measures."""
+    expected = " or ".join(QUANTITIES[quantity].expected for quantity in quantities)
+    if not written:
+        example = f"{expected}, as in '{name} [{EXAMPLES[quantities[0]]}]'"
+        raise refusal("", "no unit", example, "write the unit in square brackets")
+    for quantity in quantities:
+        try:
+            return Unit(written, quantity, si_factor(written, quantity))
+        except InputError as error:
+            problem = error.problems[0]
+    gravity = written == "g" and "acceleration" in quantities
+    remedy = "write g_0 for standard gravity, g is gram" if gravity else problem.remedy
+    raise refusal("", problem.got, expected, remedy)
 
 
 def rows_of(
@@ -251,3 +291,28 @@ def rows_of(
         Row(where, dict(zip(names, cells, strict=True)), mark if numeric else decimal_mark(delimiter, cells), header)
         for where, cells in rows
     ]
+
+
+def read_rows(
+    data: bytes, path: str | Path, rules: Collection[Rule], findings: Findings, shown: str, *needed: str
+) -> list[Row]:
+    """Return the rows of a table, each with what is wrong in it.
+
+    Args:
+        data: the bytes of the file.
+        path: names it in messages.
+        rules: of all columns that it may have.
+        findings: where problems are put.
+        shown: the columns in words, for messages.
+        needed: what the rows are for, and what to do where there are none; nothing if that is fine.
+
+    Raises:
+        InputError: it is no table, or its header is wrong.
+    """
+    known = {rule.name for rule in rules}
+    is_column = lambda cell: name_and_unit(cell)[0].lower() in known  # noqa: E731
+    _, delimiter, records = records_of(data, path, is_column, findings, *needed)
+    require(records, one_line(str(path)), "no row", f"a header with {shown}", "write one")
+    header = read_header(records[0], rules, shown, findings)
+    refuse(findings)
+    return rows_of(records[1:], header, delimiter, findings)

@@ -2,15 +2,15 @@
 
 import hashlib
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ident.errors import InputError, Problem, refusal, refuse
-from ident.measure.columns import Header, Number, Row, rows_of
+from ident.errors import Problem, refusal, refuse
+from ident.measure.columns import Number, Row, Rule, read_rows
 from ident.measure.load import Vector
-from ident.measure.table import Findings, csv_text, guarded, parse_number, records_of
-from ident.text import nearest, quoted
+from ident.measure.table import Findings, csv_text, grouped, guarded, parse_number
+from ident.text import nearest, one_line, quoted
 from ident.units import si_factor
 
 # -------- Covariance
@@ -20,7 +20,12 @@ from ident.units import si_factor
 # their places in the group from 1, in the campaign's order. The standard deviations stand in the campaign. Pairs that
 # are not named are not correlated.
 
-COVARIANCE_COLUMNS = ("group", "i", "j", "correlation")
+CORRELATION = Number("a number from -1 to 1", "give a correlation, not a covariance", -1.0, 1.0)
+COVARIANCE_RULES = (
+    *(Rule(name, required=True) for name in ("group", "i", "j")),
+    Rule("correlation", CORRELATION, required=True),
+)
+COVARIANCE_COLUMNS = tuple(rule.name for rule in COVARIANCE_RULES)
 COVARIANCE_SUFFIX = ".covariance.csv"
 CLOSEST = 1e-8
 """Distance from 1 that a correlation of two rows keeps: nearer, their difference is known 10,000 times better than each
@@ -81,12 +86,8 @@ def correlated(rows: Sequence[tuple[str, int]], covariance: Covariance | None) -
         rows: the group of each row, empty for none, and its place there from 1; in any order, and some may be missing.
         covariance: of the whole groups.
     """
-    groups: dict[str, list[int]] = {}
-    for place, (name, _) in enumerate(rows):
-        if name:
-            groups.setdefault(name, []).append(place)
     found = []
-    for name, places in groups.items():
+    for name, places in grouped([i for i, (name, _) in enumerate(rows) if name], lambda i: rows[i][0]).items():
         whole, members = covariance[name].correlation if covariance else (), [rows[i][1] - 1 for i in places]
         if len(places) > 1:
             found.append((tuple(places), tuple(tuple(whole[i][j] for j in members) for i in members)))
@@ -98,31 +99,25 @@ def covariance_path(path: str | Path) -> Path:
     return Path(path).with_suffix(COVARIANCE_SUFFIX)
 
 
-CORRELATION = Number("a number from -1 to 1", "give a correlation, not a covariance", -1.0, 1.0)
-
-
 def parse_covariance(data: bytes, path: Path, sizes: Mapping[str, int]) -> Covariance:
     """Read correlations from the bytes of a file; `path` names it in messages."""
     findings = Findings()
-    file, delimiter, records = records_of(data, path, COVARIANCE_COLUMNS.__contains__, findings)
-    if not records or records[0][1] != list(COVARIANCE_COLUMNS):
-        where = records[0][0] if records else file
-        findings.append(Problem(where, "another header", ",".join(COVARIANCE_COLUMNS), "write these columns"))
-        raise InputError(findings)
+    rows = read_rows(data, path, COVARIANCE_RULES, findings, ",".join(COVARIANCE_COLUMNS))
     for name, n in sizes.items():
         if n > LARGEST:
-            findings.append(Problem(file, f"a group {quoted(name)} of {n} rows", f"at most {LARGEST}", "split it"))
-    rows = rows_of(records[1:], Header(records[0][0], COVARIANCE_COLUMNS), delimiter, findings)
-    pairs = dict[tuple[str, int, int], float]()
+            where, got = one_line(str(path)), f"a group {quoted(name)} of {n} rows"
+            findings.append(Problem(where, got, f"at most {LARGEST}", "split it"))
+    made = {name: [[float(i == j) for j in range(n)] for i in range(n)] for name, n in sizes.items()}
+    pairs = set[tuple[str, int, int]]()
     for row in rows:
         name, i, j, value = _pair(row, sizes)
-        if not row.problems and (name, min(i, j), max(i, j)) in pairs:
+        if row.problems:
+            continue
+        if (name, i, j) in pairs:
             row.add("the pair again", "each pair once", "delete one of them")
-        pairs |= {} if row.problems else {(name, min(i, j), max(i, j)): value}
-    refuse([*findings, *(problem for row in rows for problem in row.problems)])
-    made = {name: [[float(i == j) for j in range(n)] for i in range(n)] for name, n in sizes.items()}
-    for (name, i, j), value in pairs.items():
+        pairs |= {(name, i, j), (name, j, i)}
         made[name][i - 1][j - 1] = made[name][j - 1][i - 1] = value
+    refuse([*findings, *(problem for row in rows for problem in row.problems)])
     groups = tuple(Group(name, tuple(map(tuple, rows))) for name, rows in made.items())
     return Covariance(groups, str(path), hashlib.sha256(data).hexdigest())
 
@@ -134,7 +129,7 @@ def _pair(row: Row, sizes: Mapping[str, int]) -> tuple[str, int, int, float]:
         row.add(quoted(name), "a group that rows of the campaign name", "correct it", "group")
         return name, 0, 0, 0.0
     i, j = (row.attempt(column, _place, row[column], sizes[name]) or 0 for column in "ij")
-    value = row.attempt("correlation", CORRELATION, row["correlation"]) or 0.0
+    value = row.value(COVARIANCE_RULES[-1]) or 0.0
     if not row.problems and i == j and value != 1:
         row.add(f"{value:g} of a row with itself", "1", "leave it out", "correlation")
     if not row.problems and i != j and 1 - abs(value) < CLOSEST:
@@ -170,10 +165,24 @@ def covariance_text(groups: Sequence[Group], campaign: str) -> str:
 # base frame into it, each with a standard deviation for every component: `0` where it is known, `free` where it is
 # not known at all. A setup that rows of the campaign name, and that this file does not, is free.
 
-SETUP_COLUMNS = ("setup", "x", "y", "z", "unit", "sigma", "rx", "ry", "rz", "turn_unit", "turn_sigma")
-SETUP_SUFFIX = ".setups.csv"
 FREE = "free"
+SETUP_SUFFIX = ".setups.csv"
 FRAME_SIGMA = Number(f"a number, 0 for known, or {FREE}", "correct it", 0.0)
+
+
+def _sigma(text: str, decimal: str) -> float:
+    return math.inf if text.lower() == FREE else FRAME_SIGMA(text, decimal)
+
+
+def _part(names: Iterable[str], unit: str, sigma: str) -> tuple[Rule, ...]:
+    """Return the rules of three components, their unit and their standard deviation."""
+    components = (Rule(name, parse_number, required=True) for name in names)
+    return (*components, Rule(unit, required=True), Rule(sigma, _sigma, required=True))
+
+
+ORIGIN, TURN = _part("xyz", "unit", "sigma"), _part(("rx", "ry", "rz"), "turn_unit", "turn_sigma")
+SETUP_RULES = (Rule("setup", required=True), *ORIGIN, *TURN)
+SETUP_COLUMNS = tuple(rule.name for rule in SETUP_RULES)
 
 
 @dataclass(frozen=True)
@@ -235,12 +244,7 @@ def parse_setups(data: bytes, path: str | Path, names: Collection[str]) -> Setup
         InputError: something in it is wrong; every problem is listed.
     """
     findings = Findings()
-    file, delimiter, records = records_of(data, path, SETUP_COLUMNS.__contains__, findings)
-    header = tuple(cell.lower() for cell in records[0][1]) if records else ()
-    if sorted(header) != sorted(SETUP_COLUMNS):
-        remedy = "see data/README.md; leave a cell empty where its number is to be found"
-        raise InputError([*findings, Problem(file, "other columns", ", ".join(SETUP_COLUMNS), remedy)])
-    rows = rows_of(records[1:], Header(records[0][0], header), delimiter, findings)
+    rows = read_rows(data, path, SETUP_RULES, findings, f"one of {', '.join(SETUP_COLUMNS)}")
     found: dict[str, Setup] = {}
     for row in rows:
         setup = _setup(row, names)
@@ -258,23 +262,23 @@ def _setup(row: Row, names: Collection[str]) -> Setup | None:
     if name not in names:
         remedy = f"write {near}" if (near := nearest(name, names)) else "correct the name, or delete the row"
         row.add(quoted(name), "a setup that rows of the campaign name", remedy, "setup")
-    origin, sigma = _placed(row, ("x", "y", "z"), "unit", "sigma", "length")
-    turn, turn_sigma = _placed(row, ("rx", "ry", "rz"), "turn_unit", "turn_sigma", "angle")
+    origin, sigma = _placed(row, ORIGIN, "length")
+    turn, turn_sigma = _placed(row, TURN, "angle")
     return None if row.problems else Setup(name, origin, turn, sigma, turn_sigma)
 
 
-def _placed(row: Row, names: tuple[str, str, str], unit: str, sigma: str, quantity: str) -> tuple[Vector | None, float]:
+def _placed(row: Row, rules: tuple[Rule, ...], quantity: str) -> tuple[Vector | None, float]:
     """Return three numbers [SI] with their standard deviation; none where they are to be found."""
-    empty, free = [name for name in names if not row[name]], row[sigma].lower() == FREE
-    if len(empty) == 3 and (free or not row[sigma]):
+    *components, unit, sigma = rules
+    empty = [rule.name for rule in components if not row[rule.name]]
+    if len(empty) == 3 and row[sigma.name].lower() in ("", FREE):
         return None, math.inf
     if empty:
-        row.add("nothing", f"a number, as {sigma} is not {FREE}", "give all three", empty[0])
+        row.add("nothing", f"a number, as {sigma.name} is not {FREE}", "give all three", empty[0])
         return None, math.inf
-    factor = row.attempt(unit, si_factor, row[unit], quantity) or 0.0
-    x, y, z = (factor * (row.attempt(name, parse_number, row[name]) or 0.0) for name in names)
-    size = math.inf if free else row.attempt(sigma, FRAME_SIGMA, row[sigma])
-    return (x, y, z), factor * (size or 0.0)
+    factor = row.attempt(unit.name, si_factor, row[unit.name], quantity) or 0.0
+    x, y, z, size = (factor * (row.value(rule) or 0.0) for rule in (*components, sigma))
+    return (x, y, z), size
 
 
 def setups_text(setups: Collection[Setup], campaign: str) -> str:

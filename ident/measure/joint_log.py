@@ -9,16 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ident.errors import Problem, refuse
-from ident.measure.series import (
-    FARTHEST,
-    TIME,
-    TRACE_ROWS_MIN,
-    Series,
-    missing_column,
-    parse_series,
-    sampling_problems,
-)
-from ident.measure.table import Findings, read_table
+from ident.measure.columns import Rule
+from ident.measure.series import FARTHEST, TIME, TRACE_ROWS_MIN, Sampled, Series, parse_series, sampling_problems
+from ident.measure.table import Findings, grouped, read_table
 from ident.text import LARGEST_SAMPLES, NAME
 from ident.units import QUANTITIES
 
@@ -33,25 +26,14 @@ _CHANNEL = re.compile(rf"(?P<name>(?P<joint>{NAME})\.(?P<channel>{'|'.join(CHANN
 
 
 @dataclass(frozen=True)
-class JointLog:
+class JointLog(Sampled):
     """Joints over time.
 
     Attributes:
-        path: the file it was read from.
-        sha256: hash of the file's bytes.
-        time: (T,) [s] increasing, uniform within 1 %.
         columns: (T,) [rad or N m] by joint and channel, a name in `CHANNELS`.
     """
 
-    path: str
-    sha256: str
-    time: Float[np.ndarray, " T"]
     columns: Mapping[str, Mapping[str, Float[np.ndarray, " T"]]]
-
-    @property
-    def interval(self) -> float:
-        """Mean time [s] between two samples."""
-        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
 
 def read_joint_log(path: str | Path, *, locked: bool = False) -> JointLog:
@@ -68,42 +50,35 @@ def read_joint_log(path: str | Path, *, locked: bool = False) -> JointLog:
         InputError: the file can't be read, or something in it is wrong; every problem is listed.
     """
     data, findings = read_table(path, LARGEST_SAMPLES), Findings()
-    header = parse_series(data, path, {}, TRACE_ROWS_MIN, Findings())
-    there = [match for match in map(_CHANNEL.fullmatch, header.ignored) if match]
-    wanted = {match["name"]: (CHANNELS[match["channel"]],) for match in there}
-    series = parse_series(data, path, wanted, TRACE_ROWS_MIN, findings)
-    names = tuple(dict.fromkeys(match["joint"] for match in there))
-    if not names:
+    header = parse_series(data, path, (), TRACE_ROWS_MIN, Findings()).header
+    matches = [match for match in map(_CHANNEL.fullmatch, header.ignored) if match]
+    joints, rules = grouped(matches, lambda match: match["joint"]), list[Rule]()
+    for joint, given in joints.items():  # the link unless it is locked, and one torque
+        needed = {"motor"} if locked else {"motor", "link"}
+        needed |= set() if any(match["channel"] == "load" for match in given) else {"torque"}
+        rules += [Rule(f"{joint}.{c}", quantities=(of,), required=c in needed) for c, of in CHANNELS.items()]
+    series = parse_series(data, path, rules, TRACE_ROWS_MIN, findings)
+    if not joints:
         expected = "columns as 'joint1.motor [deg]', 'joint1.link [deg]' and 'joint1.torque [N*m]'"
-        findings.append(Problem(series.header, "no joint", expected, "name the columns so"))
-    findings += [
-        *sampling_problems(series),
-        *(each for name in names for each in _channel_problems(series, name, locked)),
-    ]
+        findings.append(Problem(header.where, "no joint", expected, "name the columns so"))
+    findings += sampling_problems(series)
+    for rule in rules:
+        findings += _motion_problems(series, rule, locked) if series.where and rule.name in series else ()
     refuse(findings)
-    columns = {n: {c: series[f"{n}.{c}"] for c in CHANNELS if f"{n}.{c}" in series} for n in names}
+    columns = {n: {c: series[f"{n}.{c}"] for c in CHANNELS if f"{n}.{c}" in series} for n in joints}
     return JointLog(str(path), series.sha256, series[TIME], columns)
 
 
-def _channel_problems(series: Series, joint: str, locked: bool) -> Iterator[Problem]:
-    """Yield which channels a joint lacks, and those that do not move or vary."""
-    given = {channel: f"{joint}.{channel}" for channel in CHANNELS if f"{joint}.{channel}" in series}
-    if series.at_fault or not series.where:
-        return
-    for channel in ("motor", *(() if locked else ("link",))):
-        if channel not in given:
-            yield missing_column(series.header, f"{joint}.{channel}", "angle", series.ignored)
-    if not {"torque", "load"} & {*given}:
-        yield missing_column(series.header, f"{joint}.torque", "moment", series.ignored)
-    if locked and "link" in given:
-        expected = "none, for the link is `locked`"
-        yield Problem(series.header, "a link's angle", expected, "drop one of them", given["link"])
-    for channel, name in given.items():
-        span = float(np.ptp(series[name]))
-        if not LEAST < span < MOST:
-            got = f"a range of {span:.3g} {QUANTITIES[CHANNELS[channel]].si}" if span else "one value throughout"
-            expected = "a joint that moves" if CHANNELS[channel] == "angle" else "a torque that varies"
-            yield Problem(series.where[0], got, expected, "log a motion to and fro, or correct the unit", name)
-        elif channel == "link" and series.columns[name].unit == "rad" and span > FARTHEST:
-            remedy = f"if it is in degrees, write '{name} [deg]'"
-            yield Problem(series.where[0], f"a range of {span:.4g} rad", f"at most {FARTHEST:.3g} rad", remedy, name)
+def _motion_problems(series: Series, rule: Rule, locked: bool) -> Iterator[Problem]:
+    """Yield a channel that does not move or vary, and the angle of a link that is locked."""
+    name, channel, unit = rule.name, rule.name.rpartition(".")[2], series.header.units[rule.name]
+    if locked and channel == "link":
+        yield Problem(series.header.where, "a link's angle", "none, for the link is `locked`", "drop one of them", name)
+    span = float(np.ptp(series[name]))
+    if not LEAST < span < MOST:
+        got = f"a range of {span:.3g} {QUANTITIES[unit.quantity].si}" if span else "one value throughout"
+        expected = "a joint that moves" if unit.quantity == "angle" else "a torque that varies"
+        yield Problem(series.where[0], got, expected, "log a motion to and fro, or correct the unit", name)
+    elif channel == "link" and unit.written == "rad" and span > FARTHEST:
+        remedy = f"if it is in degrees, write '{name} [deg]'"
+        yield Problem(series.where[0], f"a range of {span:.4g} rad", f"at most {FARTHEST:.3g} rad", remedy, name)

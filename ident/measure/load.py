@@ -4,10 +4,11 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
-from ident.errors import InputError, Problem, refusal, refuse
+from ident.errors import InputError, Problem, refuse, require
 from ident.measure.table import format_number, parse_number
 from ident.text import NAME, quoted
 from ident.units import to_si
@@ -17,14 +18,8 @@ Place = TypeVar("Place", str, tuple[str, str, str])
 Own = tuple[str, Vector, str, str]
 """`force` [N] or `moment` [N m], its components along the axes of a body, point, body."""
 
-AXES: dict[str, Vector] = {
-    "x": (1.0, 0.0, 0.0),
-    "y": (0.0, 1.0, 0.0),
-    "z": (0.0, 0.0, 1.0),
-    "-x": (-1.0, 0.0, 0.0),
-    "-y": (0.0, -1.0, 0.0),
-    "-z": (0.0, 0.0, -1.0),
-}
+AXES: dict[str, Vector] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+AXES |= {f"-{name}": (0.0 - x, 0.0 - y, 0.0 - z) for name, (x, y, z) in AXES.items()}
 """Unit vectors of the base frame by name; a leading `+` is also read."""
 
 LOAD_SYNTAX = (
@@ -42,10 +37,9 @@ _TURNED = re.compile(rf"{_AMOUNT}(?P<unit>[^@]+?)\s+about\s{_DIRECTION}\s*@\s*(?
 def unit_vector(vector: Iterable[float]) -> Vector:
     """Scale a vector to unit length; a unit vector is left as it is."""
     components = tuple(float(component) for component in vector)
-    length = math.hypot(*components)
-    if len(components) != 3 or not 0 < length < math.inf:
-        got = "the zero vector" if length == 0 else quoted(" ".join(map(str, components)))
-        raise refusal("", got, "a direction", "give one of x, -z, ... or three numbers", "direction")
+    length, remedy = math.hypot(*components), "give one of x, -z, ... or three numbers"
+    got = "the zero vector" if length == 0 else quoted(" ".join(map(str, components)))
+    require(len(components) == 3 and 0 < length < math.inf, "", got, "a direction", remedy, "direction")
     x, y, z = components if abs(length - 1) < 1e-15 else (component / length for component in components)
     return x, y, z
 
@@ -58,10 +52,9 @@ def parse_direction(text: str, decimal: str = ".") -> Vector:
     """
     axis = AXES.get(text.lower().removeprefix("+"))
     parts = text.split()
-    if axis is None and len(parts) != 3:
-        expected = "x, -z, ... or three numbers like '0 0.6 -0.8'"
-        remedy = "correct the direction; its components are those of the base frame"
-        raise refusal("", quoted(text), expected, remedy, "direction")
+    expected = "x, -z, ... or three numbers like '0 0.6 -0.8'"
+    remedy = "correct the direction; its components are those of the base frame"
+    require(axis or len(parts) == 3, "", quoted(text), expected, remedy, "direction")
     return axis or unit_vector(parse_number(part, decimal) for part in parts)
 
 
@@ -109,10 +102,9 @@ class Load:
 
     def __str__(self) -> str:
         masses = [f"{format_number(mass)} kg @ {point}" for mass, point in self.masses]
-        acting = [*_components(self.forces, "N "), *_components(self.moments, "N*m about ")]
+        acting = [*_components(self.forces, "force"), *_components(self.moments, "moment")]
         for kind, vector, point, body in self.own:
-            words = "N " if kind == "force" else "N*m about "
-            acting += _components([(vector, point)], words, f" of {body}")
+            acting += _components([(vector, point)], kind, f" of {body}")
         return " + ".join([*self.payloads, *masses, *acting]) or "own weight"
 
     @classmethod
@@ -158,8 +150,9 @@ def _summed(acting: Iterable[tuple[Vector, Place]]) -> tuple[tuple[Vector, Place
     return tuple((vector, place) for place, vector in sorted(sums.items()) if any(vector))
 
 
-def _components(acting: Iterable[tuple[Vector, str]], words: str, axes: str = "") -> Iterator[str]:
+def _components(acting: Iterable[tuple[Vector, str]], kind: str, axes: str = "") -> Iterator[str]:
     """Write what acts as terms along the axes."""
+    words = "N " if kind == "force" else "N*m about "
     for vector, point in acting:
         for size, axis in zip(vector, "xyz", strict=True):
             if size:
@@ -167,10 +160,8 @@ def _components(acting: Iterable[tuple[Vector, str]], words: str, axes: str = ""
 
 
 def _amount(term: re.Match[str], quantity: str, decimal: str) -> float:
-    try:
+    with _of_term(term[0]):
         amount = to_si(parse_number(term["amount"], decimal), term["unit"], quantity)
-    except InputError as error:
-        raise InputError(_misread(term[0], problem.expected) for problem in error.problems) from None
     if amount <= 0:
         raise InputError(_misread(term[0], f"a {quantity} above 0"))
     return amount
@@ -178,11 +169,18 @@ def _amount(term: re.Match[str], quantity: str, decimal: str) -> float:
 
 def _vector(term: re.Match[str], quantity: str, decimal: str) -> Vector:
     size = _amount(term, quantity, decimal)
-    try:
+    with _of_term(term[0]):
         x, y, z = parse_direction(term["direction"].strip(), decimal)
-    except InputError as error:
-        raise InputError(_misread(term[0], problem.expected) for problem in error.problems) from None
     return size * x, size * y, size * z
+
+
+@contextmanager
+def _of_term(term: str) -> Iterator[None]:
+    """Say of which term an InputError is."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(_misread(term, problem.expected) for problem in error.problems) from None
 
 
 def _misread(term: str, expected: str) -> Problem:
@@ -191,9 +189,8 @@ def _misread(term: str, expected: str) -> Problem:
 
 def _load_problems(load: Load) -> Iterator[Problem]:
     """Find names that are none, sizes that can't be, and payloads that hang twice."""
-    for name in (*load.payloads, *named_points(load), *(body for *_, body in load.own)):
-        if not re.fullmatch(NAME, name):
-            yield _misread(name, "the name of a payload or point")
+    names = (*load.payloads, *named_points(load), *(body for *_, body in load.own))
+    yield from (_misread(name, "the name of a payload or point") for name in names if not re.fullmatch(NAME, name))
     for mass, point in load.masses:
         if not 0 < mass < math.inf:
             yield _misread(f"{mass} kg @ {point}", "a finite mass above 0")
@@ -220,32 +217,21 @@ OWN_WEIGHT = Load()
 # -------- Kinds
 # Kinds of measurement: their quantity, and what else each of their rows says.
 
-KINDS = {
-    "frequency": "frequency",
-    "deflection": "length",
-    "deflection_difference": "length",
-    "position": "length",
-    "rotation": "rotation",
-    "rotation_difference": "rotation",
-    "twist": "rotation",
-    "twist_difference": "rotation",
-    "damping_ratio": "damping_ratio",
-    "shape": "ratio",
+_KINDS = {
+    "frequency": ("frequency", "mode", "of"),
+    "deflection": ("length", "point", "direction", "setup", "ramp"),
+    "deflection_difference": ("length", "point", "direction", "reference_load", "setup", "ramp"),
+    "position": ("length", "point", "direction", "setup", "ramp"),
+    "rotation": ("rotation", "point", "direction", "setup", "ramp"),
+    "rotation_difference": ("rotation", "point", "direction", "reference_load", "setup", "ramp"),
+    "twist": ("rotation", "joint", "ramp"),
+    "twist_difference": ("rotation", "joint", "reference_load", "ramp"),
+    "damping_ratio": ("damping_ratio", "mode"),
+    "shape": ("ratio", "mode", "of", "point", "direction", "reference_point", "reference_direction"),
 }
+KINDS = {kind: quantity for kind, (quantity, *_) in _KINDS.items()}
 """Kinds of measurement, each with the quantity it is measured in."""
-
-ROLES = {
-    "frequency": ("mode", "of"),
-    "deflection": ("point", "direction", "setup", "ramp"),
-    "deflection_difference": ("point", "direction", "reference_load", "setup", "ramp"),
-    "position": ("point", "direction", "setup", "ramp"),
-    "rotation": ("point", "direction", "setup", "ramp"),
-    "rotation_difference": ("point", "direction", "reference_load", "setup", "ramp"),
-    "twist": ("joint", "ramp"),
-    "twist_difference": ("joint", "reference_load", "ramp"),
-    "damping_ratio": ("mode",),
-    "shape": ("mode", "of", "point", "direction", "reference_point", "reference_direction"),
-}
+ROLES = {kind: fields for kind, (_, *fields) in _KINDS.items()}
 """The fields that a kind has beside posture, load, value and sigma."""
 
 DIFFERENCES = ("deflection_difference", "rotation_difference", "twist_difference")

@@ -10,7 +10,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from ident.errors import Problem, refusal, refuse
+from ident.errors import Problem, refuse, require
 from ident.files import remove_file, replace_file, together
 from ident.measure.campaign import Campaign, Measurement, load_problems, role_problems, value_problems
 from ident.measure.columns import ABOVE_0, ANGLE, ANGLES, Header, Number, Row, Rule, Word, read_header, rows_of
@@ -78,9 +78,8 @@ def _header(record: Record, findings: Findings) -> tuple[Header, frozenset[str]]
         The header, and the columns that can't be read: problems in their cells would only repeat the header's.
     """
     (where, cells), mine = record, Findings()
-    if any(re.match(r"time\b", cell.lower()) for cell in cells):
-        see = "see `ident spectrum`, `ident modal`, `ident source`"
-        raise refusal(where, "a trace (a column time)", "a campaign", see)
+    is_trace, see = any(re.match(r"time\b", cell.lower()) for cell in cells), "`ident modal`, `ident source`"
+    require(not is_trace, where, "a trace (a column time)", "a campaign", f"see `ident spectrum`, {see}")
     header = read_header(record, (*RULES, ANGLES), f"one of q1 [deg], ..., {', '.join(COLUMNS)}", mine, strict=True)
     if not {"sigma", "relative_sigma"} & {*header.names}:
         expected, remedy = "a column sigma or relative_sigma", "state how far each value may be off"
@@ -118,24 +117,19 @@ def parse_campaign(
     """Read a campaign from the bytes of a CSV file, and of those beside it; `path` names it in messages."""
     findings = Findings()
     needed = "measurement", "see data/README.md for the columns"
-    is_column = lambda cell: cell.lower() in COLUMNS  # noqa: E731
-    _, delimiter, records = records_of(data, path, is_column, findings, *needed)
+    _, delimiter, records = records_of(data, path, lambda cell: cell.lower() in COLUMNS, findings, *needed)
     header, broken = _header(records[0], findings)
     numeric = {rule.name for rule in RULES if rule.name not in ("kind", *AS_TEXT)} | {*header.angles}
     rows = rows_of(records[1:], header, delimiter, findings, numeric)
-    measurements = _numbered(measurement for measurement in map(_measurement, rows) if measurement)
+    places: dict[str, Iterator[int]] = defaultdict(lambda: count(1))  # of the rows in each group
+    read = [m for m in map(_measurement, rows) if m]
+    measurements = tuple(replace(m, member=next(places[m.group])) if m.group else m for m in read)
     findings += [problem for row in rows for problem in row.problems]
     findings += _duplicate_problems(measurements) if not broken else ()
     refuse(p for p in findings if p.where == header.where or p.column not in broken)
     sha256 = hashlib.sha256(data).hexdigest()
     correlated, frames = _covariance(measurements, path, covariance), _setups(measurements, path, setups)
     return Campaign(Path(path).stem, str(path), sha256, measurements, correlated, frames)
-
-
-def _numbered(measurements: Iterable[Measurement]) -> tuple[Measurement, ...]:
-    """Number the rows of each group."""
-    places: dict[str, Iterator[int]] = defaultdict(lambda: count(1))
-    return tuple(replace(m, member=next(places[m.group])) if m.group else m for m in measurements)
 
 
 def _covariance(measurements: Iterable[Measurement], path: str | Path, data: bytes | None) -> Covariance | None:
@@ -145,13 +139,12 @@ def _covariance(measurements: Iterable[Measurement], path: str | Path, data: byt
         InputError: rows in groups without that file, or that file without such rows; something in it is wrong.
     """
     sizes, beside = Counter(m.group for m in measurements if m.group), covariance_path(path)
-    where = one_line(str(beside))
-    if data is not None and not sizes:
-        got, remedy = "correlations of no row", "name each row's group in a column group, or remove this file"
-        raise refusal(where, got, f"rows of {one_line(Path(path).name)} in groups", remedy)
-    if sizes and data is None:
-        remedy = "write it (group,i,j,correlation), or empty the column group"
-        raise refusal(where, "no such file", "the correlations of the rows in groups", remedy)
+    where, expected = one_line(str(beside)), f"rows of {one_line(Path(path).name)} in groups"
+    remedy = "name each row's group in a column group, or remove this file"
+    require(sizes or data is None, where, "correlations of no row", expected, remedy)
+    remedy = "write it (group,i,j,correlation), or empty the column group"
+    is_there, expected = data is not None or not sizes, "the correlations of the rows in groups"
+    require(is_there, where, "no such file", expected, remedy)
     return None if data is None else parse_covariance(data, beside, sizes)
 
 
@@ -164,9 +157,9 @@ def _setups(measurements: Iterable[Measurement], path: str | Path, data: bytes |
     names, beside = {m.setup for m in measurements if m.setup}, setups_path(path)
     if data is None:
         return NO_SETUPS
-    if not names:
-        got, remedy = "frames of no row", "name each row's setup in a column setup, or remove this file"
-        raise refusal(one_line(str(beside)), got, f"rows of {one_line(Path(path).name)} in them", remedy)
+    where, expected = one_line(str(beside)), f"rows of {one_line(Path(path).name)} in them"
+    remedy = "name each row's setup in a column setup, or remove this file"
+    require(names, where, "frames of no row", expected, remedy)
     return parse_setups(data, beside, names)
 
 
@@ -229,11 +222,7 @@ WRITTEN_UNITS = {"frequency": "Hz", "length": "mm", "rotation": "mrad", "damping
 
 
 def write_campaign(
-    campaign: Campaign,
-    path: str | Path,
-    *,
-    header_comments: Iterable[str] = (),
-    relative_sigma: bool = False,
+    campaign: Campaign, path: str | Path, *, header_comments: Iterable[str] = (), relative_sigma: bool = False
 ) -> None:
     """Write a campaign as CSV: postures in deg, frequencies in Hz, deflections in mm, every digit kept.
 
@@ -291,10 +280,9 @@ def _cells(m: Measurement, relative_sigma: bool) -> dict[str, str]:
     unit = WRITTEN_UNITS[KINDS[m.kind]]
     factor = si_factor(unit, KINDS[m.kind])
     cells = {name: getattr(m, name) or "" for name in ("kind", *AS_TEXT)}
-    for name in ("direction", "reference_direction"):
-        cells[name] = format_direction(getattr(m, name)) if getattr(m, name) else ""
-    for name in ("load", "reference_load"):
-        cells[name] = str(getattr(m, name)) if getattr(m, name) else ""
+    directions = {"direction": m.direction, "reference_direction": m.reference_direction}
+    cells |= {name: format_direction(value) if value else "" for name, value in directions.items()}
+    cells |= {name: str(getattr(m, name) or "") for name in ("load", "reference_load")}
     cells |= {"value": _written(m.value, factor), "unit": unit}
     if relative_sigma and m.sigma < abs(m.value) * (BARE if m.kind == "frequency" else 1):  # as it is read
         cells["relative_sigma"] = _written(m.sigma, abs(m.value))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ident.errors import refusal
+from ident.errors import require
 from ident.measure.covariance_and_frames import COMMON
 from ident.text import did_you_mean, quoted
 
@@ -33,16 +33,13 @@ class Reproducibility:
 
     def __post_init__(self) -> None:
         for kind, share in self.share.items():
-            if kind not in REPRODUCIBILITY:
-                expected = f"one of {', '.join(REPRODUCIBILITY)}"
-                remedy = did_you_mean(kind, REPRODUCIBILITY, "name one of them")
-                raise refusal("reproducibility", quoted(kind), expected, remedy)
-            if not 0 <= share < 1:
-                expected, remedy = "a share from 0, below 1", "as frequency=0.002 for 0.2 %"
-                raise refusal("reproducibility", f"{kind}={share:g}", expected, remedy)
-        if not 0 <= self.common <= 1:
-            remedy = "0.5 for half of the variance"
-            raise refusal("common", f"{self.common:g}", "a share from 0 to 1", remedy)
+            where, expected = "reproducibility", f"one of {', '.join(REPRODUCIBILITY)}"
+            remedy = did_you_mean(kind, REPRODUCIBILITY, "name one of them")
+            require(kind in REPRODUCIBILITY, where, quoted(kind), expected, remedy)
+            expected, remedy = "a share from 0, below 1", "as frequency=0.002 for 0.2 %"
+            require(0 <= share < 1, where, f"{kind}={share:g}", expected, remedy)
+        remedy = "0.5 for half of the variance"
+        require(0 <= self.common <= 1, "common", f"{self.common:g}", "a share from 0 to 1", remedy)
 
     @classmethod
     def of(cls, said: Mapping[str, float], common: float = COMMON) -> "Reproducibility":

@@ -11,24 +11,23 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ident.errors import Problem, noted, refusal, refuse
+from ident.errors import Problem, noted, refusal, refuse, require
 from ident.measure.channels import (
     FRAMES,
     RECORDED,
-    check_folder,
+    RecordedChannel,
     check_new,
     note_of,
-    read_columns,
     recordings_of,
     write_blank,
 )
-from ident.measure.columns import ABOVE_0, Number, Row, Rule, Word
-from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
+from ident.measure.columns import ABOVE_0, Number, Row, Rule, Word, read_rows
+from ident.measure.load import Load, Vector, parse_direction
 from ident.measure.recordings import Channel, read_recording
 from ident.measure.recordings.recording import SourceFile
 from ident.measure.table import Findings, parse_number, read_table
 from ident.text import NAME, did_you_mean, one_line, quoted
-from ident.units import sensor_factor, to_si
+from ident.units import to_si
 
 QUANTITIES = {"displacement": "length", "velocity": "velocity", "acceleration": "acceleration"}
 """What a channel may measure, by derivatives of a displacement."""
@@ -90,52 +89,34 @@ class TrialMass:
         found = []
         for term in filter(None, " ".join(text.split()).split(" + ")):
             expected, remedy = "terms like '12 g @ drive2 40 mm 90 deg', joined by ' + '", "correct it"
-            match = _TRIAL.fullmatch(term)
-            if not match:
+            if not (match := _TRIAL.fullmatch(term)):
                 raise refusal("", quoted(term), expected, remedy)
             mass, of_mass, drive, radius, of_radius, angle, of_angle = match.groups()
             pairs = (mass, of_mass, "mass"), (radius, of_radius, "length"), (angle, of_angle, "angle")
             sizes = [to_si(parse_number(number, decimal), unit, quantity) for number, unit, quantity in pairs]
-            if min(sizes[:2]) <= 0:
-                raise refusal("", quoted(term), "a mass and a radius above 0", remedy)
+            require(min(sizes[:2]) > 0, "", quoted(term), "a mass and a radius above 0", remedy)
             found.append(cls(drive, *sizes))
         return tuple(found)
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunRow:
-    """What one channel measured during a run.
+class RunRow(RecordedChannel):
+    """What one channel measured during a run; without a point it is the end point.
 
     Attributes:
-        where: `file:row` of the table.
-        file: name of the recording, beside the table.
-        channel: name of the channel, as the recording has it.
         direction: (3,) [-] along which it counts.
-        point: name of a point of the arm; empty for the end point.
-        frame: base, or body: that which carries the point.
-        unit: empty to take what the file says.
-        sensitivity: number of the file for one unit; None where it is in the unit already.
         speed: [%] of full speed, or of a path's own; None for a path's own.
         path: file of a log of the joints, beside the table; empty for the arm's stroke.
         retract: whether the stroke goes from unfolded to folded.
-        load: what the arm carried, sensors included.
         delay: [s] to add to the file's times, so that the motion, or the clock of its log, starts at 0.
         group: runs of one group share the pulleys' angles; empty for one of its own.
         trial: masses that were added to drives for this run.
     """
 
-    where: str
-    file: str
-    channel: str
     direction: Vector
-    point: str = ""
-    frame: str = FRAMES[0]
-    unit: str = ""
-    sensitivity: float | None = None
     speed: float | None = None
     path: str = ""
     retract: bool = False
-    load: Load = OWN_WEIGHT
     delay: float = 0.0
     group: str = ""
     trial: tuple[TrialMass, ...] = ()
@@ -147,6 +128,7 @@ class RunRow:
 
 
 POSITIVE = Number("a number above 0", least=ABOVE_0)
+SPEED = Number(f"% of full speed, above 0 and at most {FASTEST:g}", least=ABOVE_0, most=FASTEST)
 SAY_UNIT = "leave its unit out, and say it in the column unit"
 RULES = (
     *RECORDED,
@@ -155,11 +137,11 @@ RULES = (
     Rule("frame", Word(FRAMES), FRAMES[0]),
     Rule("unit"),
     Rule("sensitivity", POSITIVE, None, unit_is=("numbers of the file for one unit", SAY_UNIT)),
-    Rule("speed", POSITIVE, None, unit="%", unit_is=("% of full speed", "convert it")),
+    Rule("speed", SPEED, None, unit="%", unit_is=("% of full speed", "convert it")),
     Rule("path"),
     Rule("retract", Word(("no", "yes")), "no"),
     Rule("load", Load.parse),
-    Rule("delay", parse_number, 0.0, quantity="time", unit="s"),
+    Rule("delay", parse_number, 0.0, quantities=("time",), unit="s"),
     Rule("group"),
     Rule("trial", TrialMass.parse),
     Rule("note"),
@@ -268,7 +250,7 @@ def _logs(rows: list[RunRow], folder: Path, findings: Findings) -> Iterator[tupl
 def _rows(data: bytes, path: str | Path) -> list[RunRow]:
     findings = Findings()
     needed = "channel", "see `ident source --init`, which writes one to fill in"
-    table = read_columns(data, path, RULES, findings, needed, f"one of {', '.join(HEAD)}")
+    table = read_rows(data, path, RULES, findings, f"one of {', '.join(HEAD)}", *needed)
     table = [row for row in table if row["direction"]]
     rows = [row for row in map(_row, table) if row]
     findings += [*(problem for row in table for problem in row.problems), *_unequal(rows)]
@@ -285,8 +267,6 @@ def _rows(data: bytes, path: str | Path) -> list[RunRow]:
 def _row(row: Row) -> RunRow | None:
     """Return what a row says; None where something is wrong with it."""
     said = row.values(RULES)
-    if (said["speed"] or 0.0) > FASTEST:
-        row.add(f"{said['speed']:g} %", f"at most {FASTEST:g} % of full speed", "correct it", "speed")
     said["retract"] = said["retract"] == "yes"
     del said["note"]
     return None if row.problems else RunRow(where=row.where, **said)
@@ -322,60 +302,41 @@ def _trace(row: RunRow, channels: Mapping[str, Channel]) -> Trace:
         names = tuple(channels)
         remedy = did_you_mean(row.channel, names, "name one of them")
         raise refusal("", quoted(row.channel), f"one of {', '.join(map(one_line, names[:8]))}", remedy, "channel")
-    if channel.flaw or channel.reference or np.iscomplexobj(channel.values) or len(channel.values) != 1:
-        got = channel.flaw or "no single record over time"
-        raise refusal("", got, "samples over time", channel.remedy or "export the time record", "channel")
+    fine = not (channel.flaw or channel.reference or np.iscomplexobj(channel.values) or len(channel.values) != 1)
+    got, remedy = channel.flaw or "no single record over time", channel.remedy or "export the time record"
+    require(fine, "", got, "samples over time", remedy, "channel")
     if not channel.step:
         raise refusal("", "no sampling rate in the file", "a column 'time [s]'", "export it with its times")
     values = np.asarray(channel.values[0], float)
     derivative, factor = _measured(row, channel.unit)
-    for got, expected, remedy in _record_problems(values, channel.step, one_line(row.file)):
-        raise refusal("", got, expected, remedy, "channel")  # the first: others may follow from it
+    _check_record(values, channel.step, one_line(row.file))
     start = channel.start[0] if isinstance(channel.start, tuple) else channel.start
     values, step = _slower(values, channel.step)
     return Trace(row, derivative, row.delay + start + step * np.arange(len(values)), values * factor)
 
 
-def _record_problems(values: Float[np.ndarray, "T"], step: float, file: str) -> Iterator[tuple[str, str, str]]:
-    """Yield what no record can be: what was found, what was expected, and what to do."""
-    rate, duration = 1 / step, len(values) * step
-    if missing := np.count_nonzero(~np.isfinite(values)):
-        yield f"{missing} samples missing", "a record without gaps", "cut the record, or export it again"
-    if not np.ptp(values) > 0:
-        remedy = "check the sensor and its cable, or leave the row out"
-        yield f"{values[0]:g} in all samples", "a record that varies", remedy
-    if longest := _clipped(values):
-        got = f"{longest} samples in a row at the largest value: clipped"
-        yield got, "a record within the sensor's range", "measure again, less amplified"
-    if rate < SLOWEST:
-        in_ms = "; or are its times in ms? then write time [ms]" if 1e3 * rate >= SLOWEST else ""
-        yield f"{rate:.4g} samples a second in {file}", f"at least {SLOWEST:g}", f"measure again, sampled faster{in_ms}"
-    if duration < SHORTEST:
-        remedy = "record the whole motion, or check the unit of the times"
-        yield f"{duration:.3g} s in {file}", f"at least {SHORTEST:g} s", remedy
+def _check_record(values: Float[np.ndarray, "T"], step: float, file: str) -> None:
+    """Refuse what no record can be; only the first is said, as others may follow from it."""
+    rate, duration, missing = 1 / step, len(values) * step, np.count_nonzero(~np.isfinite(values))
+    remedy = "cut the record, or export it again"
+    require(not missing, "", f"{missing} samples missing", "a record without gaps", remedy, "channel")
+    remedy = "check the sensor and its cable, or leave the row out"
+    require(np.ptp(values) > 0, "", f"{values[0]:g} in all samples", "a record that varies", remedy, "channel")
+    longest, expected = _clipped(values), "a record within the sensor's range"
+    got = f"{longest} samples in a row at the largest value: clipped"
+    require(not longest, "", got, expected, "measure again, less amplified", "channel")
+    in_ms = "; or are its times in ms? then write time [ms]" if 1e3 * rate >= SLOWEST else ""
+    got, remedy = f"{rate:.4g} samples a second in {file}", f"measure again, sampled faster{in_ms}"
+    require(rate >= SLOWEST, "", got, f"at least {SLOWEST:g}", remedy, "channel")
+    got, remedy = f"{duration:.3g} s in {file}", "record the whole motion, or check the unit of the times"
+    require(duration >= SHORTEST, "", got, f"at least {SHORTEST:g} s", remedy, "channel")
 
 
-def _measured(row: RunRow, said: str) -> tuple[int, float]:
+def _measured(row: RunRow, unit: str) -> tuple[int, float]:
     """Return how often the displacement is derived, and SI units per number of the file."""
-    unit = row.unit or said
-    example = "a unit such as mm, m/s, m/s^2 or g_0"
-    if not unit:
-        raise refusal("", "no unit, in the file neither", example, "fill the cell", "unit")
-    physical = any(sensor_factor(said, known) is not None for known in QUANTITIES.values())
-    if said and not physical and row.sensitivity is None:
-        remedy = "give the sensitivity: numbers of the file for one unit"
-        raise refusal("", f"a file in {quoted(said)}", example, remedy, "sensitivity")
-    if physical and row.sensitivity is not None:
-        got = f"a sensitivity of a file in {quoted(said)}"
-        raise refusal("", got, "none", "leave the cell empty", "sensitivity")
-    for derivative, known in enumerate(QUANTITIES.values()):
-        factor = sensor_factor(unit, known)
-        if factor is not None:
-            if row.unit and physical and row.sensitivity is None and sensor_factor(said, known) != factor:
-                got, remedy = quoted(row.unit), "correct it, or leave the cell empty"
-                raise refusal("", got, f"{quoted(said)}, as in the file", remedy, "unit")
-            return derivative, factor / (row.sensitivity or 1.0)
-    raise refusal("", quoted(unit), example, "correct it, or give the unit of the sensor", "unit")
+    quantities = tuple(QUANTITIES.values())
+    quantity, factor = row.scale(unit, quantities, "a motion", "mm, m/s, m/s^2 or g_0")
+    return quantities.index(quantity), factor
 
 
 def _clipped(values: Float[np.ndarray, "T"]) -> int:
@@ -404,7 +365,6 @@ def write_runs(folder: str | Path, path: str | Path) -> int:
     Raises:
         InputError: no recordings, or a file of that name, which is not overwritten.
     """
-    check_folder(Path(folder))
     check_new(Path(path), "move it away, or name another")
     recordings = recordings_of(Path(folder))
     rows = [

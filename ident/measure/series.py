@@ -10,20 +10,21 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ident.errors import InputError, Problem, refusal, refuse
-from ident.measure.columns import EXAMPLES, unit_factor
+from ident.errors import Problem, refusal, refuse, require
+from ident.measure.columns import EXAMPLES, Header, Rule, read_header
 from ident.measure.recordings.sampling import UNEVEN, odd_interval
 from ident.measure.table import (
     Findings,
     decimal_mark,
     fitting,
+    grouped,
     name_and_unit,
     parse_number,
     read_table,
     records_of,
 )
-from ident.text import LARGEST_SAMPLES, LONGEST_QUOTE, NAME, nearest, one_line, quoted
-from ident.units import QUANTITIES, si_factor, to_si
+from ident.text import LARGEST_SAMPLES, NAME, quoted
+from ident.units import to_si
 
 TIME = "time"
 """Name of the column that every such file has."""
@@ -36,20 +37,23 @@ STEPS = (1e-9, 1e9)
 
 
 @dataclass(frozen=True)
-class Column:
-    """One column in SI units.
+class Sampled:
+    """What was measured over time.
 
     Attributes:
-        name: as it was asked for.
-        quantity: the quantity that its unit measures, a name in `QUANTITIES`.
-        unit: the unit as written in the header.
-        values: (T,) [SI] NaN where a cell could not be read.
+        path: the file it was read from.
+        sha256: hash of the file's bytes.
+        time: (T,) [s] increasing; of traces and joint logs uniform within 1 %.
     """
 
-    name: str
-    quantity: str
-    unit: str
-    values: Float[np.ndarray, " T"]
+    path: str
+    sha256: str
+    time: Float[np.ndarray, " T"]
+
+    @property
+    def interval(self) -> float:
+        """Mean time [s] between two samples."""
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
 
 @dataclass(frozen=True)
@@ -59,37 +63,33 @@ class Series:
     Attributes:
         file: the file's name, for messages.
         sha256: hash of the file's bytes.
-        header: place of the header, `file:row`.
+        header: of the file.
         where: (T,) place of each row.
-        columns: by name, the time among them, in the order they were asked for.
-        at_fault: names of columns whose header cell can't be read.
-        ignored: names of further columns as written in the header.
+        columns: (T,) [SI] by name, the time among them; NaN where a cell could not be read.
+        at_fault: names of columns whose header cell can't be read, or that are missing or doubled.
     """
 
     file: str
     sha256: str
-    header: str
+    header: Header
     where: tuple[str, ...]
-    columns: Mapping[str, Column]
+    columns: Mapping[str, Float[np.ndarray, " T"]]
     at_fault: frozenset[str]
-    ignored: tuple[str, ...]
 
     def __contains__(self, name: str) -> bool:
         return name in self.columns
 
     def __getitem__(self, name: str) -> Float[np.ndarray, " T"]:
-        return self.columns[name].values
+        return self.columns[name]
 
 
-def parse_series(
-    data: bytes, path: str | Path, wanted: Mapping[str, tuple[str, ...]], rows: int, findings: Findings
-) -> Series:
+def parse_series(data: bytes, path: str | Path, rules: Sequence[Rule], rows: int, findings: Findings) -> Series:
     """Read time and the wanted columns from the bytes of a CSV file, and check that time increases.
 
     Args:
         data: the bytes; UTF-8, columns separated by comma, semicolon or tab, comments after `#`.
         path: names the file in messages.
-        wanted: the quantities that each column may have, by the column's name, which may be written in either case.
+        rules: of the wanted columns; further ones are ignored.
         rows: the fewest rows that will do.
         findings: where problems are put; reading goes on.
 
@@ -98,32 +98,21 @@ def parse_series(
     """
     is_column = lambda name: name_and_unit(name)[0].lower() == TIME or name.endswith("]")  # noqa: E731
     file, delimiter, records = records_of(data, path, is_column, findings, "time", "check the file")
-    where, header = records[0]
-    quantities, named = {TIME: ("time",), **wanted}, [name_and_unit(cell) for cell in header]
-    at = {name: [i for i, (each, _) in enumerate(named) if each.lower() == name.lower()] for name in quantities}
-    used = {index for places in at.values() for index in places}
-    ignored = tuple(cell for index, cell in enumerate(header) if index not in used)
-    measured = dict[str, tuple[str, float]]()
-    for name, places in at.items():
-        if len(places) > 1:
-            findings.append(Problem(where, f"the column {len(places)} times", "it once", "remove or rename one", name))
-        if places and (said := findings.attempt(where, name, _measured, named[places[0]][1], name, quantities[name])):
-            measured[name] = said
-        elif not places and name == TIME:
-            findings.append(missing_column(where, TIME, "time", header))
-    misfits = Findings()
-    rows_read = fitting(records[1:], len(header), delimiter, misfits)
-    findings += counted(misfits)
-    decimal = decimal_mark(delimiter, (cells[index] for _, cells in rows_read for index in used))
-    columns = dict[str, Column]()
-    for name, (quantity, factor) in measured.items():
-        mine, place = Findings(), at[name][0]
+    wanted, faults, misfits = [Rule(TIME, quantities=("time",), required=True), *rules], Findings(), Findings()
+    header = read_header(records[0], wanted, "", faults)
+    at_fault = frozenset(problem.column for problem in faults)
+    rows_read = fitting(records[1:], len(header.names), delimiter, misfits)
+    findings += [*faults, *counted(misfits)]
+    places = {rule.name: header.names.index(rule.name) for rule in wanted if rule.name in header.units}
+    decimal = decimal_mark(delimiter, (cells[place] for _, cells in rows_read for place in places.values()))
+    columns = dict[str, np.ndarray]()
+    for name in [name for name in places if name not in at_fault]:
+        mine, place, factor = Findings(), places[name], header.units[name].factor
         values = [mine.attempt(row, name, _number, cells[place], decimal, factor) for row, cells in rows_read]
-        columns[name] = Column(name, quantity, named[place][1], np.array(values, float))
+        columns[name] = np.array(values, float)
         findings += counted(mine)
-    at_fault = frozenset(name for name, places in at.items() if places and name not in columns)
-    sha256, rows_at = hashlib.sha256(data).hexdigest(), tuple(row for row, _ in rows_read)
-    series = Series(file, sha256, where, rows_at, columns, at_fault, ignored)
+    sha256, where = hashlib.sha256(data).hexdigest(), tuple(row for row, _ in rows_read)
+    series = Series(file, sha256, header, where, columns, at_fault)
     findings += counted(_time_problems(series))
     given = len(records) - 1
     if given < rows:
@@ -132,38 +121,12 @@ def parse_series(
     return series
 
 
-def missing_column(where: str, name: str, quantity: str, header: Iterable[str]) -> Problem:
-    """Return the problem of a column that is not there; a column of like name is suggested."""
-    expected = f"a column '{name} [{EXAMPLES[quantity]}]'"
-    alike = nearest(name, (name_and_unit(cell)[0] for cell in header))
-    remedy = f"rename {one_line(alike[:LONGEST_QUOTE])}" if alike else "add the column"
-    return Problem(where, "no such column", expected, remedy, name)
-
-
 def counted(problems: Iterable[Problem]) -> Iterator[Problem]:
     """Yield the first problem of each kind, and in which rows the others are: a column of bad cells is one mistake."""
-    alike: dict[tuple[str, str, str], list[Problem]] = {}
-    for problem in problems:
-        alike.setdefault((problem.column, problem.expected, problem.remedy), []).append(problem)
-    for first, *more in alike.values():
+    for first, *more in grouped(problems, lambda each: (each.column, each.expected, each.remedy)).values():
         rows = ", ".join(problem.where.rpartition(":")[2] for problem in more[:ROWS_NAMED])
         rest = f" and {len(more) - ROWS_NAMED} more" if len(more) > ROWS_NAMED else ""
         yield replace(first, got=f"{first.got} (also rows {rows}{rest})" if more else first.got)
-
-
-def _measured(unit: str, name: str, quantities: tuple[str, ...]) -> tuple[str, float]:
-    """Return which of the quantities a unit measures, and its factor to SI."""
-    expected = " or ".join(QUANTITIES[quantity].expected for quantity in quantities)
-    if not unit:
-        unit_factor(unit, name, quantities[0], expected)
-    for quantity in quantities:
-        try:
-            return quantity, si_factor(unit, quantity)
-        except InputError as error:
-            problem = error.problems[0]
-    gravity = unit == "g" and "acceleration" in quantities
-    remedy = "write g_0 for standard gravity, g is gram" if gravity else problem.remedy
-    raise refusal("", problem.got, expected, remedy)
 
 
 def _number(text: str, decimal: str, factor: float) -> float:
@@ -217,21 +180,15 @@ ROUGH = 2.0
 
 
 @dataclass(frozen=True)
-class Log:
+class Log(Sampled):
     """Joint angles over time.
 
     Attributes:
-        path: the file it was read from.
-        sha256: hash of the file's bytes.
-        time: (T,) [s] increasing.
         angles: (T,) [rad] by joint, in the order in which the joints were asked for.
         ignored: names of further columns of the file, as written in its header.
         notes: what was mended in it, or may be wrong.
     """
 
-    path: str
-    sha256: str
-    time: Float[np.ndarray, " T"]
     angles: Mapping[str, Float[np.ndarray, " T"]]
     ignored: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -256,15 +213,16 @@ def read_log(path: str | Path, joints: Sequence[str]) -> Log:
 def parse_log(data: bytes, path: str | Path, joints: Sequence[str]) -> Log:
     """Read a log from the bytes of a CSV file; `path` names it in messages."""
     findings = Findings()
-    series = parse_series(data, path, dict.fromkeys(joints, ("angle",)), FEWEST_ROWS, findings)
-    notes, whole = list[str](), not findings and all(joint in series for joint in joints)
+    rules = [Rule(joint, quantities=("angle",), required=True) for joint in joints]
+    series = parse_series(data, path, rules, FEWEST_ROWS, findings)
+    notes, whole = list[str](), not findings
     series = _mended(series, joints, notes) if whole else series
     findings += [problem for joint in joints for problem in _joint_problems(series, joint)]
     if whole and not findings:
         findings += _clock_problems(series, joints)
     refuse(findings)
     angles = {joint: series[joint] for joint in joints}
-    return Log(str(path), series.sha256, series[TIME], angles, series.ignored, tuple(notes))
+    return Log(str(path), series.sha256, series[TIME], angles, series.header.ignored, tuple(notes))
 
 
 def _mended(series: Series, joints: Sequence[str], notes: list[str]) -> Series:
@@ -276,18 +234,18 @@ def _mended(series: Series, joints: Sequence[str], notes: list[str]) -> Series:
         turns = np.sign(jumps)
         turns *= (abs(jumps) > WRAP_SPEED * steps) & (abs(jumps - 2 * np.pi * turns) <= WRAP_SPEED * steps)
         if turns.any():
-            columns[joint] = replace(columns[joint], values=series[joint] - 2 * np.pi * np.append(0, turns.cumsum()))
+            columns[joint] = series[joint] - 2 * np.pi * np.append(0, turns.cumsum())
             where = series.where[int(turns.nonzero()[0][0]) + 1]
             notes.append(f"{where}, {joint}: jumps by a whole turn were undone, {np.count_nonzero(turns)} in all")
     even = np.append(0.0, np.rint(steps / np.median(steps)).cumsum())
-    if _smoother(time, np.stack([columns[joint].values for joint in joints]), even):
+    if _smoother(time, np.stack([columns[joint] for joint in joints]), even):
         step, start = np.polyfit(even, time, 1)
         off = f"{1e3 * abs(time - start - step * even).max():.2g} ms off"
-        columns[TIME] = replace(columns[TIME], values=start + step * even)
+        columns[TIME] = start + step * even
         notes.append(f"{series.file}, {TIME}: up to {off} even steps of {1e3 * step:.4g} ms, which were taken instead")
     largest = math.degrees(max(abs(series[joint]).max() for joint in joints))
-    if 0 < largest <= 2 * np.pi and not any(series.columns[joint].unit in RADIANS for joint in joints):
-        notes.append(f"{series.header}: no angle beyond {largest:.3g} deg; for radians write '{joints[0]} [rad]'")
+    if 0 < largest <= 2 * np.pi and not any(series.header.units[joint].written in RADIANS for joint in joints):
+        notes.append(f"{series.header.where}: no angle beyond {largest:.3g} deg; for radians write '{joints[0]} [rad]'")
     return replace(series, columns=columns)
 
 
@@ -323,13 +281,11 @@ def _clock_problems(series: Series, joints: Sequence[str]) -> Iterator[Problem]:
 
 
 def _joint_problems(series: Series, joint: str) -> Iterator[Problem]:
-    """Yield that a joint has no column, the first angle that one marked rad can't have, or jump that no joint makes."""
-    if joint not in series:
-        if joint not in series.at_fault:
-            yield missing_column(series.header, joint, "angle", series.ignored)
+    """Yield the first angle that a column marked rad can't have, or jump that no joint makes."""
+    if joint in series.at_fault:
         return
     angles, far = series[joint], np.flatnonzero(abs(series[joint]) > FARTHEST)
-    if series.columns[joint].unit in RADIANS and far.size:
+    if series.header.units[joint].written in RADIANS and far.size:
         got, expected = f"{angles[far[0]]:.6g} rad", "at most ten turns, 62.8 rad"
         remedy = f"if the angles are in degrees, write '{joint} [deg]' in the header"
         yield Problem(series.where[far[0]], got, expected, remedy, joint)
@@ -340,7 +296,7 @@ def _joint_problems(series: Series, joint: str) -> Iterator[Problem]:
         return
     row = int(fast[0])
     got = f"a jump of {jumps[row]:.4g} rad within {steps[row]:.4g} s, {abs(jumps[row]) / steps[row]:.4g} rad/s"
-    headers = " and ".join(f"'{name} [{series.columns[name].unit}]'" for name in (joint, TIME))
+    headers = " and ".join(f"'{name} [{series.header.units[name].written}]'" for name in (joint, TIME))
     remedy = f"check the units in {headers}, or remove the outlier"
     yield Problem(series.where[row + 1], got, f"at most {FASTEST:g} rad/s", remedy, joint)
 
@@ -359,29 +315,18 @@ TRACE_ROWS_MIN = 16
 
 
 @dataclass(frozen=True)
-class Trace:
+class Trace(Sampled):
     """A vibration over time, sampled at equal intervals.
 
     Attributes:
-        path: the file it was read from.
-        sha256: hash of the file's bytes.
-        time: (T,) [s] increasing, uniform within 1 %.
         kind: `displacement` or `acceleration`.
         values: (T,) [m or m/s^2] by direction, `x`, `y` or `z` of the base frame.
         ignored: names of further columns of the file, as written in its header.
     """
 
-    path: str
-    sha256: str
-    time: Float[np.ndarray, " T"]
     kind: str
     values: Mapping[str, Float[np.ndarray, " T"]]
     ignored: tuple[str, ...] = ()
-
-    @property
-    def interval(self) -> float:
-        """Mean time [s] between two samples."""
-        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
 
 def read_trace(path: str | Path) -> Trace:
@@ -404,26 +349,25 @@ def read_trace(path: str | Path) -> Trace:
 def parse_trace(data: bytes, path: str | Path) -> Trace:
     """Read a trace from the bytes of a CSV file; `path` names it in messages."""
     findings = Findings()
-    series = parse_series(data, path, {direction: tuple(KINDS) for direction in DIRECTIONS}, TRACE_ROWS_MIN, findings)
+    rules = [Rule(direction, quantities=tuple(KINDS)) for direction in DIRECTIONS]
+    series = parse_series(data, path, rules, TRACE_ROWS_MIN, findings)
     findings += [*_kind_problems(series), *sampling_problems(series)]
     refuse(findings)
-    given = [direction for direction in DIRECTIONS if direction in series]
-    kind = KINDS[series.columns[given[0]].quantity]
-    values = {direction: series[direction] for direction in given}
-    return Trace(str(path), series.sha256, series[TIME], kind, values, series.ignored)
+    values = {direction: series[direction] for direction in DIRECTIONS if direction in series}
+    kind = KINDS[series.header.units[next(iter(values))].quantity]
+    return Trace(str(path), series.sha256, series[TIME], kind, values, series.header.ignored)
 
 
 def _kind_problems(series: Series) -> Iterator[Problem]:
-    given = [column for name, column in series.columns.items() if name in DIRECTIONS]
+    where, given = series.header.where, {name: series.header.units[name] for name in DIRECTIONS if name in series}
     if not given and not series.at_fault & set(DIRECTIONS):
         expected = f"a column 'x [{EXAMPLES['length']}]', or y or z, or in '{EXAMPLES['acceleration']}'"
-        yield Problem(series.header, "no direction", expected, "name the measured directions in the header")
-    for column in given:
-        kind, first = KINDS[column.quantity], KINDS[given[0].quantity]
-        if kind != first:
-            expected = f"{first}, as of {given[0].name}"
-            remedy = "put displacements and accelerations into two files"
-            yield Problem(series.header, f"{kind} in '{column.unit}'", expected, remedy, column.name)
+        yield Problem(where, "no direction", expected, "name the measured directions in the header")
+    for name, unit in given.items():
+        kind, (other, first) = KINDS[unit.quantity], next(iter(given.items()))
+        if unit.quantity != first.quantity:
+            got, expected = f"{kind} in '{unit.written}'", f"{KINDS[first.quantity]}, as of {other}"
+            yield Problem(where, got, expected, "put displacements and accelerations into two files", name)
 
 
 def sampling_problems(series: Series) -> Iterator[Problem]:
@@ -473,14 +417,11 @@ def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Pulley]:
     there = [match for match in map(_COLUMN.fullmatch, trace.ignored) if match]
     if not there:
         return {}
-    findings = Findings()
-    wanted = {match["name"]: (match["field"],) for match in there}
-    series = parse_series(read_table(path, LARGEST_SAMPLES), path, wanted, TRACE_ROWS_MIN, findings)
+    rules, findings = [Rule(match["name"], quantities=(match["field"],)) for match in there], Findings()
+    series = parse_series(read_table(path, LARGEST_SAMPLES), path, rules, TRACE_ROWS_MIN, findings)
     refuse(findings)
-    return {
-        name: Pulley(**{field: series[f"{name}.{field}"] for field in FIELDS if f"{name}.{field}" in wanted})
-        for name in dict.fromkeys(match["pulley"] for match in there)
-    }
+    by_pulley = grouped(there, lambda match: match["pulley"])
+    return {name: Pulley(**{each["field"]: series[each["name"]] for each in own}) for name, own in by_pulley.items()}
 
 
 # -------- Speeds
@@ -513,10 +454,9 @@ def parse_speeds(text: str, decimal: str = ".") -> tuple[Speed, ...]:
 
 
 def _speed(term: str, decimal: str) -> Speed:
-    match = _TERM.fullmatch(term.strip())
+    match, remedy = _TERM.fullmatch(term.strip()), "correct it, or leave the cell empty"
     if not match:
-        raise refusal("", quoted(term), SYNTAX, "correct it, or leave the cell empty")
+        raise refusal("", quoted(term), SYNTAX, remedy)
     value = to_si(parse_number(match["value"], decimal), match["unit"], "frequency")
-    if not value > 0:
-        raise refusal("", quoted(term), "a speed above 0", "correct it, or leave the cell empty")
+    require(value > 0, "", quoted(term), "a speed above 0", remedy)
     return Speed(match["name"].strip(), value)

@@ -6,13 +6,13 @@ import math
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from ident.errors import InputError, Problem, refusal, refuse
+from ident.errors import InputError, Problem, refusal, refuse, require
 from ident.text import LARGEST_TEXT, decode, one_line, quoted, read_bytes
 
 # -------- Spreadsheet
@@ -39,9 +39,8 @@ def sheet_text(data: bytes, file: str) -> str:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
-        if size > LARGEST:
-            got, most = f"{size / 1e6:.0f} MB when unpacked", f"at most {LARGEST / 1e6:.0f} MB"
-            raise refusal(file, got, most, "keep one sheet, or save it as CSV")
+        got, most = f"{size / 1e6:.0f} MB when unpacked", f"at most {LARGEST / 1e6:.0f} MB"
+        require(size <= LARGEST, file, got, most, "keep one sheet, or save it as CSV")
         values, formulas = (
             _rows(load_workbook(io.BytesIO(data), read_only=True, data_only=computed)) for computed in (True, False)
         )
@@ -56,7 +55,13 @@ def sheet_text(data: bytes, file: str) -> str:
         while cells and not cells[-1]:  # empty ones at the end of a row
             cells.pop()
     width = next((len(cells) for cells in lines if cells and not cells[0].startswith("#")), 0)
-    return "".join(_line(cells, width) for cells in lines)
+    text = io.StringIO()
+    for cells in lines:
+        if cells and not cells[0].startswith("#"):
+            csv.writer(text, lineterminator="\n").writerow([*cells, *[""] * (width - len(cells))])
+        else:  # a comment stays one, and an empty row is an empty line
+            text.write(" ".join(filter(None, cells)) + "\n")
+    return text.getvalue()
 
 
 def _rows(book: Any) -> list[tuple[Any, ...]]:
@@ -76,27 +81,14 @@ def _check_formulas(values: list[tuple[Any, ...]], formulas: list[tuple[Any, ...
         InputError: with the row of each.
     """
     problems = []
-    for number, row in enumerate(formulas, 1):
-        known = values[number - 1] if number <= len(values) else ()
-        for place, cell in enumerate(row):
-            value = known[place] if place < len(known) else None
+    for number, (row, known) in enumerate(zip_longest(formulas, values, fillvalue=()), 1):
+        for cell, value in zip_longest(row, known):
             if isinstance(value, str) and value in FAILED:
                 problems.append(Problem(f"{file}:{number}", value, "a value", "correct the formula"))
             elif isinstance(cell, str) and cell.startswith("=") and value is None:
                 got, remedy = f"the formula {cell[:40]} without its value", "save it in a spreadsheet program"
                 problems.append(Problem(f"{file}:{number}", got, "a value", remedy))
     refuse(problems)
-
-
-def _line(cells: list[str], width: int) -> str:
-    """Return a row as a line of CSV, as wide as the header; a comment stays one, and an empty row is an empty line."""
-    if not cells:
-        return "\n"
-    if cells[0].startswith("#"):
-        return " ".join(filter(None, cells)) + "\n"
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow([*cells, *[""] * (width - len(cells))])
-    return text.getvalue()
 
 
 def _written(value: Any) -> str:
@@ -112,6 +104,7 @@ def _written(value: Any) -> str:
 
 P = ParamSpec("P")
 T = TypeVar("T")
+Key = TypeVar("Key", bound=Hashable)
 
 DELIMITERS = ",;\t"
 """Column delimiters that are recognised."""
@@ -146,6 +139,14 @@ class Findings(list[Problem]):
             return None
 
 
+def grouped(items: Iterable[T], key: Callable[[T], Key]) -> dict[Key, list[T]]:
+    """Return items by what they have in common, in their order."""
+    groups: dict[Key, list[T]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
+
+
 def read_table(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
     """Return the bytes of a CSV file, or of an Excel sheet (`.xlsx`).
 
@@ -153,12 +154,11 @@ def read_table(path: str | Path, largest: int = LARGEST_TEXT) -> bytes:
         InputError: there is no such file, it cannot be read or has more bytes than `largest`, or its ending says that
             it is another kind of file.
     """
-    if kind := FOREIGN.get(Path(path).suffix.lower()):
-        sheet = " or .xlsx" if kind == FOREIGN[".xls"] else ""
-        remedy = f"export it as CSV{sheet}; data/README.md shows the columns"
-        if kind == FOREIGN[".toml"]:
-            remedy = "name the measurements, and this as `arm`"
-        raise refusal(one_line(str(path)), kind, "a table as CSV", remedy)
+    kind = FOREIGN.get(Path(path).suffix.lower(), "")
+    sheet = " or .xlsx" if kind == FOREIGN[".xls"] else ""
+    remedy = f"export it as CSV{sheet}; data/README.md shows the columns"
+    remedy = "name the measurements, and this as `arm`" if kind == FOREIGN[".toml"] else remedy
+    require(not kind, one_line(str(path)), kind, "a table as CSV", remedy)
     return read_bytes(path, "a readable CSV file", largest)
 
 
@@ -187,9 +187,9 @@ def records_of(
     records = list(read_records(text, delimiter, file, findings))
     where, header = records[0] if records else ("", [])
     counts = [[*map(str, range(first, first + len(header)))] for first in (0, 1)]  # as pandas heads what has no names
-    if _is_numeric(" ".join(header)) and not (len(header) > 2 and header in counts):
-        got = f"numbers only: {quoted(delimiter.join(header))}"
-        raise refusal(where, got, "a header", "write a line above with a name for each column")
+    named = not _is_numeric(" ".join(header)) or (len(header) > 2 and header in counts)
+    got, remedy = f"numbers only: {quoted(delimiter.join(header))}", "write a line above with a name for each column"
+    require(named, where, got, "a header", remedy)
     if needed and len(records) < 2:
         (each, remedy), got = needed, "only one row" if records else "no row"
         raise InputError([*findings, Problem(file, got, f"a header and a row for each {each}", remedy)])
@@ -224,11 +224,8 @@ def fitting(records: list[Record], columns: int, delimiter: str, findings: Findi
     return [(where, cells) for where, cells in records if len(cells) == columns]
 
 
-def header_problems(where: str, names: Sequence[str], required: Iterable[str]) -> Iterator[Problem]:
-    """Yield the columns that a header lacks, and has twice."""
-    for name in required:
-        if name not in names:
-            yield Problem(where, "no such column", f"a column {name}", "add the column", name)
+def doubled(where: str, names: Sequence[str]) -> Iterator[Problem]:
+    """Yield the columns that a header has twice."""
     for name in sorted({name for name in names if names.count(name) > 1}):
         yield Problem(where, "the column twice", "it once", "remove or rename one", name)
 
@@ -263,12 +260,8 @@ def guarded(cell: str) -> str:
 def sniff_delimiter(text: str, is_column: Callable[[str], bool]) -> str:
     """Return the delimiter that splits the header line into most columns."""
     header = next((line for _, line, _ in _content_lines(text)), "")
-
-    def columns(delimiter: str) -> tuple[int, int]:
-        names = [name.strip(' "\t\r\n') for name in header.split(delimiter)]
-        return sum(map(is_column, names)), len(names)
-
-    return max(DELIMITERS, key=columns)
+    cells = {mark: [name.strip(' "\t\r\n') for name in header.split(mark)] for mark in DELIMITERS}
+    return max(DELIMITERS, key=lambda mark: (sum(map(is_column, cells[mark])), len(cells[mark])))
 
 
 def read_records(text: str, delimiter: str, file: str, findings: Findings) -> Iterator[Record]:
@@ -335,9 +328,10 @@ def parse_number(text: str, decimal: str = ".") -> float:
     Returns:
         The number.
     """
-    if not re.fullmatch(NUMBER, text.replace(",", ".") if decimal == "," else text) or (decimal == "," and "." in text):
-        raise InputError(_not_a_number(text, decimal))
-    number = float(text.replace(",", "."))
+    plain = text.replace(",", ".") if decimal == "," else text
+    if not re.fullmatch(NUMBER, plain) or (decimal == "," and "." in text):
+        raise refusal("", quoted(text), *_not_a_number(text, decimal))
+    number = float(plain)
     if math.isinf(number):
         raise refusal("", quoted(text), "a finite number", "correct the number")
     return number
@@ -348,22 +342,21 @@ def parse_fraction(text: str, decimal: str = ".", kind: str = "") -> float:
     percent = text.endswith("%")
     fraction = parse_number(text.removesuffix("%").rstrip(), decimal) / (100 if percent else 1)
     most = BARE if kind == "frequency" and not percent else 1
-    if not 0 < fraction < most:
-        remedy = f"write {'2%' if percent else text + '%'} if percent is meant, or give an absolute sigma"
-        raise refusal("", quoted(text), f"a fraction between 0 and {most:g}", remedy)
+    remedy = f"write {'2%' if percent else text + '%'} if percent is meant, or give an absolute sigma"
+    require(0 < fraction < most, "", quoted(text), f"a fraction between 0 and {most:g}", remedy)
     return fraction
 
 
-def _not_a_number(text: str, decimal: str) -> Problem:
+def _not_a_number(text: str, decimal: str) -> tuple[str, str]:
+    """Return what was expected, and what to do."""
     if text.lower().lstrip("+-") in ("nan", "inf", "infinity"):
-        return Problem("", quoted(text), "a finite number", "give the number or delete the row")
+        return "a finite number", "give the number or delete the row"
     if not text:
-        return Problem("", "nothing", "a number", "fill the cell")
+        return "a number", "fill the cell"
     if "." in text and "," in text:
-        remedy = "remove the thousands separators"
-        return Problem("", quoted(text), "a number with at most one decimal mark", remedy)
+        return "a number with at most one decimal mark", "remove the thousands separators"
     name, other = ("point", ",") if decimal == "." else ("comma", ".")
     if other in text:
         remedy = f"write the decimal {name} throughout the file, and no thousands separators"
-        return Problem("", quoted(text), f"a number with a decimal {name}", remedy)
-    return Problem("", quoted(text), "a number", f"write a plain number such as 12{decimal}5 or 1e-3")
+        return f"a number with a decimal {name}", remedy
+    return "a number", f"write a plain number such as 12{decimal}5 or 1e-3"

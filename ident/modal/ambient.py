@@ -12,10 +12,11 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import csd, detrend, resample_poly
 from scipy.special import chdtri
 
-from ident.errors import Problem, noted, refusal, refuse
+from ident.errors import Problem, noted, refuse, require
 from ident.measure.channels import ChannelTable
 from ident.measure.recordings import Recording
 from ident.measure.series import Speed
+from ident.measure.table import grouped
 from ident.modal.frf import HeldArm, ModalTest, Place, Processing
 from ident.modal.hammer import ANTI_ALIAS, MAINS, modal_tests, overload
 from ident.modal.sources import Record, ambient_files, records
@@ -81,17 +82,12 @@ def correlations_of(
         usable = record.shape[1] - lags + 1
         edges = np.linspace(0, usable, max(usable // length, 1) + 1).astype(int)
         for start, end in pairwise(edges.tolist()):
-            blocks.append(_block(record, references, start, end, lags))
+            count = next_fast_len(end - start + lags - 1, real=True)
+            ahead = rfft(record[:, start : end + lags - 1], count)
+            here = rfft(record[list(references), start:end], count)
+            blocks.append(irfft(ahead[:, None] * here.conj()[None], count)[..., :lags])
             samples.append(float(end - start))
     return Correlations(step, np.array(blocks), np.array(samples))
-
-
-def _block(record: np.ndarray, references: Sequence[int], start: int, end: int, lags: int) -> np.ndarray:
-    count = next_fast_len(end - start + lags - 1, real=True)
-    ahead = rfft(record[:, start : end + lags - 1], count)
-    here = rfft(record[list(references), start:end], count)
-    out: np.ndarray = irfft(ahead[:, None] * here.conj()[None], count)[..., :lags]
-    return out
 
 
 # -------- Harmonics
@@ -156,7 +152,9 @@ def without_harmonics(
     """
     lines: list[Harmonic] = []
     spectrum = _Spectrum.of(record, step)
-    for name, multiple, nominal, slip in _sought(speeds, band):
+    sought = [(speed.name, n, n * speed.frequency, SLIP) for speed in speeds for n in range(1, MULTIPLES + 1)]
+    sought += [("the mains", 1, line, SLIP / 10) for line in MAINS]
+    for name, multiple, nominal, slip in [each for each in sought if band[0] <= each[2] <= band[1]]:
         rough = spectrum.line(nominal * (1 - slip), nominal * (1 + slip))
         if rough is None or any(abs(each.frequency - rough) < 2 * spectrum.resolution for each in lines):
             continue
@@ -166,17 +164,6 @@ def without_harmonics(
         record = record - sine
         lines.append(Harmonic(name, multiple, frequency, float(share.max()), int(share.argmax())))
     return record, tuple(lines)
-
-
-def _sought(speeds: Sequence[Speed], band: tuple[float, float]) -> Iterator[tuple[str, int, float, float]]:
-    """Yield name, multiple, frequency [Hz] and how far it may be off."""
-    for speed in speeds:
-        for multiple in range(1, MULTIPLES + 1):
-            if band[0] <= multiple * speed.frequency <= band[1]:
-                yield speed.name, multiple, multiple * speed.frequency, SLIP
-    for line in MAINS:
-        if band[0] <= line <= band[1]:
-            yield "the mains", 1, line, SLIP / 10
 
 
 def turning(speeds: Sequence[Speed], frequency: float) -> str:
@@ -305,22 +292,24 @@ def ambient_tests(records: Sequence[Record], processing: Processing) -> tuple[Am
     Raises:
         InputError: records too short, of different channels, rates or references at one posture.
     """
-    groups: dict[tuple[object, ...], list[Record]] = {}
-    for record in records:
-        groups.setdefault(record.state, []).append(record)
-    return tuple(_test(group, processing) for group in groups.values())
+    return tuple(_test(group, processing) for group in grouped(records, lambda record: record.state).values())
 
 
 def _test(group: list[Record], processing: Processing) -> AmbientTest:
     first = group[0]
-    _check_alike(group)
+    for each in group[1:]:
+        _check_alike(each, first)
     low, high = processing.band or (LOWEST, 1 / (first.step * OVERSAMPLED))
     high = min(high, 1 / (first.step * ANTI_ALIAS))
     shortest = min(each.responses[0].values.shape[1] for each in group)
     factor = max(min(int(1 / (first.step * OVERSAMPLED * high)), shortest), 1)
     step = first.step * factor
     parts = [(each, part) for each in group for part in _parts(each, factor)]
-    _check_length(first, parts, step)
+    needed, samples = FEWEST * 4 * ROWS * step, [part.shape[1] for _, part in parts]
+    duration, where = sum(samples) * step, one_line(first.file)
+    got, expected = f"{duration:.4g} s of responses without a force", f"at least {needed:.4g} s without a break"
+    remedy = "record for longer, or give the channel of the hammer the role force"
+    require(duration >= needed and min(samples) >= 8 * ROWS, where, got, expected, remedy, "role")
     scale = np.sqrt(np.mean([part.var(1) for _, part in parts], axis=0))
     scaled = [part / scale[:, None] for _, part in parts]
     cleaned = [
@@ -330,20 +319,13 @@ def _test(group: list[Record], processing: Processing) -> AmbientTest:
     records = [record for record, _ in cleaned]
     harmonics = tuple(dict.fromkeys(line for _, lines in cleaned for line in lines))
     length = max(2 * 2 * ROWS, sum(record.shape[1] for record in records) // BLOCKS)
+    correlations = correlations_of(records, first.references, step, 2 * ROWS, length)
+    places, order = (tuple(getattr(each, key) for each in first.responses) for key in ("place", "order"))
+    files, speeds = (each.file for each in group), dict.fromkeys(speed for each in group for speed in each.speeds)
     return AmbientTest(
-        *first.state,
-        tuple(each.file for each in group),
-        tuple(each.place for each in first.responses),
-        first.references,
-        scale,
-        tuple(each.order for each in first.responses),
-        (low, high),
-        correlations_of(records, first.references, step, 2 * ROWS, length),
-        _density(scaled, step, high),
-        tuple(dict.fromkeys(speed for each in group for speed in each.speeds)),
-        harmonics,
-        tuple(_remarks(group, harmonics)),
-    )
+        *first.state, tuple(files), places, first.references, scale, order, (low, high), correlations,
+        _density(scaled, step, high), tuple(speeds), harmonics, tuple(_remarks(group, harmonics)),
+    )  # fmt: skip
 
 
 def _parts(record: Record, factor: int) -> Iterator[np.ndarray]:
@@ -370,36 +352,21 @@ def _delayed(values: np.ndarray, delay: np.ndarray) -> np.ndarray:
     return np.fft.irfft(spectrum * phase, 2 * count - 2)[:, :count] + line - slope * delay[:, None]
 
 
-def _check_alike(group: Sequence[Record]) -> None:
-    """Refuse files of one posture that measured something else."""
-    first = group[0]
-    for record in group[1:]:
-        for name, alike in (
-            ("responses", [each.place for each in record.responses] == [each.place for each in first.responses]),
-            ("references", record.references == first.references),
-        ):
-            if not alike:
-                got, remedy = f"other {name} than {quoted(first.file)}", "measure all of a posture at one time"
-                raise refusal(one_line(record.file), got, "the same in files of one posture", remedy)
-        if not np.isclose(record.step, first.step, rtol=1e-6):
-            got, expected = f"a rate of {1 / record.step:.6g} Hz", f"{1 / first.step:.6g} Hz, as of {first.file}"
-            raise refusal(one_line(record.file), got, expected, "resample one of them")
-
-
-def _check_length(first: Record, parts: Sequence[tuple[Record, np.ndarray]], step: float) -> None:
-    """Refuse records of which nothing can be said."""
-    needed = FEWEST * 4 * ROWS * step
-    duration = sum(part.shape[1] for _, part in parts) * step
-    if duration < needed or min(part.shape[1] for _, part in parts) < 8 * ROWS:
-        got = f"{duration:.4g} s of responses without a force"
-        remedy = "record for longer, or give the channel of the hammer the role force"
-        raise refusal(one_line(first.file), got, f"at least {needed:.4g} s without a break", remedy, "role")
+def _check_alike(record: Record, first: Record) -> None:
+    """Refuse a file that measured something else than the first one of its posture."""
+    where, remedy = one_line(record.file), "measure all of a posture at one time"
+    places = ([each.place for each in own.responses] for own in (record, first))
+    for name, (own, other) in (("responses", places), ("references", (record.references, first.references))):
+        got = f"other {name} than {quoted(first.file)}"
+        require(own == other, where, got, "the same in files of one posture", remedy)
+    got, expected = f"a rate of {1 / record.step:.6g} Hz", f"{1 / first.step:.6g} Hz, as of {first.file}"
+    require(np.isclose(record.step, first.step, rtol=1e-6), where, got, expected, "resample one of them")
 
 
 def _density(records: Sequence[np.ndarray], step: float, high: float) -> SpectralDensity:
     """Return singular values of the spectral density matrix, averaged over records by their length."""
-    length = min(sum(record.shape[1] for record in records) // SEGMENTS, min(record.shape[1] for record in records))
     weights = [record.shape[1] for record in records]
+    length = min(sum(weights) // SEGMENTS, *weights)
     matrices = [csd(record[:, None], record[None], 1 / step, nperseg=length)[1] for record in records]
     frequency = np.fft.rfftfreq(length, step)
     kept = (frequency > 0) & (frequency <= high)
@@ -444,8 +411,7 @@ def measured_tests(
     tests: tuple[ModalTest | AmbientTest, ...] = ()
     problems: list[Problem] = []
     with noted(problems):
-        if quiet:
-            tests += ambient_tests(records(table, quiet), processing)
+        tests += ambient_tests(records(table, quiet), processing)
     with noted(problems):
         if any(row.counts for row in rows) or not quiet:
             tests = modal_tests(replace(table, rows=tuple(rows)), pushed, processing) + tests

@@ -109,31 +109,23 @@ def pair_probabilities(
     weight = np.exp(logs - height[..., None]) * ((1 - NONE) / count)
     none = np.exp(-height) * NONE
     masks = np.arange(2**count)
+    free = [masks[(masks >> m) & 1 == 0] for m in range(count)]
     ahead = [np.zeros((draws, 2**count))]
     ahead[0][:, 0] = 1.0
     for r in range(rows):
-        ahead.append(_next(ahead[-1], weight[:, r], none[:, r], masks))
+        following = ahead[-1] * none[:, r, None]
+        for m in range(count):
+            following[:, free[m] | 1 << m] += weight[:, r, m, None] * ahead[-1][:, free[m]]
+        ahead.append(following)
     unseen = (masks[:, None] >> np.arange(count)) & 1 == 0
     behind = UNSEEN ** (within.astype(float) @ unseen.T)
     pairs = np.zeros((draws, rows, count))
     for r in reversed(range(rows)):
         before = none[:, r, None] * behind
         for m in range(count):
-            free = masks[(masks >> m) & 1 == 0]
-            on = weight[:, r, m, None] * behind[:, free | 1 << m]
-            pairs[:, r, m] = (ahead[r][:, free] * on).sum(1)
-            before[:, free] += on
+            on = weight[:, r, m, None] * behind[:, free[m] | 1 << m]
+            pairs[:, r, m] = (ahead[r][:, free[m]] * on).sum(1)
+            before[:, free[m]] += on
         behind = before
     total = behind[:, 0]
-    log_draw = np.log(total) + height.sum(1)
-    return pairs / total[:, None, None], log_draw
-
-
-def _next(
-    before: Float[np.ndarray, "D S"], weight: Float[np.ndarray, "D m"], none: Float[np.ndarray, "D"], masks: np.ndarray
-) -> Float[np.ndarray, "D S"]:
-    out = before * none[:, None]
-    for m in range(weight.shape[1]):
-        free = masks[(masks >> m) & 1 == 0]
-        out[:, free | 1 << m] += weight[:, m, None] * before[:, free]
-    return out
+    return pairs / total[:, None, None], np.log(total) + height.sum(1)

@@ -79,12 +79,16 @@ class ModeSet:
         shape: (O, m) complex motion of each response.
         covariance: (n, n) of frequencies, damping ratios, real and imaginary parts of the shapes mode by mode;
             n = 2 m + 2 O m.
+        responses: (O,) where and along what was measured.
+        band: [Hz] between which modes were sought.
     """
 
     frequency: Float[np.ndarray, "m"]
     damping: Float[np.ndarray, "m"]
     shape: Complex[np.ndarray, "O m"]
     covariance: Float[np.ndarray, "n n"]
+    responses: tuple[Place, ...]
+    band: tuple[float, float]
 
     @property
     def sigma(self) -> Float[np.ndarray, "2 m"]:
@@ -148,8 +152,7 @@ def _driving_points(frf: Frf) -> Iterator[Check]:
     positive real part, too.
     """
     for o, i, sign in _same(frf.responses, frf.references):
-        s = frf.decay + 2j * np.pi * frf.frequency
-        mobility = sign * frf.hits[:, o, i] / s
+        mobility = sign * frf.hits[:, o, i] / (frf.decay + 2j * np.pi * frf.frequency)
         mean, count = mobility.mean(0), len(mobility)
         error = mobility.real.std(0, ddof=1) / np.sqrt(count) if count > 1 else np.zeros(len(mean))
         below = mean.real < -SIGMAS * error

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.measure.channels import ChannelTable
 from ident.measure.recordings import Recording
+from ident.measure.table import grouped
 from ident.modal.frf import (
     MOVING,
     Frf,
@@ -144,8 +145,7 @@ def overload(values: np.ndarray, full_scale: float | None) -> str:
         return f"{largest:.3g} of a full scale of {full_scale:.3g}"
     if len(np.unique(values[:: max(len(values) // 2000, 1)])) < STEPS:
         return ""
-    at_top = size >= largest * (1 - 1e-9)
-    run = max((b - a for a, b in _runs(at_top)), default=0)
+    run = max((b - a for a, b in _runs(size >= largest * (1 - 1e-9))), default=0)
     return f"{run} equal samples in a row at its largest number, {largest:.3g}" if run >= FLAT else ""
 
 
@@ -361,10 +361,8 @@ def modal_tests(
     Raises:
         InputError: see `sources`; or a test without a good hit, or with responses that were not measured by all forces.
     """
-    groups: dict[tuple[object, ...], list[Source]] = {}
-    for source in sources(table, recordings):
-        groups.setdefault(source.state, []).append(source)
-    return tuple(_test(group, processing or Processing()) for group in groups.values())
+    groups = grouped(sources(table, recordings), lambda source: source.state).values()
+    return tuple(_test(group, processing or Processing()) for group in groups)
 
 
 def _test(group: list[Source], processing: Processing) -> ModalTest:
@@ -372,11 +370,11 @@ def _test(group: list[Source], processing: Processing) -> ModalTest:
     if finished and len(finished) < len(group):
         got = f"samples and frequency responses of one posture, {quoted(group[0].file)} among them"
         raise refusal(one_line(finished[0].file), got, "one of them", "keep one kind")
+    expected = f"{1 / group[0].step:.6g} Hz, as of {quoted(group[0].file)}"
     for source in group:
-        if not np.isclose(source.step, group[0].step, rtol=1e-6):
-            rates = f"{1 / source.step:.6g}", f"{1 / group[0].step:.6g} Hz, as of {quoted(group[0].file)}"
-            remedy = "files of one posture need one sampling: resample them"
-            raise refusal(one_line(source.file), f"a rate of {rates[0]} Hz", rates[1], remedy)
+        got, remedy = f"a rate of {1 / source.step:.6g} Hz", "files of one posture need one sampling: resample them"
+        is_same = np.isclose(source.step, group[0].step, rtol=1e-6)
+        require(is_same, one_line(source.file), got, expected, remedy)
     return _of_responses(group, processing) if finished else _of_samples(group, processing)
 
 
@@ -385,58 +383,46 @@ def _of_samples(group: list[Source], processing: Processing) -> ModalTest:
     step = group[0].step
     hits = [find_hits(source.force, step, processing.rest) for source in group if source.force is not None]
     for source, each in zip(group, hits, strict=True):
-        if not any(hit.end for hit in each):
-            remedy = "look at the cable of the hammer and which channel is the force, or hit harder"
-            raise refusal(one_line(source.file), "no pulse of the force", "at least one hit", remedy)
+        remedy = "look at the cable of the hammer and which channel is the force, or hit harder"
+        any_hit = any(hit.end for hit in each)
+        require(any_hit, one_line(source.file), "no pulse of the force", "at least one hit", remedy)
     count = min(hit.until - hit.begin for each in hits for hit in each if not hit.flaw or hit.end)
-    if count < FEWEST:
-        got, remedy = f"{max(count, 0)} samples behind a hit", "record for longer after each hit"
-        raise refusal(one_line(group[0].file), got, f"at least {FEWEST}", remedy)
+    where, got = one_line(group[0].file), f"{max(count, 0)} samples behind a hit"
+    require(count >= FEWEST, where, got, f"at least {FEWEST}", "record for longer after each hit")
     decay = max(source.decay for source in group)
     decay += exponential_decay(count * step, processing.window_end, decay)
     every = [spectra(source, each, count, decay) for source, each in zip(group, hits, strict=True)]
-    rejected = tuple(one for each in every for one in each.rejected)
     frequency = np.fft.rfftfreq(count, step)
     low, high = processing.band or excited(every, frequency, 1 / step)
     kept = (frequency >= max(low, frequency[1])) & (frequency <= high)
-    if kept.sum() < 2:
-        got = f"{kept.sum()} lines from {low:.4g} to {high:.4g} Hz"
-        raise refusal(one_line(group[0].file), got, "at least two", "widen the band (`band`)")
-    frf, quality, remarks = _assembled(every, frequency[kept], kept, decay, processing.estimator)
-    remarks += [*_moving(every), *mains_lines(group, frequency[kept])]
-    return _assessed(group, frf, quality, remarks, count * step, rejected)
-
-
-def _assessed(
-    group: list[Source],
-    frf: Frf,
-    quality: np.ndarray,
-    remarks: list[str],
-    duration: float = 0.0,
-    rejected: tuple[Rejected, ...] = (),
-) -> ModalTest:
-    """Return a test with its checks, and with what is said of its files, each once."""
-    files = tuple(dict.fromkeys(source.file for source in group))
-    remarks = [*remarks, *dict.fromkeys(remark for source in group for remark in source.remarks)]
-    return ModalTest(*group[0].state, files, frf, quality, duration, rejected, checks(frf), tuple(remarks))
-
-
-def _moving(every: Iterable[Spectra]) -> Iterator[str]:
-    """Yield before which hits the arm still moved."""
-    for each in every:
-        if each.moving:
-            hits = f"hit{'s' * (len(each.moving) > 1)} {', '.join(map(str, each.moving))}"
-            yield f"{each.source.file}: {MOVING} {hits}"
+    got = f"{kept.sum()} lines from {low:.4g} to {high:.4g} Hz"
+    require(kept.sum() >= 2, where, got, "at least two", "widen the band (`band`)")
+    mains = mains_lines(group, frequency[kept])
+    return _assembled(every, frequency[kept], kept, (decay, processing.estimator, count * step), mains)
 
 
 def _assembled(
-    every: list[Spectra], frequency: np.ndarray, kept: np.ndarray, decay: float, estimator: str
-) -> tuple[Frf, np.ndarray, list[str]]:
-    """Return the frequency responses of all files of a test together, with coherence and remarks."""
+    every: list[Spectra], frequency: np.ndarray, kept: np.ndarray, how: tuple[float, str, float], mains: list[str]
+) -> ModalTest:
+    """Return the test of all files of a posture together, with what is said of them.
+
+    Args:
+        every: the spectra of each file.
+        frequency: (F,) [Hz] lines that are kept.
+        kept: which lines of the spectra these are.
+        how: decay rate that the windows have added [1/s], estimator, duration of a record [s].
+        mains: remarks on lines of the mains.
+    """
+    decay, estimator, duration = how
     references = tuple(dict.fromkeys(each.source.reference for each in every))
     responses = tuple(dict.fromkeys(one.place for each in every for one in each.source.responses))
     sets = [_pooled([each for each in every if each.source.reference == place], kept) for place in references]
-    _check_complete(every, sets, responses, references)
+    for by_response, force in zip(sets, references, strict=True):
+        where = one_line(next(each.source.file for each in every if each.source.reference == force))
+        for place in responses:
+            got = f"no response at {place.point} to the force at {force.point}"
+            remedy = "measure it, or give that response the role ignore in the other files"
+            require(place in by_response, where, got, "each response to each force of a posture", remedy)
     counts = [len(force) for by_response in sets for force, _ in by_response.values()]
     count = min(counts)
     parts = [
@@ -450,10 +436,17 @@ def _assembled(
         remarks.append(f"{count} hits count at each point, as many as at the one with fewest; others have up to {most}")
     if count == 1:
         remarks.append("one hit at each point: its scatter, and so the coherence, is not known")
-    return Frf(frequency, hits, responses, references, decay), quality, remarks
+    for each in every:
+        numbers = f"hit{'s' * (len(each.moving) > 1)} {', '.join(map(str, each.moving))}"
+        remarks += [f"{each.source.file}: {MOVING} {numbers}"] if each.moving else []
+    remarks += [*mains, *dict.fromkeys(remark for each in every for remark in each.source.remarks)]
+    files = tuple(dict.fromkeys(each.source.file for each in every))
+    rejected = tuple(one for each in every for one in each.rejected)
+    frf = Frf(frequency, hits, responses, references, decay)
+    return ModalTest(*every[0].source.state, files, frf, quality, duration, rejected, checks(frf), tuple(remarks))
 
 
-_ByResponse = dict[Place, tuple[np.ndarray, np.ndarray]]
+_ByResponse = dict[Place, tuple[np.ndarray, ...]]
 """Force (H, F) and response (H, F) by the place of the response."""
 
 
@@ -462,34 +455,16 @@ def _pooled(parts: list[Spectra], kept: np.ndarray) -> _ByResponse:
     pooled: _ByResponse = {}
     for part in parts:
         for i, each in enumerate(part.source.responses):
-            force, answer = part.force[:, kept], part.response[:, i, kept]
-            if each.place in pooled:
-                before = pooled[each.place]
-                force, answer = np.concatenate([before[0], force]), np.concatenate([before[1], answer])
-            pooled[each.place] = (force, answer)
+            before, own = pooled.get(each.place), (part.force[:, kept], part.response[:, i, kept])
+            pooled[each.place] = tuple(map(np.concatenate, zip(before, own, strict=True))) if before else own
     return pooled
-
-
-def _check_complete(
-    every: list[Spectra], sets: list[_ByResponse], responses: tuple[Place, ...], references: tuple[Place, ...]
-) -> None:
-    """Refuse a response that was not measured by each force."""
-    for by_response, force in zip(sets, references, strict=True):
-        for place in responses:
-            if place not in by_response:
-                got = f"no response at {place.point} to the force at {force.point}"
-                remedy = "measure it, or give that response the role ignore in the other files"
-                where = one_line(next(each.source.file for each in every if each.source.reference == force))
-                raise refusal(where, got, "each response to each force of a posture", remedy)
 
 
 def _of_responses(group: list[Source], processing: Processing) -> ModalTest:
     """Return the test of finished frequency responses; the blocks of a file are its hits."""
-    lines = {source.responses[0].values.shape[1] for source in group} | {source.start for source in group}
-    if len(lines) > 2:
-        remedy = "export all of one posture with the same lines"
-        raise refusal(one_line(group[0].file), "files of different lines", "the same lines", remedy)
-    first = group[0]
+    first, remedy = group[0], "export all of one posture with the same lines"
+    is_same = len({(source.responses[0].values.shape[1], source.start) for source in group}) == 1
+    require(is_same, one_line(first.file), "files of different lines", "the same lines", remedy)
     frequency = first.start + first.step * np.arange(first.responses[0].values.shape[1])
     low, high = processing.band or (frequency[0], frequency[-1])
     kept = (frequency >= max(low, first.step / 2)) & (frequency <= high)
@@ -498,4 +473,4 @@ def _of_responses(group: list[Source], processing: Processing) -> ModalTest:
         s = source.decay + 2j * np.pi * frequency
         responses = np.stack([each.values * s**each.order for each in source.responses], 1)
         every.append(Spectra(source, np.ones((len(responses), len(frequency))), responses))
-    return _assessed(group, *_assembled(every, frequency[kept], kept, max(s.decay for s in group), "h1"))
+    return _assembled(every, frequency[kept], kept, (max(source.decay for source in group), "h1", 0.0), [])

@@ -10,8 +10,8 @@ from jaxtyping import Complex, Float
 from scipy.stats import chi2, t
 from threadpoolctl import threadpool_limits
 
-from ident.errors import refusal
-from ident.modal.frf import Frf, Place
+from ident.errors import require
+from ident.modal.frf import Frf
 from ident.modal.parameters import ModalParameters, Rejected
 from ident.modal.poles import (
     MOST_DAMPED,
@@ -278,9 +278,7 @@ def _with_one_more(frf: Frf, noise: Noise, fit: Likelihood, poles: Iterable[np.n
     below = fit.chi_squared - _price(frf, fit.model)
     fits = [maximise(frf, noise, start, steps=FIRST_STEPS, below=below) for start in starts]
     best = min(fits, key=lambda each: each.chi_squared, default=fit)
-    if best.chi_squared > below:
-        return None
-    return maximise(frf, noise, best.model)
+    return None if best.chi_squared > below else maximise(frf, noise, best.model)
 
 
 def _schwarz(frf: Frf, fit: Likelihood) -> float:
@@ -324,8 +322,7 @@ def _doubtful(frf: Frf, fit: Likelihood) -> list[tuple[int, str]]:
 
 def _strength(fit: Likelihood, r: int) -> float:
     """Return by about how much chi-squared falls by a mode: its shape as chi-squared (Wald)."""
-    outputs = len(fit.model.shape)
-    at = r * fit.model.size + np.arange(2, 2 + 2 * outputs)
+    at = r * fit.model.size + np.arange(2, 2 + 2 * len(fit.model.shape))
     vector = fit.model.vector()[at]
     return float(vector @ np.linalg.pinv(fit.covariance[np.ix_(at, at)], hermitian=True) @ vector)
 
@@ -407,11 +404,6 @@ class Modes(ModalParameters):
     frf: Frf
 
     @property
-    def responses(self) -> tuple[Place, ...]:
-        """(O,) where and along what was measured."""
-        return self.frf.responses
-
-    @property
     def doubtful(self) -> bool:
         """Whether the scatter of the hits contradicts the covariance by maximum likelihood, and matters."""
         return self.ratio.doubtful
@@ -421,19 +413,9 @@ class Modes(ModalParameters):
         """Frequency responses of the modes [1/kg], at the lines within the band."""
         return self.model.accelerance(2j * np.pi * self.frf.frequency + self.frf.decay)
 
-    @property
-    def band(self) -> tuple[float, float]:
-        """[Hz] between which modes were sought."""
-        return float(self.frf.frequency[0]), float(self.frf.frequency[-1])
-
 
 @threadpool_limits.wrap(limits=1)  # matrices are small: threads of BLAS would mostly wait for each other
-def modes_of(
-    frf: Frf,
-    *,
-    band: tuple[float, float] | None = None,
-    near: Sequence[float] | None = None,
-) -> Modes:
+def modes_of(frf: Frf, *, band: tuple[float, float] | None = None, near: Sequence[float] | None = None) -> Modes:
     """Identify the modes of a test with their joint covariance.
 
     Poles by poly-reference least squares over orders, those that last by themselves; then all modes at once by maximum
@@ -449,14 +431,13 @@ def modes_of(
     """
     frf = within(frf, band)
     noise = noise_of(frf)
-    diagram = diagram_of(frf, noise)
-    if near is not None:
-        diagram = chosen_near(diagram, near)
+    every = diagram_of(frf, noise)
+    diagram = every if near is None else chosen_near(every, near)
     start = starting_model(frf, noise, diagram)
     candidates = None if near is not None else diagram.pole[diagram.passing]
     fit, rejected = select(frf, noise, start, candidates)
-    if not len(fit.model.inside(frf.frequency)):
-        raise refusal("", "functions without a mode", "a resonance", "look at the functions and the band", "frf")
+    any_mode, remedy = len(fit.model.inside(frf.frequency)), "look at the functions and the band"
+    require(any_mode, "", "functions without a mode", "a resonance", remedy, "frf")
     return _modes(fit, frf, diagram, rejected, jackknife(frf, noise, fit))
 
 
@@ -464,24 +445,21 @@ def within(frf: Frf, band: tuple[float, float] | None) -> Frf:
     """Return the functions at the lines of a band."""
     low, high = band or (0.0, math.inf)
     inside = (frf.frequency >= low) & (frf.frequency <= high) & (frf.frequency > 0)
-    if inside.sum() < FEWEST_LINES:
-        remedy = "widen the band, or record for longer"
-        raise refusal("", f"{inside.sum()} lines in the band", f"{FEWEST_LINES} or more", remedy, "band")
-    if not np.isfinite(frf.hits[..., inside]).all():
-        remedy = "look for a dead channel or a line without force"
-        raise refusal("", "values that are not finite", "finite functions", remedy, "hits")
+    got, remedy = f"{inside.sum()} lines in the band", "widen the band, or record for longer"
+    require(inside.sum() >= FEWEST_LINES, "", got, f"{FEWEST_LINES} or more", remedy, "band")
+    finite, remedy = np.isfinite(frf.hits[..., inside]).all(), "look for a dead channel or a line without force"
+    require(finite, "", "values that are not finite", "finite functions", remedy, "hits")
     return replace(frf, frequency=frf.frequency[inside], hits=frf.hits[..., inside])
 
 
 def chosen_near(diagram: Diagram, near: Sequence[float]) -> Diagram:
     """Return the diagram with the poles nearest to these frequencies chosen, of the highest orders."""
-    if not len(diagram.pole):
-        raise refusal("", "no stable pole", "poles near those frequencies", "look at the functions", "near")
+    any_pole = len(diagram.pole)
+    require(any_pole, "", "no stable pole", "poles near those frequencies", "look at the functions", "near")
     latest = diagram.order / diagram.order.max() * 1e-3
     chosen = [int(np.argmin(np.abs(diagram.frequency - f) / f - latest)) for f in sorted(near)]
-    if len(set(chosen)) < len(chosen):
-        remedy = "name modes of which the diagram has poles"
-        raise refusal("", "two frequencies with one pole", "a pole for each", remedy, "near")
+    all_differ, remedy = len(set(chosen)) == len(chosen), "name modes of which the diagram has poles"
+    require(all_differ, "", "two frequencies with one pole", "a pole for each", remedy, "near")
     return replace(diagram, chosen=np.array(chosen, int))
 
 
@@ -501,9 +479,10 @@ def _modes(fit: Likelihood, frf: Frf, diagram: Diagram, rejected: tuple[Rejected
     slopes = _slopes(model, order)
     covariance = slopes @ fit.covariance @ slopes.T * (WEIGHED * ratio.scale)
     frequency, damping = np.abs(pole) / (2 * np.pi), -pole.real / np.abs(pole)
+    band = float(frf.frequency[0]), float(frf.frequency[-1])
     return Modes(
-        frequency, damping, model.shape[:, order], covariance, diagram, rejected, model.participation[:, order], ratio,
-        fit.chi_squared / fit.freedom, fit.converged, model, frf,
+        frequency, damping, model.shape[:, order], covariance, frf.responses, band, diagram, rejected,
+        model.participation[:, order], ratio, fit.chi_squared / fit.freedom, fit.converged, model, frf,
     )  # fmt: skip
 
 

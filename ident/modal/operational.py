@@ -10,10 +10,10 @@ from scipy.linalg import block_diag, eigh, solve_triangular
 from scipy.stats import t
 from threadpoolctl import threadpool_limits
 
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.measure.series import Speed
 from ident.modal.ambient import SLIP, AmbientTest, turning
-from ident.modal.frf import ModeSet, Place
+from ident.modal.frf import ModeSet
 from ident.modal.modes import SHARPEST, chosen_near
 from ident.modal.parameters import ModalParameters, Rejected
 from ident.modal.poles import Diagram, clustered, distance, physical
@@ -79,16 +79,14 @@ def realisations(
     observability = left[:, : -rank - 1 : -1] * power[: -rank - 1 : -1] ** 0.25
     first, triangle = np.linalg.qr(observability[:-outputs])
     shifted = first.T @ observability[outputs:]
-    return tuple(
-        _realisation(solve_triangular(triangle[:n, :n], shifted[:n, :n]), observability[:outputs, :n], step)
-        for n in np.minimum(orders, rank).tolist()
-    )
-
-
-def _realisation(transition: np.ndarray, output: np.ndarray, step: float) -> Realisation:
-    root, vector = (each.astype(complex) for each in np.linalg.eig(transition))
-    kept = root.imag > 0
-    return Realisation(len(transition), np.log(root[kept]) / step, (output @ vector)[:, kept])
+    realised = []
+    for n in np.minimum(orders, rank).tolist():
+        transition = solve_triangular(triangle[:n, :n], shifted[:n, :n])
+        root, vector = (each.astype(complex) for each in np.linalg.eig(transition))
+        kept = root.imag > 0
+        shape = (observability[:outputs, :n] @ vector)[:, kept]
+        realised.append(Realisation(n, np.log(root[kept]) / step, shape))
+    return tuple(realised)
 
 
 # -------- Block jackknife
@@ -113,8 +111,8 @@ class Tracked(ModeSet):
         count, outputs = len(self.frequency), 2 * len(self.shape)
         shapes = [2 * count + i * outputs + k for i in kept for k in range(outputs)]
         at = [*kept, *(count + i for i in kept), *shapes]
-        covariance = self.covariance[np.ix_(at, at)]
-        return Tracked(self.frequency[kept], self.damping[kept], self.shape[:, kept], covariance, self.lost[kept])
+        modes = self.frequency[kept], self.damping[kept], self.shape[:, kept], self.covariance[np.ix_(at, at)]
+        return Tracked(*modes, self.responses, self.band, self.lost[kept])
 
 
 def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int) -> Tracked:
@@ -149,7 +147,7 @@ def block_jackknife(test: AmbientTest, diagram: Diagram, blocks: int) -> Tracked
     modes, outputs = len(diagram.chosen), len(test.responses)
     shape = whole[:, 2 : 2 + outputs] + 1j * whole[:, 2 + outputs :]
     covariance = _covariance(vectors, 2 * modes, 2 * outputs)
-    return Tracked(whole[:, 0], whole[:, 1], shape.T, covariance, lost)
+    return Tracked(whole[:, 0], whole[:, 1], shape.T, covariance, test.responses, test.band, lost)
 
 
 def _numbers(
@@ -159,19 +157,15 @@ def _numbers(
     numbers, apart = [], []
     for i, chosen in enumerate(diagram.chosen):
         largest = int(np.argmax(np.abs(diagram.shape[:, chosen])))  # of its own motion, whatever its unit
-        members = np.flatnonzero(diagram.cluster == i).tolist()
-        pairs = [_like(by_order[int(diagram.order[k])], diagram, k) for k in members]
-        rows = [_row(test, each, j, largest) for each, j, _ in pairs]
+        rows, unlike = [], []
+        for k in np.flatnonzero(diagram.cluster == i).tolist():
+            each = by_order[int(diagram.order[k])]
+            far = distance((each.pole, diagram.pole[[k]]), (each.unit_shape, diagram.shape[:, [k]]))[:, 0]
+            rows.append(_row(test, each, int(far.argmin()), largest))
+            unlike.append(far.min())
         numbers.append(np.median(rows, axis=0))
-        apart.append(np.median([far for _, _, far in pairs]))
+        apart.append(np.median(unlike))
     return np.array(numbers), np.array(apart)
-
-
-def _like(each: Realisation, diagram: Diagram, k: int) -> tuple[Realisation, int, float]:
-    """Return which pole of an order is most like one of the diagram, and how unlike it is."""
-    shapes = each.unit_shape, diagram.shape[:, [k]]
-    apart = distance((each.pole, diagram.pole[[k]]), shapes)[:, 0]
-    return each, int(apart.argmin()), float(apart.min())
 
 
 def _row(test: AmbientTest, each: Realisation, j: int, largest: int) -> Float[np.ndarray, "k"]:
@@ -243,16 +237,6 @@ class OperationalModes(ModalParameters):
     remarks: tuple[str, ...]
 
     @property
-    def responses(self) -> tuple[Place, ...]:
-        """(O,) where and along what was measured."""
-        return self.test.responses
-
-    @property
-    def band(self) -> tuple[float, float]:
-        """[Hz] between which modes were sought."""
-        return self.test.band
-
-    @property
     def doubtful(self) -> bool:
         """Whether the record is too short for its blocks to be independent of each other."""
         return self.decays < DECAYS
@@ -273,30 +257,21 @@ def operational_modes(test: AmbientTest, *, near: Sequence[float] | None = None)
     Raises:
         InputError: no mode is found.
     """
-    diagram = _diagram(test)
-    if near is not None:
-        diagram = _only(diagram, near)
-    slowest = _slowest(diagram)
+    diagram = _diagram(test) if near is None else _only(_diagram(test), near)
+    remedy = "look at the band, or record for longer"
+    got, any_pole = "responses without a pole that lasts over the orders", len(diagram.chosen)
+    require(any_pole, "", got, "a resonance", remedy, "band")
+    damped = diagram.damping[diagram.chosen] >= LEAST_DAMPED  # lines of what turns never calm down
+    slowest = float(np.min(-diagram.pole[diagram.chosen].real, where=damped, initial=FASTEST))  # [1/s]
     blocks = int(np.clip(test.correlations.duration * slowest / DECAYS, *BLOCKS))
     tracked = block_jackknife(test, diagram, blocks)
     kept, rejected = _sorted_out(test, diagram, tracked)
-    if not kept:
-        got, remedy = "responses without a mode that lasts over the orders", "look at the band, or record for longer"
-        raise refusal("", got, "a resonance", remedy, "band")
+    require(kept, "", "responses without a mode that lasts over the orders", "a resonance", remedy, "band")
     found = tracked.pick(kept)
     decays = test.correlations.duration * slowest / blocks
     remarks = tuple(_remarks(test, found, rejected, decays))
-    mode_values = found.frequency, found.damping, found.shape, found.covariance
-    return OperationalModes(*mode_values, diagram, rejected, test, blocks, decays, remarks)
-
-
-def _slowest(diagram: Diagram) -> float:
-    """Return by what rate [1/s] the mode calms down that does so most slowly; lines of what turns never do."""
-    if not len(diagram.chosen):
-        got, remedy = "responses without a pole that lasts over the orders", "look at the band, or record for longer"
-        raise refusal("", got, "a resonance", remedy, "band")
-    damped = diagram.damping[diagram.chosen] >= LEAST_DAMPED
-    return float(np.min(-diagram.pole[diagram.chosen].real, where=damped, initial=FASTEST))
+    modes = found.frequency, found.damping, found.shape, found.covariance, found.responses, found.band
+    return OperationalModes(*modes, diagram, rejected, test, blocks, decays, remarks)
 
 
 def _sorted_out(test: AmbientTest, diagram: Diagram, tracked: Tracked) -> tuple[list[int], tuple[Rejected, ...]]:
@@ -304,20 +279,16 @@ def _sorted_out(test: AmbientTest, diagram: Diagram, tracked: Tracked) -> tuple[
     numbers = tracked.frequency, tracked.damping, *tracked.sigma, tracked.lost
     why = [_why(test.speeds, *pole) for pole in zip(*(each.tolist() for each in numbers), strict=True)]
     for i, j in combinations(range(len(why)), 2):
-        if not (why[i] or why[j]) and _same(diagram, i, j):
+        one, other = diagram.chosen[[i]], diagram.chosen[[j]]
+        shapes = diagram.shape[:, one], diagram.shape[:, other]
+        is_same = distance((diagram.pole[one], diagram.pole[other]), shapes)[0, 0] < 1
+        if is_same and not (why[i] or why[j]):
             fewer, more = sorted((i, j), key=lambda k: (diagram.cluster == k).sum())
             why[fewer] = f"it is the mode at {tracked.frequency[more]:.4g} Hz once more"
     kept = [i for i, reason in enumerate(why) if not reason]
     others = [i for i, reason in enumerate(why) if reason]
     rejected = (Rejected(float(tracked.frequency[i]), float(tracked.damping[i]), why[i]) for i in others)
     return kept, tuple(rejected)
-
-
-def _same(diagram: Diagram, i: int, j: int) -> bool:
-    """Tell whether two clusters could just be those of one mode."""
-    one, other = (diagram.chosen[[k]] for k in (i, j))
-    poles, shapes = (diagram.pole[one], diagram.pole[other]), (diagram.shape[:, one], diagram.shape[:, other])
-    return bool(distance(poles, shapes)[0, 0] < 1)
 
 
 def _diagram(test: AmbientTest) -> Diagram:

@@ -1,12 +1,11 @@
 """Frequencies, damping ratios and shapes of the modes of a test, and how complex the shapes are."""
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex, Float
 
-from ident.modal.frf import ModeSet, Place
+from ident.modal.frf import ModeSet
 from ident.modal.poles import Diagram
 
 # -------- Modal parameters
@@ -29,7 +28,7 @@ class Rejected:
 
 
 @dataclass(frozen=True)
-class ModalParameters(ModeSet, ABC):
+class ModalParameters(ModeSet):
     """Modes that were identified; their frequencies are undamped, |pole| / 2 pi.
 
     Attributes:
@@ -39,21 +38,6 @@ class ModalParameters(ModeSet, ABC):
 
     diagram: Diagram
     rejected: tuple[Rejected, ...]
-
-    @property
-    @abstractmethod
-    def responses(self) -> tuple[Place, ...]:
-        """(O,) where and along what was measured."""
-
-    @property
-    @abstractmethod
-    def band(self) -> tuple[float, float]:
-        """[Hz] between which modes were sought."""
-
-    @property
-    @abstractmethod
-    def doubtful(self) -> bool:
-        """Whether the covariance is not to be relied on."""
 
 
 # -------- Complexity

@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import chi2
 
-from ident.errors import refusal
+from ident.errors import require
 from ident.modal.frf import Frf
 
 # -------- Modal model
@@ -75,16 +75,15 @@ class ModalModel:
         """Return the frequency response functions at s."""
         own, mirror = _terms(self.pole, s)
         residue = self.shape[:, None] * self.participation[None]
-        modes = residue @ own + residue.conj() @ mirror
-        return modes + np.einsum("eoi,ef->oif", self.residual, powers(s))
+        return residue @ own + residue.conj() @ mirror + np.einsum("eoi,ef->oif", self.residual, powers(s))
 
     def vector(self) -> Float[np.ndarray, "n"]:
         """Return all real numbers, by mode: pole, shape, participation less the reference; then the residuals."""
-        return np.concatenate([*map(self._mode_vector, range(len(self.pole))), self.residual.ravel()])
-
-    def _mode_vector(self, r: int) -> np.ndarray:
-        parts = self.pole[r : r + 1], self.shape[:, r], np.delete(self.participation[:, r], self.reference[r])
-        return np.concatenate([x for part in parts for x in (part.real, part.imag)])
+        numbers = []
+        for r, reference in enumerate(self.reference):
+            parts = self.pole[r : r + 1], self.shape[:, r], np.delete(self.participation[:, r], reference)
+            numbers += [x for part in parts for x in (part.real, part.imag)]
+        return np.concatenate([*numbers, self.residual.ravel()])
 
     def replace(self, vector: Float[np.ndarray, "n"]) -> "ModalModel":
         """Return the model with these numbers."""
@@ -203,8 +202,7 @@ class Noise:
             rows = scipy.fft.ifft(rows, norm="ortho", overwrite_x=True) * (1 / self.course)
         steady = np.zeros(values.shape, complex)
         steady[moving] = rows
-        white = self.channels @ steady
-        return white.reshape(*values.shape[:-2], -1).view(float)
+        return (self.channels @ steady).reshape(*values.shape[:-2], -1).view(float)
 
 
 def noise_of(frf: Frf) -> Noise:
@@ -214,13 +212,12 @@ def noise_of(frf: Frf) -> Noise:
         InputError: there are too few hits, or some do not scatter.
     """
     hits, count = channels_of(frf.hits), len(frf.hits)
-    if count < FEWEST_HITS:
-        remedy = "give the single hits: without their scatter no standard deviation is known"
-        raise refusal("", f"{count} hits", f"{FEWEST_HITS} or more", remedy, "hits")
+    remedy = "give the single hits: without their scatter no standard deviation is known"
+    require(count >= FEWEST_HITS, "", f"{count} hits", f"{FEWEST_HITS} or more", remedy, "hits")
     deviations = hits - hits.mean(0)
     raw = (np.abs(deviations) ** 2).sum(0) / (count - 1)
-    if not (_average(raw, SMOOTHED) > 0).all():
-        raise refusal("", "hits without scatter", "hits that differ", "give measured hits", "hits")
+    scatters = (_average(raw, SMOOTHED) > 0).all()
+    require(scatters, "", "hits without scatter", "hits that differ", "give measured hits", "hits")
     freedom = 2 * (count - 1)
     broad = deviations / np.sqrt(_average(raw, len(raw[0]) // 4))
     variance = smoothed(raw, freedom, alike=float((_course(broad) ** 4).mean()))
@@ -241,8 +238,7 @@ def smoothed(raw: Float[np.ndarray, "K F"], freedom: int, alike: float = 1.0) ->
         freedom: degrees of freedom of each.
         alike: number of neighbouring lines that tell as much as one.
     """
-    width = math.ceil(SMOOTHED * alike / freedom / 2) * 2 + 1
-    average = _average(raw, width)
+    average = _average(raw, math.ceil(SMOOTHED * alike / freedom / 2) * 2 + 1)
     stands_out = raw > average * chi2.isf(1e-3 / raw.size, freedom) / freedom
     return np.where(stands_out, raw, average)
 
@@ -322,21 +318,16 @@ class PolynomialFit:
     """
 
     def __init__(self, frf: Frf, noise: Noise, highest: int, transposed: bool = False):
-        mean, sd = frf.mean, noise.sd.reshape(frf.mean.shape)
-        if transposed:
-            mean, sd = mean.swapaxes(0, 1), sd.swapaxes(0, 1)
+        mean, sd = _mean_and_sd(frf, noise, transposed)
         self.inputs, self.decay, self.transposed = mean.shape[1], frf.decay, transposed
         self.middle = np.pi * (frf.frequency[0] + frf.frequency[-1])
         self.interval = SPAN / (frf.frequency[-1] - frf.frequency[0])
         z = np.exp(1j * (2 * np.pi * frf.frequency - self.middle) * self.interval)
-        weight = 1 / np.sqrt((sd**2).mean(1))
-        self.blocks = [self._normal(z, w, h, highest) for w, h in zip(weight, mean, strict=True)]
-
-    def _normal(self, z: np.ndarray, weight: np.ndarray, h: np.ndarray, highest: int) -> tuple[np.ndarray, ...]:
-        """Return X'X, X'Y, Y'Y of one response, Y by power and reference."""
-        X = weight * z ** np.arange(highest + 1)[:, None]
-        Y = -(X[:, None] * h).reshape(-1, len(z))
-        return X.conj() @ X.T, X.conj() @ Y.T, Y.conj() @ Y.T
+        self.blocks = list[tuple[np.ndarray, ...]]()  # X'X, X'Y, Y'Y of each response, Y by power and reference
+        for weight, h in zip(1 / np.sqrt((sd**2).mean(1)), mean, strict=True):
+            X = weight * z ** np.arange(highest + 1)[:, None]
+            Y = -(X[:, None] * h).reshape(-1, len(z))
+            self.blocks.append((X.conj() @ X.T, X.conj() @ Y.T, Y.conj() @ Y.T))
 
     def poles(self, order: int) -> Poles:
         """Return the poles of an order, in the half plane of positive frequencies or not, stable or not."""
@@ -347,18 +338,18 @@ class PolynomialFit:
             total += T - S.conj().T @ np.linalg.lstsq(R[:size, :size], S, rcond=None)[0]
         free, fixed = total[inputs:, inputs:], total[inputs:, :inputs]
         above = np.linalg.lstsq(free, -fixed, rcond=None)[0].reshape(order, inputs, inputs)
-        z, left = _reciprocal_roots(above)
-        pole = np.log(z) / self.interval + 1j * self.middle + self.decay
-        return Poles(order, pole, left, self.transposed)
+        # roots z of det(1 + sum_k A_k z^k) and left null vectors, by the companion matrix in 1/z
+        companion = np.eye(order * inputs, k=-inputs, dtype=complex)
+        companion[:inputs] = -np.concatenate(list(above.transpose(0, 2, 1)), 1)
+        values, vectors = np.linalg.eig(companion)
+        pole = np.log(1 / values) / self.interval + 1j * self.middle + self.decay
+        return Poles(order, pole, vectors[-inputs:], self.transposed)
 
 
-def _reciprocal_roots(above: Complex[np.ndarray, "order I I"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return roots z of det(1 + sum_k A_k z^k) and left null vectors, by the companion matrix in 1/z."""
-    order, inputs, _ = above.shape
-    companion = np.eye(order * inputs, k=-inputs, dtype=complex)
-    companion[:inputs] = -np.concatenate(list(above.transpose(0, 2, 1)), 1)
-    values, vectors = np.linalg.eig(companion)
-    return 1 / values, vectors[-inputs:]
+def _mean_and_sd(frf: Frf, noise: Noise, transposed: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the averaged functions and their standard deviations, responses and references swapped or not."""
+    mean, sd = frf.mean, noise.sd.reshape(frf.mean.shape)
+    return (mean.swapaxes(0, 1), sd.swapaxes(0, 1)) if transposed else (mean, sd)
 
 
 # -------- Residues
@@ -374,9 +365,7 @@ def model_of(frf: Frf, noise: Noise, poles: Poles) -> ModalModel:
         Guillaume, Verboven, Vanlanduit, "Frequency-domain maximum likelihood identification of modal parameters with
         confidence intervals", ISMA 1998 (LSFD).
     """
-    mean, sd = frf.mean, noise.sd.reshape(frf.mean.shape)
-    if poles.transposed:
-        mean, sd = mean.swapaxes(0, 1), sd.swapaxes(0, 1)
+    mean, sd = _mean_and_sd(frf, noise, poles.transposed)
     s = 2j * np.pi * frf.frequency + frf.decay
     fitted, residual = _least_squares(mean, 1 / np.sqrt((sd**2).mean((0, 1))), s, poles)
     if poles.transposed:
@@ -395,8 +384,7 @@ def _least_squares(
     power = powers(s)
     size = np.abs(power).max(1)
     each = [np.eye(columns)[:, :, None] * x for x in power / size[:, None]]
-    terms = [forward + back, 1j * (forward - back), *each]
-    matrix = np.concatenate([weight * x for x in terms], 1)
+    matrix = np.concatenate([weight * x for x in (forward + back, 1j * (forward - back), *each)], 1)
     A = np.moveaxis(matrix, 1, 2).reshape(columns * lines, -1)
     b = (mean * weight).reshape(rows, -1).T
     x = np.linalg.lstsq(np.concatenate([A.real, A.imag]), np.concatenate([b.real, b.imag]), rcond=None)[0]
@@ -475,15 +463,10 @@ def mac(first: Complex[np.ndarray, "K n"], second: Complex[np.ndarray, "K m"]) -
     return product / ((np.abs(first) ** 2).sum(0)[:, None] * (np.abs(second) ** 2).sum(0))
 
 
-def highest_order(frf: Frf, size: int, others: int) -> int:
-    """Return the highest order that the lines of the functions admit, for matrices of this size."""
-    wanted = int(np.clip(MOST_POLES // size, *ORDERS))
-    return min(wanted, len(frf.frequency) * others // (3 * (size + 1)))
-
-
 def _one_side(frf: Frf, noise: Noise, transposed: bool, size: int) -> Diagram | None:
     others = len(frf.references) if transposed else len(frf.responses)
-    highest = highest_order(frf, size, others)
+    # as many as the lines of the functions admit
+    highest = min(int(np.clip(MOST_POLES // size, *ORDERS)), len(frf.frequency) * others // (3 * (size + 1)))
     if highest < 2:
         return None
     fit = PolynomialFit(frf, noise, highest, transposed)

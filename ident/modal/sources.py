@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Float
 
-from ident.errors import InputError, Problem, noted, refusal, refuse
+from ident.errors import InputError, Problem, every, noted, refusal, refuse, require
 from ident.measure.channels import (
     FORCE,
     IGNORED,
@@ -15,7 +15,6 @@ from ident.measure.channels import (
     REFERENCE,
     RESPONSE,
     TIME,
-    VOLTAGES,
     ChannelRow,
     ChannelTable,
 )
@@ -23,9 +22,10 @@ from ident.measure.load import Load
 from ident.measure.recordings import Channel, Recording, Shape
 from ident.measure.recordings.sampling import even_step
 from ident.measure.series import Speed
-from ident.modal.frf import HeldArm, Place
+from ident.measure.table import grouped
+from ident.modal.frf import HeldArm, ModeSet, Place
 from ident.text import did_you_mean, one_line, quoted
-from ident.units import GRAVITIES, POUNDS, STANDARD_GRAVITY, sensor_factor
+from ident.units import GRAVITIES, POUNDS, STANDARD_GRAVITY
 
 # -------- Finished
 # Modes that another program has estimated: frequency, damping ratio and shape, with standard deviations.
@@ -36,44 +36,14 @@ POLE = "pole"
 
 
 @dataclass(frozen=True)
-class FinishedModes:
-    """Modes of a file, ascending in frequency.
+class FinishedModes(ModeSet):
+    """Modes of a file: damping ratios are zero where it has none, shapes of any scale, and it has no correlations.
 
     Attributes:
-        frequency: (m,) [Hz] see `of`.
-        damping: (m,) [-] damping ratios; zero where the file has none.
-        shape: (O, m) complex motion of each response, of any scale.
-        sd: (n,) standard deviations of frequencies, damping ratios, then real and imaginary parts of each shape.
-        responses: places of the responses.
         of: what the frequencies are, one of `ident.measure.DEFINITIONS`.
     """
 
-    frequency: Float[np.ndarray, "m"]
-    damping: Float[np.ndarray, "m"]
-    shape: Complex[np.ndarray, "O m"]
-    sd: Float[np.ndarray, "n"]
-    responses: tuple[Place, ...]
     of: str
-
-    @property
-    def covariance(self) -> Float[np.ndarray, "n n"]:
-        """Covariance, in the order of `sd`: a file says nothing of correlations."""
-        return np.diag(self.sd**2)
-
-    @property
-    def sigma(self) -> Float[np.ndarray, "2 m"]:
-        """(2, m) [Hz, -] standard deviations of frequencies and damping ratios."""
-        return self.sd[: 2 * len(self.frequency)].reshape(2, -1)
-
-    @property
-    def band(self) -> tuple[float, float]:
-        """Lowest and highest frequency [Hz]."""
-        return float(self.frequency[0]), float(self.frequency[-1])
-
-    def of_shape(self, modes: Sequence[int]) -> Float[np.ndarray, "k k"]:
-        """Return the covariance of the shapes of some modes: real parts, then imaginary ones, mode by mode."""
-        count, size = 2 * len(self.frequency), 2 * len(self.shape)
-        return np.diag(np.concatenate([self.sd[count + mode * size :][:size] for mode in modes]) ** 2)
 
 
 @dataclass(frozen=True)
@@ -106,21 +76,17 @@ def finished_tests(
     Raises:
         InputError: a channel that a file has not; no standard deviations, or no word for what frequencies are.
     """
-    found, problems = list[FinishedTest](), list[Problem]()
-    for name, recording in recordings.items():
-        rows = [row for row in table.rows if row.role == RESPONSE and fnmatchcase(name, row.file)]
-        if not (is_finished(recording) and rows):
-            continue
-        with noted(problems):
-            found.append(_test(name, recording, rows, sigma, of))
-    refuse(problems)
-    return tuple(found)
+    responses = [row for row in table.rows if row.role == RESPONSE]
+    rows = {name: [row for row in responses if fnmatchcase(name, row.file)] for name in recordings}
+    names = [name for name, recording in recordings.items() if is_finished(recording) and rows[name]]
+    return tuple(every(lambda name: _test(name, recordings[name], rows[name], sigma, of), names))
 
 
 def _test(
     name: str, recording: Recording, rows: list[ChannelRow], sigma: Mapping[str, float], of: str | None
 ) -> FinishedTest:
     shapes = sorted(recording.shapes, key=lambda shape: shape.frequency)
+    check_state(rows)
     refuse([*_lacking(name, recording, rows), *_unsaid(name, shapes, sigma, of)])
     motion = np.array([[shape.motion[row.channel] for shape in shapes] for row in rows], complex)
     frequency, damping = (np.array([getattr(s, key) for s in shapes], float) for key in ("frequency", "damping_ratio"))
@@ -129,8 +95,9 @@ def _test(
     for i, s in enumerate(shapes):
         share = sigma.get("shape", 0.0) * float(np.abs(motion[:, i]).max())
         sd += 2 * [s.sigma.get(row.channel, share) for row in rows]
-    places = tuple(Place(row.point, row.direction) for row in rows if row.direction is not None)
-    modes = FinishedModes(frequency, damping, motion, np.array(sd), places, next(s.of for s in shapes) or of or "")
+    covariance, places = np.diag(np.array(sd) ** 2), tuple(map(_place, rows))
+    band, of = (float(frequency[0]), float(frequency[-1])), next(s.of for s in shapes) or of or ""
+    modes = FinishedModes(frequency, damping, motion, covariance, places, band, of)
     return FinishedTest(*_state(rows[0]), (name,), modes)
 
 
@@ -143,27 +110,23 @@ def _lacking(name: str, recording: Recording, rows: list[ChannelRow]) -> Iterato
         if row.sensitivity is not None:
             remedy = "empty the cell: a shape has any scale, the same for all of its channels"
             yield Problem(row.where, "a sensitivity", "none for finished modes", remedy, "sensitivity")
-        if _state(row) != _state(rows[0]):
-            remedy = "a file is of one state of the arm"
-            yield Problem(row.where, "another posture, load or state of the drives", "the file's first", remedy, "q1")
 
 
 def _unsaid(name: str, shapes: Sequence[Shape], sigma: Mapping[str, float], of: str | None) -> Iterator[Problem]:
     """Yield what neither the file nor the options say: it is asked for by name."""
     file = one_line(name)
+    has = {
+        "frequency": all("frequency" in shape.sigma for shape in shapes),
+        "damping_ratio": all("damping_ratio" in shape.sigma or shape.damping_ratio == 0 for shape in shapes),
+        "shape": all(name in shape.sigma for shape in shapes for name in shape.motion),
+    }
     for kind in KINDS:
-        if kind not in sigma and not all(_has(shape, kind) for shape in shapes):
+        if kind not in sigma and not has[kind]:
             remedy = f"give their standard deviation as a share, such as `sigma` {kind}=0.01, or in the file"
             yield Problem(file, f"{kind} without a standard deviation", "one for each", remedy)
     if not all(shape.of for shape in shapes) and not of:
         remedy = "say it by `frequency_is`: undamped, pole (|pole| / 2 pi) or damped"
         yield Problem(file, "frequencies of modes", "what they are of a damped mode", remedy)
-
-
-def _has(shape: Shape, kind: str) -> bool:
-    if kind == "shape":
-        return all(name in shape.sigma for name in shape.motion)
-    return kind in shape.sigma or (kind == "damping_ratio" and shape.damping_ratio == 0)
 
 
 # -------- Units
@@ -174,56 +137,10 @@ EXAMPLES = {"force": "N", "response": _MOTION, "reference": _MOTION, "time": "s"
 
 
 def quantity_and_factor(row: ChannelRow, unit: str) -> tuple[str, float]:
-    """Return what a channel measures, a name in `ident.units.QUANTITIES`, and SI units per number of its file.
-
-    Args:
-        row: of the channel table.
-        unit: as the file says it; empty where it says none.
-
-    Raises:
-        InputError: neither says a unit, they contradict each other, or it is none of what the role measures.
-    """
-    if not (row.unit or unit):
-        expected = f"a unit such as {EXAMPLES[row.role]}: neither the file nor the table has one"
-        got = f"no unit of channel {quoted(row.channel)}"
-        raise refusal(row.where, got, expected, "fill the cell", "unit")
-    quantity, factor = _measured(row, row.unit or unit)
-    if row.sensitivity is not None:
-        if not row.unit or sensor_factor(unit, quantity) is not None:
-            got = f"a sensitivity of channel {quoted(row.channel)}, whose file is in {quoted(unit or row.unit)}"
-            expected = "numbers of the file for one unit of the table"
-            raise refusal(row.where, got, expected, "leave the cell empty", "sensitivity")
-        return quantity, factor / (row.sensitivity * _per_volt(row, unit))
-    said = sensor_factor(unit, quantity) if row.unit and unit else factor
-    if said is None or not np.isclose(said, factor, rtol=1e-6):
-        got = f"{quoted(row.unit)} of channel {quoted(row.channel)}"
-        remedy = "give its sensitivity" if said is None else "correct one of them, or leave the cell empty"
-        raise refusal(row.where, got, f"{quoted(unit)}, as in the file", remedy, "unit")
-    return quantity, factor
-
-
-def _measured(row: ChannelRow, unit: str) -> tuple[str, float]:
-    """Return quantity and factor of a unit, which must be one of what the row's role measures."""
+    """Return what a channel measures and SI units per number of its file, see `ChannelRow.scale`."""
     possible = (row.quantity,) if row.quantity else QUANTITIES[row.role]
-    for quantity in possible:
-        factor = sensor_factor(unit, quantity)
-        if factor is not None:
-            return quantity, factor
     named = "displacement" if row.quantity == "length" else row.quantity or row.role
-    expected = f"a unit of {named}, such as {EXAMPLES[row.role]}"
-    remedy = "correct the unit" if row.unit else "write the unit and the sensitivity into the table"
-    raise refusal(row.where, f"{quoted(unit)} of channel {quoted(row.channel)}", expected, remedy, "unit")
-
-
-def _per_volt(row: ChannelRow, unit: str) -> float:
-    """Return the numbers of a file for one volt; 1 where the sensitivity is one of the file's numbers already."""
-    if not row.in_volts:
-        return 1.0
-    if unit not in VOLTAGES:
-        got = f"a sensitivity in volts of channel {quoted(row.channel)}, whose file is in {quoted(unit or 'no unit')}"
-        expected = f"a file in one of {', '.join(VOLTAGES)}"
-        raise refusal(row.where, got, expected, "write the file's number for one unit", "sensitivity")
-    return 1 / VOLTAGES[unit]
+    return row.scale(unit, possible, named, EXAMPLES[row.role])
 
 
 # -------- Sources
@@ -316,24 +233,21 @@ def sources(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[S
     Raises:
         InputError: table and files do not fit together, a unit, a rate or a force is missing, values are no numbers.
     """
-    problems: list[Problem] = []
-    found: list[Source] = []
+    problems, found = list[Problem](), list[Source]()
     for pattern, row in {row.file: row for row in reversed(table.rows)}.items():
         if not any(fnmatchcase(name, pattern) for name in recordings):
             expected, remedy = "a file of the test", did_you_mean(pattern, recordings, "correct the name")
             problems.append(Problem(row.where, quoted(pattern), expected, remedy, "file"))
     for name, recording in recordings.items():
         rows = [row for row in table.rows if fnmatchcase(name, row.file)]
-        if is_finished(recording):
-            continue
         if not recording.channels:
-            problems += _nodes_alone(name, rows, recordings)
+            problems += _nodes_alone(name, rows, recordings) if not recording.shapes else ()
             continue
         with noted(problems):
             found += _of_file(name, rows, recording) if any(row.counts for row in rows) else ()
     refuse(problems)
-    if not found and not any(map(is_finished, recordings.values())):
-        raise refusal(table.path, "no row of a response", "at least one", "fill in the column role", "role")
+    any_test = found or any(map(is_finished, recordings.values()))
+    require(any_test, table.path, "no row of a response", "at least one", "fill in the column role", "role")
     return tuple(found)
 
 
@@ -342,9 +256,8 @@ def _nodes_alone(name: str, rows: list[ChannelRow], recordings: Mapping[str, Rec
     measured = [other for other, each in recordings.items() if each.names]
     named = [row for row in rows if row.counts and not any(fnmatchcase(other, row.file) for other in measured)]
     if named:
-        got = f"nodes and no channel in {quoted(name)}"
-        remedy = "name the file of the records"
-        yield Problem(named[0].where, got, "samples over time or frequency responses", remedy, "file")
+        got, expected = f"nodes and no channel in {quoted(name)}", "samples over time or frequency responses"
+        yield Problem(named[0].where, got, expected, "name the file of the records", "file")
 
 
 def _of_file(name: str, rows: list[ChannelRow], recording: Recording) -> Iterator[Source]:
@@ -352,18 +265,13 @@ def _of_file(name: str, rows: list[ChannelRow], recording: Recording) -> Iterato
     counting = [row for row in rows if row.counts]
     forces = [row for row in counting if row.role == FORCE]
     for row in counting:
-        if row.role == REFERENCE:
-            got, remedy = "a reference in a test with force", "give it the role response"
-            raise refusal(row.where, got, "responses to the force", remedy, "role")
-    if not forces:
-        got = f"no reference channel of {quoted(name)}"
-        remedy = "give the channel of the hammer or the force cell this role"
-        raise refusal(counting[0].where, got, "a channel of role force", remedy, "role")
+        got, remedy = "a reference in a test with force", "give it the role response"
+        require(row.role != REFERENCE, row.where, got, "responses to the force", remedy, "role")
+    got, remedy = f"no reference channel of {quoted(name)}", "give the channel of the hammer this role"
+    require(forces, counting[0].where, got, "a channel of role force", remedy, "role")
     check_state(counting)
-    finished = has_responses(counting, recording)
-    if len(forces) > 1 and not finished:
-        got = f"{len(forces)} forces in {quoted(name)}"
-        remedy = "give each force a file of its own, or the role ignore"
+    if len(forces) > 1 and not has_responses(counting, recording):
+        got, remedy = f"{len(forces)} forces in {quoted(name)}", "give each force a file of its own, or the role ignore"
         raise refusal(forces[1].where, got, "one force in a file of samples", remedy, "role")
     for force in forces:
         yield _source(name, force, [row for row in counting if row.role == RESPONSE], rows, recording)
@@ -377,26 +285,19 @@ def _source(
     reference = force.channel if finished else ""
     by_name = {each.name: each for each in recording.channels if each.reference == reference}
     rows = [row for row in rows if row.channel in by_name]
-    if not rows:
-        got = f"no response of {quoted(name)} to {quoted(force.channel)}"
-        raise refusal(force.where, got, "a channel of role response", "add its row to the table", "role")
+    got = f"no response of {quoted(name)} to {quoted(force.channel)}"
+    require(rows, force.where, got, "a channel of role response", "add its row to the table", "role")
     used: Sequence[Channel] = ([] if finished else [by_name[force.channel]]) + [by_name[row.channel] for row in rows]
     step = sampling_step(name, every, recording, used, finished)
     used, late = aligned(name, rows if finished else [force, *rows], used, step)
     below = quantity_and_factor(force, used[0].reference_unit)[1] if finished else 1.0
-    responses = tuple(
-        response_of(name, row, channel, below, each)
-        for row, channel, each in zip(rows, used[-len(rows) :], late[-len(rows) :], strict=True)
-    )
-    check_moves(name, rows, responses)
+    responses = tuple(_responses(name, rows, used[-len(rows) :], late[-len(rows) :], below))
     pushed, full_scale, start = None, None, used[0].start if finished else 0.0
     assert isinstance(start, float), "a reader gives frequency responses of one start as one channel"
     if not finished:
-        _, factor = quantity_and_factor(force, used[0].unit)
-        pushed = finite(name, used[0]) * factor
-        if not np.ptp(pushed):
-            got, remedy = f"{quoted(force.channel)} of {quoted(name)} constant at {pushed.flat[0]:.4g} N", _CABLE
-            raise refusal(force.where, got, "a force with hits", remedy, "channel")
+        pushed = finite(name, used[0]) * quantity_and_factor(force, used[0].unit)[1]
+        got = f"{quoted(force.channel)} of {quoted(name)} constant at {pushed.flat[0]:.4g} N"
+        require(np.ptp(pushed), force.where, got, "a force with hits", _CABLE, "channel")
         full_scale = _full_scale(force)
     units = {each.name: each.unit for each in used} | ({force.channel: used[0].reference_unit} if finished else {})
     return Source(
@@ -423,14 +324,18 @@ def has_responses(rows: Iterable[ChannelRow], recording: Recording) -> bool:
     return any(channel.reference for channel in recording.channels if channel.name in named)
 
 
-def check_moves(name: str, rows: Sequence[ChannelRow], responses: Sequence[Response]) -> None:
-    """Refuse a channel that says nothing."""
-    for row, each in zip(rows, responses, strict=True):
-        still = not each.values.any() if np.iscomplexobj(each.values) else not np.ptp(each.values)
-        if still:
-            got = f"{quoted(row.channel)} of {quoted(name)} without any motion"
-            remedy = "look at its cable, or give the channel the role ignore"
-            raise refusal(row.where, got, "a response that moves", remedy, "channel")
+def _responses(
+    name: str, rows: Sequence[ChannelRow], channels: Iterable[Channel], late: Iterable[Any], below: float = 1.0
+) -> Iterator[Response]:
+    """Yield what channels measured, in SI, of frequency responses over the SI units of the force."""
+    for row, channel, behind in zip(rows, channels, late, strict=True):
+        quantity, factor = quantity_and_factor(row, channel.unit)
+        values = finite(name, channel) * (factor / below)
+        moves = values.any() if np.iscomplexobj(values) else np.ptp(values)
+        got = f"{quoted(row.channel)} of {quoted(name)} without any motion"
+        remedy = "look at its cable, or give the channel the role ignore"
+        require(moves, row.where, got, "a response that moves", remedy, "channel")
+        yield Response(_place(row), values, ORDER[quantity], _full_scale(row), row.channel, behind)
 
 
 def aligned(
@@ -457,10 +362,9 @@ def aligned(
     lengths = np.array([[each.values.shape[1]] for each in channels])
     if (starts == starts[0]).all():
         for row, each, length in zip(rows, channels, lengths[:, 0], strict=True):
-            if length != lengths[0, 0]:
-                counts = f"{lengths[0, 0]} samples of {quoted(channels[0].name)}, {length} of {quoted(each.name)}"
-                got = f"channels of different lengths in {quoted(name)}: {counts}"
-                raise refusal(row.where, got, "the same length", "export them again together", "channel")
+            counts = f"{lengths[0, 0]} samples of {quoted(channels[0].name)}, {length} of {quoted(each.name)}"
+            got, remedy = f"channels of different lengths in {quoted(name)}: {counts}", "export them again together"
+            require(length == lengths[0, 0], row.where, got, "the same length", remedy, "channel")
         return channels, [None] * len(channels)
     offset = (starts - starts[0]) / step
     whole = np.rint(offset)
@@ -481,10 +385,9 @@ def _check_blocks(name: str, where: str, channels: Sequence[Channel]) -> None:
     most, fewest = (pick(channels, key=lambda each: len(each.values)) for pick in (max, min))
     if len(most.values) > len(fewest.values):
         got = f"{len(most.values)} blocks of {quoted(most.name)} and {len(fewest.values)} of {quoted(fewest.name)}"
-        got += f" in {quoted(name)}"
-        got += f" (ID lines: {', '.join(map(quoted, most.notes[:4]))})" if any(most.notes) else ""
+        lines = f" (ID lines: {', '.join(map(quoted, most.notes[:4]))})" if any(most.notes) else ""
         remedy = "where a label stands for several sensors, export each with a name of its own"
-        raise refusal(where, got, "as many blocks of each channel", remedy, "channel")
+        raise refusal(where, f"{got} in {quoted(name)}{lines}", "as many blocks of each channel", remedy, "channel")
 
 
 def _apart(name: str, where: str, channels: Sequence[Channel], starts: np.ndarray, step: float) -> Problem:
@@ -492,31 +395,18 @@ def _apart(name: str, where: str, channels: Sequence[Channel], starts: np.ndarra
     block = int(np.argmax(np.ptp(starts, 0)))
     first, last = int(np.argmin(starts[:, block])), int(np.argmax(starts[:, block]))
     unit = "Hz" if channels[0].reference else "s"
-    spans = [
-        f"{quoted(channels[i].name)} from {starts[i, block]:.6g} to "
-        f"{starts[i, block] + step * (channels[i].values.shape[1] - 1):.6g} {unit}"
-        for i in (first, last)
-    ]
+    ends = starts[:, block] + step * (np.array([each.values.shape[1] for each in channels]) - 1)
+    spans = (f"{quoted(channels[i].name)} from {starts[i, block]:.6g} to {ends[i]:.6g} {unit}" for i in (first, last))
     expected = "the same lines" if channels[0].reference else "channels that overlap in time"
     remedy = "correct where they start, or export them together"
-    return Problem(where, f"{spans[0]} and {spans[1]} in {quoted(name)}", expected, remedy, "channel")
-
-
-def response_of(
-    name: str, row: ChannelRow, channel: Channel, below: float = 1.0, late: np.ndarray | None = None
-) -> Response:
-    """Return what a channel measured, in SI, of frequency responses over the SI units of the force."""
-    quantity, factor = quantity_and_factor(row, channel.unit)
-    values = finite(name, channel) * (factor / below)
-    return Response(_place(row), values, ORDER[quantity], _full_scale(row), row.channel, late)
+    return Problem(where, f"{' and '.join(spans)} in {quoted(name)}", expected, remedy, "channel")
 
 
 def _full_scale(row: ChannelRow) -> float | None:
     """Return the full scale in SI; it has the unit of the table, which then must have one."""
     if row.full_scale is None:
         return None
-    if not row.unit:
-        raise refusal(row.where, "a full scale without unit", "the unit that it is in", "fill the cell", "unit")
+    require(row.unit, row.where, "a full scale without unit", "the unit that it is in", "fill the cell", "unit")
     return row.full_scale * quantity_and_factor(replace(row, sensitivity=None), "")[1]
 
 
@@ -529,8 +419,7 @@ def finite(name: str, channel: Channel) -> np.ndarray:
     """Return the values of a channel, all of which must be numbers."""
     wrong = np.argwhere(~np.isfinite(channel.values))
     if len(wrong):
-        block, sample = (int(each) + 1 for each in wrong[0])
-        where = f"{one_line(name)}, block {block}, sample {sample}"
+        where = f"{one_line(name)}, block {wrong[0, 0] + 1}, sample {wrong[0, 1] + 1}"
         remedy = "export it again, or give the channel the role ignore"
         raise refusal(where, f"{len(wrong)} values that are no number", "numbers", remedy, channel.name)
     return channel.values
@@ -546,12 +435,9 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
         if row.channel not in recording.names and row.role != IGNORED:
             remedy = did_you_mean(row.channel, recording.names, f"it has {', '.join(recording.names[:8])}")
             problems.append(Problem(row.where, quoted(row.channel), f"a channel of {quoted(name)}", remedy, "channel"))
-    by_name: dict[str, list[ChannelRow]] = {}
-    for row in rows:
-        by_name.setdefault(row.channel, []).append(row)
     sound = {channel.name for channel in recording.channels if not channel.flaw}
     flawed = {channel.name: channel for channel in recording.channels if channel.flaw and channel.name not in sound}
-    for channel, (row, *more) in by_name.items():
+    for channel, (row, *more) in grouped(rows, lambda each: each.channel).items():
         if more:
             got = f"{quoted(channel)} {'twice' if len(more) == 1 else f'{1 + len(more)} times'}"
             problems.append(Problem(more[0].where, got, "each channel once", "keep one", "channel"))
@@ -565,10 +451,9 @@ def check_names(name: str, rows: list[ChannelRow], recording: Recording) -> None
 def check_state(rows: list[ChannelRow]) -> None:
     """Refuse a file whose rows say different postures, loads, states of the drives or windows."""
     for field, column in (("posture", "q1"), ("load", "load"), ("drives", "drives"), ("decay", "decay")):
+        got, remedy = f"another {field} than the file's first row", "a file is of one state of the arm"
         for row in rows:
-            if getattr(row, field) != getattr(rows[0], field):
-                got, remedy = f"another {field} than the file's first row", "a file is of one state of the arm"
-                raise refusal(row.where, got, "the same", remedy, column)
+            require(getattr(row, field) == getattr(rows[0], field), row.where, got, "the same", remedy, column)
 
 
 def sampling_step(
@@ -582,24 +467,20 @@ def sampling_step(
         factor = quantity_and_factor(times[0], channel.unit)[1]
         said.add(even_step(channel.values[0] * factor, one_line(name), channel.name))
         for each in used:
-            if each.values.shape[1] != channel.values.shape[1]:
-                got = f"{channel.values.shape[1]} times for {each.values.shape[1]} samples of {quoted(each.name)}"
-                remedy = "export them again together"
-                raise refusal(times[0].where, got, "a time for each sample", remedy, "channel")
+            count, samples = channel.values.shape[1], each.values.shape[1]
+            got, remedy = f"{count} times for {samples} samples of {quoted(each.name)}", "export them again together"
+            require(count == samples, times[0].where, got, "a time for each sample", remedy, "channel")
     given = [row for row in rows if row.rate]
     if not finished:
         said |= {1 / row.rate for row in given if row.rate}
     where = (given or rows)[0].where
-    if not said:
-        got = f"no sampling rate of {quoted(name)}"
-        remedy = "give the column rate [Hz], or the role time to the channel that holds the times"
-        raise refusal(where, got, "one: the file says none", remedy, "rate")
+    remedy = "give the column rate [Hz], or the role time to the channel that holds the times"
+    require(said, where, f"no sampling rate of {quoted(name)}", "one: the file says none", remedy, "rate")
     for step in said:
-        if not STEPS[0] <= step <= STEPS[1]:
-            what, unit = ("lines", "Hz") if finished else ("samples", "s")
-            got = f"{what} of {quoted(name)} {step:.4g} {unit} apart"
-            expected = f"{STEPS[0]:g} to {STEPS[1]:g} {unit}"
-            raise refusal(where, got, expected, "correct the sampling of the file, or its unit", "rate")
+        what, unit = ("lines", "Hz") if finished else ("samples", "s")
+        got, expected = f"{what} of {quoted(name)} {step:.4g} {unit} apart", f"{STEPS[0]:g} to {STEPS[1]:g} {unit}"
+        remedy = "correct the sampling of the file, or its unit"
+        require(STEPS[0] <= step <= STEPS[1], where, got, expected, remedy, "rate")
     if max(said) > min(said) * (1 + SAME):
         got = f"sampling of {1 / max(said):.6g} and of {1 / min(said):.6g} Hz for {quoted(name)}"
         remedy = "correct the table, or export the channels with one sampling"
@@ -632,12 +513,11 @@ class Record(Recorded):
 
 def ambient_files(table: ChannelTable, recordings: Mapping[str, Recording]) -> frozenset[str]:
     """Return the recordings of samples at states of the arm of which no file has a force."""
-    counting = {
-        name: [row for row in table.rows if row.counts and fnmatchcase(name, row.file)]
-        for name, recording in recordings.items()
-        if recording.channels
-    }
-    counting = {name: rows for name, rows in counting.items() if not has_responses(rows, recordings[name])}
+    counting = {}
+    for name, recording in recordings.items():
+        rows = [row for row in table.rows if row.counts and fnmatchcase(name, row.file)]
+        if recording.channels and not has_responses(rows, recording):
+            counting[name] = rows
     pushed = {_state(row) for rows in counting.values() for row in rows if row.role == FORCE}
     return frozenset(name for name, rows in counting.items() if rows and _state(rows[0]) not in pushed)
 
@@ -652,38 +532,25 @@ def records(table: ChannelTable, recordings: Mapping[str, Recording]) -> tuple[R
     Raises:
         InputError: table and files do not fit together, a unit or a rate is missing, values are no numbers.
     """
-    problems: list[Problem] = []
-    made: list[Record] = []
-    for name, recording in recordings.items():
-        with noted(problems):
-            made.append(_record(name, [row for row in table.rows if fnmatchcase(name, row.file)], recording))
-    refuse(problems)
-    return tuple(made)
+    return tuple(every(lambda name: _record(name, table, recordings[name]), recordings))
 
 
-def _record(name: str, rows: list[ChannelRow], recording: Recording) -> Record:
+def _record(name: str, table: ChannelTable, recording: Recording) -> Record:
+    rows = [row for row in table.rows if fnmatchcase(name, row.file)]
     check_names(name, rows, recording)
     counting = [row for row in rows if row.counts]
     check_state(counting)
     channels = {each.name: each for each in recording.channels}
     used = [channels[row.channel] for row in counting]
     step = sampling_step(name, rows, recording, used)
-    responses = tuple(
-        response_of(name, row, channel, late=late)
-        for row, channel, late in zip(counting, *aligned(name, counting, used, step), strict=True)
-    )
-    check_moves(name, counting, responses)
+    responses = tuple(_responses(name, counting, *aligned(name, counting, used, step)))
     references = tuple(i for i, row in enumerate(counting) if row.role == REFERENCE)
+    others = [each for each in recording.channels if each.name not in {row.channel for row in counting}]
+    look_like_one = [each for each in others if each.unit in ("N", "kN", "lbf")]
+    hint = "if that is the hammer, give it the role force"
+    forces = [f"{quoted(each.name)} is in {each.unit}: {hint}" for each in look_like_one]
     speeds = tuple(dict.fromkeys(speed for row in counting for speed in row.harmonics))
     return Record(
         name, *_state(counting[0]), step, responses, references or tuple(range(len(counting))), speeds,
-        (*_forces(rows, recording), *_unit_remarks(counting, {each.name: each.unit for each in used})),
+        (*forces, *_unit_remarks(counting, {each.name: each.unit for each in used})),
     )  # fmt: skip
-
-
-def _forces(rows: list[ChannelRow], recording: Recording) -> Iterator[str]:
-    """Yield what channel looks like a force, though no row says so."""
-    used = {row.channel for row in rows if row.counts}
-    for channel in recording.channels:
-        if channel.unit in ("N", "kN", "lbf") and channel.name not in used:
-            yield f"{quoted(channel.name)} is in {channel.unit}: if that is the hammer, give it the role force"

@@ -61,7 +61,7 @@ FAULTS = (
     Fault("MuJoCo file written", "description/mjcf_writing.py",
           "(0, 1), (0, 2), (1, 2)", "(0, 2), (0, 1), (1, 2)", "description/test_mjcf_writing.py"),
     Fault("unit of a campaign", "measure/reading.py",
-          "else number * factor", "else number / factor", "measure"),
+          "else factor * said[name]", "else said[name] / factor", "measure"),
     Fault("frame of a tracker", "identify/predict.py",
           "(origin[:, k] * direction)", "(-origin[:, k] * direction)", "identify/test_setups.py"),
     Fault("correlated errors", "inference/problem.py",

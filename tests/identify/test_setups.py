@@ -181,7 +181,8 @@ def test_setups_are_written_and_read_back(tmp_path):
 
 HEAD = "setup,x,y,z,unit,sigma,rx,ry,rz,turn_unit,turn_sigma\n"
 BAD = [
-    ("setup,x\ntracker,1\n", "other columns"),
+    (HEAD.replace(",turn_sigma", "") + "tracker,1,2,3,m,0,0,0,0,deg\n", "expected a column turn_sigma"),
+    (HEAD.replace("turn_sigma", "turn_sigma,rw") + "tracker,1,2,3,m,0,0,0,0,deg,0,1\n", "the unknown column 'rw'"),
     (HEAD + "trakker,1,2,3,m,0,0,0,0,deg,0\n", "write tracker"),
     (HEAD + "tracker,1,2,,m,0,0,0,0,deg,0\n", "give all three"),
     (HEAD + "tracker,1,2,3,kg,0,0,0,0,deg,0\n", "a length unit"),

@@ -119,7 +119,8 @@ def test_a_row_that_is_wrong_has_one_line(tmp_path, row, words):
 def test_a_header_that_is_wrong(tmp_path):
     first, *others = lines(tmp_path, "", "x", head="file,chanel,role,point,direction,unit,q1")
     assert (
-        first == "channels.csv:1, q1: got no unit, expected a unit, as in 'q1 [deg]'; write the unit in square brackets"
+        first == "channels.csv:1, q1: got no unit, expected an angle unit such as deg or rad, as in 'q1 [deg]'; "
+        "write the unit in square brackets"
     )
     assert others[0].startswith("channels.csv:1: got the unknown column 'chanel', expected one of file, channel,")
     assert others[1].startswith("channels.csv:1, channel: got no such column")

@@ -141,7 +141,7 @@ BAD_HEADERS = [
      "rename jiont1"),
     ("time [s],elbow [deg],joint2 [rad]", "log.csv:1, joint1: got no such column, expected a column 'joint1 [deg]'; "
      "add the column"),
-    ("time [s],joint2 [deg],joint2 [rad],joint1 [deg]", "log.csv:1, joint2: got the column 2 times, expected it once; "
+    ("time [s],joint2 [deg],joint2 [rad],joint1 [deg]", "log.csv:1, joint2: got the column twice, expected it once; "
      "remove or rename one"),
 ]  # fmt: skip
 
@@ -169,12 +169,12 @@ def test_seconds_marked_as_milliseconds_are_caught():
 def test_all_problems_are_told_at_once():
     text = table(["0,a,1", "0,2", "1,3,x", "0.5,4,900"], "time [s],joint1 [deg],joint2 [rad]\n")
     assert [one.split(": got")[0] for one in problems(text, ("joint1", "joint2", "joint3"))] == [
+        "log.csv:1, joint3",
         "log.csv:3",
         "log.csv:2, joint1",
         "log.csv:4, joint2",
         "log.csv:5, time",
         "log.csv:5, joint2",
-        "log.csv:1, joint3",
     ]
 
 

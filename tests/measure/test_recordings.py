@@ -117,9 +117,7 @@ def test_a_frequency_response_without_its_phase_is_refused(tmp_path, form):
 
 def test_ordinates_of_an_unknown_type_are_refused(tmp_path):
     line = refused(written(tmp_path, dataset_58(ANSWER), dataset_58(ANSWER, form=3)))
-    assert (
-        "got ordinates of type 3 for 7:+Z acceleration in dataset 2, expected 2 or 4 (real), 5 or 6 (complex)" in line
-    )
+    assert "dataset 2: got ordinates of type 3 for 7:+Z acceleration, expected 2 or 4 (real), 5 or 6 (complex)" in line
     uff(tmp_path / "b.uff", 1)
     data = (tmp_path / "b.uff").read_bytes()
     assert data.count(b"         4        64") == 1

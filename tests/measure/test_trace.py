@@ -72,7 +72,7 @@ BAD_HEADERS = [
      "write the unit in square brackets"),
     ("time [s],x [mm/s]", f"trace.csv:1, x: got 'mm/s', expected {EITHER}; correct the unit"),
     ("time [s],x [g]", f"trace.csv:1, x: got 'g', expected {EITHER}; write g_0 for standard gravity, g is gram"),
-    ("time [s],x [mm],x [m]", "trace.csv:1, x: got the column 2 times, expected it once; remove or rename one"),
+    ("time [s],x [mm],x [m]", "trace.csv:1, x: got the column twice, expected it once; remove or rename one"),
     ("time [Hz],x [mm]", "trace.csv:1, time: got 'Hz', expected a time unit such as s or ms; correct the unit"),
     ("Tme [s],x [mm]", "trace.csv:1, time: got no such column, expected a column 'time [s]'; rename Tme"),
 ]  # fmt: skip

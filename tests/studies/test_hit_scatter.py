@@ -27,7 +27,7 @@ def identified(sigma, ratio=15.0, label="vertical bending 1", converged=True):
     diagram = Diagram(none, np.zeros(0, complex), np.zeros((1, 0), complex), none, none, none)
     model = ModalModel(np.array([-0.3 + 31j]), one, one, np.zeros((0, 1, 1)))
     frf = Frf(np.array([4.0, 5.0]), np.ones((2, 1, 1, 2), complex), tip, tip, 0.0)
-    poles = np.array([FREQUENCY]), np.array([0.01]), one, covariance, diagram, ()
+    poles = np.array([FREQUENCY]), np.array([0.01]), one, covariance, frf.responses, (1.0, 20.0), diagram, ()
     modes = Modes(*poles, one, Ratio(ratio, 56), 1.0, converged, model, frf)
     named = (parse_label(label) if label else None,)
     return IdentifiedModes(modes, ModeLabels((), np.zeros((1, 0)), np.zeros((1, 0)), (), named, ("",)))

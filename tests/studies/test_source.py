@@ -361,8 +361,8 @@ def test_a_run_beyond_the_stated_offset_is_named(folder):
     ("unit", "sensitivity", "complaint"),
     [
         ("mm", "", "'mm', as in the file"),
-        ("V", "", "a file in 'V'"),
-        ("m/s^2", "100", "a sensitivity of a file in"),
+        ("V", "", "'V', as in the file; give its sensitivity"),
+        ("m/s^2", "100", "a sensitivity of channel 'y', whose file is in 'm/s^2'"),
         ("", "", "no unit"),
     ],
 )

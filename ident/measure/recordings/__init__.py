@@ -5,7 +5,7 @@ import importlib
 import warnings
 from pathlib import Path
 
-from ident.errors import Problem, refusal
+from ident.errors import Problem, require
 from ident.measure.recordings.recording import Channel, LackingError, NoChannelError, Recording, Shape
 from ident.text import LARGEST_BINARY, LARGEST_SAMPLES, one_line, read_bytes
 
@@ -57,13 +57,11 @@ def read_recording(path: str | Path) -> Recording:
     """
     path = Path(path)
     file = one_line(str(path))
-    if not is_recording(path):
-        expected = f"a recording, one of {', '.join(ENDINGS)}"
-        raise refusal(file, f"the ending '{path.suffix}'", expected, "export it in one of these formats")
+    expected, remedy = f"a recording, one of {', '.join(ENDINGS)}", "export it in one of these formats"
+    require(is_recording(path), file, f"the ending '{path.suffix}'", expected, remedy)
     kind = ENDINGS[path.suffix.lower()]
     data = read_bytes(path, "a recording", LARGEST_SAMPLES if kind in TEXT else LARGEST_BINARY)
-    if not data:
-        raise refusal(file, "an empty file", "a recording", "export it again")
+    require(data, file, "an empty file", "a recording", "export it again")
     module = importlib.import_module(f"ident.measure.recordings.{kind}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what matters of a library's warnings, its reader checks
@@ -71,7 +69,6 @@ def read_recording(path: str | Path) -> Recording:
     if not channels and not shapes and not places:
         raise NoChannelError(Problem(file, "no channel", "at least one row of numbers", "export it again"))
     for channel in channels:
-        if not channel.values.size:
-            got, remedy = f"no sample of {one_line(channel.name)}", "export it again"
-            raise refusal(file, got, "at least one sample of each channel", remedy)
+        got, expected = f"no sample of {one_line(channel.name)}", "at least one sample of each channel"
+        require(channel.values.size, file, got, expected, "export it again")
     return Recording(str(path), hashlib.sha256(data).hexdigest(), channels, shapes, places)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.errors import InputError, Problem, placed, refusal, refuse
+from ident.errors import InputError, Problem, placed, refusal, refuse, require
 from ident.measure.recordings.recording import Channel, Contents, Shape, array_channels, response_and_part
 from ident.measure.recordings.sampling import even_step
 from ident.measure.table import (
@@ -15,7 +15,7 @@ from ident.measure.table import (
     Findings,
     Record,
     decimal_mark,
-    header_problems,
+    doubled,
     misfit,
     parse_number,
     records_of,
@@ -51,9 +51,9 @@ def read(path: Path, data: bytes) -> Contents:
             with placed(where, name):
                 clocks.append(column * si_factor(unit, "time"))
             step, start = even_step(clocks[0], file), float(clocks[0][0])
-    if not all(np.allclose(each, clocks[0], rtol=1e-6, atol=1e-9) for each in clocks):
-        remedy = "put the channels of each into a file of their own"
-        raise refusal(where, f"{len(clocks)} columns of different times", "one", remedy, TIME)
+    alike = all(np.allclose(each, clocks[0], rtol=1e-6, atol=1e-9) for each in clocks)
+    remedy = "put the channels of each into a file of their own"
+    require(alike, where, f"{len(clocks)} columns of different times", "one", remedy, TIME)
     kept = [each for each in zip(named, table.T, strict=True) if not (step and each[0][0].lower() == TIME)]
     channels = tuple(Channel(name, column[None].copy(), unit, step, start) for (name, unit), column in kept)
     return channels, (), {}
@@ -92,15 +92,14 @@ def modes(records: list[Record], delimiter: str) -> tuple[Shape, ...]:
     """
     (where, header), rows = records[0], records[1:]
     names = [_name(cell) for cell in header]
-    refuse(header_problems(where, names, ()))
+    refuse(doubled(where, names))
     factors = [_factor(where, cell) for cell in header]
-    if not rows:
-        raise refusal(where, "a header without a row", "a row for each mode", "add the modes")
+    require(rows, where, "a header without a row", "a row for each mode", "add the modes")
     table = _numbers(records, delimiter) * factors
     found = []
     for (place, _), row in zip(rows, table, strict=True):
-        if not np.isfinite(row).all():
-            raise refusal(place, "a cell that is no number", "numbers", "leave the mode or the column out")
+        is_number = np.isfinite(row).all()
+        require(is_number, place, "a cell that is no number", "numbers", "leave the mode or the column out")
         cells = dict(zip(names, map(float, row), strict=True))
         sigma = {name.removeprefix(SIGMA): value for name, value in cells.items() if name.startswith(SIGMA)}
         channels = [name for name in names if not name.startswith((SIGMA, IMAGINARY)) and name not in MODE]
@@ -112,15 +111,14 @@ def modes(records: list[Record], delimiter: str) -> tuple[Shape, ...]:
 
 def _check(where: str, cells: Mapping[str, float], sigma: Mapping[str, float], motion: Mapping[str, complex]) -> None:
     """Refuse what no mode can be."""
-    if not (cells["frequency"] > 0 and 0 <= cells["damping_ratio"] < 1):
-        got = f"{cells['frequency']:g} Hz, damping ratio {cells['damping_ratio']:g}"
-        raise refusal(where, got, "a frequency above 0, a ratio from 0 to 1", "correct the mode")
-    if not any(motion.values()):
-        raise refusal(where, "a mode that moves nothing", "the motion of its channels", "add a column for each channel")
+    frequency, ratio = cells["frequency"], cells["damping_ratio"]
+    got, expected = f"{frequency:g} Hz, damping ratio {ratio:g}", "a frequency above 0, a ratio from 0 to 1"
+    require(frequency > 0 and 0 <= ratio < 1, where, got, expected, "correct the mode")
+    got, expected = "a mode that moves nothing", "the motion of its channels"
+    require(any(motion.values()), where, got, expected, "add a column for each channel")
     for name, value in sigma.items():
-        if not value > 0 or name not in {*MODE, *motion}:
-            expected = "a standard deviation above 0 of a column of the file"
-            raise refusal(where, f"{value:g}", expected, "correct it", f"{SIGMA}{one_line(name)}")
+        fine, expected = value > 0 and name in {*MODE, *motion}, "a standard deviation above 0 of a column of the file"
+        require(fine, where, f"{value:g}", expected, "correct it", f"{SIGMA}{one_line(name)}")
 
 
 def _name(cell: str) -> str:
@@ -132,9 +130,8 @@ def _factor(where: str, cell: str) -> float:
     quantity = _name(cell).removeprefix(SIGMA)
     if quantity not in MODE:
         return 1.0
-    if not _unit(cell):
-        expected = f"a unit, as in '{quantity} [{'Hz' if quantity == 'frequency' else '%'}]'"
-        raise refusal(where, "no unit", expected, "write it in square brackets", _name(cell))
+    expected = f"a unit, as in '{quantity} [{'Hz' if quantity == 'frequency' else '%'}]'"
+    require(_unit(cell), where, "no unit", expected, "write it in square brackets", _name(cell))
     with placed(where, _name(cell)):
         return si_factor(_unit(cell), quantity)
 

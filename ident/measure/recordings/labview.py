@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.errors import refusal
+from ident.errors import refusal, require
 from ident.measure.recordings.recording import Channel, Contents, damaged, over
 from ident.measure.recordings.sampling import rounded_step
 from ident.text import decode, one_line
@@ -110,17 +110,13 @@ def _segments(text: str) -> Iterator[_Segment]:
                 yield segment
             mark = (file_header or header).get("Decimal_Separator", ["", ""])[1:2] or [""]
             names = [name.strip() for name in line.split(separator)]
-            mark_said = mark[0].strip() or _mark(lines[number : number + 1], separator)
-            segment, reading = _Segment(number, header, names, mark_said), True
+            row = "".join(lines[number : number + 1])  # the first versions do not say the decimal mark
+            guess = "," if separator != "," and "," in row and "." not in row else "."
+            segment, reading = _Segment(number, header, names, mark[0].strip() or guess), True
         elif not tag.startswith("*"):
             header[tag] = line.split(separator)
     if segment:
         yield segment
-
-
-def _mark(rows: Sequence[str], separator: str) -> str:
-    """Return the decimal mark of a file that does not say it: the first versions did not."""
-    return "," if separator != "," and any("," in row and "." not in row for row in rows) else "."
 
 
 def _channels(file: str, segment: _Segment) -> Iterator[Channel]:
@@ -138,11 +134,9 @@ def _channels(file: str, segment: _Segment) -> Iterator[Channel]:
         if len(sampling.ends) == 1 and len(written):
             values = values[: written[-1] + 1]  # blank cells below a channel of fewer samples
         blocks = np.split(values, sampling.ends[:-1])
-        if len({len(block) for block in blocks}) > 1:
-            lengths = " and ".join(str(n) for n in sorted({len(block) for block in blocks})[:3])
-            got = f"records of {lengths} samples, each from where {TIMES} starts again"
-            remedy = "put them into files of their own"
-            raise refusal(f"{file}:{segment.line}", got, "records of one length", remedy, TIMES)
+        lengths, remedy = sorted({len(block) for block in blocks}), "put them into files of their own"
+        got = f"records of {' and '.join(map(str, lengths[:3]))} samples, each from where {TIMES} starts again"
+        require(len(lengths) == 1, f"{file}:{segment.line}", got, "records of one length", remedy, TIMES)
         step, start = sampling.step, sampling.start
         if label != sampling.label:  # the times are those of another channel
             later = segment.number("X0", label) - segment.number("X0", sampling.label)
@@ -151,16 +145,12 @@ def _channels(file: str, segment: _Segment) -> Iterator[Channel]:
             step = segment.number("Delta_X", label)
         quantity = segment.label("X_Dimension", label).lower()
         flaw = "" if quantity in ("", "time") else f"values over {one_line(quantity)}"
-        channel = Channel(
-            segment.names[place],
-            np.array(blocks),
-            segment.label("Y_Unit_Label", label),
-            step if step > 0 else None,
-            start,
-            flaw=flaw,
-            remedy="export the samples over time" if flaw else "",
-        )
-        yield over(channel, segment.label("X_Unit_Label", label), "time", _later(segment, label, labels[0]))
+        unit, remedy = segment.label("Y_Unit_Label", label), "export the samples over time" if flaw else ""
+        sampled = step if step > 0 else None, start
+        channel = Channel(segment.names[place], np.array(blocks), unit, *sampled, flaw=flaw, remedy=remedy)
+        one, two = (_clock(segment.label("Date", i), segment.label("Time", i)) for i in (label, labels[0]))
+        later = one - two if one is not None and two is not None else 0.0  # [s] than the zero of the first one's times
+        yield over(channel, segment.label("X_Unit_Label", label), "time", later)
 
 
 def _labels(segment: _Segment, places: Sequence[int]) -> Sequence[int]:
@@ -170,12 +160,6 @@ def _labels(segment: _Segment, places: Sequence[int]) -> Sequence[int]:
         if len(filled) == len(places):
             return filled
     return places
-
-
-def _later(segment: _Segment, label: int, other: int) -> float:
-    """Return how much later [s] than another one the zero of a channel's times is, by date and time of day."""
-    one, two = (_clock(segment.label("Date", i), segment.label("Time", i)) for i in (label, other))
-    return one - two if one is not None and two is not None else 0.0
 
 
 def _clock(day: str, time: str) -> float | None:
@@ -221,9 +205,9 @@ def _sampling(file: str, segment: _Segment, column: int, label: int) -> _Samplin
         return _Sampling(label, step, start, (len(segment.rows),))
     times, digit = _numbers(cells), _digit(*cells[:: max(len(cells) // 100, 1)], cells[-1])
     if not np.isfinite(times).all():
-        row = int(np.flatnonzero(~np.isfinite(times))[0])
+        where = f"{file}:{segment.line + int(np.argmin(np.isfinite(times))) + 1}"
         got, remedy = "a time that is no number", "export it again with all times"
-        raise refusal(f"{file}:{segment.line + row + 1}", got, "times that increase", remedy, TIMES)
+        raise refusal(where, got, "times that increase", remedy, TIMES)
     digit += 4 * float(np.spacing(abs(times).max()))
     starts = [0, *(int(i) + 1 for i in np.flatnonzero(np.diff(times) < -digit)), len(times)]
     said, fine = step if step > 0 else None, _digit(segment.label("Delta_X", label).replace(segment.mark, "."))
@@ -279,9 +263,9 @@ def _joined(file: str, segments: list[list[Channel]]) -> Iterator[Channel]:
     for other in segments[1:]:
         forms = [[(each.name, each.unit, each.flaw, each.values.shape[1]) for each in own] for own in (first, other)]
         steps = [(a.step or 0.0, b.step or 0.0) for a, b in zip(first, other, strict=False)]
-        if forms[0] != forms[1] or not all(np.isclose(a, b, rtol=1e-3, atol=0) for a, b in steps):
-            got, remedy = "segments that differ in channels, length, unit or step", "put them into files of their own"
-            raise refusal(file, got, "segments that are alike", remedy)
+        alike = forms[0] == forms[1] and all(np.isclose(a, b, rtol=1e-3, atol=0) for a, b in steps)
+        got, remedy = "segments that differ in channels, length, unit or step", "put them into files of their own"
+        require(alike, file, got, "segments that are alike", remedy)
     for i, each in enumerate(first):
         values = np.concatenate([segment[i].values for segment in segments])
         starts = np.concatenate([np.full(len(segment[i].values), segment[i].start) for segment in segments])

@@ -10,6 +10,7 @@ import numpy as np
 
 from ident.errors import InputError, Problem, refusal
 from ident.measure.recordings.sampling import even_step
+from ident.measure.table import grouped
 from ident.text import one_line, quoted
 from ident.units import sensor_factor
 
@@ -114,10 +115,7 @@ ONE_NAME = "channels of one name"
 
 def _told_apart(channels: Iterable[Channel]) -> Iterator[Channel]:
     """Yield channels, those that share a name as flawed. One that is there twice is one."""
-    by_name: dict[tuple[str, str], list[Channel]] = {}
-    for each in channels:
-        by_name.setdefault((each.name, each.reference), []).append(each)
-    for first, *more in by_name.values():
+    for first, *more in grouped(channels, lambda each: (each.name, each.reference)).values():
         same = [first, *(m for m in more if m.unit != first.unit or not np.array_equal(m.values, first.values))]
         units = ", ".join(quoted(each.unit or "no unit") for each in same)
         flaw, remedy = f"{len(same)} {ONE_NAME}, in {units}", "give each channel of the file a name of its own"

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ident.errors import refusal
+from ident.errors import require
 
 UNEVEN = 0.01
 """Largest deviation of a sampling interval from the mean one, as a fraction of it."""
@@ -21,16 +21,13 @@ def even_step(time: np.ndarray, file: str, column: str = "time") -> float:
         InputError: they are no numbers, do not increase, or are even neither within 1 % nor within their last digit.
     """
     steps = np.diff(time)
-    if not np.isfinite(time).all():
-        raise refusal(file, "times that are no numbers", "times that increase", "export it again", column)
+    is_finite = np.isfinite(time).all()
+    require(is_finite, file, "times that are no numbers", "times that increase", "export it again", column)
     mean = float(steps.mean())
     if not mean > 0 or abs(steps - mean).max() > UNEVEN * mean:
-        digit = last_digit(time) + 4 * float(np.spacing(abs(time).max()))
-        if rounded_step(time, digit) is not None:
-            return mean
-        worst, expected, remedy = odd_interval(time)
+        digit, (worst, expected, remedy) = last_digit(time) + 4 * float(np.spacing(abs(time).max())), odd_interval(time)
         got = f"an interval of {steps[worst]:.6g} s before sample {worst + 2}, from {time[worst]:.6g} s"
-        raise refusal(file, got, expected, remedy, column)
+        require(rounded_step(time, digit) is not None, file, got, expected, remedy, column)
     return mean
 
 

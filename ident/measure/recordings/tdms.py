@@ -33,7 +33,9 @@ def read(path: Path, data: bytes) -> Contents:
         named = ((group.name, channel) for group in file.groups() for channel in group.channels())
         every = [(name, channel, np.asarray(channel[:])) for name, channel in named]
         sampled = [each for each in every if each[2].dtype.kind in "iuf" and each[2].size > 1]
-        first = _first_time([channel for _, channel, _ in sampled])
+        times = [channel.properties.get("wf_start_time") for _, channel, _ in sampled]
+        dated = [time for time in times if isinstance(time, np.datetime64) and not np.isnat(time)]
+        first = min(dated) if dated and len(dated) == len(times) else None  # the earliest clock, if all channels say it
         found = tuple(_channel(*each, first) for each in sampled)
     except Exception as error:  # npTDMS lets ValueError, struct and EOF errors of damaged files through
         damaged(path, KIND, error)
@@ -42,20 +44,14 @@ def read(path: Path, data: bytes) -> Contents:
     return found, (), {}
 
 
-def _first_time(every: list[Any]) -> np.datetime64 | None:
-    """Return the earliest time at which a channel's clock started; None where some channel does not say it."""
-    times = [channel.properties.get("wf_start_time") for channel in every]
-    said = [time.astype("datetime64[us]") for time in times if isinstance(time, np.datetime64) and not np.isnat(time)]
-    return min(said) if said and len(said) == len(times) else None
-
-
 def _channel(group: str, channel: Any, values: np.ndarray, first: np.datetime64 | None) -> Channel:
     """Return a channel, whose start counts from the earliest clock of the file."""
     said = channel.properties
     unit = next((str(said[name]) for name in UNITS if said.get(name)), "")
     step, start, later = said.get("wf_increment"), float(said.get("wf_start_offset") or 0.0), 0.0
     if first is not None:
-        later = float((said["wf_start_time"].astype("datetime64[us]") - first) / np.timedelta64(1, "s"))
+        start_time, zero = (time.astype("datetime64[us]") for time in (said["wf_start_time"], first))
+        later = float((start_time - zero) / np.timedelta64(1, "s"))
     name, samples = f"{group}/{channel.name}", values[None].astype(float)
     made = Channel(name, samples, unit, float(step) if step else None, start)
     return over(made, str(said.get("wf_xunit_string") or ""), "time", later)

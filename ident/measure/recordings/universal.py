@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.errors import Problem, refusal
+from ident.errors import Problem, refusal, require
 from ident.measure.recordings.recording import Channel, Contents, NoChannelError, Shape, damaged, over
+from ident.measure.table import grouped
 from ident.text import one_line, quoted
 
 KIND = "a universal file (UFF)"
@@ -212,9 +213,8 @@ def _function(path: Path, dataset: _Dataset) -> _Function | str:
     (header, at), file = _header(dataset.body), one_line(str(path))
     if len(header) < HEADER:
         raise ValueError(f"fewer than {HEADER} lines")
-    kind, _, _, _, entity, node, direction, force_entity, force_node, force_direction = _cut(
-        header[5], 5, 10, 5, 10, 11, 10, 4, 11, 10, 4
-    )
+    kind, _, _, _, entity, node, direction, *of_force = _cut(header[5], 5, 10, 5, 10, 11, 10, 4, 11, 10, 4)
+    force_entity, force_node, force_direction = of_force
     function = _whole(kind)
     if function not in (TIME, RESPONSE):
         return FUNCTIONS[function] if 0 <= function < len(FUNCTIONS) else str(function)
@@ -223,9 +223,8 @@ def _function(path: Path, dataset: _Dataset) -> _Function | str:
     force_code, _, _, _, _, below = map(_label, _cut(header[9], 10, 5, 5, 5, 21, 21))
     place, name = _degree_of_freedom(node, direction, code)
     form, even = _whole(ordinates), _whole(spacing) == 1
-    if form not in REAL + COMPLEX:
-        got = f"ordinates of type {form} for {name} in dataset {dataset.number}"
-        raise refusal(file, got, "2 or 4 (real), 5 or 6 (complex)", "export it again in single or double precision")
+    got, remedy = f"ordinates of type {form} for {name}", "export it again in single or double precision"
+    require(form in REAL + COMPLEX, f"{file}, dataset {dataset.number}", got, "2 or 4 (real), 5 or 6 (complex)", remedy)
     width = (1 if form in REAL else 2) + (not even)
     table = _table(dataset, at, form, even).copy()
     padding = table[_whole(count) * width :]
@@ -241,7 +240,13 @@ def _function(path: Path, dataset: _Dataset) -> _Function | str:
     if not (np.isfinite(start) and 0 <= step < np.inf):
         raise ValueError(f"an abscissa from {start:g} in steps of {step:g}")
     values = table[:, -1] if form in REAL else table[:, -2] + 1.0j * table[:, -1]
-    _check_ordinates(file, name, function, form, values)
+    if function == RESPONSE:
+        real = f"real ordinates (type {form})" if form in REAL else "imaginary parts that are all zero"
+        fine, got = values.imag.any() or not values.any(), f"{real} for the frequency response {name}"
+        require(fine and form in COMPLEX, file, got, "complex ordinates", "export real and imaginary parts")
+    else:
+        got = f"complex ordinates (type {form}) for the samples of {name}"
+        require(not values.imag.any(), file, got, "real ordinates", "export the samples over time")
     identity = tuple(_label(each) for each in header[:5])
     labels, has_node = (_label(entity), label), bool(_whole(node))
     if function == TIME:
@@ -252,18 +257,6 @@ def _function(path: Path, dataset: _Dataset) -> _Function | str:
     channel = Channel(name, values[None].astype(complex), numerator, step or None, start, reference, below)
     channel = over(channel, of_axis, "frequency")
     return _Function(channel, place, labels, _label(force_entity), identity, has_node)
-
-
-def _check_ordinates(file: str, name: str, function: int, form: int, values: np.ndarray) -> None:
-    """Refuse a frequency response without its phase, and samples over time that are complex."""
-    if function == RESPONSE:
-        real = f"real ordinates (type {form})" if form in REAL else "imaginary parts that are all zero"
-        if form in REAL or (values.any() and not values.imag.any()):
-            got, remedy = f"{real} for the frequency response {name}", "export real and imaginary parts"
-            raise refusal(file, got, "complex ordinates", remedy)
-    elif values.imag.any():
-        got, remedy = f"complex ordinates (type {form}) for the samples of {name}", "export the samples over time"
-        raise refusal(file, got, "real ordinates", remedy)
 
 
 def _table(dataset: _Dataset, at: int, form: int, even: bool) -> np.ndarray:
@@ -304,11 +297,9 @@ def _even(abscissa: np.ndarray, step: float, where: str, name: str) -> tuple[flo
     mean = span / (len(abscissa) - 1)
     rounding = min(ROUNDED * largest, mean) if largest < 100 * span else 0.0
     wrong = np.abs(abscissa - (abscissa[0] + mean * np.arange(len(abscissa)))) > max(0.01 * mean, rounding)
-    if not mean > 0 or wrong.any():
-        got = f"{name} at uneven steps, about value {int(np.argmax(wrong)) + 1}"
-        raise refusal(where, got, "even steps", "resample it, then export it again")
-    printed = abs(step - mean) <= ROUNDED * mean
-    return float(abscissa[0]), step if printed else mean
+    got = f"{name} at uneven steps, about value {int(np.argmax(wrong)) + 1}"
+    require(mean > 0 and not wrong.any(), where, got, "even steps", "resample it, then export it again")
+    return float(abscissa[0]), step if abs(step - mean) <= ROUNDED * mean else mean
 
 
 def _degree_of_freedom(node: str, direction: str, code: str) -> tuple[str, str]:
@@ -354,9 +345,7 @@ def _number(text: str) -> float:
 
 def _joined(path: Path, functions: Sequence[_Function]) -> list[Channel]:
     """Return the functions of one channel as its blocks, in the order of the file."""
-    groups: dict[tuple[str, str], list[_Function]] = {}
-    for each in functions:
-        groups.setdefault((each.channel.name, each.channel.reference), []).append(each)
+    groups = grouped(functions, lambda each: (each.channel.name, each.channel.reference))
     parts = [part for group in groups.values() for part in _by_label(group)]
     return [_blocks(split) for part in parts for split in _by_identity(path, part, parts)]
 
@@ -365,11 +354,12 @@ def _by_label(group: list[_Function]) -> list[list[_Function]]:
     """Return the functions of one node and direction by entity and label of the ordinate, where these differ."""
     differ = [i for i in range(2) if len({each.labels[i] for each in group}) > 1]
     several = len({each.reference_entity for each in group}) > 1
-    parts: dict[tuple[str, str], list[_Function]] = {}
-    for each in group:
+
+    def key(each: _Function) -> tuple[str, str]:
         label = " ".join(filter(None, (each.labels[i] for i in differ)))
-        parts.setdefault((label, each.reference_entity if several else ""), []).append(each)
-    return [[each.called(*key) for each in part] for key, part in parts.items()]
+        return label, each.reference_entity if several else ""
+
+    return [[each.called(*words) for each in part] for words, part in grouped(group, key).items()]
 
 
 def _by_identity(path: Path, part: list[_Function], parts: list[list[_Function]]) -> list[list[_Function]]:
@@ -400,11 +390,9 @@ def _by_identity(path: Path, part: list[_Function], parts: list[list[_Function]]
             if _are_alike(part):
                 return [part]
             continue
-        split: dict[str, list[_Function]] = {}
-        for word, each in zip(words, part, strict=True):
-            split.setdefault(word, []).append(each.called(word))
-        if all(map(_are_alike, split.values())):
-            return list(split.values())
+        split = [[each.called(word) for each in part if each.identity[line] == word] for word in dict.fromkeys(words)]
+        if all(map(_are_alike, split)):
+            return split
     if _are_alike(part) and part[0].has_node:
         return [part]
     alike = "" if _are_alike(part) else "differ in length, sampling or unit, and that "
@@ -421,11 +409,8 @@ def _identities(part: Sequence[_Function]) -> tuple[str, ...]:
 
 def _are_alike(part: Sequence[_Function]) -> bool:
     """Tell whether functions may be blocks of one channel."""
-    kinds = {
-        (each.channel.values.shape, each.channel.step, each.channel.unit, each.channel.reference and each.channel.start)
-        for each in part
-    }
-    return len(kinds) == 1
+    channels = [each.channel for each in part]
+    return len({(own.values.shape, own.step, own.unit, own.reference and own.start) for own in channels}) == 1
 
 
 def _blocks(part: Sequence[_Function]) -> Channel:

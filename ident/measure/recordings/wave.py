@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from ident.errors import refusal
+from ident.errors import require
 from ident.measure.recordings.recording import Channel, Contents, damaged
 from ident.text import one_line
 
@@ -30,15 +30,9 @@ def read(path: Path, data: bytes) -> Contents:
             table = np.asarray(samples).reshape(len(samples), -1 if len(samples) else 1).T
     except Exception as error:  # scipy lets ValueError, struct and EOF errors, and its warnings, through
         damaged(path, KIND, error)
-    for got, wrong in (("no sample", not table.size), ("a sampling rate of 0 Hz", not rate)):
-        if wrong:
-            raise refusal(one_line(str(path)), got, "samples at a rate above 0 Hz", "export it again")
-    return tuple(Channel(str(i), _share(row)[None], "", 1 / rate) for i, row in enumerate(table, 1)), (), {}
-
-
-def _share(samples: np.ndarray) -> np.ndarray:
-    """Return samples as shares of full scale; floats are taken as they are."""
-    if samples.dtype.kind == "f":
-        return samples.astype(float)
-    middle = 128.0 if samples.dtype.kind == "u" else 0.0
-    return (samples - middle) / (-float(np.iinfo(samples.dtype).min) or 128.0)
+    for got, fine in (("no sample", table.size), ("a sampling rate of 0 Hz", rate)):
+        require(fine, one_line(str(path)), got, "samples at a rate above 0 Hz", "export it again")
+    if table.dtype.kind != "f":  # shares of full scale
+        middle = 128.0 if table.dtype.kind == "u" else 0.0
+        table = (table - middle) / (-float(np.iinfo(table.dtype).min) or 128.0)
+    return tuple(Channel(str(i), row[None].astype(float), "", 1 / rate) for i, row in enumerate(table, 1)), (), {}
