@@ -395,7 +395,7 @@ def main_joints(postures: Float[np.ndarray, "G joints"], gain: Float[np.ndarray,
 
 ALIKE = 0.9
 """Auto-MAC from which on two modes move alike where it is measured."""
-SEEN = 0.05
+MOVES = 0.05
 """Motion at the places below which a mode is not seen there, as a share of its largest one anywhere."""
 HIT = 0.1
 """The same below which a hit does not excite it."""
@@ -507,7 +507,7 @@ def auto_mac(moved: Float[np.ndarray, "K m"], places: Sequence[int]) -> Float[np
     """Return how alike modes move at some places; one for a mode that is hardly seen there."""
     own = moved[list(places)]
     length = np.linalg.norm(own, axis=0)
-    seen = length > SEEN * np.abs(moved).max(0)
+    seen = length > MOVES * np.abs(moved).max(0)
     unit = own / np.where(length > 0, length, 1.0)
     return np.where(seen & seen[:, None], (unit.T @ unit) ** 2, 1.0)
 

@@ -29,6 +29,7 @@ from ident.arm.modes import modes_about
 from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
 from ident.identify.damping import RATIO, Damping, Poles, damping_of
+from ident.identify.hypotheses import KINDS
 from ident.identify.mode_matching import FAR
 from ident.identify.predict import ArmModel, Matching, chains, mode_choice, picked, read, vector_of
 from ident.identify.problem import Posed, Ramp, check_values, pose, ramps_of, repeated, row_names
@@ -191,46 +192,13 @@ def _rows(
 # -------- Assumptions
 # What a fit of an arm assumes: rigid base and links, given masses, a servo that holds.
 
-ASSUMED = "assumed"
-DUMAS = f"{ASSUMED}; links are usually taken as much stiffer (Dumas et al., Robot. Comput. Integr. Manuf. 27, 2011)"
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of assumption of a fit.
-
-    Attributes:
-        plausible: an amount that an engineer would not be surprised at, as a share.
-        of: what it is a share of.
-        positive: whether it can't be negative.
-        origin: where that amount comes from.
-    """
-
-    plausible: float
-    of: str
-    positive: bool
-    origin: str
-
-
-KINDS = {
-    "base rocks": Kind(0.2, "joint 1's bending compliance", True, ASSUMED),
-    "base turns": Kind(0.2, "joint 1's torsional compliance", True, ASSUMED),
-    "link bends": Kind(0.1, "its joint's bending compliance", True, DUMAS),
-    "link twists": Kind(0.1, "its joint's bending compliance", True, DUMAS),
-    "mass": Kind(0.1, "the link's mass, inertia with it", False, ASSUMED),
-    "mass centre": Kind(0.02, "the link's length", False, ASSUMED),
-    "servo gives": Kind(0.05, "its joint's torsional compliance", True, ASSUMED),
-}
-"""All that is looked at. No published ratio of a base's stiffness to a first joint's was found: a base is taken to be
-five times as stiff as joint 1 at least, the softest with which rates were studied (tests/benchmarks/README.md)."""
-
 
 @dataclass(frozen=True)
 class Assumption:
     """One assumption of a fit.
 
     Attributes:
-        kind: one of `KINDS`.
+        kind: one of `hypotheses.KINDS`.
         joint: name of the joint whose link or servo it is; empty for the base.
         test: what the plausible amount would move, and whether the data ask for it.
     """

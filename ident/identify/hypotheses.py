@@ -1,4 +1,11 @@
-"""Hypotheses about what is otherwise than the arm file and the campaign say, as numbers that a search can move."""
+"""Hypotheses about what is otherwise than the arm file and the campaign say: their table, their limits, the search.
+
+`KINDS` is the one table of what may be wrong, each with what is plausible of it before the data; a fit's assumptions
+(`fit.assumptions`) and explanations (`explanations.explain`) are hypotheses of these kinds, or entry errors. All are
+scored alike, by minus twice the logarithm of their probability: the cost that data, priors and labels leave, and the
+square of the implausible amount. Causes of a vibration have no such cost, as the noise of a trace is not known: they
+are scored by the share of its energy that they leave (`ident.vibrate.hypotheses`).
+"""
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,6 +36,62 @@ from ident.inference.search import TO_THE_END, End, Way, descent, look, looks, s
 from ident.measure import Campaign
 from ident.programs import RUNS_ONCE, jit
 
+# -------- Kinds
+# What may be wrong, how much of it is plausible, and from which evidence on a hypothesis counts.
+
+CHANCE = 0.01
+"""Chance of a larger cost from which nothing is left to explain."""
+MARGIN = 2.0
+"""By how much a hypothesis must score below the data as they are to be listed: less is "not worth more than a bare
+mention" (Kass, Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 1995, section 3.2)."""
+SLIP = 2.6
+"""Standard deviations that an entry error counts as, one in a hundred campaigns; assumed."""
+ASSUMED = "assumed"
+DUMAS = f"{ASSUMED}; links are usually taken as much stiffer (Dumas et al., Robot. Comput. Integr. Manuf. 27, 2011)"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of hypothesis.
+
+    Attributes:
+        plausible: standard deviation of its amount before the data: of ln(factor), or of a share.
+        of: what it is a factor, or a share, of.
+        factor: whether it is a factor, exp(amount); else the amount is a share.
+        positive: whether it can't be negative.
+        origin: where the plausible amount comes from.
+    """
+
+    plausible: float
+    of: str
+    factor: bool = False
+    positive: bool = False
+    origin: str = ASSUMED
+
+
+KINDS = {
+    "base rocks": Kind(0.2, "joint 1's bending compliance", positive=True),
+    "base turns": Kind(0.2, "joint 1's torsional compliance", positive=True),
+    "link bends": Kind(0.1, "its joint's bending compliance", positive=True, origin=DUMAS),
+    "link twists": Kind(0.1, "its joint's bending compliance", positive=True, origin=DUMAS),
+    "mass": Kind(0.1, "the link's mass, inertia with it", factor=True),
+    "mass centre": Kind(0.02, "the link's length"),
+    "servo gives": Kind(0.05, "its joint's torsional compliance", positive=True),
+    "payload": Kind(0.05, "the payload's mass", factor=True),
+    "length": Kind(0.01, "the link's length", factor=True),
+    "loads": Kind(0.02, "all masses, forces and moments that were hung on", factor=True),
+    "scale": Kind(0.02, "all values of a kind, as of a gauge", factor=True),
+    "clock": Kind(0.005, "all frequencies", factor=True),
+    "spring": Kind(0.1, "the torque at the largest load of all that were measured", positive=True),
+}
+"""No published ratio of a base's stiffness to a first joint's was found: a base is taken to be five times as stiff as
+joint 1 at least, the softest with which rates were studied (tests/benchmarks/README.md). What `spring` adds grows with
+the cube of the angle: the secant rises by its share, the tangent by three times it."""
+SOFT = ("base rocks", "base turns")
+RIGID = ("link bends", "link twists", "servo gives")
+"""Kinds that no search sets free: the score test of a fit estimates them (`fit.assumptions`)."""
+SCALES = ("scale", "clock")
+
 # -------- Alternatives
 # What might be otherwise than an arm file and a campaign say, as numbers that a search can move.
 
@@ -36,37 +99,6 @@ UNLOADED = 1e-3
 """Moment [N m] below which a bushing counts as unloaded, so that a curve of its spring shows nothing."""
 FIXED = 1e-6
 """Length [m] of a link that has none."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of number that may be otherwise.
-
-    Attributes:
-        plausible: its standard deviation before the data: of ln(factor), or of a share.
-        factor: whether it is a factor, exp(amount); else the amount is a share.
-        signed: whether it may be negative; nobody makes what would have to be.
-    """
-
-    plausible: float
-    factor: bool
-    signed: bool = True
-
-
-NUMBER_KINDS = {
-    "mass": Kind(0.1, factor=True),
-    "payload": Kind(0.05, factor=True),
-    "mass centre": Kind(0.02, factor=False),
-    "length": Kind(0.01, factor=True),
-    "loads": Kind(0.02, factor=True),
-    "scale": Kind(0.02, factor=True),
-    "clock": Kind(0.005, factor=True),
-    "spring": Kind(0.1, factor=False, signed=False),
-}
-"""All widths are assumed. `mass centre` is a share of its link's length; `scale` the common factor of all values of a
-kind, as of a gauge, for frequencies `clock`; and `spring` the share that the cube of the angle adds to the torque at
-the largest load of all that were measured: the secant rises by it, the tangent by three times it."""
-SCALES = ("scale", "clock")
 
 
 @dataclass(frozen=True)
@@ -259,8 +291,6 @@ STEPS = 60
 """Looks of a search, at most: what has not ended by then has found no explanation."""
 TOGETHER = 2
 """Perturbations that are at work together at most."""
-LIKELY = 0.01
-"""Chance of a larger cost from which nothing is left to explain."""
 
 
 @dataclass(frozen=True)
@@ -404,7 +434,7 @@ class Hypotheses:
         amounts, sd = end.theta[self.unknowns :], np.sqrt(np.diag(covariance)[self.unknowns :])
         residuals, slope = self._weigh(end, np.inf * widths)
         cost = float((residuals**2).sum())
-        likely = self.chance(cost, len(perturbations)) >= LIKELY
+        likely = self.chance(cost, len(perturbations)) >= CHANCE
         fits = bool(likely and end.choice.settled and agrees(self.problem, residuals, slope))
         label_cost, theta = float(np.sum(end.choice.cost)), way @ end.theta
         both = tuple(amounts.tolist()), tuple(sd.tolist())
@@ -498,7 +528,7 @@ class Hypotheses:
 
     def _widths(self, way: np.ndarray) -> Float[np.ndarray, "perturbations"]:
         """Return the plausible width of each perturbation, that of a wrong value in its sigmas."""
-        own = [NUMBER_KINDS[number.kind].plausible for number in self.numbers]
+        own = [KINDS[number.kind].plausible for number in self.numbers]
         moved = way[self.unknowns :, self.unknowns :].T > 0
         return np.array([own[int(np.argmax(each))] if each.any() else STEP_OFF for each in moved])
 

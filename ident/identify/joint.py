@@ -42,7 +42,7 @@ APART = 6
 """Widths of the filter between two samples whose noise has nothing in common."""
 PARALLEL = 1e9
 """Condition number of the scaled normal equations from which on a log can't tell its columns apart."""
-CHANCE = 0.01
+CONTRADICTS = 0.01
 """Probability of a difference between logs below which they contradict each other."""
 LEFT_OUT = {"delay": ("speed",), "friction": ("sign",), "encoder error": ("sine", "cosine")}
 """Columns that make each effect."""
@@ -130,7 +130,7 @@ class JointTwist:
         errors = np.array([one.high - one.low for one in each]) / 2 / student.ppf(0.975, BLOCKS - 1)
         weights, values = errors**-2.0, np.array([one.value for one in each])
         spread = float((weights * (values - weights @ values / weights.sum()) ** 2).sum())
-        return float(fisher.sf(spread / (len(each) - 1), len(each) - 1, BLOCKS - 1)) < CHANCE
+        return float(fisher.sf(spread / (len(each) - 1), len(each) - 1, BLOCKS - 1)) < CONTRADICTS
 
     def told(self, quantity: str) -> bool:
         """Whether the logs tell a quantity: its interval is narrow enough, and they agree on the stiffness.

@@ -11,17 +11,10 @@ In a band about the peak a trace x becomes complex samples that are about indepe
     z_n = sum over t of h(t_n - t) x(t) exp(-2 pi i f t),    h a low pass.
 
 A set S of causes leaves the share u_k(S) of the energy of trace k, by least squares in which clock, stiffness, damping
-and tilt may move as far as they are known. Its evidence is Schwarz's, with p columns and frequencies, n numbers, of
-which n_k are of trace k:
-
-    -1/2 sum over k of n_k ln(u_k + MISFIT^2) - p/2 ln n
-
-This form needs no level of noise, and a cause that only mends what the model errs by gains little. What a set predicts
-of blocks that were left out is scored alike, without p. All sets compete. A peak's cause is the one with the largest
-share in its set, if both evidence and prediction say so.
-
-References:
-    Schwarz, "Estimating the dimension of a model", Ann. Statist. 6(2), 1978.
+and tilt may move as far as they are known. Its evidence is its score (`ident.vibrate.hypotheses`) less p/2 ln n, with p
+columns and frequencies and n numbers in all. What a set predicts of blocks that were left out is scored alike, without
+p. All sets compete. A peak's cause is the one with the largest share in its set, if both evidence and prediction say
+so.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,6 +33,7 @@ from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders
 from ident.arm.parts import ORDER_MAX, ErrorOrder
 from ident.errors import refusal
 from ident.text import quoted
+from ident.vibrate.hypotheses import PEAK, probability, score
 from ident.vibrate.source_identification import RIDGE, further_run, whitened
 from ident.vibrate.source_problem import Channel, Place, SourceProblem
 from ident.vibrate.sources import Response, Run, path_of
@@ -50,8 +44,6 @@ WIDTH = 0.15
 """Half the band about a peak, as a share of its frequency: two peaks nearer than that are one; assumed."""
 LENGTH = 3.0
 """Length of the low pass, in periods of half the band: it lets through 3 % a quarter of the band beyond its edges."""
-MISFIT = 0.05
-"""Share of an amplitude to which the model of a cause is right; assumed."""
 FINE = 8
 """Frequencies of a line that are tried in each resolved step, one over the length of the longest trace."""
 DAMPING = (0.002, 0.006, 0.02)
@@ -63,12 +55,8 @@ WIDER = 3.0
 """By which standard deviations of clock, stiffness, damping and tilt are widened: an unknown cause was fitted along."""
 BLOCKS, FOLDS = 8, 4
 """Blocks of each trace, which are left out in so many turns."""
-SURE = 0.95
-"""Least probability of a cause that can be told; assumed."""
 NEEDED = 3.0
 """Score [nat] by which a further run must set rivals apart: odds of 20."""
-SEEN = 0.2
-"""Share of the energy in the band, noise included, that a set must explain, and predict, to count; assumed."""
 MOST = 0.5
 """Share of what its set explains that a cause must make itself to be the peak's; assumed."""
 
@@ -154,13 +142,13 @@ class Causes:
     @property
     def explained(self) -> bool:
         """Whether some set of them explains the peak, and predicts blocks that were left out."""
-        return self.left < 1 - SEEN and max(cause.predicted for cause in self.causes) >= SEEN
+        return self.left < 1 - PEAK.seen and max(cause.predicted for cause in self.causes) >= PEAK.seen
 
     @property
     def told(self) -> bool:
         """Whether the first is told from the others, by evidence and by prediction, and makes most of the peak."""
         first = self.causes[0]
-        return self.explained and first.share >= MOST * first.explained and first.probability >= SURE
+        return self.explained and first.share >= MOST * first.explained and first.probability >= PEAK.sure
 
 
 def check_peak(problem: SourceProblem, peak: float | None, teeth: Mapping[str, float]) -> None:
@@ -421,7 +409,7 @@ class _Contest:
             left = values - every @ _solved(every, values)
             rms = [(np.std(left[trace == k]), np.std(values[trace == k])) for k in range(len(sizes))]
             if again:
-                noise = noise * np.array([np.hypot(own, MISFIT * size) for own, size in rms])
+                noise = noise * np.array([np.hypot(own, PEAK.misfit * size) for own, size in rms])
         of_source = np.repeat(np.tile(kinds, place.parts.shape[0]), 2)
         causes = {kind: {(np.nan, np.nan): sources[:, of_source == kind]} for kind in CAUSES[:3] if kind in kinds}
         causes |= {"finger": fingers, "line": lines}
@@ -459,8 +447,7 @@ class _Contest:
         return np.asarray(left / np.maximum(energy, 1e-300))
 
     def _score(self, left: np.ndarray) -> float:
-        count = np.bincount(self.trace[self.trace >= 0])
-        return float(-(count * np.log(left + MISFIT**2)).sum() / 2)
+        return score(left, np.bincount(self.trace[self.trace >= 0]), PEAK)
 
     def _explained(self, left: np.ndarray) -> float:
         """Return the share of the energy that is not left, of all traces together."""
@@ -493,21 +480,16 @@ class _Contest:
         every = {chosen: self.shares(chosen) for chosen in self.sets if chosen}
         largest = {chosen: max(own, key=lambda kind: own[kind]) for chosen, own in every.items()}
         scores = {chosen: (self.evidence(chosen), self._score(self.sets[chosen].unseen)) for chosen in largest}
-        top = [max(each[k] for each in scores.values()) for k in (0, 1)]
         causes, sets = list[Cause](), dict[str, frozenset[str]]()
         for kind in self.causes:
-            own = [chosen for chosen in scores if largest[chosen] == kind]
+            own, others = ([s for s in scores if (largest[s] == kind) is mine] for mine in (True, False))
             if not own:
                 continue
             best = sets[kind] = max(own, key=lambda chosen: scores[chosen])
-            odds = [
-                sum(np.exp(scores[s][k] - top[k]) for s in own)
-                / sum(np.exp(each[k] - top[k]) for each in scores.values())
-                for k in (0, 1)
-            ]
+            odds = [probability(*([scores[s][k] for s in part] for part in (own, others))) for k in (0, 1)]
             shown = [self._explained(part) for part in (self.sets[best].left, self.sets[best].unseen)]
             source, frequency = self._strongest(kind, best), self.sets[best].how[kind][0]
-            causes.append(Cause(kind, source, frequency, every[best][kind], *shown, *map(float, odds)))
+            causes.append(Cause(kind, source, frequency, every[best][kind], *shown, *odds))
         causes.sort(key=lambda cause: (-cause.evidence, -cause.held_out, -cause.predicted))
         band = (peak * (1 - WIDTH), peak * (1 + WIDTH))
         result = Causes(peak, band, tuple(causes), untested, 1 - max(cause.explained for cause in causes), 0.0)
@@ -564,7 +546,7 @@ class _Contest:
             off = whole - other
             if free.size:
                 off = off - free @ _solved(free, off)
-            noise = self.noise[number] ** 2 * len(off) + MISFIT**2 * float(whole @ whole)
+            noise = self.noise[number] ** 2 * len(off) + PEAK.misfit**2 * float(whole @ whole)
             score += len(off) / 2 * float(np.log1p(float(off @ off) / noise))
         return score
 

@@ -59,7 +59,7 @@ RIDGE = 1e-13
 """Added to the unit diagonal of normal equations: their rounding."""
 BLOCK = 1.0
 """Length [s] of the blocks in which a source is tested: some periods of what excites."""
-CHANCE = 0.05
+SCATTERS = 0.05
 """Probability above which a spread of blocks counts as chance."""
 FAINT = 0.02
 """Share of a source's information below which a block tells nothing of it."""
@@ -543,7 +543,7 @@ def _consistency(problem: SourceProblem, parts: Whitened, place: Place) -> Float
             for _, information, score in blocks
             if np.trace(information) > FAINT * whole and np.linalg.cond(information) < 1e6
         ]
-        if chi2.sf(sum(telling), 2 * len(telling)) < CHANCE:
+        if chi2.sf(sum(telling), 2 * len(telling)) < SCATTERS:
             found[k] = float(np.mean(telling)) / 2
     return found
 

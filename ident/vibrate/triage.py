@@ -12,8 +12,9 @@ constant. With phi = 2 pi int f dt it explains Re(sum over j of c_j w_j(t) exp(i
   from outside alike, from where the energy rises at once and the command does not jump;
 - of a mode that something else rings, a second apart; of a line, four seconds apart, as it is there all the time.
 
-Least squares on the whitened trace leave a share u of its energy, less noise. A set of hypotheses has the score
--T / (2 FREE) ln(u + MISFIT^2) - COST each; scores of the sets with a rival in its place give a hypothesis' probability.
+Least squares on the whitened trace leave a share u of its energy, less noise. A set of hypotheses is scored by it
+(`ident.vibrate.hypotheses`), a trace of T seconds counting as T / FREE independent numbers, less `COST` each; scores of
+the sets with a rival in its place give a hypothesis' probability.
 No phase is compared with a model's: clock offset and phases of drives don't matter.
 
 References:
@@ -30,10 +31,12 @@ from jaxtyping import Float
 from scipy.ndimage import median_filter
 from scipy.signal import ShortTimeFFT, decimate, find_peaks, hilbert
 from scipy.sparse import csr_array, diags_array, hstack
+from scipy.special import logit
 
 from ident.arm.arm import Arm, nominal
 from ident.arm.chain import Loads
 from ident.vibrate.branches import Branches, branches
+from ident.vibrate.hypotheses import COST, TRACKS, probability, score
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import runs
 from ident.vibrate.spectra import samples
@@ -64,12 +67,6 @@ JUMP = 0.3
 """Share of the largest acceleration that is a jump, within half a period of the lowest mode; assumed."""
 RIDGE = 3e-3
 """Keeps columns that nearly coincide, each of norm 1, from growing against each other."""
-MISFIT = 0.15
-"""Share of an amplitude to which a smooth envelope about a model's track is right; assumed."""
-COST = 4.0
-"""Score that a further hypothesis must gain: odds of 50; assumed."""
-SEEN, SURE = 0.05, 0.9
-"""Least share of the energy that makes a finding, and least probability of one that can be told; assumed."""
 OFTEN = 0.25
 """Quantile over time of a spectrum: what sweeps through, or is there for less than three quarters, is no line."""
 HEIGHT, LINES = 4.0, 3
@@ -166,7 +163,7 @@ class Finding:
     @property
     def told(self) -> bool:
         """Whether it can be told from its rivals."""
-        return self.probability >= SURE
+        return self.probability >= TRACKS.sure
 
 
 @dataclass(frozen=True)
@@ -218,14 +215,14 @@ def triage(arm: Arm, traces: Sequence[MovingTrace], *, orders: Sequence[int] = O
     chosen = fit.seen(fit.search()) if loud else ()
     for _ in range(FURTHER if loud else 0):
         others = [h for h in chosen if not fit.hypotheses[h].drives]
-        if fit.left(others).mean() < SEEN or not (further := _further(fit, others)):
+        if fit.left(others).mean() < TRACKS.seen or not (further := _further(fit, others)):
             break
         fit = fit.extended(along, further)
         chosen = fit.seen(fit.search(chosen))
     shares, left = fit.shares(chosen), fit.left(chosen)
     findings = [_finding(fit, along, chosen, h, shares[:, i]) for i, h in enumerate(chosen)]
     findings.sort(key=lambda finding: -finding.share)
-    if loud and left.mean() >= SEEN:
+    if loud and left.mean() >= TRACKS.seen:
         findings.append(_unexplained(fit, chosen, left))
     labels = tuple(
         tuple(a.label(k, float(r.time[-1])) for k in range(len(a.natural))) for a, r in zip(along, records, strict=True)
@@ -572,12 +569,9 @@ class _Fit:
     def score(self, chosen: Sequence[int]) -> float:
         """Return the score of a set."""
         length = np.array([s.record.step * len(s.record.time) for s in self.systems])
-        misfit = (length / (2 * FREE) * np.log(self.left(chosen) + MISFIT**2)).sum()
-        return float(-misfit - COST * sum(map(self.price, chosen)))
-
-    def price(self, h: int) -> float:
-        """Return how many hypotheses one counts as: a track that was searched for, and kicks, could be anywhere."""
-        return 2.0 if self.hypotheses[h].kind in ("unexplained", "kicks") else 1.0
+        # a track that was searched for, and kicks, could be anywhere: each counts as two hypotheses
+        count = sum(1 + (self.hypotheses[h].kind in ("unexplained", "kicks")) for h in chosen)
+        return score(self.left(chosen), length / FREE, TRACKS) - COST * count
 
     def search(self, best: tuple[int, ...] = ()) -> tuple[int, ...]:
         """Return the best set that adding, leaving out or exchanging one hypothesis at a time finds, from one on."""
@@ -607,18 +601,17 @@ class _Fit:
     def seen(self, chosen: tuple[int, ...]) -> tuple[int, ...]:
         """Leave out, one by one, what has no share or is hardly needed beside the rest."""
         rests = [tuple(k for k in chosen if k != h) for h in chosen]
-        needed = np.array([self.score(chosen) - self.score(rest) for rest in rests]) > np.log(SURE / (1 - SURE))
-        doubtful = np.flatnonzero(~needed | (self.shares(chosen).mean(0) < SEEN))
+        needed = np.array([self.score(chosen) - self.score(rest) for rest in rests]) > logit(TRACKS.sure)
+        doubtful = np.flatnonzero(~needed | (self.shares(chosen).mean(0) < TRACKS.seen))
         return self.seen(max((rests[i] for i in doubtful), key=self.score)) if len(doubtful) else chosen
 
     def odds(self, chosen: tuple[int, ...], h: int) -> tuple[float, Hypothesis | None]:
         """Return the probability of one of a set, and what most likely is in its place, None for nothing."""
         rest = tuple(k for k in chosen if k != h)
         rivals = [None, *(k for k in range(len(self.hypotheses)) if k not in chosen)]
-        scores = np.array([self.score(rest if k is None else (*rest, k)) for k in rivals])
-        likely = rivals[int(scores.argmax())]
-        other = np.exp(np.minimum(scores - self.score(chosen), 50)).sum()
-        return float(1 / (1 + other)), None if likely is None else self.hypotheses[likely]
+        scores = [self.score(rest if k is None else (*rest, k)) for k in rivals]
+        likely = rivals[int(np.argmax(scores))]
+        return probability([self.score(chosen)], scores), None if likely is None else self.hypotheses[likely]
 
 
 # -------- Findings
@@ -647,9 +640,9 @@ def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int
         mode = int(of_mode[n].argmax())
         number = next(i for i, other in enumerate(fit.hypotheses) if other.kind == "mode" and other.mode == mode)
     tracks = fit.hypotheses[number].frequency
-    probability, rival = fit.odds(chosen, h)
+    likely, rival = fit.odds(chosen, h)
     if not _moves(fit, each, tracks, waves):
-        probability = min(probability, 0.5)
+        likely = min(likely, 0.5)
     track = tracks[n][size > 0.5 * size[strongest]]
     follow: dict[str, Next] = {"drive": "source", "mode": "profile", "kicks": "kicks", "line": "standstill"}
     return Finding(
@@ -658,14 +651,14 @@ def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int
         tuple(dict.fromkeys(along[n].label(k, float(time[strongest])) for k in ranked)),
         by_command,
         float(shares.mean()),
-        probability,
+        likely,
         rival,
         number,
         n,
         (float(track.min()), float(track.max())),
         float(time[strongest]),
         float(size[strongest]),
-        follow.get(each.kind, "modes") if probability >= SURE else "speed",
+        follow.get(each.kind, "modes") if likely >= TRACKS.sure else "speed",
     )
 
 
