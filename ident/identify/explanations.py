@@ -6,7 +6,7 @@ pairs are tried.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, product
@@ -39,6 +39,7 @@ from ident.identify.unknowns import Unknowns, without_damping
 from ident.inference.information import SUSPICIOUS
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
 from ident.measure.load import AXES
+from ident.programs import Progress
 
 # -------- Discriminating measurements
 # Which measurement would tell explanations apart: what each of them predicts, and how surely.
@@ -226,12 +227,7 @@ class Explanations:
         return tuple(item for item in self.items if item.fits)
 
 
-def explain(
-    fit: CampaignFit,
-    unknowns: Unknowns | None = None,
-    *,
-    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
-) -> Explanations | None:
+def explain(fit: CampaignFit, unknowns: Unknowns | None = None, *, progress: Progress = iter) -> Explanations | None:
     """Rank what would reconcile a campaign that is in doubt.
 
     Args:

@@ -7,7 +7,7 @@ square of the implausible amount. Causes of a vibration have no such cost, as th
 are scored by the share of its energy that they leave (`ident.vibrate.hypotheses`).
 """
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -20,12 +20,10 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.hinges import end_of
-from ident.arm.mechanics import equilibrium
 from ident.arm.parts import DIRECTIONS, STIFFNESS_OF, Body, CubicSpring, Joint
-from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
 from ident.identify.padding import padded
-from ident.identify.predict import ArmModel, chains
+from ident.identify.predict import ArmModel, bushing_moments
 from ident.identify.problem import Posed
 from ident.identify.unknowns import LOAD, is_loaded, scaled_loads
 from ident.inference.fit import agrees
@@ -181,7 +179,10 @@ def altered_numbers(
         if joint.link and np.linalg.norm(end_of(arm, place)) > FIXED:
             if not any(f"{body.name}.com." in path for body in joint.link for path in taken):
                 yield Number("mass centre", joint.name)
-            if not any(f"{name}.{what}." in path for name, what in _lengths(arm, place) for path in taken):
+            # what makes its length: the next bushing's offset, or the points at the arm's end
+            ends = [f"{point.name}.position." for point in arm.points if point.joint == joint.name]
+            ends = [f"{arm.joints[place + 1].name}.offset."] if place + 1 < len(arm.joints) else ends
+            if not any(end in path for end in ends for path in taken):
                 yield Number("length", joint.name)
     for payload in arm.payloads:
         if f"{payload.body.name}.mass" not in taken:
@@ -200,23 +201,7 @@ def altered_numbers(
 @partial(jit, options=RUNS_ONCE)
 def largest_moments(model: ArmModel, parameters: Mapping[str, Any]) -> Float[AnyArray, "N 2"]:
     """Return the largest bending and torsional moment [N m] on each bushing among the states of a campaign."""
-    arm, conditions = model.applied(parameters)
-    chain = chains(arm, conditions)
-    phi = equilibrium(chain)
-    moment = matvec(chain.stiffness, phi)
-    moment = moment if chain.curved is None else moment + chain.curved.torque(phi)
-    own_axes = matvec(transpose(chain.frame), moment)
-    axis = jnp.stack([joint.axis for joint in arm.joints], 1)[:, :, None]
-    along = (axis * own_axes).sum(0)
-    across = jnp.sqrt(((own_axes - axis * along) ** 2).sum(0))
-    return jnp.stack([across.max(1), jnp.abs(along).max(1)], 1)
-
-
-def _lengths(arm: Arm, place: int) -> list[tuple[str, str]]:
-    """Return what makes the length of a link: the next bushing's offset, or the points at the arm's end."""
-    if place + 1 < len(arm.joints):
-        return [(arm.joints[place + 1].name, "offset")]
-    return [(point.name, "position") for point in arm.points if point.joint == arm.joints[place].name]
+    return bushing_moments(*model.applied(parameters)).max(2).T
 
 
 def _rebuilt(arm: Arm, amounts: Mapping[str, Mapping[str, Any]]) -> Arm:
@@ -248,33 +233,6 @@ def _rebuilt(arm: Arm, amounts: Mapping[str, Mapping[str, Any]]) -> Arm:
     )
     payloads = tuple(eqx.tree_at(lambda p: p.body, each, body(each.body, 0.0)) for each in arm.payloads)
     return eqx.tree_at(lambda a: (a.joints, a.points, a.payloads), arm, (tuple(joints), points, payloads))
-
-
-def calibrated(
-    numbers: Sequence[Number],
-    theta: Float[np.ndarray, "Q"],
-    kinds: Sequence[str],
-    predicted: Float[np.ndarray, "D"],
-    slopes: Float[np.ndarray, "D p"],
-    directions: Float[np.ndarray, "Q p"],
-) -> tuple[Float[np.ndarray, "D"], Float[np.ndarray, "D p"]]:
-    """Return predictions and their slopes as gauges read them whose calibration is off.
-
-    Args:
-        numbers: the last ones of theta.
-        theta: the unknowns, then all numbers.
-        kinds: of each value.
-        predicted: as the model has them.
-        slopes: along some directions.
-        directions: of theta.
-    """
-    for place, number in enumerate(numbers, len(theta) - len(numbers)):
-        if number.kind in SCALES:
-            own = np.array(kinds) == number.of
-            factor = np.where(own, np.exp(theta[place]), 1.0)
-            predicted = predicted * factor
-            slopes = slopes * factor[:, None] + np.outer(np.where(own, predicted, 0.0), directions[place])
-    return predicted, slopes
 
 
 # -------- Perturbations
@@ -356,7 +314,7 @@ class Perturbed:
         problem = InverseProblem(model, np.ones(count), np.full(count, np.inf), own.problem.parameters, kinds)
         whole = problem.in_parts()
         ((predicted, slopes, _),) = looks(whole, [Way(self.theta, own.filled(self.way), whole.first_matching)], 1)
-        predicted, slopes = calibrated(own.numbers, self.theta, kinds, predicted, slopes, own.filled(self.way))
+        predicted, slopes = own.calibrated(kinds, self.theta, own.filled(self.way), predicted, slopes)
         slopes = slopes[:, : len(self.covariance)]
         variance = np.einsum("ip,pq,iq->i", slopes, self.covariance, slopes)
         return predicted, np.sqrt(np.maximum(variance, 0.0))
@@ -387,10 +345,7 @@ class Hypotheses:
         return int(np.isfinite(np.asarray(self.problem.sigma)).sum()) + proper - seen
 
     def search(
-        self,
-        sets: Sequence[Sequence[Perturbation]] = ((),),
-        ridges: Sequence[float] = RIDGES,
-        ended: Callable[[], Any] = bool,
+        self, sets: Sequence[Sequence[Perturbation]] = ((),), ridges: Sequence[float] = RIDGES, ended: Any = bool
     ) -> list[Perturbed | None]:
         """Return the optimum with each set of perturbations at work; None where the model has no answer.
 
@@ -469,7 +424,7 @@ class Hypotheses:
         parts = [every[:, i : i + size] for i in range(0, len(theta), size)]
         each = looks(self._parts, [Way(theta, self.filled(part), held) for part in parts])
         predicted, slopes = each[0][0], np.hstack([along for _, along, _ in each])[:, : len(theta)]
-        predicted, slopes = calibrated(self.numbers, theta, self.problem.kinds, predicted, slopes, every)
+        predicted, slopes = self.calibrated(self.problem.kinds, theta, every, predicted, slopes)
         return replace(self, start=End(theta, np.nan, np.full(len(theta), np.nan), predicted, slopes, each[0][2]))
 
     def filled(self, way: Float[np.ndarray, "Q p"]) -> Float[np.ndarray, "Q most"]:
@@ -497,13 +452,25 @@ class Hypotheses:
         found, sigma = list[End](), np.asarray(self.problem.sigma)
         for ask, way, (predicted, slopes, choice) in zip(asked, ways, looks(self._parts, ways), strict=True):
             both = predicted, slopes[:, : len(ask.x)]
-            predicted, slopes = calibrated(self.numbers, way.theta, self.problem.kinds, *both, ask.way)
+            predicted, slopes = self.calibrated(self.problem.kinds, way.theta, ask.way, *both)
             for i, perturbation in enumerate(ask.perturbations, self.unknowns):
                 if perturbation.row >= 0:
                     slopes[perturbation.row, i] = sigma[perturbation.row]
                     predicted = predicted + slopes[:, i] * ask.x[i]
             found.append(End(ask.x, np.nan, np.full(len(ask.x), np.nan), predicted, slopes, choice))
         return found
+
+    def calibrated(
+        self, kinds: Sequence[str], theta: np.ndarray, way: np.ndarray, predicted: np.ndarray, slopes: np.ndarray
+    ) -> tuple[Float[np.ndarray, "D"], Float[np.ndarray, "D p"]]:
+        """Return predictions (D,) of these kinds and slopes (D, p) along a way, as gauges that are off have them."""
+        for place, number in enumerate(self.numbers, self.unknowns):
+            if number.kind in SCALES:
+                own = np.array(kinds) == number.of
+                factor = np.where(own, np.exp(theta[place]), 1.0)
+                predicted = predicted * factor
+                slopes = slopes * factor[:, None] + np.outer(np.where(own, predicted, 0.0), way[place])
+        return predicted, slopes
 
     @cached_property
     def _parts(self) -> InParts:

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Num
 from scipy.special import expit
 
 COST = 4.0
@@ -45,7 +45,7 @@ PEAK = Limits(misfit=0.05, seen=0.2, sure=0.95)
 """Of the causes of a peak, whose models predict amplitude and phase: the verdict names one of them; assumed."""
 
 
-def score(left: Float[np.ndarray, "C"], count: Float[np.ndarray, "C"], limits: Limits) -> float:
+def score(left: Float[np.ndarray, "C"], count: Num[np.ndarray, "C"], limits: Limits) -> float:
     """Return the score [nat] of a set before its price.
 
     Args:

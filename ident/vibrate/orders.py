@@ -10,14 +10,7 @@ from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
 from scipy.signal import ShortTimeFFT, get_window
 
 from ident.errors import Problem, refusal, refuse
-from ident.vibrate.spectra import (
-    SHORTEST,
-    Samples,
-    averaging_words,
-    noise_bandwidth,
-    samples,
-    window_samples,
-)
+from ident.vibrate.spectra import SHORTEST, Samples, averaging_words, noise_bandwidth, samples, window_samples
 
 TURNING = 0.05
 """Share of the fastest turning rate below which the pulley counts as at rest; assumed."""
@@ -117,17 +110,12 @@ def _blocks(
         steps = revolutions * int(np.ceil(trace.rate / slowest))
         at = start + span * np.arange(steps) / steps
         highest = FAITHFUL * trace.rate / 2 / fastest
-        amplitude = _amplitudes(curve(when(at)), at, orders)
+        weights, shown = get_window("hann", steps) / (steps / 2), curve(when(at))
+        waves = weights * np.exp(-1j * orders[:, None] * at)
+        amplitude = 2 * np.abs(np.tensordot(waves, shown - np.tensordot(weights, shown, 1), 1))
         amplitude[orders > highest] = np.nan
         begin, middle, end = when([start, start + span / 2, start + span])
         yield amplitude, float(middle), revolutions / float(end - begin), float(highest)
-
-
-def _amplitudes(values: np.ndarray, angle: np.ndarray, orders: np.ndarray) -> np.ndarray:
-    """Return the amplitudes (O, ...) of orders in values (N, ...) at uniform angles (N,)."""
-    weights = get_window("hann", len(angle)) / (len(angle) / 2)
-    waves = weights * np.exp(-1j * orders[:, None] * angle)
-    return 2 * np.abs(np.tensordot(waves, values - np.tensordot(weights, values, 1), 1))
 
 
 def _order_problems(orders: Sequence[float], revolutions: int) -> Iterator[Problem]:

@@ -136,7 +136,6 @@ class Finding:
         by_command: whether a mode rings from jumps of the commanded acceleration on.
         share: () [-] of the energy of vibration, where each frequency counts by its noise; the mean over the traces.
         probability: () [-] that it is this and none of its rivals; 1 of what follows nothing.
-        rival: what else it most likely is; None for nothing.
         track: number of the hypothesis whose track it follows most; None of what follows nothing.
         trace: number of the trace of which it has the largest share.
         frequency: [Hz] lowest and highest there, while above half of its largest amplitude.
@@ -152,7 +151,6 @@ class Finding:
     by_command: bool
     share: float
     probability: float
-    rival: Hypothesis | None
     track: int | None
     trace: int
     frequency: tuple[float, float]
@@ -401,7 +399,8 @@ def _lines(records: Sequence[_Record]) -> Iterator[Hypothesis]:
             exact = float(fine[about[whole[about].argmax()]])
             if all(abs(exact - other) > 1 / STEADY for other in found):
                 found.append(exact)
-    yield from (Hypothesis("line", (), None, tuple(np.full(len(r.time), f) for r in records)) for f in found)
+    for f in found:
+        yield Hypothesis("line", (), None, tuple(np.full(len(r.time), f) for r in records))
 
 
 # -------- Least squares
@@ -447,19 +446,6 @@ class _System(NamedTuple):
         return np.asarray(self.record.white - self.matrix[:, at] @ self.solve(at)[0])
 
 
-def _scatter(record: _Record, left: np.ndarray, taken: float) -> float:
-    """Return the energy of a sample's noise: what is left is narrow, so that the median over the band is noise's.
-
-    Args:
-        record: the trace.
-        left: (T,) of it by columns.
-        taken: share of the noise that they take, out of the median, too.
-    """
-    power, at = _power(left, record.step, TRACK, 2)
-    inside = power[(at > record.band[0]) & (at < record.band[1])]
-    return float(np.quantile(inside, (1 + min(taken, 0.8)) / 2, axis=0).mean() / np.log(2))
-
-
 def _system(record: _Record, along: _Along, hypotheses: Sequence[Hypothesis], n: int) -> _System:
     """Set up the normal equations of trace n."""
     parts, owner, mode = [], list[int](), list[int]()
@@ -476,7 +462,12 @@ def _system(record: _Record, along: _Along, hypotheses: Sequence[Hypothesis], n:
     matrix = csr_array(matrix[:, used] @ diags_array(1 / size[used]))
     gram, moment = (matrix.T @ matrix).toarray(), matrix.T @ record.white
     system = _System(record, matrix, np.array(owner)[used], np.array(mode)[used], gram, moment)
-    return system._replace(scatter=_scatter(record, system.left(np.arange(len(used))), len(used) / system.noise))
+    # energy of a sample's noise: what is left is narrow, so that the median over the band is noise's; the columns take
+    # their share of the noise out of it, too
+    power, at = _power(system.left(np.arange(len(used))), record.step, TRACK, 2)
+    inside, taken = power[(at > record.band[0]) & (at < record.band[1])], len(used) / system.noise
+    scatter = float(np.quantile(inside, (1 + min(taken, 0.8)) / 2, axis=0).mean() / np.log(2))
+    return system._replace(scatter=scatter)
 
 
 def _envelopes(
@@ -605,13 +596,11 @@ class _Fit:
         doubtful = np.flatnonzero(~needed | (self.shares(chosen).mean(0) < TRACKS.seen))
         return self.seen(max((rests[i] for i in doubtful), key=self.score)) if len(doubtful) else chosen
 
-    def odds(self, chosen: tuple[int, ...], h: int) -> tuple[float, Hypothesis | None]:
-        """Return the probability of one of a set, and what most likely is in its place, None for nothing."""
+    def probability(self, chosen: tuple[int, ...], h: int) -> float:
+        """Return the probability of one of a set, against every rival in its place and nothing there."""
         rest = tuple(k for k in chosen if k != h)
-        rivals = [None, *(k for k in range(len(self.hypotheses)) if k not in chosen)]
-        scores = [self.score(rest if k is None else (*rest, k)) for k in rivals]
-        likely = rivals[int(np.argmax(scores))]
-        return probability([self.score(chosen)], scores), None if likely is None else self.hypotheses[likely]
+        rivals = [rest, *((*rest, k) for k in range(len(self.hypotheses)) if k not in chosen)]
+        return probability([self.score(chosen)], [self.score(each) for each in rivals])
 
 
 # -------- Findings
@@ -640,9 +629,7 @@ def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int
         mode = int(of_mode[n].argmax())
         number = next(i for i, other in enumerate(fit.hypotheses) if other.kind == "mode" and other.mode == mode)
     tracks = fit.hypotheses[number].frequency
-    likely, rival = fit.odds(chosen, h)
-    if not _moves(fit, each, tracks, waves):
-        likely = min(likely, 0.5)
+    likely = min(fit.probability(chosen, h), 1.0 if _moves(fit, each, tracks, waves) else 0.5)
     track = tracks[n][size > 0.5 * size[strongest]]
     follow: dict[str, Next] = {"drive": "source", "mode": "profile", "kicks": "kicks", "line": "standstill"}
     return Finding(
@@ -652,7 +639,6 @@ def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int
         by_command,
         float(shares.mean()),
         likely,
-        rival,
         number,
         n,
         (float(track.min()), float(track.max())),
@@ -674,7 +660,7 @@ def _unexplained(fit: _Fit, chosen: Sequence[int], left: np.ndarray) -> Finding:
     size = float(np.sqrt(4 * record.step * (at[1] - at[0]) * over.max()))
     when = float(record.time[0] + (over.argmax() + 0.5) / len(over) * (record.time[-1] - record.time[0]))
     of_all = float(left.mean())
-    return Finding("unexplained", (), (), False, of_all, 1.0, None, None, n, (low, high), when, size, "modes")
+    return Finding("unexplained", (), (), False, of_all, 1.0, None, n, (low, high), when, size, "modes")
 
 
 def _moves(fit: _Fit, each: Hypothesis, tracks: Sequence[np.ndarray], waves: Sequence[np.ndarray]) -> bool:
