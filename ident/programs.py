@@ -390,6 +390,22 @@ def jit(f: F, options: Any = SMALL_KERNELS) -> F:
     return cast("F", call)
 
 
+def in_batches(f: Callable[[Any], Any], columns: Any, size: int, progress: Progress = iter) -> Any:
+    """Return what f gives for columns, so many at a time, the last one repeated: one program serves any number of them.
+
+    Args:
+        f: takes and returns trees of arrays (..., size), each column by itself.
+        columns: a tree of arrays (..., K).
+        size: columns at a time.
+        progress: wraps the numbers of the batches, to show a bar.
+    """
+    count, parts = jax.tree.leaves(columns)[0].shape[-1], []
+    for k in progress(range(-(-count // size))):
+        some = np.minimum(np.arange(k * size, (k + 1) * size), count - 1)
+        parts.append(jax.device_get(f(jax.tree.map(lambda x, some=some: x[..., some], columns))))
+    return jax.tree.map(lambda *each: np.concatenate(each, -1)[..., :count], *parts)
+
+
 def is_traced(leaves: list[Any]) -> bool:
     """Return whether any of these is traced, or a program is being: then what is newly made is a tracer, too."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) or isinstance(_made_now(), jax.core.Tracer)

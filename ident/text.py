@@ -4,12 +4,12 @@ import difflib
 import logging
 import shlex
 import stat
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from itertools import islice
 from os import PathLike
 from pathlib import Path
 
-from ident.errors import one_line, refusal
+from ident.errors import InputError, one_line, refusal
 
 LOG = logging.getLogger("ident")
 """Says what is read, compiled and written, where logging is switched on."""
@@ -70,6 +70,11 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
     """Return a remedy for an unknown name: the nearest known one, or else the other remedy."""
     near = nearest(name, known)
     return f"did you mean {near}?" if near else otherwise
+
+
+def no_such(where: str, name: str, known: Collection[str], otherwise: str, column: str = "") -> InputError:
+    """Return the error of an unknown name; its remedy is the nearest known one, or else the other remedy."""
+    return refusal(where, quoted(name), f"one of {', '.join(known)}", did_you_mean(name, known, otherwise), column)
 
 
 def which_file(path: str | PathLike[str], otherwise: str = "check the path") -> str:

@@ -26,7 +26,7 @@ from ident.inference.design import Experiments, fisher
 from ident.inference.parameters import Parameters
 from ident.inference.problem import Discrepant
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
-from ident.programs import jit
+from ident.programs import in_batches, jit
 
 # -------- Candidate predictions
 # What an arm would show at many postures and loads, for several sets of its numbers: values, Jacobians, shares.
@@ -79,8 +79,7 @@ class CandidatePredictions:
         """Return some of the postures, or what holds at some of the points."""
         g = slice(None) if postures is None else postures
         t = slice(None) if points is None else points
-        names = ("frequency", "deflection", "jacobian", "torsion", "vertical", "gap")
-        cut = {name: getattr(self, name)[..., g, :, :][..., t] for name in names}
+        cut = {name: x[..., g, :, :][..., t] for name, x in vars(self).items() if name != "postures"}
         return replace(self, postures=self.postures[g], **cut)
 
 
@@ -95,29 +94,21 @@ def candidate_predictions(
     """Compute what an arm would show under load cases, batch (L)."""
     shape = len(postures), loads.mass.shape[-1], len(points)
     count = min(modes, arm.degrees_of_freedom)
-    g, s, t = (index.ravel() for index in np.indices(shape))
-    size, seen = g.size, []
-    for first in range(0, size, CHUNK):
-        some = np.minimum(np.arange(first, first + CHUNK), size - 1)  # the last one repeated at the end
-        cases = jax.tree.map(partial(_columns, columns=s[some]), loads)
-        theta, posture = _columns(points.T, t[some]), _columns(postures.T, g[some])
-        seen.append(jax.device_get(_observe(arm, parameters, count, theta, posture, cases)))
-    value, jacobian = (np.concatenate(part, -1)[..., :size] for part in zip(*seen, strict=True))
+
+    def observed(at: Int[np.ndarray, "3 B"]) -> tuple[Array, Array]:
+        cases = jax.tree.map(partial(_columns, columns=at[1]), loads)
+        return _observe(arm, parameters, count, _columns(points.T, at[2]), _columns(postures.T, at[0]), cases)
+
+    value, jacobian = in_batches(observed, np.indices(shape).reshape(3, -1), CHUNK)
     value = value.reshape(-1, *shape)
     m = (value.shape[0] - 1) // 3
     frequency, down, torsion, vertical = np.split(value, [m, m + 1, 2 * m + 1])
     rows = [*range(count), m]
     apart, far = np.diff(frequency, axis=0), np.full_like(frequency[:1], np.inf)
     gap = np.minimum(np.concatenate([far, apart]), np.concatenate([apart, far])) / frequency
-    return CandidatePredictions(
-        postures,
-        frequency[:count],
-        down[0],
-        jacobian[rows].reshape(len(rows), -1, *shape),
-        torsion[:count],
-        vertical[:count],
-        gap[:count],
-    )
+    hertz, *shares = (x[:count] for x in (frequency, torsion, vertical, gap))
+    slopes = jacobian[rows].reshape(len(rows), -1, *shape)
+    return CandidatePredictions(postures, hertz, down[0], slopes, *shares)
 
 
 def distinct_predictions(
@@ -395,7 +386,7 @@ def main_joints(postures: Float[np.ndarray, "G joints"], gain: Float[np.ndarray,
 
 ALIKE = 0.9
 """Auto-MAC from which on two modes move alike where it is measured."""
-SEEN = 0.05
+MOVES = 0.05
 """Motion at the places below which a mode is not seen there, as a share of its largest one anywhere."""
 HIT = 0.1
 """The same below which a hit does not excite it."""
@@ -487,27 +478,17 @@ def hammer_plan(
     names = [f"{point.name} {axis}" for point in arm.points for axis in "xyz"]
     moved = np.moveaxis(np.asarray(known.modes.motion), 0, 1).reshape(len(names), -1)
     chosen = _sensors(moved, min(sensors, len(names)))
-    mac = auto_mac(moved, chosen)
-    frequency = np.asarray(known.modes.frequency)
-    close = coinciding(frequency, np.asarray(known.damping_ratio))
-    return HammerPlan(
-        posture,
-        load,
-        known.labels,
-        frequency,
-        tuple(names[i] for i in chosen),
-        tuple(names[i] for i in _hits(moved, two=bool(close))),
-        hits_needed(mac, noise),
-        mac,
-        close,
-    )
+    mac, hertz = auto_mac(moved, chosen), np.asarray(known.modes.frequency)
+    close = coinciding(hertz, np.asarray(known.damping_ratio))
+    places, hits = (tuple(names[i] for i in own) for own in (chosen, _hits(moved, two=bool(close))))
+    return HammerPlan(posture, load, known.labels, hertz, places, hits, hits_needed(mac, noise), mac, close)
 
 
 def auto_mac(moved: Float[np.ndarray, "K m"], places: Sequence[int]) -> Float[np.ndarray, "m m"]:
     """Return how alike modes move at some places; one for a mode that is hardly seen there."""
     own = moved[list(places)]
     length = np.linalg.norm(own, axis=0)
-    seen = length > SEEN * np.abs(moved).max(0)
+    seen = length > MOVES * np.abs(moved).max(0)
     unit = own / np.where(length > 0, length, 1.0)
     return np.where(seen & seen[:, None], (unit.T @ unit) ** 2, 1.0)
 

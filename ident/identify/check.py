@@ -7,15 +7,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from ident.arm.arm import Arm
-from ident.arm.mechanics import equilibrium
 from ident.arm.parts import DIRECTIONS, CubicSpring, Spring
-from ident.arm.rotations import matvec
 from ident.errors import refusal
-from ident.identify.conditions import Conditions
-from ident.identify.predict import chains
+from ident.identify.predict import bushing_moments
 from ident.identify.problem import (
     LabelDoubt,
     Posed,
@@ -32,7 +29,6 @@ from ident.inference.fit import CrossPrediction, contradicting, cross_prediction
 from ident.inference.identifiability import Check, Consistency, check, consistency
 from ident.inference.search import evaluate, solve
 from ident.measure import Campaign
-from ident.programs import jit
 
 if TYPE_CHECKING:
     from ident.identify.explanations import Explanations
@@ -91,7 +87,8 @@ def check_springs(posed: Posed, unknowns: Unknowns | None = None) -> tuple[Sprin
         return ()
     rows = (replace(m, value=float(value)) for m, value in zip(campaign, exact, strict=True))
     as_predicted = replace(campaign, measurements=tuple(rows))
-    sizes, readings = dict(zip(DIRECTIONS, map(np.asarray, _sizes(arm, conditions)), strict=True)), conditions.readings
+    sizes = dict(zip(DIRECTIONS, np.asarray(bushing_moments(arm, conditions)), strict=True))
+    readings = conditions.readings
     joints = [joint.name for joint in arm.joints]
     loads = {spring.name: sizes[spring.direction][joints.index(spring.joint)] for spring in arm.springs}
     vibrating = np.concatenate([conditions.named.states, conditions.unnamed.states])
@@ -124,15 +121,6 @@ def _cost(arm: Arm, spring: Spring | CubicSpring, exact: Campaign, unknowns: Unk
 
 def _ends(loads: Float[np.ndarray, "states"]) -> tuple[float, float]:
     return (float(loads.min()), float(loads.max())) if loads.size else (math.nan, math.nan)
-
-
-@jit
-def _sizes(arm: Arm, conditions: Conditions) -> tuple[Array, Array]:
-    """Return the load [N m] on each bushing in each state, across its axis and about it."""
-    chain = chains(arm, conditions)
-    phi, curved = equilibrium(chain), chain.curved
-    assert curved is not None
-    return curved.sizes(matvec(chain.stiffness, phi) + curved.torque(phi))
 
 
 # -------- Check

@@ -1,6 +1,6 @@
 """Two campaigns on one arm: which of its joint stiffnesses have changed in between."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import degrees
@@ -21,8 +21,8 @@ from ident.inference.posterior import posterior
 from ident.inference.sample import DEFAULT, Sample, Settings, sample
 from ident.inference.scrutiny import HeldOut, held_out
 from ident.measure import Campaign
-from ident.programs import cores
-from ident.text import did_you_mean, quoted
+from ident.programs import Progress, cores
+from ident.text import no_such
 
 
 @dataclass(frozen=True)
@@ -169,8 +169,7 @@ def _changing(names: Sequence[str], same: Collection[str]) -> list[str]:
         InputError: there is none, or one that is known not to have changed is none of them.
     """
     if unknown := [name for name in same if name not in names]:
-        remedy = did_you_mean(unknown[0], names, "name one of them")
-        raise refusal("same", quoted(unknown[0]), f"one of {', '.join(names)}", remedy)
+        raise no_such("same", unknown[0], names, "name one of them")
     changing = [name for name in names if name not in same]
     if not changing:
         got, expected = "no stiffness that both have fitted", "one or more that may have changed"
@@ -234,7 +233,7 @@ def sample_campaign(
     weights: bool = False,
     folder: Path | None = None,
     provenance: Mapping[str, str] | None = None,
-    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+    progress: Progress = iter,
 ) -> CampaignSample:
     """Sample the posterior of a fitted campaign.
 
@@ -368,12 +367,7 @@ class Validation:
         return Scope(kind, len(off), sum(map(len, off)), rms, seen, half_width(LEVEL) * expected)
 
 
-def validate_fit(
-    fit: CampaignFit,
-    leave: str = "posture",
-    seed: int = 0,
-    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
-) -> Validation:
+def validate_fit(fit: CampaignFit, leave: str = "posture", seed: int = 0, progress: Progress = iter) -> Validation:
     """Leave out each part of a campaign in turn, fit the arm to the rest, and predict what was left out.
 
     Args:
@@ -395,7 +389,7 @@ def validate_fit(
 def parts_of(campaign: Campaign, leave: str, seed: int = 0) -> Mapping[str, list[int]]:
     """Return the places of the measurements in each part of a campaign, by the part's name."""
     if leave not in LEAVE:
-        raise refusal("leave", quoted(leave), f"one of {', '.join(LEAVE)}", did_you_mean(leave, LEAVE, ""))
+        raise no_such("leave", leave, LEAVE, "")
     count, parts = len(campaign), dict[str, list[int]]()
     fold = np.random.default_rng(seed).permutation(np.arange(count) % min(FOLDS, count))
     for place, m in enumerate(campaign):

@@ -505,7 +505,7 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     place = {key: i for i, key in enumerate(values)}
     order = np.array([place[key] for key in keys])
     named, unnamed, readings = ([key for key in values if key[0] in groups] for groups in ((0, 1), (2,), (3,)))
-    posture = np.array([posture for posture, *_ in states], float).T
+    posture, shaped = np.array([posture for posture, *_ in states], float).T, sum(key[0] == 1 for key in named)
     servo = np.array([drives == "servo" for *_, drives in states], float)
     setups = tuple(dict.fromkeys(m.setup for m in campaign if m.setup))
     hertz = [m for key in values if (m := campaign.measurements[first[key]]).kind == "frequency"]
@@ -513,14 +513,14 @@ def bind(arm: Arm, campaign: Campaign) -> Conditions:
     bound = Conditions(
         posture,
         load_columns(arm, [in_base_axes(arm, posture, load) for posture, load, _ in states]),
-        _named(named, len(states)),
+        name_modes([key[2] for key in named], np.array([key[1] for key in named], int), len(states), shaped),
         _unnamed(unnamed),
         _readings(readings, setups),
         order,
         repeats(order, np.array([first[key] for key in values])),
         np.array(definitions, int) if any(definitions) else None,
         servo if arm.servos and servo.any() else None,  # without a description servos hold as brakes do
-        shapes_of(arm, [campaign.measurements[key[3]] for key in named if key[0] == 1]),
+        shapes_of(arm, [campaign.measurements[key[3]] for key in named[len(named) - shaped :]]),
     )
     return jax.device_put(bound)
 
@@ -543,12 +543,6 @@ def _what(arm: Arm, row: int, m: Measurement, states: dict[State, int], loop: in
     point = [point.name for point in arm.points].index(m.point or "")
     what = "turn" if m.kind in ROTATIONS else "place" if m.kind in POSITIONS else "move"
     return 3, state, against, point, m.direction, what, m.setup, loop
-
-
-def _named(values: Sequence[tuple[Any, ...]], count: int) -> Named:
-    states = np.array([state for _, state, *_ in values], int)
-    groups = [group for group, *_ in values]
-    return name_modes([label for _, _, label, _ in values], states, count, groups.count(1))
 
 
 def _unnamed(values: Sequence[tuple[Any, ...]]) -> Unnamed:

@@ -43,7 +43,7 @@ from ident.identify.predict import ArmModel, chains, picked
 from ident.identify.unknowns import Unknowns, damping_parameters, is_damping
 from ident.inference.problem import Data
 from ident.measure import Campaign, Measurement
-from ident.programs import jit
+from ident.programs import in_batches, jit
 
 Groups = tuple[tuple[str, ...], ...]
 """Numbers of a law, each with the paths that share it."""
@@ -397,7 +397,7 @@ class _Fitting(NamedTuple):
         for _ in range(STEPS):
             x = self.least_squares(x, at)
             likelihood = self.errors.log_likelihood(self.ratios.log - np.log(self.design.of(x)))
-            before, at = at, _highest(likelihood)
+            before, at = at, _place(int(np.argmax(likelihood)))
             if at == before:
                 break
         G = self.errors.turn @ self.design.slopes(x)
@@ -450,9 +450,9 @@ def _nnls(A: Float[np.ndarray, "n k"], b: Float[np.ndarray, "n"]) -> Float[np.nd
     return np.asarray(nnls(A, b)[0])
 
 
-def _highest(x: Float[np.ndarray, "3 G"]) -> Place:
-    share, scatter = np.unravel_index(np.argmax(x), x.shape)
-    return int(share), int(scatter)
+def _place(number: int) -> Place:
+    """Return the place of a weight by its number among all."""
+    return divmod(number, len(SCATTERS))
 
 
 # -------- Damping
@@ -548,20 +548,19 @@ class Damping:
         if not self.carried:
             return {}
         rng, kept, law = np.random.default_rng(seed), np.flatnonzero(~self.marked), self.best
-        count = len(next(iter(draws.values())))
-        wide = -(-count // CHUNK) * CHUNK
-        data = self.ratios.some(kept)
+        count, data = len(next(iter(draws.values()))), self.ratios.some(kept)
         errors, drawn = _Errors(data), []
-        at = rng.choice(law.weights.size, count, p=law.weights.ravel())
-        for first in range(0, wide, CHUNK):
-            own = np.minimum(np.arange(first, first + CHUNK), count - 1)
-            _, columns = ModesOfRows.of(self.model, {k: x[own] for k, x in draws.items()}, self.rows, ()).columns()
-            for i in range(min(CHUNK, count - first)):
-                there = {path: np.broadcast_to(x, (len(x), CHUNK))[:, i] for path, x in columns.items()}
-                fitting = _Fitting(self._design(law.groups, there).some(kept), data, errors)
-                place = np.unravel_index(at[first + i], law.weights.shape)
-                numbers = fitting.numbers(law.values, (int(place[0]), int(place[1])), 1, rng)[:, 0]
-                drawn.append(numbers * np.exp(SCATTERS[place[1]] * rng.standard_normal()))
+
+        def columns_of(some: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+            columns = ModesOfRows.of(self.model, some, self.rows, ()).columns()[1]
+            return {path: np.broadcast_to(x, (len(x), CHUNK)) for path, x in columns.items()}
+
+        columns = in_batches(columns_of, dict(draws), CHUNK)
+        for i, at in enumerate(rng.choice(law.weights.size, count, p=law.weights.ravel()).tolist()):
+            design = self._design(law.groups, {path: x[:, i] for path, x in columns.items()}).some(kept)
+            place = _place(at)
+            numbers = _Fitting(design, data, errors).numbers(law.values, place, 1, rng)[:, 0]
+            drawn.append(numbers * np.exp(SCATTERS[place[1]] * rng.standard_normal()))
         by_group = dict(zip(law.groups, np.array(drawn).T, strict=True))
         return {group: by_group.get(group, np.full(count, x)) for group, x in self.carried.items()}
 
@@ -692,7 +691,7 @@ def _by_others(
     data, like = ratios.some(rest), ratios.some(left)
     fitting = _Fitting(design.some(rest), data, _Errors(data))
     others = fitting.law(law.groups)
-    place = _highest(others.weights)
+    place = _place(int(np.argmax(others.weights)))
     drawn = fitting.drawn(others, (design.some(left), like), place, DRAWS, np.random.default_rng(0))
     mean = drawn.mean(1)
     return others, mean, (like.log - mean) / np.sqrt(drawn.var(1) + np.diag(like.covariance))

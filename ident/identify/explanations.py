@@ -6,11 +6,10 @@ pairs are tried.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, product
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -19,13 +18,16 @@ from ident.arm.arm import Arm, on_soft_base, stiffness_or_stiffest, stiffness_pa
 from ident.arm.fields import STIFFNESS
 from ident.errors import InputError
 from ident.identify.conditions import bind
-from ident.identify.fit import KINDS as ASSUMED
 from ident.identify.fit import CampaignFit
 from ident.identify.hypotheses import (
-    LIKELY,
-    NUMBER_KINDS,
+    CHANCE,
+    KINDS,
+    MARGIN,
     RIDGES,
+    RIGID,
     SCALES,
+    SLIP,
+    SOFT,
     Hypotheses,
     Perturbation,
     Perturbed,
@@ -37,6 +39,7 @@ from ident.identify.unknowns import Unknowns, without_damping
 from ident.inference.information import SUSPICIOUS
 from ident.measure import OWN_WEIGHT, Campaign, Load, Measurement
 from ident.measure.load import AXES
+from ident.programs import Progress
 
 # -------- Discriminating measurements
 # Which measurement would tell explanations apart: what each of them predicts, and how surely.
@@ -140,11 +143,6 @@ def _candidates(arm: Arm, campaign: Campaign) -> list[Measurement]:
 
 MOST_STATES = 3
 """States (posture and load) of the values farthest off, each of which is asked about by itself."""
-SLIP = 2.6
-"""Standard deviations that an entry error counts as, one in a hundred campaigns; assumed."""
-MARGIN = 2.0
-"""By how much an explanation must score below the data as they are to be listed: less is "not worth more than a bare
-mention" (Kass, Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 1995, section 3.2)."""
 SINGLE = 40
 """Numbers up to which each is searched for; of more, those with which a linear model gains most."""
 ROWS = 6
@@ -153,7 +151,6 @@ PAIRED, PAIRS = 8, 4
 """Numbers that are paired, those of the largest gain; and pairs that are searched for."""
 TURNS = 4
 """Searches of what was put right, at most, each with labels chosen where the one before has ended."""
-SOFT = ("base rocks", "base turns")
 
 
 @dataclass(frozen=True)
@@ -161,8 +158,8 @@ class Change:
     """One thing that would have to be otherwise.
 
     Attributes:
-        kind: a kind of number (`hypotheses.NUMBER_KINDS`), of assumption (`fit.KINDS`), or `value`, `exchange`, `on`
-            and `off` for entry errors: a wrong value, two values exchanged, a payload that was on or off.
+        kind: one of `hypotheses.KINDS`, `soft base` for two of them together, or of an entry error `value` (a wrong
+            one), `exchange` (two values), `on` and `off` (of a payload).
         of: the number's body, link, spring or kind of measurement; the payload; the joint.
         rows: places of the rows that an entry error is about.
         amount: what it would have to be: a factor, a share or, of a value, what it should read [SI]; NaN for none.
@@ -186,7 +183,6 @@ class Explanation:
         changes: them.
         cost: sum of squares of data and priors that is left.
         fits: whether no contradiction of the data is left.
-        wrong_sign: whether a spring would have to soften, as none does: such a one is not listed.
         linear: whether it is an estimate along a straight line from the fit, not a fit of its own.
         said: the cost of the labels with them.
     """
@@ -194,7 +190,6 @@ class Explanation:
     changes: tuple[Change, ...]
     cost: float
     fits: bool
-    wrong_sign: bool = False
     linear: bool = False
     said: float = 0.0
 
@@ -228,16 +223,11 @@ class Explanations:
 
     @property
     def fitting(self) -> tuple[Explanation, ...]:
-        """Those that the data cannot refute, and whose springs do not soften."""
-        return tuple(item for item in self.items if item.fits and not item.wrong_sign)
+        """Those that the data cannot refute."""
+        return tuple(item for item in self.items if item.fits)
 
 
-def explain(
-    fit: CampaignFit,
-    unknowns: Unknowns | None = None,
-    *,
-    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
-) -> Explanations | None:
+def explain(fit: CampaignFit, unknowns: Unknowns | None = None, *, progress: Progress = iter) -> Explanations | None:
     """Rank what would reconcile a campaign that is in doubt.
 
     Args:
@@ -257,21 +247,22 @@ def explain(
     numbers, rows = _single(hypotheses), [Perturbation(row=i) for i in fit.farthest_off[:ROWS]]
     corrections, single = list(_corrections(fit)), [[each] for each in [*numbers, *rows]]
     bar = iter(progress(range(len(single) + len(corrections))))
-    swapped = [Explanation((Change("exchange", "", each.rows),), each.score, True) for each in fit.exchanges]
-    tried: list[_Tried] = [(item, None) for item in swapped]
-    tried += _perturbed(hypotheses, single, campaign, before.cost, RIDGES, partial(next, bar))
-    refitted = (_corrected(hypotheses, fit, each, unknowns) for each, _ in zip(corrections, bar, strict=True))
-    tried += filter(None, refitted)
-    tried += [(item, None) for item in _assumed(fit, hypotheses, before)]
+    ends = hypotheses.search(single, RIDGES, partial(next, bar))
+    tried: list[_Tried] = [
+        *((Explanation((Change("exchange", "", each.rows),), each.score, True), None) for each in fit.exchanges),
+        *_perturbed(campaign, before.cost, single, ends),
+        *filter(None, (_corrected(hypotheses, fit, each, unknowns) for each, _ in zip(corrections, bar, strict=True))),
+        *((item, None) for item in _assumed(fit, hypotheses, before)),
+    ]
     limit = before.cost + before.label_cost - MARGIN  # what scores no less explains nothing
-    tried = [each for each in tried if not each[0].wrong_sign and each[0].score < limit]
+    tried = [each for each in tried if each[0].score < limit]
     if not any(item.fits and item.off < SUSPICIOUS for item, _ in tried):
         # pairs that fit together, of the best ones along a straight line
         first = sorted(numbers, key=lambda perturbation: -hypotheses.gain([perturbation]))[:PAIRED]
         pairs = [pair for pair in combinations(first, 2) if not set(pair[0].numbers) & set(pair[1].numbers)]
         best = sorted(pairs, key=lambda pair: -hypotheses.gain(pair))[:PAIRS]
-        found = _perturbed(hypotheses, best, campaign, before.cost, RIDGES[:1])
-        tried += [e for e in found if e[0].fits and not e[0].wrong_sign and e[0].score < limit]
+        paired = _perturbed(campaign, before.cost, best, hypotheses.search(best, RIDGES[:1]))
+        tried += [each for each in paired if each[0].fits and each[0].score < limit]
     tried.sort(key=lambda each: (not each[0].fits, each[0].score if each[0].fits else each[0].cost))
     fitting = enumerate((perturbed for item, perturbed in tried if item.fits), 1)
     leading = {place: perturbed for place, perturbed in fitting if perturbed is not None and place <= LEADING}
@@ -296,23 +287,16 @@ def _single(hypotheses: Hypotheses) -> list[Perturbation]:
 
 
 def _perturbed(
-    hypotheses: Hypotheses,
-    sets: Sequence[Sequence[Perturbation]],
-    campaign: Campaign,
-    before: float,
-    ridges: Sequence[float],
-    ended: Callable[[], Any] = bool,
+    campaign: Campaign, before: float, sets: Sequence[Sequence[Perturbation]], ends: Sequence[Perturbed | None]
 ) -> Iterator[_Tried]:
-    """Search with sets of perturbations at work; nothing of those that gain nothing."""
-    for perturbations, end in zip(sets, hypotheses.search(sets, ridges, ended), strict=True):
-        if end is None or end.cost > before - 1.0:
-            continue
-        changes = tuple(_change(*each, campaign) for each in zip(perturbations, end.amounts, end.sd, strict=True))
-        wrong = any(
-            each.numbers and not NUMBER_KINDS[each.numbers[0].kind].signed and amount < 0
-            for each, amount in zip(perturbations, end.amounts, strict=True)
-        )
-        yield Explanation(changes, end.cost, end.fits, wrong, said=end.label_cost), end
+    """Yield what sets of perturbations explain; not those that gain nothing, or by which a spring would soften."""
+    for perturbations, end in zip(sets, ends, strict=True):
+        if end is not None and end.cost <= before - 1.0:
+            each = zip(perturbations, end.amounts, end.sd, strict=True)
+            changes = tuple(_change(*one, campaign) for one in each)
+            signed = (change.amount for change in changes if change.kind in KINDS and KINDS[change.kind].positive)
+            if not min(signed, default=0.0) < 0:
+                yield Explanation(changes, end.cost, end.fits, said=end.label_cost), end
 
 
 def _change(perturbation: Perturbation, amount: float, sd: float, campaign: Campaign) -> Change:
@@ -320,7 +304,7 @@ def _change(perturbation: Perturbation, amount: float, sd: float, campaign: Camp
         m = campaign.measurements[perturbation.row]
         off = min(abs(amount), SLIP)
         return Change("value", m.kind, (perturbation.row,), m.value - amount * m.sigma, sd * m.sigma, off)
-    number, kind = perturbation.numbers[0], NUMBER_KINDS[perturbation.numbers[0].kind]
+    number, kind = perturbation.numbers[0], KINDS[perturbation.numbers[0].kind]
     of = number.of if len(perturbation.numbers) == 1 else number.of.split(".")[1]
     rows = tuple(i for i, m in enumerate(campaign) if m.kind == number.of) if number.kind in SCALES else ()
     off = abs(amount) / kind.plausible
@@ -375,7 +359,7 @@ def _corrected(
         based = arm.replace({path: end.values[path] for path in stiffness_paths(arm) if path in end.values})
         first, base = based.joints[1], based.joints[0]
         share = max(float(stiffness_or_stiffest(based, first, k)) / float(getattr(base, k)) for k in STIFFNESS)
-        change = replace(change, off=share / ASSUMED["base rocks"].plausible)
+        change = replace(change, off=share / KINDS["base rocks"].plausible)
     else:  # the arm is the same, and so is the program that predicts what else it would show
         end = end.among(hypotheses)
     return Explanation((change,), end.cost, end.fits, said=end.label_cost), end
@@ -403,8 +387,8 @@ def _assumed(fit: CampaignFit, hypotheses: Hypotheses, before: Perturbed) -> Ite
     """Yield assumptions of the fit that no search has set free, estimated by its score."""
     for item in fit.assumptions.items if fit.assumptions else ():
         test = item.test
-        if item.kind in ("link bends", "link twists", "servo gives") and test.separable and test.z > 1:
+        if item.kind in RIGID and test.separable and test.z > 1:
             amount, cost = test.z * test.sd, before.cost - test.z**2
-            change = Change(item.kind, item.joint, (), amount, test.sd, amount / ASSUMED[item.kind].plausible)
-            fits = hypotheses.chance(cost, 1) >= LIKELY
+            change = Change(item.kind, item.joint, (), amount, test.sd, amount / KINDS[item.kind].plausible)
+            fits = hypotheses.chance(cost, 1) >= CHANCE
             yield Explanation((change,), cost, fits, linear=True, said=before.label_cost)

@@ -17,18 +17,12 @@ from ident.arm.arm import Arm, stiffness_or_stiffest
 from ident.arm.chain import Chain
 from ident.arm.fields import STIFFNESS
 from ident.arm.hinges import CutArm, cut
-from ident.arm.mechanics import (
-    Phi,
-    flat,
-    potential_gradient,
-    second_variations,
-    static_equilibrium,
-    unflatten,
-)
+from ident.arm.mechanics import Phi, flat, potential_gradient, second_variations, static_equilibrium, unflatten
 from ident.arm.modes import modes_about
 from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
 from ident.identify.damping import RATIO, Damping, Poles, damping_of
+from ident.identify.hypotheses import KINDS
 from ident.identify.mode_matching import FAR
 from ident.identify.predict import ArmModel, Matching, chains, mode_choice, picked, read, vector_of
 from ident.identify.problem import Posed, Ramp, check_values, pose, ramps_of, repeated, row_names
@@ -41,7 +35,7 @@ from ident.inference.scrutiny import SUSPICIOUS, Exchange, Moves, Pair, exchange
 from ident.inference.search import End, look, solve
 from ident.measure import Campaign, Measurement
 from ident.measure.load import SHAPES
-from ident.programs import RUNS_ONCE, jit
+from ident.programs import RUNS_ONCE, Progress, jit
 
 if TYPE_CHECKING:
     from ident.identify.explanations import Explanations
@@ -191,46 +185,13 @@ def _rows(
 # -------- Assumptions
 # What a fit of an arm assumes: rigid base and links, given masses, a servo that holds.
 
-ASSUMED = "assumed"
-DUMAS = f"{ASSUMED}; links are usually taken as much stiffer (Dumas et al., Robot. Comput. Integr. Manuf. 27, 2011)"
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of assumption of a fit.
-
-    Attributes:
-        plausible: an amount that an engineer would not be surprised at, as a share.
-        of: what it is a share of.
-        positive: whether it can't be negative.
-        origin: where that amount comes from.
-    """
-
-    plausible: float
-    of: str
-    positive: bool
-    origin: str
-
-
-KINDS = {
-    "base rocks": Kind(0.2, "joint 1's bending compliance", True, ASSUMED),
-    "base turns": Kind(0.2, "joint 1's torsional compliance", True, ASSUMED),
-    "link bends": Kind(0.1, "its joint's bending compliance", True, DUMAS),
-    "link twists": Kind(0.1, "its joint's bending compliance", True, DUMAS),
-    "mass": Kind(0.1, "the link's mass, inertia with it", False, ASSUMED),
-    "mass centre": Kind(0.02, "the link's length", False, ASSUMED),
-    "servo gives": Kind(0.05, "its joint's torsional compliance", True, ASSUMED),
-}
-"""All that is looked at. No published ratio of a base's stiffness to a first joint's was found: a base is taken to be
-five times as stiff as joint 1 at least, the softest with which rates were studied (tests/benchmarks/README.md)."""
-
 
 @dataclass(frozen=True)
 class Assumption:
     """One assumption of a fit.
 
     Attributes:
-        kind: one of `KINDS`.
+        kind: one of `hypotheses.KINDS`.
         joint: name of the joint whose link or servo it is; empty for the base.
         test: what the plausible amount would move, and whether the data ask for it.
     """
@@ -288,19 +249,14 @@ def assumptions(fit: Fit, posed: Posed) -> Assumptions:
 
 def _slopes(held: Matching | None, fitted: Arm, pieces: CutArm, conditions: Conditions) -> Slopes:
     """Return how the campaign's predictions change; part by part where it is large."""
-    parts = ArmModel(fitted, conditions).in_parts()
+    parts, each = ArmModel(fitted, conditions).in_parts(), []
     differentiated = slopes if len(parts.models) > 1 else slopes_once
-    each = [
-        jax.device_get(differentiated(fitted, pieces, part.conditions, _places(fitted, own)))
-        for part, own in zip(parts.models, parts.split(held), strict=True)
-    ]
+    for part, own in zip(parts.models, parts.split(held), strict=True):
+        # without the modes of motors that servos hold: the last where none is
+        chosen = None if own is None else np.asarray(own.place)[: fitted.degrees_of_freedom]
+        each.append(jax.device_get(differentiated(fitted, pieces, part.conditions, chosen)))
     joined = [np.concatenate(columns, -1)[..., parts.places] for columns in zip(*each, strict=True)]
     return Slopes(*joined)  # type: ignore[arg-type]  # fetched from jax
-
-
-def _places(arm: Arm, held: Matching | None) -> Float[np.ndarray, "m R"] | None:
-    """Return the modes that labels were taken for, without those of motors that servos hold: the last where none is."""
-    return None if held is None else np.asarray(held.place)[: arm.degrees_of_freedom]
 
 
 def _each(arm: Arm, pieces: CutArm, changed: Slopes) -> "list[tuple[tuple[str, str], Float[np.ndarray, 'D']]]":
@@ -490,7 +446,10 @@ class CampaignFit(Fit):
         mode = "this mode has another label: row" if len(self.renamed) == 1 else "these modes have other labels: rows"
         renamed = (f"on the fitted arm {mode} {rows}",) if rows else ()
         single = (self.blamed_in_words,) if self.blamed_in_words else ()
-        return (*super().remarks, *renamed, *single, *self._unchecked(names), *self.exchanges_in_words)
+        alone = [names[i] for i in np.flatnonzero(self.row_tests.unchecked)]
+        several = f"row{'s' * (len(alone) > 1)} {_several(alone)}"
+        unchecked = (f"no other measurement can check {several}: an error would go unnoticed",) if alone else ()
+        return (*super().remarks, *renamed, *single, *unchecked, *self.exchanges_in_words)
 
     @property
     def without_rounding(self) -> tuple[float, int]:
@@ -519,12 +478,6 @@ class CampaignFit(Fit):
         units = (", ".join(names[i] for i in own) for own in self.blamed)
         each = " or ".join(f"row{'s' * (',' in unit)} {unit}" for unit in units)
         return f"without {each} no other value is an outlier: check it first"
-
-    def _unchecked(self, names: Sequence[str]) -> Iterator[str]:
-        """Say which rows' errors nothing would show."""
-        if own := np.flatnonzero(self.row_tests.unchecked).tolist():
-            several = f"row{'s' * (len(own) > 1)} {_several([names[i] for i in own])}"
-            yield f"no other measurement can check {several}: an error would go unnoticed"
 
     @property
     def exchanges_in_words(self) -> tuple[str, ...]:
@@ -574,7 +527,7 @@ def fit_campaign(
     seed: int = 0,
     trusted: Collection[str] = (),
     robust: str | None = None,
-    progress: Callable[[Iterable[int]], Iterable[int]] = iter,
+    progress: Progress = iter,
 ) -> CampaignFit:
     """Fit the joint stiffnesses, and what else is freed, to a campaign; given these its damping to damping ratios.
 

@@ -199,8 +199,8 @@ def robot_of(fit: CampaignFit, name: str, campaign: SourceFile, arm: SourceFile)
     """Return what a fit says of its robot's stiffnesses; other unknowns are integrated out under their priors."""
     robot = robot_at(linear(fit), fit.problem.parameters, Stiffnesses.of(fit.problem.parameters))
     ratio = float(np.exp(np.nanmean(np.log(fit.damping.predicted)))) if fit.damping else 0.0
-    robot = replace(robot, measurements=len(fit.campaign), damping_ratio=ratio, doubts=fit.doubts)
-    return replace(robot, name=name, campaign=campaign, arm=arm)
+    known: dict[str, Any] = {"measurements": len(fit.campaign), "damping_ratio": ratio, "doubts": fit.doubts}
+    return replace(robot, name=name, campaign=campaign, arm=arm, **known)
 
 
 def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Robot:
@@ -215,21 +215,17 @@ def robot_at(at: Linear, parameters: Parameters, stiffnesses: Stiffnesses) -> Ro
     off, prior_slope = (np.asarray(part) for part in parameters.prior_residuals(at.theta))
     precision[others, others] += prior_slope[others] ** 2
     shift[others] += prior_slope[others] ** 2 * at.theta[others] - prior_slope[others] * off[others]
+    # the others are integrated out; what nothing bounds tells nothing
+    A, B, D = (precision[np.ix_(*pair)] for pair in ((places, places), (places, others), (others, others)))
+    share = B @ np.linalg.pinv(D, hermitian=True)
     return Robot(
         names=stiffnesses.names,
         theta=at.theta[places],
         sd=at.sd[places],
         prior_mean=stiffnesses.prior_mean,
         prior_sd=stiffnesses.prior_sd,
-        likelihood=_marginal(precision, shift, places, others),
+        likelihood=Likelihood(A - share @ B.T, shift[places] - share @ shift[others]),
     )
-
-
-def _marginal(precision: np.ndarray, shift: np.ndarray, kept: list[int], others: list[int]) -> Likelihood:
-    """Integrate other unknowns out of a normal density; what nothing bounds tells nothing."""
-    A, B, D = precision[np.ix_(kept, kept)], precision[np.ix_(kept, others)], precision[np.ix_(others, others)]
-    share = B @ np.linalg.pinv(D, hermitian=True)
-    return Likelihood(A - share @ B.T, shift[kept] - share @ shift[others])
 
 
 Redraw = Callable[[Sequence[Robot], Under], Sequence[Draws | None]]

@@ -1,6 +1,13 @@
-"""Hypotheses about what is otherwise than the arm file and the campaign say, as numbers that a search can move."""
+"""Hypotheses about what is otherwise than the arm file and the campaign say: their table, their limits, the search.
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+`KINDS` is the one table of what may be wrong, each with what is plausible of it before the data; a fit's assumptions
+(`fit.assumptions`) and explanations (`explanations.explain`) are hypotheses of these kinds, or entry errors. All are
+scored alike, by minus twice the logarithm of their probability: the cost that data, priors and labels leave, and the
+square of the implausible amount. Causes of a vibration have no such cost, as the noise of a trace is not known: they
+are scored by the share of its energy that they leave (`ident.vibrate.hypotheses`).
+"""
+
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -13,12 +20,10 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.hinges import end_of
-from ident.arm.mechanics import equilibrium
 from ident.arm.parts import DIRECTIONS, STIFFNESS_OF, Body, CubicSpring, Joint
-from ident.arm.rotations import matvec, transpose
 from ident.identify.conditions import Conditions
 from ident.identify.padding import padded
-from ident.identify.predict import ArmModel, chains
+from ident.identify.predict import ArmModel, bushing_moments
 from ident.identify.problem import Posed
 from ident.identify.unknowns import LOAD, is_loaded, scaled_loads
 from ident.inference.fit import agrees
@@ -29,6 +34,62 @@ from ident.inference.search import TO_THE_END, End, Way, descent, look, looks, s
 from ident.measure import Campaign
 from ident.programs import RUNS_ONCE, jit
 
+# -------- Kinds
+# What may be wrong, how much of it is plausible, and from which evidence on a hypothesis counts.
+
+CHANCE = 0.01
+"""Chance of a larger cost from which nothing is left to explain."""
+MARGIN = 2.0
+"""By how much a hypothesis must score below the data as they are to be listed: less is "not worth more than a bare
+mention" (Kass, Raftery, "Bayes factors", J. Am. Stat. Assoc. 90, 1995, section 3.2)."""
+SLIP = 2.6
+"""Standard deviations that an entry error counts as, one in a hundred campaigns; assumed."""
+ASSUMED = "assumed"
+DUMAS = f"{ASSUMED}; links are usually taken as much stiffer (Dumas et al., Robot. Comput. Integr. Manuf. 27, 2011)"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of hypothesis.
+
+    Attributes:
+        plausible: standard deviation of its amount before the data: of ln(factor), or of a share.
+        of: what it is a factor, or a share, of.
+        factor: whether it is a factor, exp(amount); else the amount is a share.
+        positive: whether it can't be negative.
+        origin: where the plausible amount comes from.
+    """
+
+    plausible: float
+    of: str
+    factor: bool = False
+    positive: bool = False
+    origin: str = ASSUMED
+
+
+KINDS = {
+    "base rocks": Kind(0.2, "joint 1's bending compliance", positive=True),
+    "base turns": Kind(0.2, "joint 1's torsional compliance", positive=True),
+    "link bends": Kind(0.1, "its joint's bending compliance", positive=True, origin=DUMAS),
+    "link twists": Kind(0.1, "its joint's bending compliance", positive=True, origin=DUMAS),
+    "mass": Kind(0.1, "the link's mass, inertia with it", factor=True),
+    "mass centre": Kind(0.02, "the link's length"),
+    "servo gives": Kind(0.05, "its joint's torsional compliance", positive=True),
+    "payload": Kind(0.05, "the payload's mass", factor=True),
+    "length": Kind(0.01, "the link's length", factor=True),
+    "loads": Kind(0.02, "all masses, forces and moments that were hung on", factor=True),
+    "scale": Kind(0.02, "all values of a kind, as of a gauge", factor=True),
+    "clock": Kind(0.005, "all frequencies", factor=True),
+    "spring": Kind(0.1, "the torque at the largest load of all that were measured", positive=True),
+}
+"""No published ratio of a base's stiffness to a first joint's was found: a base is taken to be five times as stiff as
+joint 1 at least, the softest with which rates were studied (tests/benchmarks/README.md). What `spring` adds grows with
+the cube of the angle: the secant rises by its share, the tangent by three times it."""
+SOFT = ("base rocks", "base turns")
+RIGID = ("link bends", "link twists", "servo gives")
+"""Kinds that no search sets free: the score test of a fit estimates them (`fit.assumptions`)."""
+SCALES = ("scale", "clock")
+
 # -------- Alternatives
 # What might be otherwise than an arm file and a campaign say, as numbers that a search can move.
 
@@ -36,37 +97,6 @@ UNLOADED = 1e-3
 """Moment [N m] below which a bushing counts as unloaded, so that a curve of its spring shows nothing."""
 FIXED = 1e-6
 """Length [m] of a link that has none."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of number that may be otherwise.
-
-    Attributes:
-        plausible: its standard deviation before the data: of ln(factor), or of a share.
-        factor: whether it is a factor, exp(amount); else the amount is a share.
-        signed: whether it may be negative; nobody makes what would have to be.
-    """
-
-    plausible: float
-    factor: bool
-    signed: bool = True
-
-
-NUMBER_KINDS = {
-    "mass": Kind(0.1, factor=True),
-    "payload": Kind(0.05, factor=True),
-    "mass centre": Kind(0.02, factor=False),
-    "length": Kind(0.01, factor=True),
-    "loads": Kind(0.02, factor=True),
-    "scale": Kind(0.02, factor=True),
-    "clock": Kind(0.005, factor=True),
-    "spring": Kind(0.1, factor=False, signed=False),
-}
-"""All widths are assumed. `mass centre` is a share of its link's length; `scale` the common factor of all values of a
-kind, as of a gauge, for frequencies `clock`; and `spring` the share that the cube of the angle adds to the torque at
-the largest load of all that were measured: the secant rises by it, the tangent by three times it."""
-SCALES = ("scale", "clock")
 
 
 @dataclass(frozen=True)
@@ -149,7 +179,10 @@ def altered_numbers(
         if joint.link and np.linalg.norm(end_of(arm, place)) > FIXED:
             if not any(f"{body.name}.com." in path for body in joint.link for path in taken):
                 yield Number("mass centre", joint.name)
-            if not any(f"{name}.{what}." in path for name, what in _lengths(arm, place) for path in taken):
+            # what makes its length: the next bushing's offset, or the points at the arm's end
+            ends = [f"{point.name}.position." for point in arm.points if point.joint == joint.name]
+            ends = [f"{arm.joints[place + 1].name}.offset."] if place + 1 < len(arm.joints) else ends
+            if not any(end in path for end in ends for path in taken):
                 yield Number("length", joint.name)
     for payload in arm.payloads:
         if f"{payload.body.name}.mass" not in taken:
@@ -168,23 +201,7 @@ def altered_numbers(
 @partial(jit, options=RUNS_ONCE)
 def largest_moments(model: ArmModel, parameters: Mapping[str, Any]) -> Float[AnyArray, "N 2"]:
     """Return the largest bending and torsional moment [N m] on each bushing among the states of a campaign."""
-    arm, conditions = model.applied(parameters)
-    chain = chains(arm, conditions)
-    phi = equilibrium(chain)
-    moment = matvec(chain.stiffness, phi)
-    moment = moment if chain.curved is None else moment + chain.curved.torque(phi)
-    own_axes = matvec(transpose(chain.frame), moment)
-    axis = jnp.stack([joint.axis for joint in arm.joints], 1)[:, :, None]
-    along = (axis * own_axes).sum(0)
-    across = jnp.sqrt(((own_axes - axis * along) ** 2).sum(0))
-    return jnp.stack([across.max(1), jnp.abs(along).max(1)], 1)
-
-
-def _lengths(arm: Arm, place: int) -> list[tuple[str, str]]:
-    """Return what makes the length of a link: the next bushing's offset, or the points at the arm's end."""
-    if place + 1 < len(arm.joints):
-        return [(arm.joints[place + 1].name, "offset")]
-    return [(point.name, "position") for point in arm.points if point.joint == arm.joints[place].name]
+    return bushing_moments(*model.applied(parameters)).max(2).T
 
 
 def _rebuilt(arm: Arm, amounts: Mapping[str, Mapping[str, Any]]) -> Arm:
@@ -218,33 +235,6 @@ def _rebuilt(arm: Arm, amounts: Mapping[str, Mapping[str, Any]]) -> Arm:
     return eqx.tree_at(lambda a: (a.joints, a.points, a.payloads), arm, (tuple(joints), points, payloads))
 
 
-def calibrated(
-    numbers: Sequence[Number],
-    theta: Float[np.ndarray, "Q"],
-    kinds: Sequence[str],
-    predicted: Float[np.ndarray, "D"],
-    slopes: Float[np.ndarray, "D p"],
-    directions: Float[np.ndarray, "Q p"],
-) -> tuple[Float[np.ndarray, "D"], Float[np.ndarray, "D p"]]:
-    """Return predictions and their slopes as gauges read them whose calibration is off.
-
-    Args:
-        numbers: the last ones of theta.
-        theta: the unknowns, then all numbers.
-        kinds: of each value.
-        predicted: as the model has them.
-        slopes: along some directions.
-        directions: of theta.
-    """
-    for place, number in enumerate(numbers, len(theta) - len(numbers)):
-        if number.kind in SCALES:
-            own = np.array(kinds) == number.of
-            factor = np.where(own, np.exp(theta[place]), 1.0)
-            predicted = predicted * factor
-            slopes = slopes * factor[:, None] + np.outer(np.where(own, predicted, 0.0), directions[place])
-    return predicted, slopes
-
-
 # -------- Perturbations
 # Searches of a campaign's optimum with some numbers of arm and campaign otherwise than they were said to be.
 #
@@ -259,8 +249,6 @@ STEPS = 60
 """Looks of a search, at most: what has not ended by then has found no explanation."""
 TOGETHER = 2
 """Perturbations that are at work together at most."""
-LIKELY = 0.01
-"""Chance of a larger cost from which nothing is left to explain."""
 
 
 @dataclass(frozen=True)
@@ -326,7 +314,7 @@ class Perturbed:
         problem = InverseProblem(model, np.ones(count), np.full(count, np.inf), own.problem.parameters, kinds)
         whole = problem.in_parts()
         ((predicted, slopes, _),) = looks(whole, [Way(self.theta, own.filled(self.way), whole.first_matching)], 1)
-        predicted, slopes = calibrated(own.numbers, self.theta, kinds, predicted, slopes, own.filled(self.way))
+        predicted, slopes = own.calibrated(kinds, self.theta, own.filled(self.way), predicted, slopes)
         slopes = slopes[:, : len(self.covariance)]
         variance = np.einsum("ip,pq,iq->i", slopes, self.covariance, slopes)
         return predicted, np.sqrt(np.maximum(variance, 0.0))
@@ -357,10 +345,7 @@ class Hypotheses:
         return int(np.isfinite(np.asarray(self.problem.sigma)).sum()) + proper - seen
 
     def search(
-        self,
-        sets: Sequence[Sequence[Perturbation]] = ((),),
-        ridges: Sequence[float] = RIDGES,
-        ended: Callable[[], Any] = bool,
+        self, sets: Sequence[Sequence[Perturbation]] = ((),), ridges: Sequence[float] = RIDGES, ended: Any = bool
     ) -> list[Perturbed | None]:
         """Return the optimum with each set of perturbations at work; None where the model has no answer.
 
@@ -404,7 +389,7 @@ class Hypotheses:
         amounts, sd = end.theta[self.unknowns :], np.sqrt(np.diag(covariance)[self.unknowns :])
         residuals, slope = self._weigh(end, np.inf * widths)
         cost = float((residuals**2).sum())
-        likely = self.chance(cost, len(perturbations)) >= LIKELY
+        likely = self.chance(cost, len(perturbations)) >= CHANCE
         fits = bool(likely and end.choice.settled and agrees(self.problem, residuals, slope))
         label_cost, theta = float(np.sum(end.choice.cost)), way @ end.theta
         both = tuple(amounts.tolist()), tuple(sd.tolist())
@@ -439,7 +424,7 @@ class Hypotheses:
         parts = [every[:, i : i + size] for i in range(0, len(theta), size)]
         each = looks(self._parts, [Way(theta, self.filled(part), held) for part in parts])
         predicted, slopes = each[0][0], np.hstack([along for _, along, _ in each])[:, : len(theta)]
-        predicted, slopes = calibrated(self.numbers, theta, self.problem.kinds, predicted, slopes, every)
+        predicted, slopes = self.calibrated(self.problem.kinds, theta, every, predicted, slopes)
         return replace(self, start=End(theta, np.nan, np.full(len(theta), np.nan), predicted, slopes, each[0][2]))
 
     def filled(self, way: Float[np.ndarray, "Q p"]) -> Float[np.ndarray, "Q most"]:
@@ -467,13 +452,25 @@ class Hypotheses:
         found, sigma = list[End](), np.asarray(self.problem.sigma)
         for ask, way, (predicted, slopes, choice) in zip(asked, ways, looks(self._parts, ways), strict=True):
             both = predicted, slopes[:, : len(ask.x)]
-            predicted, slopes = calibrated(self.numbers, way.theta, self.problem.kinds, *both, ask.way)
+            predicted, slopes = self.calibrated(self.problem.kinds, way.theta, ask.way, *both)
             for i, perturbation in enumerate(ask.perturbations, self.unknowns):
                 if perturbation.row >= 0:
                     slopes[perturbation.row, i] = sigma[perturbation.row]
                     predicted = predicted + slopes[:, i] * ask.x[i]
             found.append(End(ask.x, np.nan, np.full(len(ask.x), np.nan), predicted, slopes, choice))
         return found
+
+    def calibrated(
+        self, kinds: Sequence[str], theta: np.ndarray, way: np.ndarray, predicted: np.ndarray, slopes: np.ndarray
+    ) -> tuple[Float[np.ndarray, "D"], Float[np.ndarray, "D p"]]:
+        """Return predictions (D,) of these kinds and slopes (D, p) along a way, as gauges that are off have them."""
+        for place, number in enumerate(self.numbers, self.unknowns):
+            if number.kind in SCALES:
+                own = np.array(kinds) == number.of
+                factor = np.where(own, np.exp(theta[place]), 1.0)
+                predicted = predicted * factor
+                slopes = slopes * factor[:, None] + np.outer(np.where(own, predicted, 0.0), way[place])
+        return predicted, slopes
 
     @cached_property
     def _parts(self) -> InParts:
@@ -498,7 +495,7 @@ class Hypotheses:
 
     def _widths(self, way: np.ndarray) -> Float[np.ndarray, "perturbations"]:
         """Return the plausible width of each perturbation, that of a wrong value in its sigmas."""
-        own = [NUMBER_KINDS[number.kind].plausible for number in self.numbers]
+        own = [KINDS[number.kind].plausible for number in self.numbers]
         moved = way[self.unknowns :, self.unknowns :].T > 0
         return np.array([own[int(np.argmax(each))] if each.any() else STEP_OFF for each in moved])
 

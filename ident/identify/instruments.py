@@ -16,7 +16,7 @@ from ident.errors import refusal
 from ident.measure import OWN_WEIGHT, Campaign, Load
 from ident.measure.covariance_and_frames import COMMON
 from ident.programs import jit
-from ident.text import did_you_mean
+from ident.text import no_such
 
 # -------- Instruments
 
@@ -88,8 +88,7 @@ def common_share(campaign: Campaign, given: float | None = None) -> float:
 def _complete(what: str, given: Mapping[str, float], known: Mapping[str, float], above: float = -1e-300) -> dict:
     for name, value in given.items():
         if name not in known:
-            remedy = did_you_mean(name, known, "name one of them")
-            raise refusal(what, f"'{name}'", f"one of {', '.join(known)}", remedy)
+            raise no_such(what, name, known, "name one of them")
         if not above < value < np.inf:
             expected = "a finite number above 0" if above == 0 else "a finite number >= 0"
             raise refusal(what, f"{name}={value:g}", expected, "correct it")

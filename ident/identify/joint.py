@@ -42,7 +42,7 @@ APART = 6
 """Widths of the filter between two samples whose noise has nothing in common."""
 PARALLEL = 1e9
 """Condition number of the scaled normal equations from which on a log can't tell its columns apart."""
-CHANCE = 0.01
+CONTRADICTS = 0.01
 """Probability of a difference between logs below which they contradict each other."""
 LEFT_OUT = {"delay": ("speed",), "friction": ("sign",), "encoder error": ("sine", "cosine")}
 """Columns that make each effect."""
@@ -130,7 +130,7 @@ class JointTwist:
         errors = np.array([one.high - one.low for one in each]) / 2 / student.ppf(0.975, BLOCKS - 1)
         weights, values = errors**-2.0, np.array([one.value for one in each])
         spread = float((weights * (values - weights @ values / weights.sum()) ** 2).sum())
-        return float(fisher.sf(spread / (len(each) - 1), len(each) - 1, BLOCKS - 1)) < CHANCE
+        return float(fisher.sf(spread / (len(each) - 1), len(each) - 1, BLOCKS - 1)) < CONTRADICTS
 
     def told(self, quantity: str) -> bool:
         """Whether the logs tell a quantity: its interval is narrow enough, and they agree on the stiffness.
@@ -210,7 +210,9 @@ def _solved(name: str, logs: Sequence[JointLog], setting: TwistSetting, dropped:
     spring = sum((fit[term][0] * rows[term] for term in ("torque", "rate", "gap") if term in fit), np.zeros(1))
     residual = rows["twist"] - sum((fit[term][0] * rows[term] for term in terms), np.zeros(1))
     compliance = _number(-fit["torque"])
-    numbers = {"stiffness": _inverse(compliance)}
+    low, high = compliance.low, compliance.high  # its inverse: it is above 0, or may be
+    ends = 1 / high if high > 0 else -inf, 1 / low if low > 0 else inf
+    numbers = {"stiffness": JointNumber(1 / compliance.value, *ends)}
     numbers |= {word: _number(found[word]) if word in found else NOTHING for word in QUANTITIES[1:]}
     loose = not known and _reverses(rows["gap"])
     return JointTwist(name, setting, numbers, compliance, known, loose, rows["torque"], spring + residual, residual)
@@ -319,9 +321,3 @@ def _number(values: Float[np.ndarray, " R"]) -> JointNumber:
     spread = sqrt((BLOCKS - 1) / BLOCKS * float(((parts - parts.mean()) ** 2).sum()))
     half = float(student.ppf(0.975, BLOCKS - 1)) * spread
     return JointNumber(value, value - half, value + half)
-
-
-def _inverse(number: JointNumber) -> JointNumber:
-    """Return one over a number that is above 0, or may be."""
-    high = 1 / number.low if number.low > 0 else inf
-    return JointNumber(1 / number.value, 1 / number.high if number.high > 0 else -inf, high)

@@ -73,11 +73,7 @@ class ModalAnalysis:
 
 
 def modal_analysis(
-    arm: Arm,
-    posture: tuple[float, ...],
-    load: Load = OWN_WEIGHT,
-    modes: int = MODES,
-    drives: str = DRIVE_STATES[0],
+    arm: Arm, posture: tuple[float, ...], load: Load = OWN_WEIGHT, modes: int = MODES, drives: str = DRIVE_STATES[0]
 ) -> ModalAnalysis:
     """Return what an arm does, held at a posture under a load.
 
@@ -133,18 +129,17 @@ def modal_analysis(
     )
 
 
-def _servo(drives: str) -> Float[np.ndarray, ""] | None:
+Servo = Float[Array | np.ndarray, ""] | None
+
+
+def _servo(drives: str) -> Servo:
     """Return what `at_posture` takes for what holds the motors."""
     return np.array(1.0) if drives == "servo" else None
 
 
 @jit
 def _outline(
-    arm: Arm,
-    posture: Float[Array, "driven"],
-    phi: Phi,
-    shapes: Float[Array, "n m"],
-    servo: Float[Array | np.ndarray, ""] | None,
+    arm: Arm, posture: Float[Array, "driven"], phi: Phi, shapes: Float[Array, "n m"], servo: Servo
 ) -> tuple[Float[Array, "3 K"], Float[Array, "3 K m"]]:
     chain = at_posture(arm, posture, None, servo)
 
@@ -182,9 +177,7 @@ def modal_solution(arm: Arm, posture: tuple[float, ...], load: Load, drives: str
 
 
 @jit
-def _solve(
-    arm: Arm, posture: Float[Array, "driven 1"], loads: Loads, servo: Float[Array | np.ndarray, ""] | None
-) -> ModalSolution:
+def _solve(arm: Arm, posture: Float[Array, "driven 1"], loads: Loads, servo: Servo) -> ModalSolution:
     """Compute everything in one compiled function, whatever the number of modes."""
     chain = at_posture(arm, posture, loads, servo)
     at = static_equilibrium(chain)

@@ -65,10 +65,7 @@ def shares(logs: Float[np.ndarray, "D"]) -> Float[np.ndarray, "D"]:
 
 
 def nearer(
-    parameters: Parameters,
-    theta: Float[np.ndarray, "P D"],
-    share: Float[np.ndarray, "D"],
-    rng: np.random.Generator,
+    parameters: Parameters, theta: Float[np.ndarray, "P D"], share: Float[np.ndarray, "D"], rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "P D"], Float[np.ndarray, "D"]]:
     """Return as many new draws near those that count, and ln of the prior's density over that of drawing each so.
 
@@ -271,25 +268,20 @@ def _verdict(last: _Compared, weight: Float[np.ndarray, "D"], start: _Compared) 
         first, second = np.argsort(row)[::-1][:2].tolist()
         sure = bool(row[first] >= CERTAIN)
         given.append(labels[first] if sure else None)
-        why.append("" if sure else _doubt(labels, row, (first, second), computed, start.shapes))
+        why.append("" if sure else _doubt(labels, row, (first, second), start))
     return ModeLabels(labels, probability, start.mac, computed, tuple(given), tuple(why))
 
 
-def _doubt(
-    labels: tuple[Label, ...],
-    row: Float[np.ndarray, "L"],
-    best: tuple[int, int],
-    computed: tuple[Label, ...],
-    shapes: Float[np.ndarray, "O m"],
-) -> str:
-    """Return in words why a mode has no name."""
+def _doubt(labels: Sequence[Label], row: np.ndarray, best: tuple[int, int], start: _Compared) -> str:
+    """Return in words why a mode has no name, by the probability of each label."""
     none = 1 - row.sum()
     if none > row[best[0]]:
         return f"it moves like none of the arm's modes (probability {100 * none:.0f} %)"
     said = " or ".join(f"{labels[i]} ({100 * row[i]:.0f} %)" for i in best)
+    computed, shapes = start.names[start.first], start.shapes.astype(complex)
     pair = [computed.index(labels[i]) for i in best if labels[i] in computed]
     if len(pair) == 2:
-        alike = float(mac(shapes[:, pair[:1]].astype(complex), shapes[:, pair[1:]].astype(complex))[0, 0])
+        alike = float(mac(shapes[:, pair[:1]], shapes[:, pair[1:]])[0, 0])
         if alike > ALIKE:
             return f"{said}: these move alike where it was measured (MAC {alike:.2f}); measure in another direction"
     return said

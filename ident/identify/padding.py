@@ -99,7 +99,10 @@ def in_parts(conditions: Conditions) -> Parts | None:
     own = [[kind[part[states[kind]] == k] for kind in kinds] for k in range(part.max() + 1)]
     sizes = [max(len(groups[i]) for groups in own) for i in range(len(kinds))]
     values = [[_filled(n, group, kind) for group, kind, n in zip(groups, kinds, sizes, strict=True)] for groups in own]
-    used = [_used(conditions, states, groups) for groups in values]
+    used = []  # the states that values belong to, and those that differences are counted from
+    for groups in values:
+        references = conditions.readings.references[np.concatenate(groups[3:]) - _modal(conditions)]
+        used.append(np.unique(np.concatenate([states[np.concatenate(groups)], references[references >= 0]])))
     most = max(map(len, used))
     places = np.zeros(len(states), int)
     for k, groups in enumerate(own):
@@ -138,12 +141,6 @@ def _dealt(conditions: Conditions, states: Int[np.ndarray, "V"]) -> Int[np.ndarr
     part = np.empty(count, int)
     part[order] = np.arange(count) // -(-count // -(-count // PART))
     return part
-
-
-def _used(conditions: Conditions, states: Int[np.ndarray, "V"], groups: Sequence[np.ndarray]) -> Int[np.ndarray, "_"]:
-    """Return the states that some values belong to, and those that differences are counted from."""
-    references = conditions.readings.references[np.concatenate(groups[3:]) - _modal(conditions)]
-    return np.unique(np.concatenate([states[np.concatenate(groups)], references[references >= 0]]))
 
 
 def _modal(conditions: Conditions) -> int:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +122,8 @@ class CampaignPlan:
         predictions: what they would show, those that show the same once.
         measured: (V,) which of the predictions' postures the campaign has been in.
         before: by value (its place among those of a state), posture and load case, the rows that have measured it.
+        experiments: (C,) all that could be done.
+        candidates: (C,) what each would tell, and its cost.
         gain: (C,) gain of each as the next experiment, by the criterion.
         nats: (C,) its information gain.
         steps: the batch, in the order of choice.
@@ -139,6 +140,8 @@ class CampaignPlan:
     predictions: CandidatePredictions
     measured: Bool[np.ndarray, "V"]
     before: Mapping[tuple[int, int, int], tuple[int, ...]]
+    experiments: tuple[Experiment, ...]
+    candidates: Experiments
     gain: Float[np.ndarray, "C"]
     nats: Float[np.ndarray, "C"]
     steps: tuple[Step, ...]
@@ -182,20 +185,6 @@ class CampaignPlan:
         after = sds(self.known.of_sought(information + self.candidates.after(chosen)[:, 0]))[:, place]
         best = int(np.argmin(after))
         return best, float(after[best])
-
-    @property
-    def experiments(self) -> tuple[Experiment, ...]:
-        """All that could be done, `(C,)`."""
-        return self._offered[0]
-
-    @property
-    def candidates(self) -> Experiments:
-        """What each would tell, and its cost, `(C,)`."""
-        return self._offered[1]
-
-    @cached_property
-    def _offered(self) -> tuple[tuple[Experiment, ...], Experiments]:
-        return candidate_experiments(self.predictions, self.instruments, self.before)
 
     @property
     def per_cost(self) -> Float[np.ndarray, "C"]:
@@ -311,10 +300,7 @@ def _read_before(
 
 
 def plan_campaign(
-    arm: Arm,
-    fit: CampaignFit | None = None,
-    unknowns: Unknowns | None = None,
-    settings: PlanSettings = DEFAULT,
+    arm: Arm, fit: CampaignFit | None = None, unknowns: Unknowns | None = None, settings: PlanSettings = DEFAULT
 ) -> CampaignPlan:
     """Choose what to measure next on an arm.
 
@@ -347,7 +333,7 @@ def plan_campaign(
     stable = np.asarray(predictions.stable.all(0))
     known, predictions = known.at(stable), predictions.at(points=stable)
     read = _read_before(fit, predictions, instruments.loads, arm.points[-1].name) if fit else {}
-    _, candidates = candidate_experiments(predictions, instruments, read)
+    experiments, candidates = candidate_experiments(predictions, instruments, read)
     return CampaignPlan(
         arm=arm,
         fit=fit,
@@ -359,6 +345,8 @@ def plan_campaign(
         predictions=predictions,
         measured=measured,
         before=read,
+        experiments=experiments,
+        candidates=candidates,
         settings=settings,
         gain=gains(known, known.information, candidates.information, gain),
         nats=gains(known, known.information, candidates.information, information_gain),

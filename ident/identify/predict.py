@@ -16,6 +16,7 @@ from ident.arm.chain import Chain, at_posture
 from ident.arm.mechanics import (
     StaticEquilibrium,
     deflection,
+    equilibrium,
     modal_mass,
     mode_count,
     point_positions,
@@ -25,15 +26,7 @@ from ident.arm.mechanics import (
 from ident.arm.modes import Modes, lowest_eigenpairs, modes_about, to_hertz
 from ident.arm.rotations import identity, matmul, matvec, rotation, rotation_vector, transpose
 from ident.errors import refusal
-from ident.identify.conditions import (
-    Conditions,
-    Readings,
-    by_definition,
-    defined,
-    lifted,
-    read_shapes,
-    with_hysteresis,
-)
+from ident.identify.conditions import Conditions, Readings, by_definition, defined, lifted, read_shapes, with_hysteresis
 from ident.identify.mode_matching import AT_FIRST, label_costs, most_probable, overlap, rms_log_error
 from ident.identify.padding import Parts as ConditionsInParts
 from ident.identify.padding import in_parts, padded
@@ -137,6 +130,19 @@ def _rotations(axes: Float[Array, "3 3 P S *batch"], readings: Readings) -> Floa
 def _along(readings: Readings, rank: int) -> Float[AnyArray, "3 n *batch"]:
     """Return the directions with as many batch axes as the predictions have."""
     return lifted(readings.direction, rank + 2 - jnp.ndim(readings.direction))
+
+
+@jit
+def bushing_moments(arm: Arm, conditions: Conditions) -> Float[Array, "2 N S"]:
+    """Return the size of the moment [N m] on each bushing in each state, across its axis and about it."""
+    chain = chains(arm, conditions)
+    phi = equilibrium(chain)
+    moment = matvec(chain.stiffness, phi)
+    moment = moment if chain.curved is None else moment + chain.curved.torque(phi)
+    axis = jnp.stack([joint.axis for joint in arm.joints], 1)[:, :, None]
+    own_axes = matvec(transpose(chain.frame), moment)
+    along = (axis * own_axes).sum(0)
+    return jnp.stack([jnp.sqrt(((own_axes - axis * along) ** 2).sum(0)), jnp.abs(along)])
 
 
 # -------- Measurement frames
@@ -307,9 +313,7 @@ def _aligned(
     return Rotation.align_vectors(base, own, weights=np.maximum(weight, 1e-12))[0].as_matrix()
 
 
-def _triads(
-    rows: Sequence[tuple[Measurement, np.ndarray]],
-) -> Iterator[tuple[Measurement, np.ndarray, np.ndarray]]:
+def _triads(rows: Sequence[tuple[Measurement, np.ndarray]]) -> Iterator[tuple[Measurement, np.ndarray, np.ndarray]]:
     """Yield what was read along three directions, as a vector in the setup's frame, with the one that is expected."""
     same: dict[Measurement, list[tuple[Measurement, np.ndarray]]] = {}
     for m, vector in rows:
@@ -482,13 +486,12 @@ def chains(arm: Arm, conditions: Conditions) -> Chain:
     return at_posture(arm, conditions.posture, conditions.loads, conditions.servo)
 
 
+Solved = tuple[Modes | None, Float[Array, "K m S *batch"] | None]
+"""All modes of all states, and their frequencies by each definition."""
+
+
 def _values(
-    chain: Chain,
-    at: StaticEquilibrium,
-    conditions: Conditions,
-    solved: tuple[Modes | None, Float[Array, "K m S *batch"] | None],
-    chosen: Array | None,
-    data: Data | None,
+    chain: Chain, at: StaticEquilibrium, conditions: Conditions, solved: Solved, chosen: Array | None, data: Data | None
 ) -> Float[Array, "D *batch"]:
     """Return all values, given all modes, their frequencies (`by_definition`) and the mode of each labelled value."""
     modes, table = solved

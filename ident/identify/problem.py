@@ -55,7 +55,6 @@ from ident.inference.information import SUSPICIOUS, farthest, information
 from ident.inference.parameters import Parameters
 from ident.inference.problem import (
     DISCREPANCY_PREFIX,
-    Correlation,
     Discrepant,
     InverseProblem,
     correlation,
@@ -161,27 +160,19 @@ def _posed(campaign: Campaign, model: ArmModel, unknowns: Unknowns, ratios: Camp
     own, frames = uncertain_parameters(arm, widths), setup_parameters(campaign, model.frames)
     model = replace(model, scaled=scaled_bodies(arm, widths))
     value, sigma, step = np.array([(m.value, m.sigma, m.resolution) for m in campaign], float).T
+    groups = [(places, np.array(matrix)) for places, matrix in campaign.correlated]
+    with placed(one_line(campaign.covariance.path) if campaign.covariance else ""):
+        shared = jax.device_put(correlation(groups, np.ones(len(campaign), bool)))
     problem = InverseProblem(
         model,
         jax.device_put(value),
         jax.device_put(shared_error(np.asarray(model.conditions.order), sigma, step)),
         Parameters((*stiffnesses.items, *own, *frames, *loop_parameters(campaign))),
         tuple(m.kind for m in campaign),
-        _correlation(campaign),
+        shared,
         vectors_of(campaign),
     )
     return Posed(campaign, with_discrepancy(problem, unknowns.discrepancy), ratios)
-
-
-def _correlation(campaign: Campaign) -> Correlation | None:
-    """Return how the errors of the rows are correlated.
-
-    Raises:
-        InputError: as no errors can be.
-    """
-    groups = [(places, np.array(matrix)) for places, matrix in campaign.correlated]
-    with placed(one_line(campaign.covariance.path) if campaign.covariance else ""):
-        return jax.device_put(correlation(groups, np.ones(len(campaign), bool)))
 
 
 # -------- Ramps

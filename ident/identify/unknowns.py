@@ -37,11 +37,7 @@ LENGTH_SCALE = 0.1
 
 
 def parameter(
-    arm: Arm,
-    *paths: str,
-    start: float | None = None,
-    prior_sd: float = math.inf,
-    prior: Prior | None = None,
+    arm: Arm, *paths: str, start: float | None = None, prior_sd: float = math.inf, prior: Prior | None = None
 ) -> Parameter:
     """Make one number of the arm, or several tied ones, an unknown.
 
@@ -208,12 +204,14 @@ def stiffness_parameters(arm: Arm, unknowns: Unknowns | None = None) -> Paramete
             known = [path for group in unknown for path in group]
             remedy = did_you_mean(path, known, "free it, or drop its prior")
             raise refusal("prior", f"a prior for {path}, which is not fitted", "an unknown", remedy)
-    items = []
-    for group in unknown:
-        width = next(widths[path] for path in group if path in widths)
-        prior = next((unknowns.priors[path] for path in group if path in unknowns.priors), None)
-        items.append(parameter(arm, *group, prior_sd=width, prior=prior))
-    return Parameters(tuple(items))
+    return Parameters(tuple(_tied(arm, group, widths, unknowns) for group in unknown))
+
+
+def _tied(arm: Arm, group: tuple[str, ...], widths: Mapping[str, float], unknowns: Unknowns) -> Parameter:
+    """Return the unknown of a group of paths, with the first width and the first prior that one of them has."""
+    width = next((widths[path] for path in group if path in widths), unknowns.prior_sd)
+    prior = next((unknowns.priors[path] for path in group if path in unknowns.priors), None)
+    return parameter(arm, *group, prior_sd=width, prior=prior)
 
 
 def is_damping(path: str) -> bool:
@@ -241,12 +239,8 @@ def damping_parameters(arm: Arm, unknowns: Unknowns) -> tuple[Parameter, ...]:
     ties = [group for group in unknowns.tied if all(map(is_damping, group))]
     group_of = {path: group for group in ties for path in group}
     named = [path for path in (*unknowns.free, *unknowns.priors, *group_of) if is_damping(path)]
-    items = []
-    for group in dict.fromkeys(group_of.get(path, (path,)) for path in named):
-        width = next((unknowns.free[path] for path in group if path in unknowns.free), unknowns.prior_sd)
-        prior = next((unknowns.priors[path] for path in group if path in unknowns.priors), None)
-        items.append(parameter(arm, *group, prior_sd=width, prior=prior))
-    return tuple(items)
+    groups = dict.fromkeys(group_of.get(path, (path,)) for path in named)
+    return tuple(_tied(arm, group, unknowns.free, unknowns) for group in groups)
 
 
 # -------- Readings

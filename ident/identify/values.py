@@ -256,7 +256,9 @@ def of_this_robot(
         return values.remarked(OTHER_ARM) if other_file else values
     but = {*values.values, *changed}
     apart, insist = robot.differences(own, but), "or insist (`force`)"
-    beyond = robot.differences(own, but | _goes_with(designed, own))
+    # of a body of which a number is designed all may differ: its inertia follows from mass and shape
+    bodies = {part for part in (path.partition(".")[0] for path in designed) if f"{part}.mass" in own.numbers}
+    beyond = robot.differences(own, {*but, *designed, *(p for p in own.numbers if p.partition(".")[0] in bodies)})
     undone = [path for path in designed if path in values.values and path not in changed]
     undone = [p for p in undone if not any(_same(own.at(p), other) for other in (robot.at(p), values.medians[p]))]
     got = remedy = ""
@@ -280,13 +282,6 @@ def _same(one: float | None, other: float | None) -> bool:
     if one is None or other is None:
         return one is other
     return abs(one - other) <= SAME_NUMBER * abs(one) + NO_NUMBER
-
-
-def _goes_with(designed: Collection[str], own: Robot) -> set[str]:
-    """Return designed numbers, and all of a body of which one is: its inertia follows from mass and shape."""
-    parts = {path.partition(".")[0] for path in designed}
-    bodies = {part for part in parts if f"{part}.mass" in own.numbers}
-    return {*designed, *(path for path in own.numbers if path.partition(".")[0] in bodies)}
 
 
 def _few(texts: Sequence[str]) -> str:

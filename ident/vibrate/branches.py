@@ -229,9 +229,12 @@ def tracked(arm: Arm, path: Path, loads: Loads | None, count: int, computed: int
     """
     along = _along(arm, path, loads, computed, np.unique(np.linspace(0.0, path.s[-1], POSTURES)))
     for _ in range(ROUNDS):
-        new = _between(along, _track(along, path, count), count)
-        if not len(new):
-            break
+        track = _track(along, path, count)
+        low = (track.place[:, :-1] < count) | (track.place[:, 1:] < count)
+        doubtful = ((track.mac < ALIKE) & low).any(0)  # one of the lowest modes is not followed with certainty
+        if not doubtful.any():
+            return along, track
+        new = ((along.s[:-1] + along.s[1:]) / 2)[doubtful]
         more = _along(arm, path, loads, computed, new)
         order = np.argsort(np.concatenate([along.s, new]))
         along = ModesAlongPath(*(np.concatenate(pair, -1)[..., order] for pair in zip(along, more, strict=True)))
@@ -265,13 +268,6 @@ def followed(
 def _track(along: ModesAlongPath, path: Path, count: int) -> Track:
     reach = BRIDGE * path.s[-1] / (POSTURES - 1)
     return track(along.s, along.frequency, along.shape, along.mass, count=count, reach=reach)
-
-
-def _between(along: ModesAlongPath, track: Track, count: int) -> Float[np.ndarray, "G"]:
-    """Return the middles of neighbours between which one of the lowest modes is not followed with certainty."""
-    low = (track.place[:, :-1] < count) | (track.place[:, 1:] < count)
-    doubtful = ((track.mac < ALIKE) & low).any(0)
-    return ((along.s[:-1] + along.s[1:]) / 2)[doubtful]
 
 
 def _along(arm: Arm, path: Path, loads: Loads | None, computed: int, s: np.ndarray) -> ModesAlongPath:

@@ -21,13 +21,7 @@ from scipy.stats import qmc
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.programs import AnyArray, jit
-from ident.vibrate.evaluator import (
-    Evaluator,
-    Variable,
-    apply,
-    ends,
-    worst_state,
-)
+from ident.vibrate.evaluator import Evaluator, Variable, apply, ends, worst_state
 
 # -------- Objective
 # What a design minimises and keeps within limits: functions of scaled changes, with exact slopes.
@@ -39,6 +33,7 @@ CACHED = 64
 """Results that are remembered: an optimiser asks for the same several times."""
 
 Point = Float[np.ndarray, "V"]
+Function = Callable[[Point], tuple[float, Point]]
 
 
 @dataclass(frozen=True)
@@ -127,11 +122,7 @@ class Objective:
 
 @jit
 def _end_state_slopes(
-    arm: Arm,
-    variables: tuple[Variable, ...],
-    posture: Float[AnyArray, "driven 2"],
-    loads: Loads | None,
-    changes: Float[AnyArray, "V"],
+    arm: Arm, variables: tuple[Variable, ...], posture: AnyArray, loads: Loads | None, changes: AnyArray
 ) -> tuple[Float[Array, "2"], Float[Array, "2 V"]]:
     """Return first frequency and deflection after changes, and their slopes."""
 
@@ -181,11 +172,6 @@ def constraints(objective: Objective, required: Requirements, change_norm: float
     if np.isfinite(d := required.deflection):
         rows.append(Constraint(lambda u: 1 - state(u)[0][1] / d, lambda u: -state(u)[1][1] / d))
     return rows
-
-
-def below(objective: Objective, limit: float) -> Constraint:
-    """Return the constraint that no amplitude of the arm itself exceeds a limit [m]."""
-    return Constraint(lambda u: 1 - objective.parts(u)[0] / limit, lambda u: -objective.parts(u)[1] / limit)
 
 
 def below_bound(objective: Objective) -> Constraint:
@@ -257,7 +243,8 @@ class Search:
 
         The largest of the parts is the least bound t above all of them: t is one more unknown.
         """
-        rows, slope = self._constraints(change_norm), np.append(np.zeros_like(start), 1.0)
+        rows = constraints(self.objective, self.required, change_norm)
+        slope = np.append(np.zeros_like(start), 1.0)
         x = np.append(start, self.objective.largest(start) / self.objective.present)
         widest = [below_bound(self.objective), *map(widened, rows)]
         u = self._minimize(lambda x: (x[-1], slope), x, widest)[:-1]
@@ -265,14 +252,14 @@ class Search:
 
     def minimum_change(self, start: Point, limit: float) -> Point | None:
         """Return the place of the least change norm that meets the limit; None where none is reached."""
-        rows = self._constraints()
-        within = [below(self.objective, limit), *rows]
+        rows, parts = constraints(self.objective, self.required), self.objective.parts
+        within = [Constraint(lambda u: 1 - parts(u)[0] / limit, lambda u: -parts(u)[1] / limit), *rows]
         u = self._minimize(self.objective.squared_norm, start, within, close=CLOSE_ENOUGH)
         return u if are_met(rows, u) and self.objective.largest(u) < limit * (1 + 1e-3) else None
 
     def minimum_exceedance(self, start: Point, limit: float) -> Point:
         """Return the place of the least probability of exceeding the limit, from one of little amplitude on."""
-        rows = self._constraints()
+        rows = constraints(self.objective, self.required)
         u = self._minimize(lambda u: self.objective.log_odds(u, limit), start, rows, ITERATIONS_WITH_DRAWS)
         candidates = [start, u] if are_met(rows, u) else [start]
         return min(candidates, key=lambda u: self.objective.log_odds(u, limit)[0])
@@ -282,7 +269,8 @@ class Search:
 
         Of places all over the bounds, and from those that miss least by a search for the nearest that misses nothing.
         """
-        rows, places = self._constraints(), np.vstack([0 * self.objective.scale, self.spread(seed)])
+        rows = constraints(self.objective, self.required)
+        places = np.vstack([0 * self.objective.scale, self.spread(seed)])
         if not rows:
             return True
         missed = self._missed(places)
@@ -318,17 +306,9 @@ class Search:
         norm = np.sqrt((o.weight * u**2).sum(1))
         return u * np.minimum(1.0, self.required.change_norm / np.maximum(norm, 1e-12))[:, None]
 
-    def _constraints(self, change_norm: float = np.inf) -> list[Constraint]:
-        return constraints(self.objective, self.required, change_norm)
-
     def _minimize(
-        self,
-        function: Callable[[np.ndarray], tuple[float, np.ndarray]],
-        start: np.ndarray,
-        rows: Sequence[Constraint],
-        iterations: int | None = None,
-        close: float = CLOSE,
-    ) -> np.ndarray:
+        self, function: Function, start: Point, rows: Sequence[Constraint], iterations: int = 0, close: float = CLOSE
+    ) -> Point:
         """Minimise within the bounds of u; a further unknown is bounded by zero from below."""
         more = len(start) - len(self.objective.scale)
         low = np.pad(self.objective.low, (0, more))

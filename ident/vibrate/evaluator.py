@@ -14,13 +14,23 @@ from scipy.stats import binomtest
 
 from ident.arm.arm import Arm, loss_paths
 from ident.arm.chain import Loads, at_posture
-from ident.arm.fields import ALPHA, COMPONENTS, field_of
+from ident.arm.fields import ALPHA, COMPONENTS, SPEED, field_of
 from ident.arm.mechanics import deflection, static_equilibrium
 from ident.arm.modes import lowest_eigenpairs, to_hertz
 from ident.errors import ModelError, Problem, refusal, refuse
-from ident.programs import AnyArray, Progress, cores, jit, library
+from ident.programs import AnyArray, Progress, cores, in_batches, jit, library
 from ident.text import did_you_mean
-from ident.vibrate.fast import Fast, FastMethod, Linearised, at_once, numbers_of, refuse_collapse, step_for, vibrations
+from ident.vibrate.fast import (
+    Fast,
+    FastMethod,
+    Linearised,
+    Numbers,
+    at_once,
+    numbers_of,
+    refuse_collapse,
+    step_for,
+    vibrations,
+)
 from ident.vibrate.linear import TimeIntervals, some_at_a_time
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import Response
@@ -137,23 +147,14 @@ Extents = Mapping[str, Float[np.ndarray, "2 3"]]
 
 
 @dataclass(frozen=True)
-class Variable:
-    """A number that may be changed, or several by one factor or one difference.
-
-    Where the arm's own numbers are uncertain, each draw is changed by the same factor or difference: stiffening a
-    joint twofold doubles what it is, whatever it is.
+class Paths:
+    """A number of an arm, or several that go together, by one factor or one difference.
 
     Attributes:
-        paths: the numbers.
-        low: lower bound of the first of them [SI]
-        high: upper bound of it [SI]
-        weight: cost of changing it, against others.
+        paths: the numbers; `("speed",)` for the speed of the motion.
     """
 
     paths: tuple[str, ...]
-    low: float
-    high: float
-    weight: float = 1.0
 
     @property
     def name(self) -> str:
@@ -161,9 +162,32 @@ class Variable:
         return "=".join(self.paths)
 
     @property
+    def is_speed(self) -> bool:
+        """Whether it is the speed of the motion."""
+        return self.paths == (SPEED,)
+
+    @property
     def shifted(self) -> bool:
         """Whether it is changed by a difference, not by a factor."""
         return is_shifted(self.paths[0])
+
+
+@dataclass(frozen=True)
+class Variable(Paths):
+    """A number that may be changed, or several by one factor or one difference.
+
+    Where the arm's own numbers are uncertain, each draw is changed by the same factor or difference: stiffening a
+    joint twofold doubles what it is, whatever it is.
+
+    Attributes:
+        low: lower bound of the first of the numbers [SI]
+        high: upper bound of it [SI]
+        weight: cost of changing it, against others.
+    """
+
+    low: float
+    high: float
+    weight: float = 1.0
 
     def present(self, arm: Arm) -> float:
         """Return the number as it is [SI]."""
@@ -205,21 +229,17 @@ def refuse_factor(path: str, present: float, values: Iterable[float] = ()) -> It
         yield Problem(path, got, expected, "it is changed by a factor: correct them")
 
 
-def changed(shifted: bool, number: AnyArray, change: AnyArray | float) -> AnyArray:
-    """Return a number after a change."""
-    xp = library(number, change)
-    number, change = xp.asarray(number), xp.asarray(change)
-    return xp.asarray(number + change if shifted else number * xp.exp(change))
-
-
 def apply(
     numbers: Mapping[str, Any], variables: Iterable[Variable], changes: Iterable[Float[AnyArray, "*batch"]]
 ) -> dict[str, AnyArray]:
     """Return the numbers by path after changes; `numbers` has those before, a change broadcasts with them."""
-    pairs = zip(variables, changes, strict=True)
-    return {
-        path: changed(variable.shifted, numbers[path], change) for variable, change in pairs for path in variable.paths
-    }
+    found = {}
+    for variable, change in zip(variables, changes, strict=True):
+        for path in variable.paths:
+            xp = library(numbers[path], change)
+            number, by = xp.asarray(numbers[path]), xp.asarray(change)
+            found[path] = xp.asarray(number + by if variable.shifted else number * xp.exp(by))
+    return found
 
 
 def check_path(arm: Arm, path: str) -> None:
@@ -292,18 +312,19 @@ def directions_of(
     return ways
 
 
+LinearisedPair = tuple[Linearised, Linearised]
+"""Linearised equations, and how they change along each of some directions."""
+
+
 @jit
-def linear_along(
-    arm: Arm, values: dict[str, Any], directions: dict[str, Any], solve: FastMethod
-) -> tuple[Linearised, Linearised]:
+def linear_along(arm: Arm, values: Numbers, directions: Numbers, solve: FastMethod) -> LinearisedPair:
     """Return an arm's linearised equations, and how they change along directions, pushed forward together."""
 
-    def some(grid: TimeIntervals) -> tuple[Linearised, Linearised]:
-        def along(direction: dict[str, Any]) -> tuple[Linearised, Linearised]:
+    def some(grid: TimeIntervals) -> LinearisedPair:
+        def along(direction: Numbers) -> LinearisedPair:
             return jax.jvp(lambda now: solve.linearised_within(arm.replace(now), grid), (values,), (direction,))
 
-        pair: tuple[Linearised, Linearised] = jax.vmap(along, out_axes=(None, 1))(directions)
-        return pair
+        return jax.vmap(along, out_axes=(None, 1))(directions)
 
     linear, changing = some_at_a_time(some, solve.grid)
     return linear, jax.tree.map(lambda x: jnp.moveaxis(x, 1, 0), changing)
@@ -311,18 +332,14 @@ def linear_along(
 
 @jit
 def solved_along(
-    arm: Arm,
-    values: dict[str, Any],
-    directions: dict[str, Any],
-    linear: tuple[Linearised, Linearised],
-    solve: FastMethod,
+    arm: Arm, values: Numbers, directions: Numbers, linear: LinearisedPair, solve: FastMethod
 ) -> tuple[tuple[Fast, Fast], Float[Array, "3 T"]]:
     """Return an arm's response, how it changes along directions, and its vibration at the samples [m]."""
 
-    def excited(now: dict[str, Any], linear: Linearised) -> Fast:
+    def excited(now: Numbers, linear: Linearised) -> Fast:
         return solve.excited(arm.replace(now), linear)
 
-    def along(direction: dict[str, Any], changing: Linearised) -> tuple[Fast, Fast]:
+    def along(direction: Numbers, changing: Linearised) -> tuple[Fast, Fast]:
         return jax.jvp(excited, (values, linear[0]), (direction, changing))
 
     pair: tuple[Fast, Fast] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1])
@@ -332,16 +349,16 @@ def solved_along(
 @jit
 def vibration_along(
     arm: Arm,
-    values: dict[str, Any],
-    directions: dict[str, Any],
-    linear: tuple[Linearised, Linearised],
+    values: Numbers,
+    directions: Numbers,
+    linear: LinearisedPair,
     solved: tuple[Fast, Fast],
     solve: FastMethod,
     places: Int[AnyArray, "3 W"] | None,
 ) -> tuple[Float[Array, "3 W"], Float[Array, "WIDTH 3 W"]]:
     """Return the vibration at some samples of each direction, or at all, and its slopes along directions [m]."""
 
-    def seen(now: dict[str, Any], linear: Linearised, solved: Fast) -> Array:
+    def seen(now: Numbers, linear: Linearised, solved: Fast) -> Array:
         time = None if places is None else jnp.asarray(solve.time)[jnp.ravel(places)]
         whole = solve.vibration(arm.replace(now), linear, solved, time)
         return whole if places is None else whole.reshape((3, *places.shape))[np.arange(3), np.arange(3)]
@@ -349,8 +366,7 @@ def vibration_along(
     def along(*tangents: Any) -> tuple[Array, Array]:
         return jax.jvp(seen, (values, linear[0], solved[0]), tangents)
 
-    pair: tuple[Array, Array] = jax.vmap(along, out_axes=(None, 0))(directions, linear[1], solved[1])
-    return pair
+    return jax.vmap(along, out_axes=(None, 0))(directions, linear[1], solved[1])
 
 
 def places_of(measure: Amplitude, size: Float[np.ndarray, "3 T"]) -> Int[np.ndarray, "3 more"] | None:
@@ -527,7 +543,7 @@ class Evaluator:
         ways = [(dict(values), directions_of(values, variables)) for variables in groups for values in arms]
         turned = [{path: np.asarray(x) for path, x in own.items()} for own in sets]
 
-        def one(values: dict[str, Any], along: dict[str, Any], run: Callable[[Any], list[Any]]) -> Any:
+        def one(values: Numbers, along: Numbers, run: Callable[[Any], list[Any]]) -> Any:
             linear = linear_along(self.arm, values, along, solve)
             solved = run([partial(solved_along, self.arm, values | own, along, linear, solve) for own in turned])
             places = places_of(measure, largest_over_phases(*parts_of(np.stack([x for _, x in solved], -1))))
@@ -551,11 +567,11 @@ class Evaluator:
 
     def end_states(self, changes: Float[np.ndarray, "G V"]) -> EndState:
         """Return the end states of the arm itself after changes, by one program for any number of them."""
-        filled = np.pad(changes, ((0, -len(changes) % BATCH), (0, 0)), mode="edge")
-        some = [filled[first : first + BATCH] for first in range(0, len(filled), BATCH)]
-        arms = [self.arm.replace(self.alone.batch(each)) for each in some]
-        states = [worst_state(arm, ends(self.motion), self.loads) for arm in arms]
-        return EndState(*(np.concatenate(part)[: len(changes)] for part in zip(*states, strict=True)))
+
+        def states(some: np.ndarray) -> EndState:
+            return worst_state(self.arm.replace(self.alone.batch(some.T)), ends(self.motion), self.loads)
+
+        return in_batches(states, changes.T, BATCH)
 
     def values(self, changes: Float[np.ndarray, "V"]) -> dict[str, float]:
         """Return the numbers of the arm itself after changes, by path."""

@@ -156,8 +156,7 @@ def solved(arm: Arm, method: FastMethod, start: State | None = None) -> Solution
     def joined(*sampled: np.ndarray) -> np.ndarray:
         return np.concatenate([x[0, ..., : len(within)] for x, within in zip(sampled, times, strict=True)], -1)
 
-    whole: Solution = jax.tree.map(joined, *parts)
-    return whole
+    return jax.tree.map(joined, *parts)
 
 
 @partial(jit, options=LONG_LOOPS)
@@ -205,7 +204,6 @@ def _solved(
             return z, tuple(parts)
 
         guarded = where(lambda given: given[0][0] < at.steps, some_steps, *((STEPS, row) for row in rows))
-        parts: tuple[Array, ...]
         z, parts = jax.lax.scan(guarded, state - reference[:, 0], chunks)
         return z + reference[:, 1], tuple(part.reshape((-1, part.shape[-1])) for part in parts)
 
@@ -213,9 +211,6 @@ def _solved(
     times = jnp.asarray(grid.start), jnp.asarray(grid.step)
     guarded = where(lambda given: jnp.isfinite(given[0]), interval, *((at.within.size, row) for row in rows))
     first: Array = jax.lax.cond(at_rest, from_rest, lambda state: state, jnp.asarray(state))
-    last: Array
-    states: Array
-    a: Array
     last, (states, a) = jax.lax.scan(guarded, first, (*times, linear.equations))
     x, v = jnp.split(states, 2, -1)
     whole = Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), linear.equations.quasi_static)

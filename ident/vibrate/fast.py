@@ -235,7 +235,6 @@ def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeigh
             z, states, a = stepped(here, middles, within < at.steps, push, z, f)
             return z, (states, a)
 
-        parts: tuple[Array, ...]
         z = jax.lax.cond(start == first, begin, go_on, z)
         real = where(lambda given: given[0][0] < at.steps, some_steps, *((STEPS, row) for row in rows))
         z, parts = jax.lax.scan(real, z, chunks)
@@ -245,8 +244,6 @@ def excited(model: Multibody, motion: Motion, grid: TimeIntervals, at: StepWeigh
     times = jnp.asarray(grid.start), jnp.asarray(grid.step)
     rest = jnp.zeros(2 * model.size), jnp.zeros(model.size)
     real = where(lambda given: jnp.isfinite(given[0]), interval, *((at.within.size, row) for row in rows))
-    states: Array
-    a: Array
     states, a = jax.lax.scan(real, rest, (*times, linear))[1]
     x, v = jnp.split(states, 2, -1)
     return Fast(x, v, a.reshape((*a.shape[:2], STAGES, -1)), linear.quasi_static)
@@ -359,8 +356,7 @@ class FastMethod(eqx.Module):
 
     def linearised(self, arm: Arm) -> Linearised:
         """Linearise an arm's equations of motion along the motion."""
-        whole: Linearised = some_at_a_time(partial(self.linearised_within, arm), self.grid)
-        return whole
+        return some_at_a_time(partial(self.linearised_within, arm), self.grid)
 
     def linearised_within(self, arm: Arm, grid: TimeIntervals) -> Linearised:
         """Linearise them within some time intervals."""
@@ -402,8 +398,7 @@ class FastMethod(eqx.Module):
             error = self._gear_error(model, linear, time)
             return Solution(y, yd, *end_point_of(model, self.motion, time, y), static, error, missed)
 
-        whole: Solution = by_time(at, jnp.asarray(self.time))
-        return whole
+        return by_time(at, jnp.asarray(self.time))
 
     def vibration_and_missed(self, arm: Arm, linear: Linearised, solved: Fast) -> tuple[Array, Array | None]:
         """Return the vibration at the samples, and by how much curved springs leave their tangents, see `Solution`."""
@@ -460,6 +455,12 @@ def end_point_of(
 
 # -------- Each
 # The fast method for each of some arms, and for each of some sets of phases of what excites them, on all cores.
+
+
+Numbers = dict[str, Any]
+"""Numbers of an arm by path: arrays, for each of some arms, or for each of some sets of what excites one."""
+Keep = Callable[[FastMethod, Arm, Linearised, Fast], Any]
+"""What is kept of a solution."""
 
 
 def numbers_of(arm: Arm) -> dict[str, AnyArray]:
@@ -519,7 +520,7 @@ def each_of(
     arm: Arm,
     numbers: Mapping[str, Array | np.ndarray],
     solve: FastMethod,
-    keep: Callable[[FastMethod, Arm, Linearised, Fast], Any],
+    keep: Keep,
     sets: Sequence[Mapping[str, float]] = ({},),
     gather: Callable[[Any], Any] = lambda of_sets: of_sets,
 ) -> Any:
@@ -550,9 +551,9 @@ def each_of(
     shares = [sets[first : first + most] for first in range(0, len(sets), most)]
     paths = dict.fromkeys(path for own in sets for path in own)
 
-    def solved_with(values: dict[str, Any], linear: Linearised, some: Sequence[Mapping[str, float]]) -> Any:
+    def solved_with(values: Numbers, linear: Linearised, some: Sequence[Mapping[str, float]]) -> Any:
         filled = [*some, *[some[0]] * (most - len(some))]  # one program for all shares
-        turned: dict[str, AnyArray] = {path: np.array([own.get(path, OWN) for own in filled]) for path in paths}
+        turned = {path: np.array([own.get(path, OWN) for own in filled]) for path in paths}
         response = _excited(arm, values, turned, solve, linear)
         kept = concrete(sampled_for(arm, values, turned, solve, linear, response, keep))
         return jax.tree.map(lambda x: np.moveaxis(x[: len(some), ..., :samples], 0, -1), kept)
@@ -560,7 +561,7 @@ def each_of(
     def gathered(of_shares: Sequence[Any]) -> Any:
         return gather(jax.tree.map(lambda *x: np.concatenate(x, -1), *of_shares))
 
-    def all_sets(values: dict[str, Any]) -> Any:
+    def all_sets(values: Numbers) -> Any:
         return gathered([solved_with(values, linearised_for(arm, values, solve), sets)])
 
     if count >= cores():
@@ -592,16 +593,10 @@ def at_once(jobs: Sequence[Callable[[], Any]]) -> list[Any]:
 
 
 @jit
-def _traced(
-    arm: Arm,
-    numbers: dict[str, Any],
-    solve: FastMethod,
-    keep: Callable[[FastMethod, Arm, Linearised, Fast], Any],
-    own: dict[str, Any],
-) -> Any:
+def _traced(arm: Arm, numbers: Numbers, solve: FastMethod, keep: Keep, own: Numbers) -> Any:
     """Return what is kept of each arm, arms first, all by one program: for one that is traced or differentiated."""
 
-    def one(values: dict[str, Any]) -> Any:
+    def one(values: Numbers) -> Any:
         changed = arm.replace(values | own)
         linear = solve.linearised(changed)
         return keep(solve, changed, linear, solve.excited(changed, linear))
@@ -610,39 +605,30 @@ def _traced(
 
 
 @jit
-def linearised_for(arm: Arm, values: dict[str, Any], solve: FastMethod) -> Linearised:
+def linearised_for(arm: Arm, values: Numbers, solve: FastMethod) -> Linearised:
     """Return the linearised equations of an arm with these numbers."""
     return solve.linearised(arm.replace(values))
 
 
 @jit
-def _excited(
-    arm: Arm, values: dict[str, Array], sets: dict[str, AnyArray], solve: FastMethod, linear: Linearised
-) -> Fast:
+def _excited(arm: Arm, values: Numbers, sets: Numbers, solve: FastMethod, linear: Linearised) -> Fast:
     """Return the response of an arm with each of some sets, the first axis; one alone is not batched."""
 
-    def one(own: dict[str, AnyArray]) -> Fast:
+    def one(own: Numbers) -> Fast:
         return solve.excited(_with(arm, values, own), linear)
 
     if all(len(x) == 1 for x in sets.values()):
         return jax.tree.map(lambda x: x[None], one({path: x[0] for path, x in sets.items()}))
-    response: Fast = jax.vmap(one)(sets)
-    return response
+    return jax.vmap(one)(sets)
 
 
 @partial(jit, options=LONG_LOOPS)
 def sampled_for(
-    arm: Arm,
-    values: dict[str, Array],
-    sets: dict[str, AnyArray],
-    solve: FastMethod,
-    linear: Linearised,
-    solved: Fast,
-    keep: Callable[[FastMethod, Arm, Linearised, Fast], Any],
+    arm: Arm, values: Numbers, sets: Numbers, solve: FastMethod, linear: Linearised, solved: Fast, keep: Keep
 ) -> Any:
     """Return what is kept of each of some sets, the first axis: one after another, for their values fill the cache."""
 
-    def one(given: tuple[dict[str, Array], Fast]) -> Any:
+    def one(given: tuple[Numbers, Fast]) -> Any:
         return keep(solve, _with(arm, values, given[0]), linear, given[1])
 
     return jax.lax.map(one, (sets, solved))

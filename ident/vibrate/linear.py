@@ -57,13 +57,13 @@ def ladder(count: int, least: int, growth: int = 4) -> int:
 
 def where(
     real: Callable[[Any], Array], body: Callable[[Any, Any], tuple], *shapes: tuple[int, ...]
-) -> Callable[[Any, Any], tuple]:
+) -> Callable[[Any, Any], tuple[Any, Any]]:
     """Return a body of `jax.lax.scan` that does nothing where what is given is not real.
 
     There its results, arrays of these shapes, are zeros.
     """
 
-    def guarded(state: Any, given: Any) -> tuple:
+    def guarded(state: Any, given: Any) -> tuple[Any, Any]:
         def nothing(state: Any) -> tuple:
             return state, tuple(jnp.zeros(shape) for shape in shapes)
 
@@ -87,8 +87,7 @@ def in_chunks(f: Callable[..., Any], chunks: tuple[Array, ...], real: Bool[Array
         return none, tuple(jax.tree.leaves(f(*given[1:])))
 
     body = where(lambda given: given[0], some, *(leaf.shape for leaf in leaves))
-    parts: tuple[Array, ...] = jax.lax.scan(body, None, (real, *chunks))[1]
-    return jax.tree.unflatten(tree, parts)
+    return jax.tree.unflatten(tree, jax.lax.scan(body, None, (real, *chunks))[1])
 
 
 def filled_up(motion: Motion) -> Motion:
@@ -362,8 +361,8 @@ def weights(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     Places run from 0 to 1 over the interval; slope and curvature are by that coordinate.
     """
-    values, slopes, curvatures = (np.stack([p.deriv(k)(places) for p in basis(NODE_PLACES)]) for k in range(3))
-    return values, slopes, curvatures
+    value, slope, curvature = (np.stack([p.deriv(k)(places) for p in basis(NODE_PLACES)]) for k in range(3))
+    return value, slope, curvature
 
 
 def some_at_a_time(f: Callable[[TimeIntervals], Any], grid: TimeIntervals) -> Any:
@@ -552,10 +551,7 @@ def _slow(
         "lost": lost,
         "kinematics": kinematics(smooth, turning.pin, *(bushing_rotations(model, part) for part in line)),
     }
-    whole: tuple[Array, Array, dict[str, Any]] = jax.tree.map(
-        lambda x: jnp.moveaxis(by_interval(x), -2, 0), (M, D, slow)
-    )
-    return whole
+    return jax.tree.map(lambda x: jnp.moveaxis(by_interval(x), -2, 0), (M, D, slow))
 
 
 def _lost(

@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float, Int
+from jaxtyping import ArrayLike, Float, Int
 from numpy.polynomial import Polynomial
 from ruckig import InputParameter, Result, Ruckig, Trajectory
 
@@ -18,7 +18,7 @@ from ident.arm.multibody import Command, Multibody
 from ident.arm.parts import Stroke
 from ident.errors import ModelError, Problem, refusal, refuse
 from ident.programs import AnyArray, library
-from ident.text import did_you_mean, quoted
+from ident.text import no_such
 
 JOINED = 1e-9
 """Largest jump of an angle [rad] between two pieces that counts as none."""
@@ -218,8 +218,15 @@ def check_joints(arm: Arm, motion: Motion) -> None:
 def _beyond(motion: Motion, number: int, joint: Joint) -> Iterator[Problem]:
     c, breaks = np.asarray(motion.coefficients)[..., number], np.asarray(motion.breaks)
     low, high = joint.limits
-    doubtful = np.flatnonzero(_may_leave(c, np.diff(breaks), low, high)).tolist()
-    times = np.concatenate([breaks, *(breaks[k] + _turning_points(c[:, k], np.diff(breaks)[k]) for k in doubtful)])
+    spans, n, times = np.diff(breaks), len(c) - 1, breaks
+    # A piece stays within its Bernstein coefficients, b_j = sum over k <= j of C(j, k) / C(n, k) a_k: where these leave
+    # the limits it may turn back beyond them. SciPy's take longer to import than a simulation to compute.
+    of_powers = np.array([[math.comb(j, k) / math.comb(n, k) for k in range(n + 1)] for j in range(n + 1)])
+    bounds = of_powers @ (c[::-1] * spans ** np.arange(n + 1)[:, None])
+    for k in np.flatnonzero((bounds.min(axis=0) < low) | (bounds.max(axis=0) > high)).tolist():
+        roots = np.roots(np.polyder(c[:, k]))
+        within = (abs(roots.imag) < 1e-6) & (roots.real > 0) & (roots.real < spans[k])
+        times = np.append(times, breaks[k] + roots.real[within])
     angles = np.asarray(motion(times)[0])[number]
     excess = np.maximum(low - angles, angles - high)
     worst = int(np.argmax(excess))
@@ -228,27 +235,6 @@ def _beyond(motion: Motion, number: int, joint: Joint) -> Iterator[Problem]:
         got = f"a motion beyond the joint limits: {joint.name} at {angle:.6g} deg at {times[worst]:.4g} s"
         expected = f"{math.degrees(low):.4g} to {math.degrees(high):.4g} deg, its limits in the arm file"
         yield Problem(motion.name, got, expected, "shorten the path, or correct the limits")
-
-
-def _may_leave(
-    c: Float[np.ndarray, "powers pieces"], lengths: Float[np.ndarray, " pieces"], low: float, high: float
-) -> Bool[np.ndarray, " pieces"]:
-    """Tell which pieces may leave the limits: a polynomial stays within its Bernstein coefficients.
-
-    b_j = sum over k <= j of C(j, k) / C(n, k) a_k, a_k the factor of the k-th power of the share of the piece. SciPy's
-    are the same, and take longer to import than a simulation to compute.
-    """
-    n = len(c) - 1
-    of_powers = np.array([[math.comb(j, k) / math.comb(n, k) for k in range(n + 1)] for j in range(n + 1)])
-    bounds = of_powers @ (c[::-1] * lengths ** np.arange(n + 1)[:, None])
-    return (bounds.min(axis=0) < low) | (bounds.max(axis=0) > high)
-
-
-def _turning_points(c: Float[np.ndarray, " powers"], length: float) -> Float[np.ndarray, " times"]:
-    """Return the times within a piece, from its start, at which the angle turns back."""
-    roots = np.roots(np.polyder(c))
-    within = (abs(roots.imag) < 1e-6) & (roots.real > 0) & (roots.real < length)
-    return roots.real[within]
 
 
 # -------- Stroke
@@ -263,12 +249,7 @@ ROUNDING = 1e-12
 
 
 def stroke(
-    path: Stroke,
-    *,
-    percent: float = 100.0,
-    profile: str | None = None,
-    retract: bool = False,
-    dwell: float = 0.0,
+    path: Stroke, *, percent: float = 100.0, profile: str | None = None, retract: bool = False, dwell: float = 0.0
 ) -> Motion:
     """Return the motion along the straight path, from rest to rest, the shortest of its profile within the limits.
 
@@ -298,8 +279,7 @@ def stroke(
     """
     limits, profile = _limits(path), path.profile if profile is None else profile
     if profile not in PROFILES:
-        remedy = did_you_mean(profile, PROFILES, "choose one of them")
-        raise refusal("", quoted(profile), f"one of {', '.join(PROFILES)}", remedy, "profile")
+        raise no_such("", profile, PROFILES, "choose one of them", "profile")
     start, end = (float(path.unfolded), float(path.folded))[:: 1 if retract else -1]
     durations, s = PROFILES[profile](abs(end - start), limits)
     alpha = s * (end - start)

@@ -14,7 +14,7 @@ from ident.arm.modes import Label, modes
 from ident.arm.multibody import ExcitingOrder, exciting_orders, orders_of
 from ident.arm.parts import ORDER_MAX
 from ident.errors import refusal
-from ident.programs import AnyArray, jit
+from ident.programs import AnyArray, in_batches, jit
 from ident.vibrate.branches import Branches, check, motion_times
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import runs
@@ -337,13 +337,7 @@ def _crossings(time: Float[np.ndarray, "T"], apart: Float[np.ndarray, "T"]) -> F
 
 
 def _crossing(
-    branches: Branches,
-    b: int,
-    source: Source,
-    pair: _Pair,
-    run: tuple[int, int],
-    amplitude: np.ndarray,
-    until: float,
+    branches: Branches, b: int, source: Source, pair: _Pair, run: tuple[int, int], amplitude: np.ndarray, until: float
 ) -> ResonanceCrossing:
     """Describe the crossing in a run of times; the mode may swell after it, but not longer than until the next."""
     first, last = run
@@ -445,9 +439,8 @@ def _largest(
 
 def _ways(arm: Arm, crossings: Sequence[ResonanceCrossing], loads: Loads | None) -> Float[np.ndarray, "crossings 3"]:
     """Return in which direction the mode of each crossing moves the end point."""
-    count, posture = len(crossings), np.array([crossing.posture for crossing in crossings]).T
-    filled = np.pad(posture, ((0, 0), (0, -count % TOGETHER)), mode="edge")
-    frequency, motion = (np.asarray(x)[..., :count] for x in _modes(arm, filled, loads))
+    posture = np.array([crossing.posture for crossing in crossings]).T
+    frequency, motion = in_batches(lambda some: _modes(arm, some, loads), posture, TOGETHER)
     natural = np.array([crossing.natural for crossing in crossings])
     mode = np.abs(frequency - natural).argmin(0)
     way = motion[:, mode, np.arange(len(crossings))].T

@@ -30,7 +30,7 @@ from ident.arm.multibody import (
 )
 from ident.arm.rotations import matvec
 from ident.errors import refusal
-from ident.programs import AnyArray, concrete, jit, library
+from ident.programs import AnyArray, concrete, in_batches, jit, library
 from ident.vibrate.linear import quasi_static_deflection
 from ident.vibrate.motion import Motion, command
 
@@ -170,13 +170,8 @@ def belt_tension(response: Response) -> Float[np.ndarray, "2 B T"]:
         return np.zeros((2, 0, count))
     of = _of_elastic_belts if model.belt_driven else _of_rigid_belts
     commanded = command(model, response.motion, response.time)
-    states = tuple(np.asarray(part) for part in (*commanded, response.y, response.yd))
-    parts = []
-    for start in range(0, count, TOGETHER):
-        some = [part[:, start : start + TOGETHER] for part in states]
-        q, qd, qdd, y, yd = (np.pad(part, ((0, 0), (0, TOGETHER - part.shape[1])), mode="edge") for part in some)
-        parts.append(np.asarray(of(model, Command(q, qd, qdd), y, yd)))
-    return np.concatenate(parts, 2)[:, :, :count]
+    states = concrete((commanded, response.y, response.yd))
+    return np.asarray(in_batches(lambda some: of(model, *some), states, TOGETHER))
 
 
 @jit

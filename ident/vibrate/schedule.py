@@ -28,7 +28,7 @@ from ident.arm.arm import Arm
 from ident.arm.multibody import orders_of
 from ident.arm.parts import Stroke
 from ident.errors import ModelError, refusal
-from ident.programs import AnyArray, Progress
+from ident.programs import AnyArray, Progress, in_batches
 from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.fast import lowest_frequencies
 from ident.vibrate.motion import Motion, lengths
@@ -133,7 +133,13 @@ class Path:
         moving = np.append(True, np.diff(way) > 0)
         at = [np.interp(even, way[moving], angle[moving]) for angle in angles]
         spline = make_interp_spline(even, np.stack(at, 1), k=DEGREE)
-        _refuse_corners(motion.name, spline, time, way, angles)
+        bends = np.linalg.norm(spline(even, 2), axis=1) * even[1]
+        strays = np.abs(spline(way) - angles.T).max(1)
+        if bends.max() > CORNER or strays.max() > STRAY:  # there alpha would have to stop
+            at = np.interp(even[bends.argmax()], way, time) if bends.max() > CORNER else time[strays.argmax()]
+            got = f"a path that turns back or has a corner at {at:.4g} s"
+            remedy = "split it there, round the corner, or smooth a noisy log (`smoothing`)"
+            raise refusal(motion.name, got, "a smooth path", remedy)
         limits = np.array([joint.rates for joint in arm.driven]).T
         return cls(spline.t, spline.c, DEGREE, (0.0, float(way[-1])), limits)
 
@@ -192,24 +198,6 @@ class Path:
         mixed = np.abs(passed[:, None] - passed) <= sum(windows)
         v, a = (np.where(mixed, each, np.inf).min(1).reshape(-1, FINE).min(1) for each in (v, a))
         return Allowed(np.minimum(v[:-1], v[1:]), a)
-
-
-def _refuse_corners(
-    name: str,
-    spline: BSpline,
-    time: Float[np.ndarray, "T"],
-    way: Float[np.ndarray, "T"],
-    angles: Float[np.ndarray, "driven T"],
-) -> None:
-    """Refuse a path that turns back or has a corner: there alpha would have to stop."""
-    even = np.linspace(0.0, way[-1], KNOTS + 1)
-    bends = np.linalg.norm(spline(even, 2), axis=1) * even[1]
-    strays = np.abs(spline(way) - angles.T).max(1)
-    if bends.max() > CORNER or strays.max() > STRAY:
-        at = np.interp(even[bends.argmax()], way, time) if bends.max() > CORNER else time[strays.argmax()]
-        got = f"a path that turns back or has a corner at {at:.4g} s"
-        remedy = "split it there, round the corner, or smooth a noisy log (`smoothing`)"
-        raise refusal(name, got, "a smooth path", remedy)
 
 
 @dataclass(frozen=True)
@@ -313,9 +301,8 @@ class Scheduling:
     def frequencies(self, alpha: Float[np.ndarray, "K"], arm: Arm | None = None) -> Float[np.ndarray, "2 K"]:
         """Return the two lowest natural frequencies along the path [Hz], of the evaluator's arm or another."""
         arm, loads = self.evaluator.arm if arm is None else arm, self.evaluator.loads
-        posture = np.pad(self.path.angles(alpha), ((0, 0), (0, -len(alpha) % BATCH)), mode="edge")
-        some = [lowest_frequencies(arm, posture[:, k : k + BATCH], loads, 2) for k in range(0, posture.shape[1], BATCH)]
-        return np.concatenate(some, 1)[:, : len(alpha)]
+        angles = self.path.angles(alpha)
+        return np.asarray(in_batches(lambda some: lowest_frequencies(arm, some, loads, 2), angles, BATCH))
 
     def orders(self, alpha: Float[np.ndarray, "K"]) -> Float[np.ndarray, "orders K"]:
         """Return the frequencies that excite the arm along the path, over the speed of alpha: cycles a radian."""

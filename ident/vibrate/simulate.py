@@ -15,7 +15,7 @@ from ident.arm.chain import Loads
 from ident.arm.multibody import Multibody, exciting_orders, has_transmission_error, multibody
 from ident.errors import refusal
 from ident.programs import RUNS_ONCE, AnyArray, jit, library
-from ident.text import did_you_mean, quoted
+from ident.text import no_such
 from ident.vibrate import exact, fast
 from ident.vibrate.fast import (
     FastMethod,
@@ -214,8 +214,7 @@ class Amplitude(eqx.Module):
 def amplitude(measure: str, motion: Motion, rate: float) -> Amplitude:
     """Return a measure for a motion sampled at a rate."""
     if measure not in MEASURES:
-        remedy = did_you_mean(measure, MEASURES, "choose one of them")
-        raise refusal("", quoted(measure), f"one of {', '.join(MEASURES)}", remedy, "measure")
+        raise no_such("", measure, MEASURES, "choose one of them", "measure")
     time, first = sample_times(motion, rate), 0
     if measure == "residual":
         first = int(np.searchsorted(time, motion.arrival - 1e-9))

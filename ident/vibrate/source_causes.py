@@ -11,22 +11,15 @@ In a band about the peak a trace x becomes complex samples that are about indepe
     z_n = sum over t of h(t_n - t) x(t) exp(-2 pi i f t),    h a low pass.
 
 A set S of causes leaves the share u_k(S) of the energy of trace k, by least squares in which clock, stiffness, damping
-and tilt may move as far as they are known. Its evidence is Schwarz's, with p columns and frequencies, n numbers, of
-which n_k are of trace k:
-
-    -1/2 sum over k of n_k ln(u_k + MISFIT^2) - p/2 ln n
-
-This form needs no level of noise, and a cause that only mends what the model errs by gains little. What a set predicts
-of blocks that were left out is scored alike, without p. All sets compete. A peak's cause is the one with the largest
-share in its set, if both evidence and prediction say so.
-
-References:
-    Schwarz, "Estimating the dimension of a model", Ann. Statist. 6(2), 1978.
+and tilt may move as far as they are known. Its evidence is its score (`ident.vibrate.hypotheses`) less p/2 ln n, with p
+columns and frequencies and n numbers in all. What a set predicts of blocks that were left out is scored alike, without
+p. All sets compete. A peak's cause is the one with the largest share in its set, if both evidence and prediction say
+so.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, partial
 from itertools import combinations, product
 from typing import Any, NamedTuple
 
@@ -40,7 +33,8 @@ from ident.arm.multibody import IMBALANCE, ExcitingOrder, possible_orders
 from ident.arm.parts import ORDER_MAX, ErrorOrder
 from ident.errors import refusal
 from ident.text import quoted
-from ident.vibrate.source_identification import RIDGE, further_run, whitened
+from ident.vibrate.hypotheses import PEAK, probability, score
+from ident.vibrate.source_identification import RIDGE, Point, further_run
 from ident.vibrate.source_problem import Channel, Place, SourceProblem
 from ident.vibrate.sources import Response, Run, path_of
 
@@ -50,8 +44,6 @@ WIDTH = 0.15
 """Half the band about a peak, as a share of its frequency: two peaks nearer than that are one; assumed."""
 LENGTH = 3.0
 """Length of the low pass, in periods of half the band: it lets through 3 % a quarter of the band beyond its edges."""
-MISFIT = 0.05
-"""Share of an amplitude to which the model of a cause is right; assumed."""
 FINE = 8
 """Frequencies of a line that are tried in each resolved step, one over the length of the longest trace."""
 DAMPING = (0.002, 0.006, 0.02)
@@ -63,12 +55,8 @@ WIDER = 3.0
 """By which standard deviations of clock, stiffness, damping and tilt are widened: an unknown cause was fitted along."""
 BLOCKS, FOLDS = 8, 4
 """Blocks of each trace, which are left out in so many turns."""
-SURE = 0.95
-"""Least probability of a cause that can be told; assumed."""
 NEEDED = 3.0
 """Score [nat] by which a further run must set rivals apart: odds of 20."""
-SEEN = 0.2
-"""Share of the energy in the band, noise included, that a set must explain, and predict, to count; assumed."""
 MOST = 0.5
 """Share of what its set explains that a cause must make itself to be the peak's; assumed."""
 
@@ -154,13 +142,13 @@ class Causes:
     @property
     def explained(self) -> bool:
         """Whether some set of them explains the peak, and predicts blocks that were left out."""
-        return self.left < 1 - SEEN and max(cause.predicted for cause in self.causes) >= SEEN
+        return self.left < 1 - PEAK.seen and max(cause.predicted for cause in self.causes) >= PEAK.seen
 
     @property
     def told(self) -> bool:
         """Whether the first is told from the others, by evidence and by prediction, and makes most of the peak."""
         first = self.causes[0]
-        return self.explained and first.share >= MOST * first.explained and first.probability >= SURE
+        return self.explained and first.share >= MOST * first.explained and first.probability >= PEAK.sure
 
 
 def check_peak(problem: SourceProblem, peak: float | None, teeth: Mapping[str, float]) -> None:
@@ -217,11 +205,10 @@ def compared(
     named = zip(place._fields[:-1], place[:-1], strict=True)
     moving = np.flatnonzero(np.concatenate([np.full(part.size, name != "calibration") for name, part in named]))
     loose = np.linalg.cholesky(WIDER**2 * covariance[np.ix_(moving, moving)])
-    responses = meshed.responses(place)
-    rows = _rows(meshed, place, responses, peak, moving)
+    bands = [Band(peak, WIDTH * peak, channel.rate) for channel in meshed.channels]
+    point = Point(meshed, place, meshed.responses(place), bands)
     kinds = ["imbalance" if each.kind == IMBALANCE else "error" for each in problem.sources] + ["mesh"] * more
-    contest = _Contest.of(rows, np.linalg.inv(loose), meshed, place, responses, kinds)
-    return contest.judged(peak, untested, further or {})
+    return _Contest.of(point, moving, np.linalg.inv(loose), kinds).judged(peak, untested, further or {})
 
 
 def _with_mesh(problem: SourceProblem, teeth: Mapping[str, float], peak: float) -> tuple[SourceProblem, dict[str, str]]:
@@ -255,43 +242,12 @@ def _with_mesh(problem: SourceProblem, teeth: Mapping[str, float], peak: float) 
     return replace(problem, arm=meshing, sources=(*problem.sources, *added)), {}
 
 
-class _Rows(NamedTuple):
-    """Traces in a band.
-
-    Attributes:
-        values: of each trace (n_k,) what is measured beyond the motion itself.
-        known: of each trace (n_k, m) by what is known of clock, stiffness, damping, tilt and trial masses.
-        sources: of each trace (n_k, G S 2) by the parts of the sources.
-        bands: of each trace.
-    """
-
-    values: tuple[np.ndarray, ...]
-    known: tuple[np.ndarray, ...]
-    sources: tuple[np.ndarray, ...]
-    bands: tuple[Band, ...]
-
-
-def _rows(
-    problem: SourceProblem, place: Place, responses: Sequence[Response], peak: float, moving: np.ndarray
-) -> _Rows:
-    """Return all traces in the band about a peak, with the columns of these unknowns as what is known."""
-    bands = tuple(Band(peak, WIDTH * peak, channel.rate) for channel in problem.channels)
-    whole = whitened(problem, responses, problem.slopes(place), place, bands)
-    first = sum(part.size for part in place[:-1])
-    values = [
-        residual + columns[:, first:] @ place.parts.ravel()
-        for residual, columns in zip(whole.residual, whole.columns, strict=True)
-    ]
-    known, sources = zip(*((columns[:, moving], columns[:, first:]) for columns in whole.columns), strict=True)
-    return _Rows(tuple(values), known, sources, bands)
-
-
-def _driving(problem: SourceProblem, place: Place, responses: Sequence[Response]) -> Iterator[np.ndarray]:
+def _driving(at: Point) -> Iterator[np.ndarray]:
     """Yield of each channel the acceleration along its sensor (T,) [m/s^2], at the times of its response."""
-    arm, paths = problem.arm_at(place), dict[tuple[int, str], np.ndarray]()
-    for channel in problem.channels:
-        response = responses[channel.run]
-        weights = np.append(1.0, problem.parts_of(channel.run, place).ravel())
+    arm, paths = at.problem.arm_at(at.place), dict[tuple[int, str], np.ndarray]()
+    for channel in at.problem.channels:
+        response = at.responses[channel.run]
+        weights = np.append(1.0, at.problem.parts_of(channel.run, at.place).ravel())
         point = response.run.sensors[channel.sensor].point
         if (channel.run, point) not in paths:
             paths[channel.run, point] = path_of(arm, response.run, point)
@@ -335,8 +291,7 @@ class _Contest:
     """Sets of causes that compete.
 
     Attributes:
-        problem: traces and sources.
-        place: where the columns count from.
+        point: traces and sources, where the columns count from, and the band of each trace.
         values: (n,) all traces, each scaled by its noise, then zeros for what is known.
         columns: (n, m) by what is known, which all sets have.
         causes: (n, p) columns of each cause by kind, then by frequency [Hz] and damping ratio that it may have.
@@ -347,8 +302,7 @@ class _Contest:
         energy: (C,) of each trace, as a displacement.
     """
 
-    problem: SourceProblem
-    place: Place
+    point: Point
     values: np.ndarray
     columns: np.ndarray
     causes: Mapping[str, Mapping[tuple[float, float], np.ndarray]]
@@ -359,36 +313,26 @@ class _Contest:
     energy: np.ndarray
 
     @classmethod
-    def of(
-        cls,
-        rows: _Rows,
-        loose: np.ndarray,
-        problem: SourceProblem,
-        place: Place,
-        responses: Sequence[Response],
-        kinds: Sequence[str],
-    ) -> "_Contest":
+    def of(cls, point: Point, moving: np.ndarray, loose: np.ndarray, kinds: Sequence[str]) -> "_Contest":
         """Return the contest, with the finger and the line that explain most beside all sources.
 
         Args:
-            rows: the traces.
-            loose: (m, m) what whitens what is known.
-            problem: its problem.
-            place: where its columns count from.
-            responses: of each run.
+            point: see above.
+            moving: places of the unknowns that may move as far as they are known.
+            loose: (m, m) what whitens these.
             kinds: cause of each source.
         """
-        sizes = [len(values) for values in rows.values]
-        trace, fold = np.repeat(np.arange(len(sizes)), sizes), np.concatenate(list(map(_folds, sizes)))
+        place, peak, whole = point.place, point.whitenings[0].frequency, point.whitened()
+        first = sum(part.size for part in place[:-1])
+        pairs = zip(whole.residual, whole.columns, strict=True)
+        beyond = [residual + columns[:, first:] @ place.parts.ravel() for residual, columns in pairs]  # the motion
+        sizes = [len(values) for values in beyond]
+        # real and imaginary part of a sample are left out in the same turn
+        turns = [np.tile(np.arange(size // 2) * BLOCKS // (size // 2) % FOLDS, 2) for size in sizes]
         more = np.full(len(loose), -1)
-        trace, fold = np.append(trace, more), np.append(fold, more)
-        driving = list(_driving(problem, place, responses))
-
-        @cache
-        def swinging(frequency: float, damping: float) -> list[np.ndarray]:
-            return _fingers(problem, place, responses, driving, rows.bands, frequency, damping)
-
-        noise = np.array([np.std(values) for values in rows.values])
+        trace, fold = np.append(np.repeat(np.arange(len(sizes)), sizes), more), np.concatenate([*turns, more])
+        swinging = cache(partial(_fingers, point, list(_driving(point))))
+        noise = np.array([np.std(values) for values in beyond])
         for again in (True, False):  # first each trace counts by its size, then by what all causes leave of it
             weight = np.append(np.repeat(1 / noise, sizes), np.zeros(len(loose)))[:, None]
 
@@ -396,7 +340,8 @@ class _Contest:
                 every = np.concatenate([part.reshape((len(part), -1)) for part in parts])
                 return weight * np.concatenate([every, np.zeros((len(loose), every.shape[1]))])
 
-            values, sources, columns = scaled(rows.values)[:, 0], scaled(rows.sources), scaled(rows.known)
+            values, sources = scaled(beyond)[:, 0], scaled([each[:, first:] for each in whole.columns])
+            columns = scaled([each[:, moving] for each in whole.columns])
             columns[len(columns) - len(loose) :] = loose
             fingers, lines = dict[tuple[float, float], np.ndarray](), dict[tuple[float, float], np.ndarray]()
             for others in (columns, np.column_stack([columns, sources])):  # sources may be like a line for a while
@@ -409,27 +354,26 @@ class _Contest:
                     own, _ = np.linalg.qr(block / _sizes(block))
                     return np.sum((own.T @ rest) ** 2)
 
-                finger = (rows.bands[0].frequency, DAMPING[1])
+                finger = (peak, DAMPING[1])
                 for width, count in SCANNED:
                     ratios = DAMPING[1:2] if width == WIDTH else DAMPING
                     tried = finger[0] * np.linspace(1 - width, 1 + width, count)
                     finger = max(((f, ratio) for f in tried.tolist() for ratio in ratios), key=gained)
                 fingers[finger] = scaled(swinging(*finger))
-                line = _strongest_line(problem, rows.bands, np.split(rest[: sum(sizes)], np.cumsum(sizes)[:-1]))
-                lines[line, 0.0] = scaled(_lines(problem, rows.bands, line))
+                line = _strongest_line(point, np.split(rest[: sum(sizes)], np.cumsum(sizes)[:-1]))
+                lines[line, 0.0] = scaled(_lines(point, line))
             every = np.column_stack([columns, sources, *fingers.values(), *lines.values()])
             left = values - every @ _solved(every, values)
             rms = [(np.std(left[trace == k]), np.std(values[trace == k])) for k in range(len(sizes))]
             if again:
-                noise = noise * np.array([np.hypot(own, MISFIT * size) for own, size in rms])
+                noise = noise * np.array([np.hypot(own, PEAK.misfit * size) for own, size in rms])
         of_source = np.repeat(np.tile(kinds, place.parts.shape[0]), 2)
         causes = {kind: {(np.nan, np.nan): sources[:, of_source == kind]} for kind in CAUSES[:3] if kind in kinds}
         causes |= {"finger": fingers, "line": lines}
         scale = noise * np.array([own for own, _ in rms])
-        derived = [problem.runs[each.run].sensors[each.sensor].derivative for each in problem.channels]
-        omega = 2 * np.pi * rows.bands[0].frequency
-        energy = [np.sum(own**2) / omega ** (2 * k) for own, k in zip(rows.values, derived, strict=True)]
-        return cls(problem, place, values, columns, causes, trace, fold, tuple(kinds), scale, np.array(energy))
+        orders = [2 * sensor.derivative for sensor in point.problem.measuring]
+        energy = [np.sum(own**2) / (2 * np.pi * peak) ** order for own, order in zip(beyond, orders, strict=True)]
+        return cls(point, values, columns, causes, trace, fold, tuple(kinds), scale, np.array(energy))
 
     @cached_property
     def sets(self) -> dict[frozenset[str], "_Set"]:
@@ -459,12 +403,7 @@ class _Contest:
         return np.asarray(left / np.maximum(energy, 1e-300))
 
     def _score(self, left: np.ndarray) -> float:
-        count = np.bincount(self.trace[self.trace >= 0])
-        return float(-(count * np.log(left + MISFIT**2)).sum() / 2)
-
-    def _explained(self, left: np.ndarray) -> float:
-        """Return the share of the energy that is not left, of all traces together."""
-        return float(1 - self.energy @ left / self.energy.sum())
+        return score(left, np.bincount(self.trace[self.trace >= 0]), PEAK)
 
     def evidence(self, chosen: frozenset[str]) -> float:
         """Return the evidence of a set [nat]; the frequency of a line counts as a column, that of a finger as two."""
@@ -493,21 +432,17 @@ class _Contest:
         every = {chosen: self.shares(chosen) for chosen in self.sets if chosen}
         largest = {chosen: max(own, key=lambda kind: own[kind]) for chosen, own in every.items()}
         scores = {chosen: (self.evidence(chosen), self._score(self.sets[chosen].unseen)) for chosen in largest}
-        top = [max(each[k] for each in scores.values()) for k in (0, 1)]
         causes, sets = list[Cause](), dict[str, frozenset[str]]()
         for kind in self.causes:
-            own = [chosen for chosen in scores if largest[chosen] == kind]
+            own, others = ([s for s in scores if (largest[s] == kind) is mine] for mine in (True, False))
             if not own:
                 continue
             best = sets[kind] = max(own, key=lambda chosen: scores[chosen])
-            odds = [
-                sum(np.exp(scores[s][k] - top[k]) for s in own)
-                / sum(np.exp(each[k] - top[k]) for each in scores.values())
-                for k in (0, 1)
-            ]
-            shown = [self._explained(part) for part in (self.sets[best].left, self.sets[best].unseen)]
+            odds = [probability(*([scores[s][k] for s in part] for part in (own, others))) for k in (0, 1)]
+            shares = [self.energy @ part / self.energy.sum() for part in (self.sets[best].left, self.sets[best].unseen)]
+            shown = [float(1 - share) for share in shares]
             source, frequency = self._strongest(kind, best), self.sets[best].how[kind][0]
-            causes.append(Cause(kind, source, frequency, every[best][kind], *shown, *map(float, odds)))
+            causes.append(Cause(kind, source, frequency, every[best][kind], *shown, *odds))
         causes.sort(key=lambda cause: (-cause.evidence, -cause.held_out, -cause.predicted))
         band = (peak * (1 - WIDTH), peak * (1 + WIDTH))
         result = Causes(peak, band, tuple(causes), untested, 1 - max(cause.explained for cause in causes), 0.0)
@@ -527,7 +462,7 @@ class _Contest:
         (columns,) = self.causes[kind].values()
         columns = columns.reshape((len(self.values), -1, len(own), 2))
         made = np.einsum("ngsi,gsi->sn", columns, parts[:, own])
-        return self.problem.sources[own[int(np.argmax((made**2).sum(1)))]]
+        return self.point.problem.sources[own[int(np.argmax((made**2).sum(1)))]]
 
     def _coefficients(self, chosen: frozenset[str]) -> dict[str, np.ndarray]:
         """Return the coefficients of the columns of each cause of a set, in their order."""
@@ -538,7 +473,7 @@ class _Contest:
 
     def _parts(self, chosen: frozenset[str]) -> Float[np.ndarray, "G S 2"]:
         """Return the parts of all sources, as a set has them."""
-        found, parts = self._coefficients(chosen), np.zeros(self.place.parts.shape)
+        found, parts = self._coefficients(chosen), np.zeros(self.point.place.parts.shape)
         for kind in set(chosen) & set(CAUSES[:3]):
             own = [k for k, each in enumerate(self.kinds) if each == kind]
             parts[:, own] = found[kind].reshape((len(parts), -1, 2))
@@ -550,50 +485,42 @@ class _Contest:
         Measured by the sensors of the first run with their noise; what the sources are in the runs at hand, the rival
         has to keep, a fixed line may start anew.
         """
-        own = [k for k, channel in enumerate(self.problem.channels) if channel.run == 0]
-        rate = min(self.problem.channels[k].rate for k in own)
-        alone = further_run(self.problem, run, [self.problem.channels[k].sensor for k in own], rate)
-        bands = tuple(Band(peak, WIDTH * peak, rate) for _ in own)
-        if len(alone.channels[0].time) / rate < 2 * LENGTH / bands[0].half:
+        channels = self.point.problem.channels
+        own = [k for k, channel in enumerate(channels) if channel.run == 0]
+        rate = min(channels[k].rate for k in own)
+        alone = further_run(self.point.problem, run, [channels[k].sensor for k in own], rate)
+        if len(alone.channels[0].time) / rate < 2 * LENGTH / (WIDTH * peak):
             return 0.0
-        seen = [self._seen(alone, chosen, bands) for chosen in (true, rival)]
-        score = 0.0
+        seen = [self._seen(alone, chosen, Band(peak, WIDTH * peak, rate)) for chosen in (true, rival)]
+        gained = 0.0
         for k, number in enumerate(own):
             (here, line), (other, free) = seen[0][k], seen[1][k]
             whole = here + line.sum(1) if line.size else here
             off = whole - other
             if free.size:
                 off = off - free @ _solved(free, off)
-            noise = self.noise[number] ** 2 * len(off) + MISFIT**2 * float(whole @ whole)
-            score += len(off) / 2 * float(np.log1p(float(off @ off) / noise))
-        return score
+            noise = self.noise[number] ** 2 * len(off) + PEAK.misfit**2 * float(whole @ whole)
+            gained += len(off) / 2 * float(np.log1p(float(off @ off) / noise))
+        return gained
 
-    def _seen(
-        self, alone: SourceProblem, chosen: frozenset[str], bands: Sequence[Band]
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _seen(self, alone: SourceProblem, chosen: frozenset[str], band: Band) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return of each channel of a run what a set makes of it (n,), and a line's columns (n, 2), if it has one."""
         parts, found, how = self._parts(chosen)[:1], self._coefficients(chosen), self.sets[chosen].how
-        place = alone.start._replace(changes=self.place.changes, parts=parts)
-        (response,) = alone.responses(place)
-        driving = list(_driving(alone, place, [response])) if "finger" in chosen else []
-        result = []
-        for k, band in enumerate(bands):
-            _, columns, _ = alone.seen(k, response, place)
+        place = alone.start._replace(changes=self.point.place.changes, parts=parts)
+        at = Point(alone, place, alone.responses(place), [band] * len(alone.channels))
+        fingers = _fingers(at, list(_driving(at)), *how["finger"]) if "finger" in chosen else []
+        lines, result = _lines(at, how["line"][0]) if "line" in chosen else [], []
+        for k in range(len(alone.channels)):
+            _, columns, _ = alone.seen(k, at.responses[0], place)
             made = band(columns @ parts[0].ravel())
-            if "finger" in chosen:
-                block = _fingers(alone, place, [response], driving, bands, *how["finger"])[k]
-                made = made + block @ found["finger"][: block.shape[1]]
+            if fingers:
+                made = made + fingers[k] @ found["finger"][: fingers[k].shape[1]]
             line = np.zeros((len(made), 0))
-            if "line" in chosen:
+            if lines:
                 size = found["line"].reshape((-1, 2))[k]
-                line = _lines(alone, bands, how["line"][0])[k][:, 2 * k : 2 * k + 2] * np.hypot(*size) / np.sqrt(2)
+                line = lines[k][:, 2 * k : 2 * k + 2] * np.hypot(*size) / np.sqrt(2)
             result.append((made, line))
         return result
-
-
-def _folds(size: int) -> np.ndarray:
-    """Return the turn in which each number of a trace is left out, real and imaginary parts alike."""
-    return np.tile(np.arange(size // 2) * BLOCKS // (size // 2) % FOLDS, 2)
 
 
 def _sizes(columns: np.ndarray) -> np.ndarray:
@@ -610,46 +537,36 @@ def _solved(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.solve(normal, scaled.T @ values) / size)
 
 
-def _strongest_line(problem: SourceProblem, bands: Sequence[Band], rest: Sequence[np.ndarray]) -> float:
+def _strongest_line(at: Point, rest: Sequence[np.ndarray]) -> float:
     """Return the frequency [Hz] at which most of what is left of all traces is in a line."""
-    longest = max(len(channel.time) / channel.rate for channel in problem.channels)
-    middle, half = bands[0].frequency, bands[0].half
+    longest = max(len(channel.time) / channel.rate for channel in at.problem.channels)
+    middle, half, _ = at.whitenings[0]
     tried = np.linspace(-half, half, int(2 * half * longest * FINE) + 2)
     power = np.zeros(len(tried))
-    for own, band in zip(rest, bands, strict=True):
+    for own, band in zip(rest, at.whitenings, strict=True):
         real, imaginary = np.split(own, 2)
         time = np.arange(len(real)) * band.step / band.rate
         power += np.abs(np.exp(-2j * np.pi * np.outer(tried, time)) @ (real + 1j * imaginary)) ** 2 / len(real)
     return float(middle + tried[power.argmax()])
 
 
-def _lines(problem: SourceProblem, bands: Sequence[Band], frequency: float) -> list[np.ndarray]:
+def _lines(at: Point, frequency: float) -> list[np.ndarray]:
     """Return cosine and sine of a fixed frequency in each trace (n_k, 2 C): each has its own."""
     found = []
-    for k, (channel, band) in enumerate(zip(problem.channels, bands, strict=True)):
+    for k, (channel, band) in enumerate(zip(at.problem.channels, at.whitenings, strict=True)):
         turned = 2 * np.pi * frequency * (channel.time - channel.time[0])
         own = band(np.column_stack([np.cos(turned), np.sin(turned)]))
-        found.append(np.zeros((len(own), 2 * len(problem.channels))))
+        found.append(np.zeros((len(own), 2 * len(at.problem.channels))))
         found[-1][:, 2 * k : 2 * k + 2] = own
     return found
 
 
-def _fingers(
-    problem: SourceProblem,
-    place: Place,
-    responses: Sequence[Response],
-    driving: Sequence[np.ndarray],
-    bands: Sequence[Band],
-    frequency: float,
-    damping: float,
-) -> list[np.ndarray]:
+def _fingers(at: Point, driving: Sequence[np.ndarray], frequency: float, damping: float) -> list[np.ndarray]:
     """Return what a finger makes of each trace (n_k, K): as much for all sensors of a point and direction."""
-    sensors = [problem.runs[channel.run].sensors[channel.sensor] for channel in problem.channels]
-    ways = [(each.point, each.direction, each.body) for each in sensors]
-    alike, found = list(dict.fromkeys(ways)), []
-    for channel, way, force, band in zip(problem.channels, ways, driving, bands, strict=True):
-        response = responses[channel.run]
-        own = band(_swinging(problem, place, response, channel, force, (2 * np.pi * frequency, damping)))
+    ways = [(each.point, each.direction, each.body) for each in at.problem.measuring]
+    alike, found, how = list(dict.fromkeys(ways)), [], (2 * np.pi * frequency, damping)
+    for channel, way, force, band in zip(at.problem.channels, ways, driving, at.whitenings, strict=True):
+        own = band(_swinging(at.problem, at.place, at.responses[channel.run], channel, force, how))
         found.append(np.zeros((len(own), len(alike))))
         found[-1][:, alike.index(way)] = own
     return found

@@ -12,10 +12,10 @@ through resonances are not averaged over blocks, and white noise is used to the 
 source explains the vibration wherever it should, is tested along the motion and widens its interval, see `consistency`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -59,7 +59,7 @@ RIDGE = 1e-13
 """Added to the unit diagonal of normal equations: their rounding."""
 BLOCK = 1.0
 """Length [s] of the blocks in which a source is tested: some periods of what excites."""
-CHANCE = 0.05
+SCATTERS = 0.05
 """Probability above which a spread of blocks counts as chance."""
 FAINT = 0.02
 """Share of a source's information below which a block tells nothing of it."""
@@ -81,6 +81,11 @@ class Whitened:
 
     residual: tuple[np.ndarray, ...]
     columns: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, wholes: Iterable[np.ndarray]) -> "Whitened":
+        """Return those of which each channel's residual is the first column (T, 1 + n)."""
+        return cls(*zip(*((whole[:, 0], whole[:, 1:]) for whole in wholes), strict=True))
 
 
 @dataclass(frozen=True)
@@ -132,30 +137,32 @@ class Identification:
             sizes, ways = np.hypot(*parts.T), _ways(parts)
             turned = np.stack([-ways[:, 1], ways[:, 0]], 1)
             across = np.einsum("gi,gij,gj->g", turned, covariances, turned)
-            weights, sd, _ = self._pooled(k)
+            weights, sd, _ = self._pooled[k]
             phases = np.arctan2(parts[:, 1], parts[:, 0])
             phase_sd = across**0.5 / np.maximum(sizes, 1e-300)
             size = float(weights @ sizes)
             found.append(Estimate(source, size, sd, tuple(phases.tolist()), tuple(phase_sd.tolist())))
         return tuple(found)
 
-    def _pooled(self, k: int) -> tuple[np.ndarray, float, float]:
-        """Return the weights of the phase groups in a source's amplitude, its sd, and the chance that they differ."""
-        parts, (groups, count) = self.place.parts[:, k], self.place.parts.shape[:2]
-        first, ways = sum(part.size for part in self.place[:-1]), _ways(parts)
-        at = first + 2 * (count * np.arange(groups)[:, None] + k) + np.arange(2)
-        block = self.consistency[k] * self.covariance[at.ravel()[:, None], at.ravel()].reshape((groups, 2, groups, 2))
-        precision = np.linalg.inv(np.einsum("gi,gihj,hj->gh", ways, block, ways))
-        weights, sizes = precision.sum(1) / precision.sum(), np.hypot(*parts.T)
-        off = sizes - weights @ sizes
-        chance = float(chi2.sf(off @ precision @ off, groups - 1)) if groups > 1 else np.nan
-        return weights, float(precision.sum() ** -0.5), chance
+    @cached_property
+    def _pooled(self) -> list[tuple[np.ndarray, float, float]]:
+        """Of each source the weights of the phase groups in its amplitude, its sd, and the chance that they differ."""
+        (groups, count), first, found = self.place.parts.shape[:2], sum(part.size for part in self.place[:-1]), []
+        for k in range(count):
+            parts, ways = self.place.parts[:, k], _ways(self.place.parts[:, k])
+            at = (first + 2 * (count * np.arange(groups)[:, None] + k) + np.arange(2)).ravel()
+            block = self.consistency[k] * self.covariance[np.ix_(at, at)].reshape((groups, 2, groups, 2))
+            precision = np.linalg.inv(np.einsum("gi,gihj,hj->gh", ways, block, ways))
+            weights, sizes = precision.sum(1) / precision.sum(), np.hypot(*parts.T)
+            off = sizes - weights @ sizes
+            chance = float(chi2.sf(off @ precision @ off, groups - 1)) if groups > 1 else np.nan
+            found.append((weights, float(precision.sum() ** -0.5), chance))
+        return found
 
     @property
     def agreement(self) -> Float[np.ndarray, "S"]:
         """Probability that runs and phase groups differ so much in a source by chance; NaN where nothing compares."""
-        groups = np.array([self._pooled(k)[2] for k in range(len(self.problem.sources))])
-        return np.fmin(self.between, groups)
+        return np.fmin(self.between, [chance for *_, chance in self._pooled])
 
     @property
     def gain(self) -> Float[np.ndarray, "C"]:
@@ -181,27 +188,23 @@ class Identification:
                 shifts[f"calibration of {channel.name}"] = (problem.factor(k, place) - 1) / problem.calibration
         return shifts
 
-    def numbers(self, group: int = 0) -> dict[str, float]:
-        """Return the arm's numbers as identified, by path [SI]: sources in a phase group, stiffness, damping."""
-        return self._numbers(self.place, group)
+    def numbers(self, group: int = 0, place: Place | None = None) -> dict[str, float]:
+        """Return the arm's numbers as identified, or at another point, by path [SI]: sources, stiffness, damping.
 
-    def _numbers(self, place: Place, group: int) -> dict[str, float]:
-        """Return the numbers of a point: amplitudes by all phase groups, phases by one."""
-        found = self.problem.prior.numbers(self.problem.arm, place.changes)
-        pooled = np.einsum("kg,gk->k", self._weights, np.linalg.norm(place.parts, axis=2))
+        Amplitudes are those of all phase groups, phases those of one.
+        """
+        place = self.place if place is None else place
+        found, weights = self.problem.prior.numbers(self.problem.arm, place.changes), [own for own, *_ in self._pooled]
+        pooled = np.einsum("kg,gk->k", weights, np.linalg.norm(place.parts, axis=2))
         seen = [k for k, each in enumerate(self.estimates) if each.sd < UNSEEN]
         sources, parts = [self.problem.sources[k] for k in seen], pooled[seen, None] * _ways(place.parts[group])[seen]
         weighed = [source.drive for source in sources if not source.of_error]
         masses = {f"{drive}.eccentric_mass": self.problem.masses[drive] for drive in weighed}
         return found | masses | excited_by(sources, parts)
 
-    @cached_property
-    def _weights(self) -> np.ndarray:
-        return np.stack([self._pooled(k)[0] for k in range(len(self.problem.sources))])
-
     def draws(self, count: int, seed: int = 0, group: int = 0) -> dict[str, Float[np.ndarray, "D"]]:
         """Return draws of the same numbers, by path [SI], from the normal distribution about the point."""
-        drawn = [self._numbers(place, group) for place in self.places(count, seed)]
+        drawn = [self.numbers(group, place) for place in self.places(count, seed)]
         found = {path: np.array([each[path] for each in drawn]) for path in drawn[0]}
         middle = self.numbers(group)
         seen = (each for each in self.problem.sources if each.phase in found)
@@ -274,6 +277,133 @@ def least_told(sd: Float[np.ndarray, "*S"] | float) -> Float[np.ndarray, "*S"] |
     return sd * LEVEL / WIDE
 
 
+class Point(NamedTuple):
+    """A point of the search.
+
+    Attributes:
+        problem: traces, what may excite the arm, what is known.
+        place: all unknowns.
+        responses: what the sensors see of unit sources there, run by run.
+        whitenings: what takes the slow part out of each channel and makes its noise white, or what else is done to it.
+    """
+
+    problem: SourceProblem
+    place: Place
+    responses: Sequence[Response]
+    whitenings: Sequence[Any]
+
+    def sums(self, number: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return A'A, A'y and y'y of a channel's unit sources A, and of what it measured beyond the motion itself y."""
+        channel = self.problem.channels[number]
+        sure, columns, _ = self.problem.seen(number, self.responses[channel.run], self.place)
+        both = self.whitenings[number](np.column_stack([channel.values - sure, columns]))
+        y, A = both[:, 0], both[:, 1:]
+        return A.T @ A, A.T @ y, float(y @ y)
+
+    def fitted(self) -> tuple["Point", float]:
+        """Return the point with the sources that fit best, all else as it is, and what is left, priors included."""
+        problem, place, count = self.problem, self.place, self.place.factors.size + self.place.parts.size
+        normal, right, total = np.zeros((count, count)), np.zeros(count), 0.0
+        for k, channel in enumerate(problem.channels):
+            own_normal, own_right, own_total = self.sums(k)
+            own = problem.mixing[channel.run]
+            normal += own.T @ own_normal @ own
+            right += own.T @ own_right
+            total += own_total
+        found = _solved(normal + np.eye(count) / LARGEST**2, right)
+        precision, mean = problem.priors
+        off = place._replace(factors=0 * place.factors, parts=0 * place.parts).flat - mean
+        factors, parts = np.split(found, [place.factors.size])
+        place = place._replace(factors=factors.reshape((-1, 2)), parts=parts.reshape(place.parts.shape))
+        return self._replace(place=place), float(total - right @ found + off @ precision @ off)
+
+    def plain(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return of each channel the residual and what was measured, the slow part left out."""
+        found = []
+        for k, channel in enumerate(self.problem.channels):
+            sure, columns, _ = self.problem.seen(k, self.responses[channel.run], self.place)
+            computed = sure + columns @ self.problem.parts_of(channel.run, self.place).ravel()
+            rest = self.whitenings[k].rest
+            found.append((rest(channel.values - computed), rest(channel.values)))
+        return found
+
+    def sized(self) -> "Point":
+        """Return the point with whitenings that divide its residuals by their size."""
+        pairs = zip(self.whitenings, self.plain(), strict=True)
+        return self._replace(whitenings=[old._replace(filter=whitening_filter(r, 0)) for old, (r, _) in pairs])
+
+    def whitened(self) -> Whitened:
+        """Return residuals and slopes by all unknowns."""
+        return Whitened.of(whitening(whole) for whitening, whole in zip(self.whitenings, self.sloped(), strict=True))
+
+    def sloped(self) -> list[np.ndarray]:
+        """Return of each channel (T, 1 + n) the residual, and slopes by all unknowns."""
+        problem, place, slopes = self.problem, self.place, self.problem.slopes(self.place)
+        sizes = [part.size for part in place]
+        clock_at, tilt_at, sensor_at, linear_at = np.cumsum(sizes)[:4]
+        found = []
+        for k, channel in enumerate(problem.channels):
+            response, parts = self.responses[channel.run], problem.parts_of(channel.run, place).ravel()
+            time = problem.clock_of(channel, place)
+            sure, units, tilted = problem.seen(k, response, place)
+            slope = np.zeros((len(time), sum(sizes)))
+            members = slopes[channel.run].along(channel.sensor, time)
+            slope[:, : sizes[0]] = (members[:, 1:] - members[:, :1]) / STEP
+            rate = response.rate(channel.sensor, time) @ np.append(1.0, parts)
+            slope[:, clock_at + 2 * channel.run] = rate
+            slope[:, clock_at + 2 * channel.run + 1] = rate * channel.time
+            slope[:, tilt_at + 2 * k : tilt_at + 2 * k + 2] = tilted @ np.append(1.0, parts)
+            slope[:, :sensor_at] *= problem.factor(k, place)
+            if place.calibration.size:
+                slope[:, sensor_at + problem.sensors[k]] = (sure + units @ parts) / problem.factor(k, place)
+            slope[:, linear_at:] = units @ problem.mixing[channel.run]
+            found.append(np.column_stack([channel.values - sure - units @ parts, slope]))
+        return found
+
+    def stepped(self, rests: Sequence[np.ndarray]) -> tuple[Whitened, np.ndarray, np.ndarray]:
+        """Return whitened parts, precision and Gauss-Newton step.
+
+        Args:
+            rests: residuals and slopes without the slow part.
+        """
+        parts = Whitened.of(whitening.filtered(rest) for whitening, rest in zip(self.whitenings, rests, strict=True))
+        precision, mean = (part.copy() for part in self.problem.priors)
+        right = precision @ (mean - self.place.flat)
+        for residual, columns in zip(parts.residual, parts.columns, strict=True):
+            precision += columns.T @ columns
+            right += columns.T @ residual
+        return parts, precision, _solved(precision, right)
+
+    def recoloured(
+        self, rests: Sequence[np.ndarray], precision: np.ndarray, step: np.ndarray
+    ) -> tuple["Point", Whitened, np.ndarray, np.ndarray]:
+        """Return the point with what whitens the residuals that are expected after a step, and what `stepped` gives.
+
+        Each changes the other. Slopes tell the residuals after a step: both are found together, without a simulation.
+        """
+        found = list(self.whitenings)
+        for _ in range(NOISE_PASSES):
+            covariance = np.linalg.inv(precision)
+            for k, (old, rest) in enumerate(zip(found, rests, strict=True)):
+                left, columns = rest[:, 0] - rest[:, 1:] @ step, rest[:, 1:]
+                missing = taken_out(left, old.slow, columns, covariance, LAGS)
+                found[k] = old._replace(filter=whitening_filter(left, LAGS, missing))
+            point = self._replace(whitenings=found)
+            before, (parts, precision, step) = step, point.stepped(rests)
+            if _small(step - before, precision, ALIKE):
+                break
+        return point, parts, precision, step
+
+    def descended(self, step: np.ndarray, before: float) -> "Point":
+        """Return the point after a step, shortened to a tenth at most until less is left, with the best sources."""
+        for share in (1.0, 0.5, 0.25, 0.1):
+            tried = self.place.moved(share * step)
+            point, left = self._replace(place=tried, responses=self.problem.responses(tried)).fitted()
+            if left <= before * (1 + 1e-9):
+                break
+        return point
+
+
 def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
     """Identify what excites an arm.
 
@@ -286,39 +416,32 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
         ModelError: the arm collapses.
     """
     place = problem.start._replace(changes=problem.prior.mean.copy())
-    responses = problem.responses(place)
-    whitenings = [Whitening(slow_columns(channel), np.ones(1)) for channel in problem.channels]
+    responses, whitenings = problem.responses(place), [Whitening(slow_columns(c), np.ones(1)) for c in problem.channels]
     place = place._replace(clock=clock_offsets(problem, responses, place)[0])
-    whitenings = _sized(problem, responses, place, whitenings)  # without sources: each channel by its own size
-    place, _ = _fitted(problem, responses, place, whitenings)
-    whitenings = _sized(problem, responses, place, whitenings)
+    # first without sources, each channel by its own size
+    point = Point(problem, place, responses, whitenings).sized().fitted()[0].sized()
     settled, rounds, coloured = False, 0, False
     for rounds in progress(range(1, MOST_ROUNDS + 1)):
-        here, wholes = place, _sloped(problem, responses, problem.slopes(place), place)
-        rests = [whitening.rest(whole) for whitening, whole in zip(whitenings, wholes, strict=True)]
-        parts, precision, step = _stepped(problem, rests, place, whitenings)
+        here, pairs = point.place, zip(point.whitenings, point.sloped(), strict=True)
+        rests = [whitening.rest(whole) for whitening, whole in pairs]
+        parts, precision, step = point.stepped(rests)
         small = _small(step, precision, SETTLED)
         settled = small and coloured
         if rounds < RECOLOURED and (small or rounds > 1):  # the first residuals are those of wrong stiffnesses
-            whitenings, parts, precision, step = _recoloured(problem, rests, place, whitenings, precision, step)
+            point, parts, precision, step = point.recoloured(rests, precision, step)
             coloured = True
-        place, before = _fitted(problem, responses, place, whitenings)
-        place, responses = _descended(problem, place, step, whitenings, before)
+        point, before = point.fitted()
+        point = point.descended(step, before)
         if settled:
             break
-    taken = _flat(place) - _flat(here)
+    place, taken = point.place, point.place.flat - here.flat
     left = tuple(r - own @ taken for r, own in zip(parts.residual, parts.columns, strict=True))
     parts, covariance = Whitened(left, parts.columns), np.linalg.inv(precision)
-    residual, shown = zip(*_plain(problem, responses, place, whitenings), strict=True)
+    residual, shown = zip(*point.plain(), strict=True)
     consistency, between = _consistency(problem, parts, place), _between(problem, parts, place)
-    makes = np.max([_largest(each) for each in responses], 0)
+    every = [moved[:3] for each in point.responses for moved in each.moved.values()]
+    makes = np.max([np.hypot(moved[:, :, 1::2], moved[:, :, 2::2]).max((0, 1)) for moved in every], 0)
     return Identification(problem, place, covariance, residual, shown, consistency, settled, rounds, between, makes)
-
-
-def _largest(response: Response) -> np.ndarray:
-    """Return the largest vibration [m] that a unit of each source makes in a run."""
-    every = response.moved.values()
-    return np.max([np.hypot(moved[:3, :, 1::2], moved[:3, :, 2::2]).max((0, 1)) for moved in every], 0)
 
 
 def clock_offsets(
@@ -330,14 +453,14 @@ def clock_offsets(
     """
     thin = [replace(each, time=each.time[::THINNED], values=each.values[::THINNED]) for each in problem.channels]
     problem, clock, shares = replace(problem, channels=tuple(thin)), place.clock.copy(), np.ones(len(problem.runs))
-    whitenings = [Whitening(slow_columns(channel), np.ones(1)) for channel in thin]
+    point = Point(problem, place, responses, [Whitening(slow_columns(channel), np.ones(1)) for channel in thin])
     for number in range(len(problem.runs)):
         own = [k for k, channel in enumerate(thin) if channel.run == number]
 
         def left(offset: float, number: int = number, own: Sequence[int] = tuple(own)) -> float:
             tried = place._replace(clock=place.clock.copy())
             tried.clock[number, 0] = offset
-            sums = [_sums(*_rows(problem, k, responses[number], tried, whitenings[k])) for k in own]
+            sums = [point._replace(place=tried).sums(k) for k in own]
             normal = np.sum([each[0] / each[2] for each in sums], 0)
             right = np.sum([each[1] / each[2] for each in sums], 0)
             parts = _solved(normal, right) if known is None else known
@@ -351,40 +474,6 @@ def clock_offsets(
     return clock, shares
 
 
-def _rows(
-    problem: SourceProblem, number: int, response: Response, place: Place, whitening: Whitening
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return of a channel what is measured beyond the motion itself (T,), and its columns (T, 2 S), whitened."""
-    sure, columns, _ = problem.seen(number, response, place)
-    both = whitening(np.column_stack([problem.channels[number].values - sure, columns]))
-    return both[:, 0], both[:, 1:]
-
-
-def _sums(y: np.ndarray, A: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return A'A, A'y and y'y."""
-    return A.T @ A, A.T @ y, float(y @ y)
-
-
-def _fitted(
-    problem: SourceProblem, responses: Sequence[Response], place: Place, whitenings: Sequence[Whitening]
-) -> tuple[Place, float]:
-    """Return the point with the sources that fit best, all else as it is, and what is left, priors included."""
-    count = place.factors.size + place.parts.size
-    normal, right, total = np.zeros((count, count)), np.zeros(count), 0.0
-    for k, channel in enumerate(problem.channels):
-        own_normal, own_right, own_total = _sums(*_rows(problem, k, responses[channel.run], place, whitenings[k]))
-        own = problem.mixing[channel.run]
-        normal += own.T @ own_normal @ own
-        right += own.T @ own_right
-        total += own_total
-    found = _solved(normal + np.eye(count) / LARGEST**2, right)
-    precision, mean = problem.priors
-    off = _flat(place._replace(factors=0 * place.factors, parts=0 * place.parts)) - mean
-    factors, parts = np.split(found, [place.factors.size])
-    place = place._replace(factors=factors.reshape((-1, 2)), parts=parts.reshape(place.parts.shape))
-    return place, float(total - right @ found + off @ precision @ off)
-
-
 def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve normal equations, scaled to a unit diagonal."""
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
@@ -392,126 +481,9 @@ def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.asarray(cho_solve(factor, right / scale) / scale)
 
 
-def _plain(
-    problem: SourceProblem, responses: Sequence[Response], place: Place, whitenings: Sequence[Whitening]
-) -> "list[tuple[np.ndarray, np.ndarray]]":
-    """Return of each channel the residual and what was measured, the slow part left out."""
-    found = []
-    for k, channel in enumerate(problem.channels):
-        sure, columns, _ = problem.seen(k, responses[channel.run], place)
-        computed = sure + columns @ problem.parts_of(channel.run, place).ravel()
-        slow = whitenings[k].slow
-        residual, shown = (x - slow @ (slow.T @ x) for x in (channel.values - computed, channel.values))
-        found.append((residual, shown))
-    return found
-
-
-def _sized(
-    problem: SourceProblem, responses: Sequence[Response], place: Place, whitenings: Sequence[Whitening]
-) -> list[Whitening]:
-    """Return what divides the residuals of a point by their size."""
-    plain = _plain(problem, responses, place, whitenings)
-    return [old._replace(filter=whitening_filter(r, 0)) for old, (r, _) in zip(whitenings, plain, strict=True)]
-
-
-def whitened(
-    problem: SourceProblem,
-    responses: Sequence[Response],
-    slopes: Sequence[Response],
-    place: Place,
-    whitenings: Sequence[Any],
-) -> Whitened:
-    """Return residuals and slopes by all unknowns."""
-    pairs = zip(whitenings, _sloped(problem, responses, slopes, place), strict=True)
-    wholes = [whitening(whole) for whitening, whole in pairs]
-    return Whitened(tuple(whole[:, 0] for whole in wholes), tuple(whole[:, 1:] for whole in wholes))
-
-
-def _sloped(
-    problem: SourceProblem, responses: Sequence[Response], slopes: Sequence[Response], place: Place
-) -> list[np.ndarray]:
-    """Return of each channel (T, 1 + n) the residual, and slopes by all unknowns."""
-    sizes = [part.size for part in place]
-    clock_at, tilt_at, sensor_at, linear_at = np.cumsum(sizes)[:4]
-    found = []
-    for k, channel in enumerate(problem.channels):
-        response, parts = responses[channel.run], problem.parts_of(channel.run, place).ravel()
-        time = problem.clock_of(channel, place)
-        sure, units, tilted = problem.seen(k, response, place)
-        slope = np.zeros((len(time), sum(sizes)))
-        members = slopes[channel.run].along(channel.sensor, time)
-        slope[:, : sizes[0]] = (members[:, 1:] - members[:, :1]) / STEP
-        rate = response.rate(channel.sensor, time) @ np.append(1.0, parts)
-        slope[:, clock_at + 2 * channel.run] = rate
-        slope[:, clock_at + 2 * channel.run + 1] = rate * channel.time
-        slope[:, tilt_at + 2 * k : tilt_at + 2 * k + 2] = tilted @ np.append(1.0, parts)
-        slope[:, :sensor_at] *= problem.factor(k, place)
-        if place.calibration.size:
-            slope[:, sensor_at + problem.sensors[k]] = (sure + units @ parts) / problem.factor(k, place)
-        slope[:, linear_at:] = units @ problem.mixing[channel.run]
-        found.append(np.column_stack([channel.values - sure - units @ parts, slope]))
-    return found
-
-
-def _flat(place: Place) -> np.ndarray:
-    return np.concatenate([part.ravel() for part in place])
-
-
-def _stepped(
-    problem: SourceProblem, rests: Sequence[np.ndarray], place: Place, whitenings: Sequence[Whitening]
-) -> tuple[Whitened, np.ndarray, np.ndarray]:
-    """Return whitened parts, precision and Gauss-Newton step; rests are residuals and slopes without the slow part."""
-    wholes = [whitening.filtered(rest) for whitening, rest in zip(whitenings, rests, strict=True)]
-    parts = Whitened(tuple(whole[:, 0] for whole in wholes), tuple(whole[:, 1:] for whole in wholes))
-    precision, mean = (part.copy() for part in problem.priors)
-    right = precision @ (mean - _flat(place))
-    for residual, columns in zip(parts.residual, parts.columns, strict=True):
-        precision += columns.T @ columns
-        right += columns.T @ residual
-    return parts, precision, _solved(precision, right)
-
-
 def _small(step: np.ndarray, precision: np.ndarray, share: float) -> bool:
-    """Return whether a step is shorter than a share of the standard deviation of each unknown."""
+    """Tell whether a step is shorter than a share of the standard deviation of each unknown."""
     return bool((np.abs(step) < share * np.sqrt(np.diag(np.linalg.inv(precision)))).all())
-
-
-def _recoloured(
-    problem: SourceProblem,
-    rests: Sequence[np.ndarray],
-    place: Place,
-    whitenings: Sequence[Whitening],
-    precision: np.ndarray,
-    step: np.ndarray,
-) -> tuple[list[Whitening], Whitened, np.ndarray, np.ndarray]:
-    """Return what whitens the residuals that are expected after a step, and what `_stepped` gives with it.
-
-    Each changes the other. Slopes tell the residuals after a step: both are found together, without a simulation.
-    """
-    found = list(whitenings)
-    for _ in range(NOISE_PASSES):
-        covariance = np.linalg.inv(precision)
-        for k, (old, rest) in enumerate(zip(found, rests, strict=True)):
-            left, columns = rest[:, 0] - rest[:, 1:] @ step, rest[:, 1:]
-            missing = taken_out(left, old.slow, columns, covariance, LAGS)
-            found[k] = old._replace(filter=whitening_filter(left, LAGS, missing))
-        before, (parts, precision, step) = step, _stepped(problem, rests, place, found)
-        if _small(step - before, precision, ALIKE):
-            break
-    return found, parts, precision, step
-
-
-def _descended(
-    problem: SourceProblem, place: Place, step: np.ndarray, whitenings: Sequence[Whitening], before: float
-) -> tuple[Place, list[Response]]:
-    """Return the point after a step, shortened to a tenth at most until less is left, with sources that fit best."""
-    for share in (1.0, 0.5, 0.25, 0.1):
-        tried = place.moved(share * step)
-        responses = problem.responses(tried)
-        tried, left = _fitted(problem, responses, tried, whitenings)
-        if left <= before * (1 + 1e-9):
-            break
-    return tried, responses
 
 
 def _blocks(
@@ -543,7 +515,7 @@ def _consistency(problem: SourceProblem, parts: Whitened, place: Place) -> Float
             for _, information, score in blocks
             if np.trace(information) > FAINT * whole and np.linalg.cond(information) < 1e6
         ]
-        if chi2.sf(sum(telling), 2 * len(telling)) < CHANCE:
+        if chi2.sf(sum(telling), 2 * len(telling)) < SCATTERS:
             found[k] = float(np.mean(telling)) / 2
     return found
 
@@ -607,7 +579,7 @@ def noisy_columns(problem: SourceProblem, place: Place, noise: Sequence[float]) 
     """Return columns (T, n) of each channel by all unknowns, over white noise of these standard deviations [SI]."""
     pairs = zip(problem.channels, noise, strict=True)
     whitenings = [Whitening(slow_columns(each), np.array([1 / sd])) for each, sd in pairs]
-    return whitened(problem, problem.responses(place), problem.slopes(place), place, whitenings).columns
+    return Point(problem, place, problem.responses(place), whitenings).whitened().columns
 
 
 def shared_unknowns(place: Place) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 from scipy.fft import dct
-from scipy.linalg import solve_toeplitz
+from scipy.linalg import block_diag, solve_toeplitz
 from scipy.signal import lfilter
 
 from ident.arm.arm import Arm, stiffness_paths
@@ -99,22 +99,18 @@ class Prior:
             got = f"{len(next(iter(known.values())))} draws of {len(known)} numbers"
             raise refusal("posterior", got, f"at least {len(known) + 2}", "give more draws")
         paths = [*known, *(path for path in stiffnesses if path not in known)]
-        mean, covariance = np.zeros(len(paths)), STIFFNESS_SD**2 * np.eye(len(paths))
-        if known:
-            own = slice(len(known))
-            changes = np.stack([np.log(values / float(arm.get(path))) for path, values in known.items()])
-            mean[own], covariance[own, own] = changes.mean(1), np.atleast_2d(np.cov(changes))
-            covariance[own, own] += TIED * np.diag(np.diag(covariance[own, own]))
         groups: dict[str, tuple[str, ...]] = {path: (path,) for path in paths}
         for kind in (*DAMPING, *LOSS, ALPHA):
             damped = tuple(path for path in damping if path.endswith(kind) and float(arm.get(path)) > 0)
             if damped and not set(damped) & set(paths):
                 groups[kind] = damped
-        more = len(groups) - len(paths)
-        whole = np.zeros((len(groups), len(groups)))
-        whole[: len(paths), : len(paths)] = covariance
-        whole[len(paths) :, len(paths) :] = DAMPING_SD**2 * np.eye(more)
-        return cls(groups, np.append(mean, np.zeros(more)), whole)
+        sds = np.repeat([STIFFNESS_SD, DAMPING_SD], [len(paths), len(groups) - len(paths)])
+        mean, covariance, own = np.zeros(len(groups)), np.diag(sds**2), slice(len(known))
+        if known:
+            changes = np.stack([np.log(values / float(arm.get(path))) for path, values in known.items()])
+            mean[own], covariance[own, own] = changes.mean(1), np.atleast_2d(np.cov(changes))
+            covariance[own, own] += TIED * np.diag(np.diag(covariance[own, own]))
+        return cls(groups, mean, covariance)
 
     def numbers(self, arm: Arm, changes: Float[np.ndarray, "P"]) -> dict[str, float]:
         """Return the arm's numbers after changes, by path."""
@@ -144,6 +140,11 @@ class Place(NamedTuple):
     calibration: np.ndarray
     factors: np.ndarray
     parts: np.ndarray
+
+    @property
+    def flat(self) -> np.ndarray:
+        """All unknowns in their order."""
+        return np.concatenate([part.ravel() for part in self])
 
     def moved(self, step: np.ndarray) -> "Place":
         """Return the point after a step of all unknowns, in their order."""
@@ -319,17 +320,11 @@ class SourceProblem:
     @cached_property
     def priors(self) -> tuple[np.ndarray, np.ndarray]:
         """Precision (n, n) and mean (n,) of all unknowns a priori; of the sources only that they are not absurd."""
-        here = self.start
-        sizes = [part.size for part in here]
-        precision, mean = np.zeros((sum(sizes), sum(sizes))), np.zeros(sum(sizes))
-        known = sizes[0]
-        precision[:known, :known], mean[:known] = np.linalg.inv(self.prior.covariance), self.prior.mean
+        _, _, *sizes = (part.size for part in self.start)
         clock = np.tile([self.offset / LEVEL, CLOCK_SD], len(self.runs))
-        sensor_sd = np.full(sizes[2], TILT_SD), np.full(sizes[3], self.calibration)
-        rest = np.concatenate([clock, *sensor_sd, np.full(sizes[4] + sizes[5], LARGEST)])
-        places = np.arange(known, known + len(rest))
-        precision[places, places] = 1 / rest**2
-        return precision, mean
+        rest = np.append(clock, np.repeat([TILT_SD, self.calibration, LARGEST, LARGEST], sizes))
+        precision = block_diag(np.linalg.inv(self.prior.covariance), np.diag(1 / rest**2))
+        return precision, np.append(self.prior.mean, np.zeros(len(rest)))
 
     def arm_at(self, place: Place) -> Arm:
         """Return the arm with its numbers changed."""

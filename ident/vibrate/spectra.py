@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from scipy.signal import ShortTimeFFT
 
 from ident.errors import Problem, refusal, refuse
-from ident.text import did_you_mean, quoted
+from ident.text import no_such
 
 # -------- Series
 # Sampled traces as they come in: what every spectrum demands of them, checked once.
@@ -123,8 +123,7 @@ def window_samples(window: str, count: int) -> Float[np.ndarray, "N"]:
     from scipy.signal import get_window
 
     if window not in WINDOWS:
-        remedy = did_you_mean(window, WINDOWS, "hann suits most traces")
-        raise refusal("window", quoted(window), f"one of {', '.join(WINDOWS)}", remedy)
+        raise no_such("window", window, WINDOWS, "hann suits most traces")
     return np.asarray(get_window(window, count, fftbins=True))
 
 

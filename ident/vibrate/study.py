@@ -1,7 +1,7 @@
 """Studies of a motion: two methods against each other, draws of a posterior, a measured trace."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,9 +9,8 @@ from jaxtyping import Float
 
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
-from ident.errors import refusal
-from ident.programs import Progress
-from ident.text import did_you_mean, quoted
+from ident.programs import AnyArray, Progress, in_batches
+from ident.text import no_such
 from ident.vibrate.compare import Comparison, Trace, compare
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import Response, peak, rms, settling_time
@@ -87,8 +86,7 @@ def simulate_motion(
         ModelError: the arm collapses; see also `simulate`.
     """
     if method not in METHODS:
-        remedy = did_you_mean(method, METHODS, "choose one of them")
-        raise refusal("", quoted(method), f"one of {', '.join(METHODS)}", remedy, "method")
+        raise no_such("", method, METHODS, "choose one of them", "method")
     how: Any = {"loads": loads, "elastic_belts": elastic_belts, "rate": rate, "step": step}
     fast, exact = (simulate(arm, motion, method=m, **how) if method in (m, "both") else None for m in ("fast", "exact"))
     response = exact or fast
@@ -122,19 +120,14 @@ def draw(
     Raises:
         ModelError: the arm collapses for some draw.
     """
-    count = len(next(iter(values.values())))
-    vibrations, sizes = [], []
-    for first in progress(range(0, count, BATCH)):
-        # the last batch is filled up by its last draw, so that one program serves all
-        chosen = np.minimum(np.arange(first, first + min(BATCH, count)), count - 1)
-        drawn = arm.replace({path: column[chosen] for path, column in values.items()})
-        response = simulate(drawn, motion, loads=loads, elastic_belts=elastic_belts, rate=rate)
-        vibrations.append(np.asarray(response.vibration))
-        sizes.append(measure(response))
-    vibration = np.concatenate(vibrations, 2)[:, :, :count]
-    names = [field.name for field in fields(Sizes)]
-    whole = Sizes(*(np.concatenate([getattr(one, name) for one in sizes], 1)[:, :count] for name in names))
-    return Draws(dict(values), vibration, whole)
+
+    def simulated(some: dict[str, np.ndarray]) -> tuple[AnyArray, dict[str, np.ndarray]]:
+        response = simulate(arm.replace(some), motion, loads=loads, elastic_belts=elastic_belts, rate=rate)
+        return response.vibration, vars(measure(response))
+
+    own = {path: np.asarray(column) for path, column in values.items()}
+    vibration, sizes = in_batches(simulated, own, min(BATCH, len(next(iter(own.values())))), progress)
+    return Draws(own, vibration, Sizes(**sizes))
 
 
 def measures(response: Response, tolerance: float, at: float | None = None) -> Sizes:

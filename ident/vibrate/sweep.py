@@ -15,6 +15,7 @@ from ident.vibrate.evaluator import (
     WIDTH,
     Evaluator,
     Extents,
+    Paths,
     Variable,
     apply,
     check,
@@ -28,33 +29,16 @@ from ident.vibrate.study import DIRECTIONS
 
 
 @dataclass(frozen=True)
-class Axis:
-    """A number that is swept.
+class Axis(Paths):
+    """A number that is swept, see `Variable`.
 
     Attributes:
-        paths: the numbers that are changed together, see `Variable`; `("speed",)` for the speed.
-        values: (K,) of the first of them [SI], or [%]
+        values: (K,) of the first of the numbers [SI], or [%]
         present: as it is [SI or %]
     """
 
-    paths: tuple[str, ...]
     values: Float[np.ndarray, "K"]
     present: float
-
-    @property
-    def name(self) -> str:
-        """The paths with = between."""
-        return "=".join(self.paths)
-
-    @property
-    def is_speed(self) -> bool:
-        """Whether it is the speed of the motion."""
-        return self.paths == (SPEED,)
-
-    @property
-    def shifted(self) -> bool:
-        """Whether it is changed by a difference, not by a factor."""
-        return is_shifted(self.paths[0])
 
     @property
     def variable(self) -> Variable:
@@ -229,16 +213,14 @@ class Bound:
 
 
 @dataclass(frozen=True)
-class Range:
+class Range(Paths):
     """A number, or several that go together, from where to where.
 
     Attributes:
-        paths: the numbers that are changed together, or the speed.
         bounds: lower and upper; None for those that suit the number.
         third: how many values it is swept over, or how dear it is to change; None for the usual.
     """
 
-    paths: tuple[str, ...]
     bounds: tuple[Bound, Bound] | None = None
     third: float | None = None
 
@@ -255,7 +237,7 @@ def axis_of(arm: Arm, interval: Range, percent: float, extents: Extents | None =
         extents: of the arm's bodies; a mass centre stays within.
         usual: number of values unless the range says it.
     """
-    is_speed, bounds = interval.paths == (SPEED,), interval.bounds
+    is_speed, bounds = interval.is_speed, interval.bounds
     shifted = _is_shifted(arm, interval)
     present = percent if is_speed else float(arm.get(interval.paths[0]))
     low, high = _ends(interval, present, shifted, SWEPT, SHARE, extents or {})
@@ -302,7 +284,7 @@ def variable_of(arm: Arm, interval: Range, extents: Extents | None = None, *, so
 
 def _is_shifted(arm: Arm, interval: Range) -> bool:
     """Tell whether all numbers of a range are changed by a difference; refuse those that do not go together."""
-    if interval.paths == (SPEED,):
+    if interval.is_speed:
         return False
     if SPEED in interval.paths:
         raise refusal("", "the speed with others", "it alone", "give it a range of its own")
@@ -316,12 +298,7 @@ def _is_shifted(arm: Arm, interval: Range) -> bool:
 
 
 def _ends(
-    interval: Range,
-    present: float,
-    shifted: bool,
-    factors: tuple[float, float],
-    share: float | None,
-    extents: Extents,
+    interval: Range, present: float, shifted: bool, factors: tuple[float, float], share: float | None, extents: Extents
 ) -> tuple[float, float]:
     """Return the ends of a range; where it has none, by factors, or by a share of a body's extent."""
     if interval.bounds is not None:

@@ -12,8 +12,9 @@ constant. With phi = 2 pi int f dt it explains Re(sum over j of c_j w_j(t) exp(i
   from outside alike, from where the energy rises at once and the command does not jump;
 - of a mode that something else rings, a second apart; of a line, four seconds apart, as it is there all the time.
 
-Least squares on the whitened trace leave a share u of its energy, less noise. A set of hypotheses has the score
--T / (2 FREE) ln(u + MISFIT^2) - COST each; scores of the sets with a rival in its place give a hypothesis' probability.
+Least squares on the whitened trace leave a share u of its energy, less noise. A set of hypotheses is scored by it
+(`ident.vibrate.hypotheses`), a trace of T seconds counting as T / FREE independent numbers, less `COST` each; scores of
+the sets with a rival in its place give a hypothesis' probability.
 No phase is compared with a model's: clock offset and phases of drives don't matter.
 
 References:
@@ -30,10 +31,12 @@ from jaxtyping import Float
 from scipy.ndimage import median_filter
 from scipy.signal import ShortTimeFFT, decimate, find_peaks, hilbert
 from scipy.sparse import csr_array, diags_array, hstack
+from scipy.special import logit
 
 from ident.arm.arm import Arm, nominal
 from ident.arm.chain import Loads
 from ident.vibrate.branches import Branches, branches
+from ident.vibrate.hypotheses import COST, TRACKS, probability, score
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import runs
 from ident.vibrate.spectra import samples
@@ -64,12 +67,6 @@ JUMP = 0.3
 """Share of the largest acceleration that is a jump, within half a period of the lowest mode; assumed."""
 RIDGE = 3e-3
 """Keeps columns that nearly coincide, each of norm 1, from growing against each other."""
-MISFIT = 0.15
-"""Share of an amplitude to which a smooth envelope about a model's track is right; assumed."""
-COST = 4.0
-"""Score that a further hypothesis must gain: odds of 50; assumed."""
-SEEN, SURE = 0.05, 0.9
-"""Least share of the energy that makes a finding, and least probability of one that can be told; assumed."""
 OFTEN = 0.25
 """Quantile over time of a spectrum: what sweeps through, or is there for less than three quarters, is no line."""
 HEIGHT, LINES = 4.0, 3
@@ -139,7 +136,6 @@ class Finding:
         by_command: whether a mode rings from jumps of the commanded acceleration on.
         share: () [-] of the energy of vibration, where each frequency counts by its noise; the mean over the traces.
         probability: () [-] that it is this and none of its rivals; 1 of what follows nothing.
-        rival: what else it most likely is; None for nothing.
         track: number of the hypothesis whose track it follows most; None of what follows nothing.
         trace: number of the trace of which it has the largest share.
         frequency: [Hz] lowest and highest there, while above half of its largest amplitude.
@@ -155,7 +151,6 @@ class Finding:
     by_command: bool
     share: float
     probability: float
-    rival: Hypothesis | None
     track: int | None
     trace: int
     frequency: tuple[float, float]
@@ -166,7 +161,7 @@ class Finding:
     @property
     def told(self) -> bool:
         """Whether it can be told from its rivals."""
-        return self.probability >= SURE
+        return self.probability >= TRACKS.sure
 
 
 @dataclass(frozen=True)
@@ -218,14 +213,14 @@ def triage(arm: Arm, traces: Sequence[MovingTrace], *, orders: Sequence[int] = O
     chosen = fit.seen(fit.search()) if loud else ()
     for _ in range(FURTHER if loud else 0):
         others = [h for h in chosen if not fit.hypotheses[h].drives]
-        if fit.left(others).mean() < SEEN or not (further := _further(fit, others)):
+        if fit.left(others).mean() < TRACKS.seen or not (further := _further(fit, others)):
             break
         fit = fit.extended(along, further)
         chosen = fit.seen(fit.search(chosen))
     shares, left = fit.shares(chosen), fit.left(chosen)
     findings = [_finding(fit, along, chosen, h, shares[:, i]) for i, h in enumerate(chosen)]
     findings.sort(key=lambda finding: -finding.share)
-    if loud and left.mean() >= SEEN:
+    if loud and left.mean() >= TRACKS.seen:
         findings.append(_unexplained(fit, chosen, left))
     labels = tuple(
         tuple(a.label(k, float(r.time[-1])) for k in range(len(a.natural))) for a, r in zip(along, records, strict=True)
@@ -404,7 +399,8 @@ def _lines(records: Sequence[_Record]) -> Iterator[Hypothesis]:
             exact = float(fine[about[whole[about].argmax()]])
             if all(abs(exact - other) > 1 / STEADY for other in found):
                 found.append(exact)
-    yield from (Hypothesis("line", (), None, tuple(np.full(len(r.time), f) for r in records)) for f in found)
+    for f in found:
+        yield Hypothesis("line", (), None, tuple(np.full(len(r.time), f) for r in records))
 
 
 # -------- Least squares
@@ -450,19 +446,6 @@ class _System(NamedTuple):
         return np.asarray(self.record.white - self.matrix[:, at] @ self.solve(at)[0])
 
 
-def _scatter(record: _Record, left: np.ndarray, taken: float) -> float:
-    """Return the energy of a sample's noise: what is left is narrow, so that the median over the band is noise's.
-
-    Args:
-        record: the trace.
-        left: (T,) of it by columns.
-        taken: share of the noise that they take, out of the median, too.
-    """
-    power, at = _power(left, record.step, TRACK, 2)
-    inside = power[(at > record.band[0]) & (at < record.band[1])]
-    return float(np.quantile(inside, (1 + min(taken, 0.8)) / 2, axis=0).mean() / np.log(2))
-
-
 def _system(record: _Record, along: _Along, hypotheses: Sequence[Hypothesis], n: int) -> _System:
     """Set up the normal equations of trace n."""
     parts, owner, mode = [], list[int](), list[int]()
@@ -479,7 +462,12 @@ def _system(record: _Record, along: _Along, hypotheses: Sequence[Hypothesis], n:
     matrix = csr_array(matrix[:, used] @ diags_array(1 / size[used]))
     gram, moment = (matrix.T @ matrix).toarray(), matrix.T @ record.white
     system = _System(record, matrix, np.array(owner)[used], np.array(mode)[used], gram, moment)
-    return system._replace(scatter=_scatter(record, system.left(np.arange(len(used))), len(used) / system.noise))
+    # energy of a sample's noise: what is left is narrow, so that the median over the band is noise's; the columns take
+    # their share of the noise out of it, too
+    power, at = _power(system.left(np.arange(len(used))), record.step, TRACK, 2)
+    inside, taken = power[(at > record.band[0]) & (at < record.band[1])], len(used) / system.noise
+    scatter = float(np.quantile(inside, (1 + min(taken, 0.8)) / 2, axis=0).mean() / np.log(2))
+    return system._replace(scatter=scatter)
 
 
 def _envelopes(
@@ -572,12 +560,9 @@ class _Fit:
     def score(self, chosen: Sequence[int]) -> float:
         """Return the score of a set."""
         length = np.array([s.record.step * len(s.record.time) for s in self.systems])
-        misfit = (length / (2 * FREE) * np.log(self.left(chosen) + MISFIT**2)).sum()
-        return float(-misfit - COST * sum(map(self.price, chosen)))
-
-    def price(self, h: int) -> float:
-        """Return how many hypotheses one counts as: a track that was searched for, and kicks, could be anywhere."""
-        return 2.0 if self.hypotheses[h].kind in ("unexplained", "kicks") else 1.0
+        # a track that was searched for, and kicks, could be anywhere: each counts as two hypotheses
+        count = sum(1 + (self.hypotheses[h].kind in ("unexplained", "kicks")) for h in chosen)
+        return score(self.left(chosen), length / FREE, TRACKS) - COST * count
 
     def search(self, best: tuple[int, ...] = ()) -> tuple[int, ...]:
         """Return the best set that adding, leaving out or exchanging one hypothesis at a time finds, from one on."""
@@ -607,18 +592,15 @@ class _Fit:
     def seen(self, chosen: tuple[int, ...]) -> tuple[int, ...]:
         """Leave out, one by one, what has no share or is hardly needed beside the rest."""
         rests = [tuple(k for k in chosen if k != h) for h in chosen]
-        needed = np.array([self.score(chosen) - self.score(rest) for rest in rests]) > np.log(SURE / (1 - SURE))
-        doubtful = np.flatnonzero(~needed | (self.shares(chosen).mean(0) < SEEN))
+        needed = np.array([self.score(chosen) - self.score(rest) for rest in rests]) > logit(TRACKS.sure)
+        doubtful = np.flatnonzero(~needed | (self.shares(chosen).mean(0) < TRACKS.seen))
         return self.seen(max((rests[i] for i in doubtful), key=self.score)) if len(doubtful) else chosen
 
-    def odds(self, chosen: tuple[int, ...], h: int) -> tuple[float, Hypothesis | None]:
-        """Return the probability of one of a set, and what most likely is in its place, None for nothing."""
+    def probability(self, chosen: tuple[int, ...], h: int) -> float:
+        """Return the probability of one of a set, against every rival in its place and nothing there."""
         rest = tuple(k for k in chosen if k != h)
-        rivals = [None, *(k for k in range(len(self.hypotheses)) if k not in chosen)]
-        scores = np.array([self.score(rest if k is None else (*rest, k)) for k in rivals])
-        likely = rivals[int(scores.argmax())]
-        other = np.exp(np.minimum(scores - self.score(chosen), 50)).sum()
-        return float(1 / (1 + other)), None if likely is None else self.hypotheses[likely]
+        rivals = [rest, *((*rest, k) for k in range(len(self.hypotheses)) if k not in chosen)]
+        return probability([self.score(chosen)], [self.score(each) for each in rivals])
 
 
 # -------- Findings
@@ -647,9 +629,7 @@ def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int
         mode = int(of_mode[n].argmax())
         number = next(i for i, other in enumerate(fit.hypotheses) if other.kind == "mode" and other.mode == mode)
     tracks = fit.hypotheses[number].frequency
-    probability, rival = fit.odds(chosen, h)
-    if not _moves(fit, each, tracks, waves):
-        probability = min(probability, 0.5)
+    likely = min(fit.probability(chosen, h), 1.0 if _moves(fit, each, tracks, waves) else 0.5)
     track = tracks[n][size > 0.5 * size[strongest]]
     follow: dict[str, Next] = {"drive": "source", "mode": "profile", "kicks": "kicks", "line": "standstill"}
     return Finding(
@@ -658,14 +638,13 @@ def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int
         tuple(dict.fromkeys(along[n].label(k, float(time[strongest])) for k in ranked)),
         by_command,
         float(shares.mean()),
-        probability,
-        rival,
+        likely,
         number,
         n,
         (float(track.min()), float(track.max())),
         float(time[strongest]),
         float(size[strongest]),
-        follow.get(each.kind, "modes") if probability >= SURE else "speed",
+        follow.get(each.kind, "modes") if likely >= TRACKS.sure else "speed",
     )
 
 
@@ -681,7 +660,7 @@ def _unexplained(fit: _Fit, chosen: Sequence[int], left: np.ndarray) -> Finding:
     size = float(np.sqrt(4 * record.step * (at[1] - at[0]) * over.max()))
     when = float(record.time[0] + (over.argmax() + 0.5) / len(over) * (record.time[-1] - record.time[0]))
     of_all = float(left.mean())
-    return Finding("unexplained", (), (), False, of_all, 1.0, None, None, n, (low, high), when, size, "modes")
+    return Finding("unexplained", (), (), False, of_all, 1.0, None, n, (low, high), when, size, "modes")
 
 
 def _moves(fit: _Fit, each: Hypothesis, tracks: Sequence[np.ndarray], waves: Sequence[np.ndarray]) -> bool:

@@ -9,7 +9,8 @@ from arms import DATA, lcd_arm
 from one_program import shown
 
 from ident.arm.arm import on_soft_base
-from ident.identify.fit import KINDS, assumptions, fit_campaign
+from ident.identify.fit import assumptions, fit_campaign
+from ident.identify.hypotheses import RIGID
 from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.problem import DISCREPANCY_PREFIX
@@ -44,7 +45,7 @@ def right():
 def test_every_joint_and_the_base_are_looked_at(right):
     named = {(item.kind, item.joint) for item in right.assumptions.items}
     joints = ("joint1", "joint2", "joint3")
-    of_joints = {(kind, joint) for kind in KINDS if not kind.startswith("base") for joint in joints}
+    of_joints = {(kind, joint) for kind in (*RIGID, "mass", "mass centre") for joint in joints}
     assert named == of_joints | {("base rocks", ""), ("base turns", "")}
     assert right.assumptions.height == pytest.approx(HEIGHT)
     assert right.assumptions.asked_for == ()

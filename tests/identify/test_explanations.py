@@ -11,8 +11,9 @@ from one_program import shown
 from ident.arm.arm import Arm
 from ident.arm.parts import Spring
 from ident.codec import decode, encode
-from ident.identify.explanations import MARGIN, Explanations, explain
+from ident.identify.explanations import Explanations, explain
 from ident.identify.fit import CampaignFit, fit_campaign
+from ident.identify.hypotheses import MARGIN
 from ident.measure import Campaign, Load, read_campaign
 from ident.studies.stiffness.warnings import explanation_section
 

@@ -16,7 +16,7 @@ from ident.arm.multibody import IMBALANCE, possible_orders
 from ident.arm.parts import Drive, ErrorOrder
 from ident.vibrate.motion import stroke
 from ident.vibrate.source_causes import CAUSES, WIDTH, Band, Causes, compared
-from ident.vibrate.source_identification import _fitted
+from ident.vibrate.source_identification import Point
 from ident.vibrate.source_problem import Channel, Place, Prior, SourceProblem, Whitening, slow_columns
 from ident.vibrate.sources import Response, Run, Sensor, path_of, unit_response
 
@@ -155,7 +155,7 @@ def causes(
 ) -> Causes:
     """What is told of the peak, with the arm as it is but for its sources, which are fitted."""
     whitenings = [Whitening(slow_columns(channel), np.ones(1)) for channel in posed.channels]
-    place, _ = _fitted(posed, posed.responses(posed.start), posed.start, whitenings)
+    place = Point(posed, posed.start, posed.responses(posed.start), whitenings).fitted()[0].place
     sd = [np.full(place.changes.size, 0.005), np.tile([1e-3, 1e-5], len(posed.runs)), np.full(place.tilt.size, 0.01)]
     sd = np.concatenate([*sd, np.ones(place.factors.size + place.parts.size)])
     return compared(posed, place, np.diag(sd**2), PEAK, teeth=teeth, further=further)

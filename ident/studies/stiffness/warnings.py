@@ -9,9 +9,9 @@ import numpy as np
 
 from ident.arm.arm import Arm
 from ident.arm.plausibility import oddities
-from ident.identify.explanations import APART, MARGIN, SLIP, Change, Explanation, Explanations, Telling
-from ident.identify.fit import KINDS, Assumption, Assumptions, CampaignFit, of_kind
-from ident.identify.hypotheses import NUMBER_KINDS
+from ident.identify.explanations import APART, Change, Explanation, Explanations, Telling
+from ident.identify.fit import Assumption, Assumptions, CampaignFit, of_kind
+from ident.identify.hypotheses import KINDS, MARGIN, RIGID, SLIP
 from ident.identify.problem import Ramp, row_names
 from ident.inference.fit import FEW, CrossPrediction, contradicting
 from ident.inference.information import RARE, sigma_in_words, standard_deviations
@@ -428,7 +428,7 @@ def _quantity(m: Measurement) -> str:
 
 
 def _amount(change: Change) -> str:
-    kind = NUMBER_KINDS.get(change.kind)
+    kind = KINDS.get(change.kind)
     if kind is not None and kind.factor:
         spread = f" +- {percent(change.sd)}" if change.sd < 1 else ""
         return f"x {change.amount:.3g}{spread}"
@@ -445,8 +445,7 @@ def _rows(rows: Sequence[int], campaign: Campaign) -> str:
 def _widths(found: Explanations) -> str:
     """Name the plausible widths of what is listed."""
     kinds = dict.fromkeys(change.kind for item in found.items for change in item.changes)
-    widths = {kind: NUMBER_KINDS[kind].plausible for kind in kinds if kind in NUMBER_KINDS}
-    widths |= {kind: KINDS[kind].plausible for kind in kinds if kind in KINDS}
+    widths = {kind: KINDS[kind].plausible for kind in sorted(kinds, key=RIGID.__contains__) if kind in KINDS}
     return ", ".join(f"{kind} {percent(width)}" for kind, width in widths.items()) + "; " * bool(widths)
 
 

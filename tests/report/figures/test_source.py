@@ -15,7 +15,7 @@ LINE = Hypothesis("line", (), None, (np.full(len(TIME), 9.5),))
 
 
 def finding(kind, track, share, probability=1.0, **more):
-    common = {"drives": (), "modes": (), "by_command": False, "rival": None, "trace": 0, "frequency": (9.5, 9.5)}
+    common = {"drives": (), "modes": (), "by_command": False, "trace": 0, "frequency": (9.5, 9.5)}
     common |= {"time": 4.0, "amplitude": 1e-3, "next": "source"}
     return Finding(kind=kind, track=track, share=share, probability=probability, **(common | more))
 
