@@ -34,6 +34,7 @@ from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import NEARBY
 
 if TYPE_CHECKING:
+    from ident.vibrate.sweep import Sensitivities
     from ident.vibrate.design import Design, Place, Verification
 
 WIDTH = 8.0

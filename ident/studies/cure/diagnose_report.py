@@ -405,12 +405,13 @@ def resonance_line(resonance: "ResonanceAssessment", arm: "Arm") -> str:
 def _resonance(diagnosis: "Diagnosis") -> Iterator[Part]:
     resonance, changed = diagnosis.resonance, diagnosis.task.basis.changed
     yield from (f"Set from here on: {path} = {value:g}." for path, value in changed.items())
-    if not resonance.crossings:
-        undriven = "The arm file has no [[drive]]: only the motion itself excites the arm."
-        yield undriven if resonance.branches is None else "No pulley comes near a natural frequency along this motion."
-        return
-    yield crossings_table(resonance.branches, grouped(resonance.crossings))
-    yield "Vibration: of the end point along the mode's motion, by these pulleys alone with the worst phases."
+    if resonance.branches is None:
+        yield "The arm file has no [[drive]]: only the motion itself excites the arm."
+    elif not resonance.crossings:
+        yield "No pulley comes near a natural frequency along this motion."
+    else:
+        yield crossings_table(resonance.branches, grouped(resonance.crossings))
+        yield "Vibration: of the end point along the mode's motion, by these pulleys alone with the worst phases."
 
 
 def vibration_line(vibration: "VibrationAssessment") -> str:

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from ident.assess.effort import DiagnosisEffort
+from ident.studies.cure.effort import DiagnosisEffort
 
 import ident
 from ident.studies.result import Result
