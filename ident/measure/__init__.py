@@ -9,7 +9,7 @@ from ident.measure.reading import parse_campaign, read_campaign, write_campaign
 from ident.units import to_si
 
 if TYPE_CHECKING:
-    from ident.measure.series import Log, Pulley, Trace, read_log, read_pulleys, read_trace
+    from ident.measure.series import Log, Trace, read_log, read_pulleys, read_trace
 
 __all__ = [
     "DEFINITIONS",
@@ -20,7 +20,6 @@ __all__ = [
     "Load",
     "Log",
     "Measurement",
-    "Pulley",
     "Trace",
     "parse_campaign",
     "read_campaign",
@@ -31,7 +30,7 @@ __all__ = [
     "write_campaign",
 ]
 
-_SERIES = ("Log", "Pulley", "Trace", "read_log", "read_pulleys", "read_trace")
+_SERIES = ("Log", "Trace", "read_log", "read_pulleys", "read_trace")
 """Series in time: they need NumPy, for which a campaign that is refused need not wait."""
 
 

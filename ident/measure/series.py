@@ -383,45 +383,26 @@ def sampling_problems(series: Series) -> Iterator[Problem]:
 
 
 # -------- Pulleys
-# Pulleys in a CSV file of a trace: turning frequency and angle over time, as `ident simulate` writes them.
+# Pulleys in a CSV file of a trace: turning frequency over time, as `ident simulate` writes them.
 
-FIELDS = ("frequency", "angle")
-"""Columns of a pulley, `drive1.frequency [Hz]` and `drive1.angle [rad]`, each called after its quantity."""
-
-_COLUMN = re.compile(rf"(?P<name>(?P<pulley>{NAME})\.(?P<field>{'|'.join(FIELDS)}))\s*\[.*\]")
+_COLUMN = re.compile(rf"(?P<name>(?P<pulley>{NAME})\.frequency)\s*\[.*\]")
+"""A column such as `drive1.frequency [Hz]`."""
 
 
-@dataclass(frozen=True)
-class Pulley:
-    """How a pulley turns, at the times of the trace beside it.
-
-    Attributes:
-        frequency: (T,) [Hz] of turning; None where the file has no such column.
-        angle: (T,) [rad] unwrapped; None where the file has no such column.
-    """
-
-    frequency: Float[np.ndarray, " T"] | None = None
-    angle: Float[np.ndarray, " T"] | None = None
-
-
-def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Pulley]:
-    """Read the pulleys in the file of a trace, by name; mostly none if it was measured.
+def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Float[np.ndarray, " T"]]:
+    """Read how pulleys turn from the file of a trace, by name (T,) [Hz]; mostly none if it was measured.
 
     Args:
         path: the file.
         trace: what `read_trace` has read from it.
-
-    Returns:
-        The pulleys, in the order of the file.
     """
     there = [match for match in map(_COLUMN.fullmatch, trace.ignored) if match]
     if not there:
         return {}
-    rules, findings = [Rule(match["name"], quantities=(match["field"],)) for match in there], Findings()
+    rules, findings = [Rule(match["name"], quantities=("frequency",)) for match in there], Findings()
     series = parse_series(read_table(path, LARGEST_SAMPLES), path, rules, TRACE_ROWS_MIN, findings)
     refuse(findings)
-    by_pulley = grouped(there, lambda match: match["pulley"])
-    return {name: Pulley(**{each["field"]: series[each["name"]] for each in own}) for name, own in by_pulley.items()}
+    return {match["pulley"]: series[match["name"]] for match in there}
 
 
 # -------- Speeds

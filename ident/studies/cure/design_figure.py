@@ -34,8 +34,8 @@ from ident.vibrate.study import DIRECTIONS
 from ident.vibrate.sweep import NEARBY
 
 if TYPE_CHECKING:
-    from ident.vibrate.sweep import Sensitivities
     from ident.vibrate.design import Design, Place, Verification
+    from ident.vibrate.sweep import Sensitivities
 
 WIDTH = 8.0
 """Of a figure [inch]."""

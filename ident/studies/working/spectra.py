@@ -10,7 +10,7 @@ from ident.arm.arm import Arm
 from ident.errors import refusal
 from ident.identify.binding import loads_of
 from ident.identify.modal_analysis import modal_analysis
-from ident.measure import Load, Log, Pulley, Trace
+from ident.measure import Load, Log, Trace
 from ident.studies.working.simulation import alike, grouped
 from ident.text import quoted
 from ident.vibrate.branches import branches
@@ -111,7 +111,8 @@ def marked_along(arm: Arm, log: Log, span: tuple[float, float], load: Load) -> M
 # -------- Spectra
 # The spectra of a trace as they are reported: beside another trace, and over time.
 
-Pulleys = Mapping[str, Pulley]
+Pulleys = Mapping[str, Float[np.ndarray, "T"]]
+"""How pulleys turn [Hz], by name."""
 PEAKS = 5
 """Peaks of each direction that are reported."""
 SLOW = 3.0
@@ -147,7 +148,7 @@ class Spectra:
     traces: Mapping[str, Trace]
     spectra: Mapping[str, Spectrum]
     upto: float
-    pulleys: Mapping[str, Pulley] = field(default_factory=dict)
+    pulleys: Pulleys = field(default_factory=dict)
     modes: MarkedModes | None = None
     orders: tuple[float, ...] = (1.0,)
     spectrograms: Mapping[str, Spectrogram] = field(default_factory=dict)
@@ -166,11 +167,10 @@ class Spectra:
     @property
     def lines(self) -> dict[str, Float[np.ndarray, "T"]]:
         """Multiples of the pulleys' turning frequencies [Hz] over the time of the first trace; NaN while they stand."""
-        turning = {name: p.frequency for name, p in self.pulleys.items() if p.frequency is not None}
         return alike(
             {
                 f"{order:g} x {name}": np.where(frequency > STANDING * frequency.max(), order * frequency, np.nan)
-                for name, frequency in turning.items()
+                for name, frequency in self.pulleys.items()
                 for order in self.orders
             }
         )
@@ -187,7 +187,7 @@ class Spectra:
         return self.modes.near(frequency, within, "vertical" if direction == "z" else "lateral") if self.modes else None
 
 
-def cut(trace: Trace, pulleys: Mapping[str, Pulley], start: float | None, end: float | None) -> tuple[Trace, Pulleys]:
+def cut(trace: Trace, pulleys: Pulleys, start: float | None, end: float | None) -> tuple[Trace, Pulleys]:
     """Return what of a trace, and of the pulleys beside it, lies between two times [s]."""
     time = trace.time
     low = 0 if start is None else int(np.searchsorted(time, start - 1e-9))
@@ -197,8 +197,7 @@ def cut(trace: Trace, pulleys: Mapping[str, Pulley], start: float | None, end: f
         raise refusal("start", got, expected, "widen it")
     inside = slice(low, high)
     part = replace(trace, time=time[inside], values={d: values[inside] for d, values in trace.values.items()})
-    parts = {name: [x if x is None else x[inside] for x in (p.frequency, p.angle)] for name, p in pulleys.items()}
-    return part, {name: Pulley(*part) for name, part in parts.items()}
+    return part, {name: frequency[inside] for name, frequency in pulleys.items()}
 
 
 def common_directions(traces: Mapping[str, Trace], wanted: Sequence[str] | None) -> tuple[str, ...]:
@@ -249,21 +248,14 @@ def spectrograms(
     }
 
 
-def distinct(pulleys: Pulleys) -> dict[str, Pulley]:
+def distinct(pulleys: Pulleys) -> dict[str, np.ndarray]:
     """Put pulleys that turn alike under one name: their orders cannot be told from each other."""
-    return {" and ".join(names): pulley for names, pulley in grouped(pulleys, _turns_as)}
+    return {" and ".join(names): frequency for names, frequency in grouped(pulleys, _turns_as)}
 
 
 def _columns(trace: Trace, directions: Sequence[str]) -> Float[np.ndarray, "T D"]:
     return np.stack([trace.values[direction] for direction in directions], axis=1)
 
 
-def _turns_as(one: Pulley, other: Pulley) -> bool:
-    angles = (None if each.angle is None else np.abs(each.angle - each.angle[0]) for each in (one, other))
-    for a, b in ((one.frequency, other.frequency), tuple(angles)):
-        if a is None or b is None:
-            if a is not b:
-                return False
-        elif not np.allclose(a, b, rtol=1e-6, atol=1e-6 * np.abs(a).max()):
-            return False
-    return True
+def _turns_as(one: np.ndarray, other: np.ndarray) -> bool:
+    return np.allclose(one, other, rtol=1e-6, atol=1e-6 * np.abs(one).max())

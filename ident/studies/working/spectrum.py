@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ident.description.file import ArmFile
-    from ident.measure import Log, Pulley, Trace
-    from ident.studies.working.spectra import MarkedModes, Spectra
+    from ident.measure import Log, Trace
+    from ident.studies.working.spectra import MarkedModes, Pulleys, Spectra
     from ident.vibrate.spectra import Peak
 
 
@@ -151,7 +151,7 @@ def spectrum(
     *,
     arm: "ArmFile | None" = None,
     against: "Trace | SimulateResult | str | Path | None" = None,
-    pulleys: "Mapping[str, Pulley] | None" = None,
+    pulleys: "Pulleys | None" = None,
     path: "Log | str | Path | None" = None,
 ) -> SpectrumResult:
     """Show at which frequencies a trace vibrates, and how much.
@@ -201,9 +201,9 @@ def spectrum(
 def _traces(
     trace: "Trace | SimulateResult | str | Path",
     against: "Trace | SimulateResult | str | Path | None",
-    pulleys: "Mapping[str, Pulley] | None",
+    pulleys: "Pulleys | None",
     options: SpectrumOptions,
-) -> "tuple[dict[str, Trace], Mapping[str, Pulley]]":
+) -> "tuple[dict[str, Trace], Pulleys]":
     """Return what of the traces counts, by name, and the pulleys beside the first."""
     from ident.studies.working.spectra import cut
 
@@ -217,15 +217,15 @@ def _traces(
     return {name: first, other if other != name else second.path or f"{other} (2)": second}, turning
 
 
-def _read(trace: "Trace | SimulateResult | str | Path") -> "tuple[str, Trace, Mapping[str, Pulley]]":
+def _read(trace: "Trace | SimulateResult | str | Path") -> "tuple[str, Trace, Pulleys]":
     """Return a trace with its name and the pulleys beside it."""
-    from ident.measure import Pulley, Trace, read_pulleys, read_trace
+    from ident.measure import Trace, read_pulleys, read_trace
 
     if isinstance(trace, Trace):
         return Path(trace.path).stem or "trace", trace, {}
     if isinstance(trace, SimulateResult):
         values = dict(zip("xyz", trace.vibration, strict=True))
-        turning = {name: Pulley(frequency, angle) for name, (angle, frequency) in trace.simulation.pulleys.items()}
+        turning = {name: frequency for name, (_, frequency) in trace.simulation.pulleys.items()}
         return trace.name, Trace("", "", trace.time, "displacement", values), turning
     measured = read_trace(trace)
     return Path(trace).stem, measured, read_pulleys(trace, measured)
