@@ -24,10 +24,9 @@ class OrderTrack:
 
     Attributes:
         orders: (O,) [-].
-        amplitude: (O, B, ...) [unit of the values] peak amplitude; NaN above `highest_order`.
+        amplitude: (O, B, ...) [unit of the values] peak amplitude; NaN above half the Nyquist order.
         time: (B,) [s] when half of the block's revolutions are done.
         frequency: (B,) [Hz] mean turning frequency.
-        highest_order: (B,) [-] highest order that the sampling resolves, half the Nyquist order at the block's fastest.
         revolutions: of a block; orders less than 2 / revolutions apart are not resolved.
     """
 
@@ -35,7 +34,6 @@ class OrderTrack:
     amplitude: Float[np.ndarray, "O B *D"]
     time: Float[np.ndarray, "B"]
     frequency: Float[np.ndarray, "B"]
-    highest_order: Float[np.ndarray, "B"]
     revolutions: int
 
 
@@ -80,10 +78,8 @@ def order_tracking(
         remedy = "ask for fewer revolutions in a block, or give a longer motion; the angle is in rad"
         got, expected = f"at most {most:.3g} revolutions one way", f"a whole block of {revolutions}"
         raise refusal("angle", got, expected, remedy)
-    amplitude, middle, frequency, highest = zip(*blocks, strict=True)
-    return OrderTrack(
-        tracked, np.stack(amplitude, axis=1), np.array(middle), np.array(frequency), np.array(highest), revolutions
-    )
+    amplitude, middle, frequency = zip(*blocks, strict=True)
+    return OrderTrack(tracked, np.stack(amplitude, axis=1), np.array(middle), np.array(frequency), revolutions)
 
 
 def _pieces(angle: np.ndarray) -> Iterator[slice]:
@@ -98,8 +94,8 @@ def _pieces(angle: np.ndarray) -> Iterator[slice]:
 
 def _blocks(
     trace: Samples, curve: BSpline, angle: np.ndarray, piece: slice, orders: np.ndarray, revolutions: int
-) -> Iterator[tuple[np.ndarray, float, float, float]]:
-    """Yield amplitudes, middle, turning frequency and highest order of each block of a piece."""
+) -> Iterator[tuple[np.ndarray, float, float]]:
+    """Yield amplitudes, middle and turning frequency of each block of a piece."""
     turned = np.abs(angle[piece] - angle[piece.start])
     rates = np.diff(turned) / (2 * np.pi * trace.step)
     when = PchipInterpolator(turned, trace.time[piece])
@@ -109,13 +105,12 @@ def _blocks(
         slowest, fastest = rates[inside].min(), rates[inside].max()
         steps = revolutions * int(np.ceil(trace.rate / slowest))
         at = start + span * np.arange(steps) / steps
-        highest = FAITHFUL * trace.rate / 2 / fastest
         weights, shown = get_window("hann", steps) / (steps / 2), curve(when(at))
         waves = weights * np.exp(-1j * orders[:, None] * at)
         amplitude = 2 * np.abs(np.tensordot(waves, shown - np.tensordot(weights, shown, 1), 1))
-        amplitude[orders > highest] = np.nan
+        amplitude[orders > FAITHFUL * trace.rate / 2 / fastest] = np.nan
         begin, middle, end = when([start, start + span / 2, start + span])
-        yield amplitude, float(middle), revolutions / float(end - begin), float(highest)
+        yield amplitude, float(middle), revolutions / float(end - begin)
 
 
 def _order_problems(orders: Sequence[float], revolutions: int) -> Iterator[Problem]:
