@@ -88,21 +88,16 @@ def check_springs(posed: Posed, unknowns: Unknowns | None = None) -> tuple[Sprin
     rows = (replace(m, value=float(value)) for m, value in zip(campaign, exact, strict=True))
     as_predicted = replace(campaign, measurements=tuple(rows))
     sizes = dict(zip(DIRECTIONS, np.asarray(bushing_moments(arm, conditions)), strict=True))
-    readings = conditions.readings
+    readings, unknowns = conditions.readings, unknowns or Unknowns()
     joints = [joint.name for joint in arm.joints]
-    loads = {spring.name: sizes[spring.direction][joints.index(spring.joint)] for spring in arm.springs}
     vibrating = np.concatenate([conditions.named.states, conditions.unnamed.states])
     at_rest = np.concatenate([readings.states, np.asarray(readings.references)[np.asarray(readings.references) >= 0]])
-    return tuple(
-        SpringCheck(
-            spring.name,
-            _cost(arm, spring, as_predicted, unknowns or Unknowns()),
-            float(spring.torque1) if isinstance(spring, Spring) else math.nan,
-            _ends(loads[spring.name][at_rest]),
-            _ends(loads[spring.name][vibrating]),
-        )
-        for spring in arm.springs
-    )
+    found = []
+    for spring in arm.springs:
+        load, cost = sizes[spring.direction][joints.index(spring.joint)], _cost(arm, spring, as_predicted, unknowns)
+        torque1 = float(spring.torque1) if isinstance(spring, Spring) else math.nan
+        found.append(SpringCheck(spring.name, cost, torque1, _ends(load[at_rest]), _ends(load[vibrating])))
+    return tuple(found)
 
 
 def _cost(arm: Arm, spring: Spring | CubicSpring, exact: Campaign, unknowns: Unknowns) -> float:

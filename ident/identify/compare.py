@@ -151,11 +151,8 @@ def compare_fits(first: CampaignFit, second: CampaignFit, same: Collection[str] 
     found = change(first, second, _changing(both, same))
     fitted = {*first.parameters, *second.parameters}
     ours, theirs = ({path: np.asarray(x) for path, x in fit.arm.numbers().items()} for fit in (first, second))
-    unlike = tuple(
-        path
-        for path in dict.fromkeys([*ours, *theirs])
-        if path not in fitted and not np.array_equal(ours.get(path, np.nan), theirs.get(path, np.nan))
-    )
+    kept = [path for path in ours | theirs if path not in fitted]
+    unlike = tuple(path for path in kept if not np.array_equal(ours.get(path, np.nan), theirs.get(path, np.nan)))
     one, other = ({item.name: item for item in fit.problem.parameters.items} for fit in (first, second))
     priors = ((one[name], other[name], f) for name in one.keys() & other.keys() for f in ("centre", "prior_sd", "flat"))
     priors_differ = any(float(getattr(a, f)) != float(getattr(b, f)) for a, b, f in priors)

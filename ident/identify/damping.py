@@ -93,11 +93,8 @@ def _quotients(arm: Arm, conditions: Conditions, data: Data) -> tuple[Array, ...
     energy = [(by_joint * matvec(K[..., None], by_joint)).sum(0) for K in (chain.bend, chain.tors)]
     energy += [motors.stiffness[..., None] * shapes[-len(motors.joint) :] ** 2] if motors else []
     own = [jnp.moveaxis(x, -1, 0)[:, :, values.states] for x in energy]
-    return (
-        chosen,
-        picked(2 * jnp.pi * modes.frequency[:, values.states], chosen),
-        *((x * chosen[:, None]).sum(0) for x in own),
-    )
+    omega = picked(2 * jnp.pi * modes.frequency[:, values.states], chosen)
+    return chosen, omega, *((x * chosen[:, None]).sum(0) for x in own)
 
 
 @jit

@@ -169,16 +169,10 @@ def _changed(cut: CutArm, amounts: Float[Array, "amounts"]) -> Arm:
     return eqx.tree_at(lambda arm: arm.joints, cut.arm, tuple(joints))
 
 
-def _rows(
-    frequency: Float[Array, "m S"], reads: Float[Array, "r"], choice: Choices, conditions: Conditions
-) -> Float[Array, "D"]:
+def _rows(frequency: Array, reads: Array, choice: Choices, conditions: Conditions) -> Float[Array, "D"]:
     named, unnamed, first = conditions.named, conditions.unnamed, conditions.named.frequencies
-    values = [
-        picked(frequency[:, named.states[:first]], choice[0][:, :first]),
-        jnp.zeros(named.shapes),
-        picked(frequency[:, unnamed.states], choice[1]),
-        reads,
-    ]
+    labelled = picked(frequency[:, named.states[:first]], choice[0][:, :first])
+    values = [labelled, jnp.zeros(named.shapes), picked(frequency[:, unnamed.states], choice[1]), reads]
     return jnp.concatenate(values)[conditions.order]
 
 
@@ -236,13 +230,9 @@ def assumptions(fit: Fit, posed: Posed) -> Assumptions:
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.where(changed.predicted != 0, fit.predicted / changed.predicted, 1.0)
     kinds, servos = [KINDS[kind] for kind, _ in names], bool(posed.arm.servos)
-    tests = score_tests(
-        fit,
-        np.array(changes) * factor,
-        np.array([kind.plausible for kind in kinds]),
-        [kind.positive for kind in kinds],
-        np.array([m.kind in SHAPES or (servos and m.drives == "servo") for m in posed.campaign]),
-    )
+    amounts, positive = np.array([kind.plausible for kind in kinds]), [kind.positive for kind in kinds]
+    without = np.array([m.kind in SHAPES or (servos and m.drives == "servo") for m in posed.campaign])
+    tests = score_tests(fit, np.array(changes) * factor, amounts, positive, without)
     items = tuple(Assumption(kind, joint, test) for (kind, joint), test in zip(names, tests, strict=True))
     return Assumptions(items, pieces.height)
 

@@ -220,11 +220,10 @@ def _rebuilt(arm: Arm, amounts: Mapping[str, Mapping[str, Any]]) -> Arm:
     for place, joint in enumerate(arm.joints):
         shift = centres.get(joint.name, 0.0) * end_of(arm, place)
         joints.append(eqx.tree_at(lambda j: j.link, joint, tuple(body(each, shift) for each in joint.link)))
-    for name, amount in lengths.items():
-        place = next(place for place, joint in enumerate(arm.joints) if joint.name == name)
-        if place + 1 < len(joints):
-            longer = joints[place + 1].offset * jnp.exp(amount)
-            joints[place + 1] = eqx.tree_at(lambda j: j.offset, joints[place + 1], longer)
+    for place, joint in enumerate(arm.joints[:-1], 1):
+        if joint.name in lengths:
+            longer = joints[place].offset * jnp.exp(lengths[joint.name])
+            joints[place] = eqx.tree_at(lambda j: j.offset, joints[place], longer)
     last = arm.joints[-1].name
     stretch = jnp.exp(lengths.get(last, 0.0))
     points = tuple(
@@ -531,11 +530,9 @@ def hypotheses_of(
         moments = np.asarray(largest_moments(few, {name: np.asarray(x) for name, x in values.items()}))
         numbers = tuple(altered_numbers(model, tuple(dict.fromkeys(problem.kinds)), values, moments))
         parts = model.arm, model.conditions, model.scaled, model.frames
-        problem = replace(
-            problem,
-            model=AlteredModel(*parts, numbers=numbers, moments=jax.device_put(moments)),
-            parameters=Parameters((*own.items, *(number.parameter for number in numbers))),
-        )
+        altering = AlteredModel(*parts, numbers=numbers, moments=jax.device_put(moments))
+        every = Parameters((*own.items, *(number.parameter for number in numbers)))
+        problem = replace(problem, model=altering, parameters=every)
     blank = End(theta, np.nan, theta, theta, theta, Choice(None, False, theta))
     hypotheses = Hypotheses(problem, len(own.items), numbers, blank).at(theta, held)
     return hypotheses if np.isfinite(hypotheses.start.predicted).all() else None

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import combinations, product
 
 import jax.numpy as jnp
 import numpy as np
@@ -74,14 +74,10 @@ def common_share(campaign: Campaign, given: float | None = None) -> float:
     """Return the common share of the frequencies' variance: as given, as in the campaign (the median), or assumed."""
     if given is not None:
         return given
-    rows = campaign.measurements
-    shares = [
-        matrix[i][j]
-        for places, matrix in campaign.correlated
-        for i, a in enumerate(places)
-        for j, b in enumerate(places[:i])
-        if rows[a].kind == rows[b].kind == "frequency"
-    ]
+    shares: list[float] = []
+    for places, matrix in campaign.correlated:
+        own = [i for i, row in enumerate(places) if campaign.measurements[row].kind == "frequency"]
+        shares += [matrix[i][j] for j, i in combinations(own, 2)]
     return float(np.clip(np.median(shares), 0.0, MOST_COMMON)) if shares else COMMON
 
 

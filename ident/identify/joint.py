@@ -176,8 +176,12 @@ def _solved(name: str, logs: Sequence[JointLog], setting: TwistSetting, dropped:
     known = measured or balanced or setting.locked
     shift, friction = 0.0, (0.0, 0.0)
     for step in range(PASSES):
-        # the shift of the link's channel and the sign of the torque in the joint are those of the pass before
-        rows = _stacked([_rows(log, name, setting, shift, friction, known and step > 0) for log in logs])
+        # The rows of all logs below each other, with a column for the zero of each. The shift of the link's channel and
+        # the sign of the torque in the joint are those of the pass before.
+        parts = [_rows(log, name, setting, shift, friction, known and step > 0) for log in logs]
+        rows = {term: np.concatenate([part[term] for part in parts]) for term in parts[0]}
+        number = np.repeat(np.arange(len(parts)), [len(part["twist"]) for part in parts])
+        rows |= {f"zero {i}": (number == i).astype(float) for i in range(len(parts))}
         reverses = known and step > 0 and _reverses(rows["gap"])
         if known and step > 0 and not reverses:  # the few rows on the other side of the backlash leave
             keep = np.sign(rows["gap"]) == np.sign(rows["gap"].sum())
@@ -285,13 +289,6 @@ def _rows(
         got, expected = f"{moving.sum()} samples in which {name} moves", f"at least {FEWEST}"
         raise refusal(log.path, got, expected, "give a longer log, in which it moves to and fro", name)
     return {term: column[moving] for term, column in rows.items()}
-
-
-def _stacked(parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, Float[np.ndarray, " T"]]:
-    """Return the rows of several logs below each other, with a column for the zero of each."""
-    rows = {term: np.concatenate([part[term] for part in parts]) for term in parts[0]}
-    number = np.repeat(np.arange(len(parts)), [len(part["twist"]) for part in parts])
-    return rows | {f"zero {i}": (number == i).astype(float) for i in range(len(parts))}
 
 
 def _solve(left: Float[np.ndarray, " T"], rows: Columns, terms: Sequence[str]) -> dict[str, Float[np.ndarray, " R"]]:

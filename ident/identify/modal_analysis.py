@@ -115,18 +115,10 @@ def modal_analysis(
     shape, bend, tors = (x[:, :modes] for x in (known.shape, known.bend, known.tors))
     cut = known.frequency[:modes], shape, bend, tors, known.motion[:, :, :modes]
     lowest = eqx.tree_at(lambda m: (m.frequency, m.shape, m.bend, m.tors, m.motion), known, cut)
-    return ModalAnalysis(
-        arm=arm,
-        posture=posture,
-        load=load,
-        modes=lowest,
-        labels=tuple(mode_labels(solved.modes)[:modes]),
-        ambiguous=solution.ambiguous[:modes],
-        damping_ratio=solution.ratio[:modes],
-        deflection={point.name: solution.moved[:, i] for i, point in enumerate(arm.points)},
-        equilibrium=solution.phi,
-        drives=drives,
-    )
+    ambiguous, ratio = solution.ambiguous[:modes], solution.ratio[:modes]
+    moved = {point.name: solution.moved[:, i] for i, point in enumerate(arm.points)}
+    labels = tuple(mode_labels(solved.modes)[:modes])
+    return ModalAnalysis(arm, posture, load, lowest, labels, ambiguous, ratio, moved, solution.phi, drives)
 
 
 Servo = Float[Array | np.ndarray, ""] | None

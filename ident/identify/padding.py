@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Int
 
 from ident.identify.conditions import Conditions, Unnamed, repeats
-from ident.identify.mode_matching import Named
 
 # -------- Padding
 
@@ -159,27 +158,23 @@ def _some(conditions: Conditions, groups: Sequence[Int[np.ndarray, "_"]], states
     frequency[groups[0][::-1]] = np.arange(len(groups[0]))[::-1]
     own = readings.of(reading)
     references, rows = own.references, np.arange(sum(map(len, groups)))
+    hertz = np.concatenate([groups[0], groups[2] - named.shapes])
     return Conditions(
         conditions.posture[:, states],
         jax.tree.map(lambda x: x[..., states], conditions.loads),
-        Named(
-            place[named.states[label]],
-            named.ordinals[label],
-            named.words[label],
-            named.places[label],
-            named.largest[:, states],
-            frequency[named.at[:, states]],
-            named.patterns,
-            named.top,
-            len(groups[1]),
+        replace(
+            named,
+            **{name: getattr(named, name)[label] for name in ("ordinals", "words", "places")},
+            states=place[named.states[label]],
+            largest=named.largest[:, states],
+            at=frequency[named.at[:, states]],
+            shapes=len(groups[1]),
         ),
         Unnamed(place[unnamed.states[other]], unnamed.ordinals[other], unnamed.last[other], unnamed.highest),
         replace(own, states=place[own.states], references=np.where(references >= 0, place[references], -1)),
         rows,
         repeats(rows, rows),
-        None
-        if conditions.definitions is None
-        else conditions.definitions[np.concatenate([groups[0], groups[2] - named.shapes])],
+        None if conditions.definitions is None else conditions.definitions[hertz],
         None if conditions.servo is None else conditions.servo[states],
         None if conditions.shapes is None else conditions.shapes.of(groups[1] - (len(named.states) - named.shapes)),
     )

@@ -163,15 +163,10 @@ def _posed(campaign: Campaign, model: ArmModel, unknowns: Unknowns, ratios: Camp
     groups = [(places, np.array(matrix)) for places, matrix in campaign.correlated]
     with placed(one_line(campaign.covariance.path) if campaign.covariance else ""):
         shared = jax.device_put(correlation(groups, np.ones(len(campaign), bool)))
-    problem = InverseProblem(
-        model,
-        jax.device_put(value),
-        jax.device_put(shared_error(np.asarray(model.conditions.order), sigma, step)),
-        Parameters((*stiffnesses.items, *own, *frames, *loop_parameters(campaign))),
-        tuple(m.kind for m in campaign),
-        shared,
-        vectors_of(campaign),
-    )
+    sigmas = jax.device_put(shared_error(np.asarray(model.conditions.order), sigma, step))
+    parameters = Parameters((*stiffnesses.items, *own, *frames, *loop_parameters(campaign)))
+    data = jax.device_put(value), sigmas, parameters, tuple(m.kind for m in campaign)
+    problem = InverseProblem(model, *data, shared, vectors_of(campaign))
     return Posed(campaign, with_discrepancy(problem, unknowns.discrepancy), ratios)
 
 
@@ -346,15 +341,8 @@ def _modes_of_states(arm: Arm, conditions: Conditions) -> _States:
 # -------- Data checks
 # Data checks: values that no such arm would give, and kinds of data that contradict each other.
 
-PLAUSIBLE = {
-    "frequency": 3.0,
-    "deflection": 5.0,
-    "deflection_difference": 5.0,
-    "rotation": 5.0,
-    "rotation_difference": 5.0,
-    "twist": 5.0,
-    "twist_difference": 5.0,
-}
+READ_AT_REST = ("deflection", "deflection_difference", "rotation", "rotation_difference", "twist", "twist_difference")
+PLAUSIBLE = {"frequency": 3.0, **dict.fromkeys(READ_AT_REST, 5.0)}
 """Factor by which a value may differ from what the arm file predicts before it is refused."""
 
 MOST_DOUBTS = 3
@@ -661,10 +649,8 @@ def repeated(campaign: Campaign) -> list[list[int]]:
     return [*same.values()]
 
 
-def _farthest_apart(
-    value: Float[np.ndarray, "n"], sigma: Float[np.ndarray, "n"], limit: float
-) -> tuple[int, int] | None:
-    """Return the first of the pairs that are farthest apart, if by more than a limit [sd].
+def _farthest_apart(value: np.ndarray, sigma: np.ndarray, limit: float) -> tuple[int, int] | None:
+    """Return the first of the pairs of values (n,) that are farthest apart, if by more than a limit [sd].
 
     As hypot(a, b) is (a + b) / sqrt(2) at least, a value is in such a pair only where it is above the lowest of
     value + limit sigma / sqrt(2) by as much, or below the highest: of many values that agree few.

@@ -275,10 +275,8 @@ def _along(arm: Arm, path: Path, loads: Loads | None, computed: int, s: np.ndarr
     return ModesAlongPath(s, *(np.concatenate(part, -1) for part in parts))
 
 
-def _chunks(
-    arm: Arm, postures: Float[np.ndarray, "driven K"], loads: Loads | None, computed: int
-) -> Iterator[tuple[np.ndarray, ...]]:
-    """Yield what `_modes` returns, some postures at a time, always as many to the compiled function."""
+def _chunks(arm: Arm, postures: np.ndarray, loads: Loads | None, computed: int) -> Iterator[tuple[np.ndarray, ...]]:
+    """Yield what `_modes` returns, some postures (driven, K) at a time, always as many to the compiled function."""
     batch = arm.batch
     size = max(1, TOGETHER // int(np.prod(batch))) if batch else TOGETHER // 64
     for start in range(0, postures.shape[1], size):
@@ -314,9 +312,7 @@ def _modes(
     return modes.frequency, ratio, torsion_share(modes), vertical_share(modes), turned, whole
 
 
-def _damping_ratios(
-    chain: Chain, shape: Float[Array, "3 N *batch m"], omega: Float[Array, "m *batch"]
-) -> Float[Array, "m *batch"]:
+def _damping_ratios(chain: Chain, shape: Array, omega: Array) -> Float[Array, "m *batch"]:
     """Return the damping ratios of some modes, of which damping couples those that are near: see `structural`."""
 
     def between(lost: Array) -> Float[Array, "m m *batch"]:
@@ -411,12 +407,12 @@ class Branches:
     @property
     def median(self) -> Float[np.ndarray, "B T"]:
         """Frequencies [Hz], the median over the batch."""
-        return _median(self.frequency)
+        return np.median(self.draws, axis=2)
 
     @property
     def median_damping_ratio(self) -> Float[np.ndarray, "B T"]:
         """Damping ratios, the median over the batch."""
-        return _median(self.damping_ratio)
+        return np.median(self.damping_ratio.reshape(self.draws.shape), axis=2)
 
     @property
     def draws(self) -> Float[np.ndarray, "B T S"]:
@@ -477,19 +473,17 @@ def branches(arm: Arm, motion: Motion, *, count: int = 3, times: Any = None, loa
     else:
         frequency, damping = (np.take_along_axis(x, track.place, 0) for x in (along.frequency, along.damping_ratio))
         likeness = np.ones(len(frequency))
-    labels, moments = _labels(along, track), path.when(along.s)
+    # in the middle of a crossing a branch has the name before it
+    names = [labels_of_shares(along.torsion[:, k], along.vertical[:, k]) for k in range(len(along.s))]
+    clean = np.maximum.accumulate(np.where(track.mixed, 0, np.arange(len(names)))).tolist()
+    labels, moments = [[names[k][row[k]] for k in clean] for row in track.place.tolist()], path.when(along.s)
     here = np.interp(time, path.time, path.s)
-    return Branches(
-        time,
-        np.asarray(motion(time)[0]),
-        _interpolated(along.s, frequency, here),
-        _interpolated(along.s, damping, here),
-        tuple(row[-1] for row in labels),
-        tuple(row[0] for row in labels),
-        tuple(sorted(_changes(labels, moments), key=lambda change: change.time)),
-        tuple(_veerings(track.mac, moments)),
-        tuple(likeness.tolist()),
-    )
+    posture, likeness = np.asarray(motion(time)[0]), tuple(likeness.tolist())
+    hertz, ratio = (_interpolated(along.s, x, here) for x in (frequency, damping))
+    last, first = (tuple(row[k] for row in labels) for k in (-1, 0))
+    changes = tuple(sorted(_changes(labels, moments), key=lambda change: change.time))
+    veerings = tuple(_veerings(track.mac, moments))
+    return Branches(time, posture, hertz, ratio, last, first, changes, veerings, likeness)
 
 
 def motion_times(motion: Motion, times: Any = None) -> Float[np.ndarray, "T"]:
@@ -512,13 +506,6 @@ def check(arm: Arm, motion: Motion, count: int = 1) -> None:
         raise refusal("count", f"{count}", "at least 1", "ask for one or more natural frequencies")
 
 
-def _labels(along: ModesAlongPath, track: Track) -> list[list[Label]]:
-    """Return the label of each branch at each posture; in the middle of a crossing, the one before it."""
-    names = [labels_of_shares(along.torsion[:, k], along.vertical[:, k]) for k in range(len(along.s))]
-    clean = np.maximum.accumulate(np.where(track.mixed, 0, np.arange(len(names)))).tolist()
-    return [[names[k][row[k]] for k in clean] for row in track.place.tolist()]
-
-
 def _changes(labels: Sequence[Sequence[Label]], moments: Float[np.ndarray, "K"]) -> Iterator[LabelChange]:
     for branch, row in enumerate(labels):
         for k in range(len(row) - 1):
@@ -532,16 +519,10 @@ def _veerings(mac: Float[np.ndarray, "B gaps"], moments: Float[np.ndarray, "K"])
         yield Veering(float(moments[k] + moments[k + 1]) / 2, branches, float(mac[:, k].min()))
 
 
-def _interpolated(
-    s: Float[np.ndarray, "K"], values: Float[np.ndarray, "B K *batch"], at: Float[np.ndarray, "T"]
-) -> Float[np.ndarray, "B T *batch"]:
-    """Return values at other lengths of the path by a curve that keeps their ups and downs."""
+def _interpolated(s: np.ndarray, values: np.ndarray, at: np.ndarray) -> Float[np.ndarray, "B T *batch"]:
+    """Return values (B, K, *batch) at other lengths of the path by a curve that keeps their ups and downs."""
     from scipy.interpolate import PchipInterpolator  # long to import, and seldom needed
 
     if len(s) == 1:
         return np.repeat(values, len(at), axis=1)
     return np.asarray(PchipInterpolator(s, values, axis=1)(at))
-
-
-def _median(values: Float[np.ndarray, "B T *batch"]) -> Float[np.ndarray, "B T"]:
-    return np.median(values.reshape((*values.shape[:2], -1)), axis=2)

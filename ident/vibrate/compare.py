@@ -147,6 +147,8 @@ def compare(simulated: Trace, measured: Trace, *, band: tuple[float, float]) -> 
     Returns:
         Sizes of both, and their ratios.
     """
+    from scipy.interpolate import make_interp_spline
+
     if simulated.quantity == "acceleration" and measured.quantity == "displacement":
         remedy = "give the simulated displacement: neither trace is integrated"
         raise refusal("simulated", "an acceleration", "a displacement, as was measured", remedy)
@@ -157,7 +159,9 @@ def compare(simulated: Trace, measured: Trace, *, band: tuple[float, float]) -> 
     step = max(ours.step, theirs.step)
     ours, theirs = _coarser(ours, step), _coarser(theirs, step)
     time = _common(ours, theirs, step)
-    sizes = [_size(Trace(time, _at(x, time), measured.quantity), band) for x in (ours, theirs)]
+    # quintic splines: exact at a trace's own instants, to 0.2 % up to half the Nyquist frequency
+    both = (np.asarray(make_interp_spline(x.time, x.values, k=5)(time)) for x in (ours, theirs))
+    sizes = [_size(Trace(time, values, measured.quantity), band) for values in both]
     if sizes[1].peak <= 1e-12 * np.abs(sizes[1].trace.values).max():
         remedy = "choose the direction or the time in which it moves"
         raise refusal("measured", "a constant", "a vibration", remedy)
@@ -168,14 +172,9 @@ def _size(trace: Trace, band: tuple[float, float]) -> Size:
     spectrum = amplitude_spectrum(trace.time, trace.values)
     about = trace.values - trace.values.mean()
     largest = peaks(spectrum, 1, band)
-    return Size(
-        trace=trace,
-        peak=float(np.abs(about).max()),
-        rms=float(np.sqrt(np.mean(about**2))),
-        band_rms=float(trace_band_rms(trace.time, trace.values, *band)),
-        dominant=largest[0] if largest else None,
-        spectrum=spectrum,
-    )
+    peak, rms = float(np.abs(about).max()), float(np.sqrt(np.mean(about**2)))
+    band_rms = float(trace_band_rms(trace.time, trace.values, *band))
+    return Size(trace, peak, rms, band_rms, largest[0] if largest else None, spectrum)
 
 
 def _coarser(trace: Samples, step: float) -> Samples:
@@ -201,10 +200,3 @@ def _common(one: Samples, other: Samples, step: float) -> np.ndarray:
         remedy = "shift the clock of one, or choose traces of the same motion"
         raise refusal("time", f"{spans}, {len(time)} samples in common", f"at least {SHORTEST}", remedy)
     return time
-
-
-def _at(trace: Samples, time: np.ndarray) -> np.ndarray:
-    """Interpolate by a quintic spline: exact at the trace's own instants, to 0.2 % up to half the Nyquist frequency."""
-    from scipy.interpolate import make_interp_spline
-
-    return np.asarray(make_interp_spline(trace.time, trace.values, k=5)(time))

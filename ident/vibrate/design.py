@@ -149,16 +149,9 @@ def design(
     between = side_by_side(further)
     present = _place(search, 0 * least, limit)
     middle = [_place(search, u, limit) for u in between if u is not None]
-    found = Design(
-        evaluator,
-        required,
-        limit,
-        present,
-        places[0] if likely is None else _place(search, likely, limit),
-        tuple(places),
-        _efficient(present, [*middle, *places[1:]] if curve else [], places[0]),
-        None,
-    )
+    best = places[0] if likely is None else _place(search, likely, limit)
+    shown = _efficient(present, [*middle, *places[1:]] if curve else [], places[0])
+    found = Design(evaluator, required, limit, present, best, tuple(places), shown, None)
     return found if limit is None or evaluator.draws else with_minimum_change(found, limit)
 
 

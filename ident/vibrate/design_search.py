@@ -313,15 +313,10 @@ class Search:
         more = len(start) - len(self.objective.scale)
         low = np.pad(self.objective.low, (0, more))
         high = np.pad(self.objective.high, (0, more), constant_values=np.inf)
-        answer = minimize(
-            function,
-            np.clip(start, low, high),
-            jac=True,
-            method="SLSQP",
-            bounds=list(zip(low, high, strict=True)),
-            constraints=[{"type": "ineq", "fun": row.value, "jac": row.slope} for row in rows],
-            options={"maxiter": iterations or self.iterations, "ftol": close},
-        )
+        held = [{"type": "ineq", "fun": row.value, "jac": row.slope} for row in rows]
+        how: Any = {"method": "SLSQP", "options": {"maxiter": iterations or self.iterations, "ftol": close}}
+        bounds, start = list(zip(low, high, strict=True)), np.clip(start, low, high)
+        answer = minimize(function, start, jac=True, bounds=bounds, constraints=held, **how)
         return np.clip(answer.x, low, high)
 
 

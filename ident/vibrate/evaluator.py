@@ -1,6 +1,6 @@
 """An arm is changed and simulated over and over, whichever of its numbers change by one compiled program."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -463,6 +463,11 @@ class Evaluator:
         return np.array([variable.span(self.arm) for variable in self.variables]).T
 
     @property
+    def how(self) -> dict[str, Any]:
+        """What a simulation takes besides arm and motion."""
+        return {"loads": self.loads, "elastic_belts": self.elastic_belts, "rate": self.rate, "step": self.step}
+
+    @property
     def amplitude(self) -> Amplitude:
         """The measure for the motion as it is sampled."""
         return amplitude(self.measure, self.motion, self.rate)
@@ -481,15 +486,8 @@ class Evaluator:
 
     def superposition(self, change: Float[np.ndarray, "V"]) -> Superposition:
         """Return the vibration of the arm itself after a change as a sum over its phases that are not known."""
-        return superposition(
-            self.changed_arm(change),
-            self.motion,
-            self.unknown,
-            loads=self.loads,
-            elastic_belts=self.elastic_belts,
-            rate=self.rate,
-            step=self.step or self.step_for(change[None]),
-        )
+        step = self.step or self.step_for(change[None])
+        return superposition(self.changed_arm(change), self.motion, self.unknown, **self.how | {"step": step})
 
     def amplitudes(self, changes: Float[np.ndarray, "G V"], progress: Progress = iter) -> Float[np.ndarray, "3 G D"]:
         """Return the amplitudes [m] after changes: after each that of the arm itself, then those of the draws.
@@ -498,7 +496,11 @@ class Evaluator:
             ModelError: the arm has no stable equilibrium after some change, which is named.
         """
         numbers, solve, count = self.batch(changes), self._solver(changes), len(changes) * self.size
-        jobs, whole = list(self._jobs(count)), np.empty((3, count))
+        every, whole = np.arange(count), np.empty((3, count))
+        own = every % self.size == 0 if self.unknown else np.zeros(count, bool)
+        # over which phases each is: none of draws, which have theirs
+        parts = ((every[own], self.unknown), (every[~own], ()))
+        jobs = [(some[k : k + BATCH], unknown) for some, unknown in parts for k in range(0, len(some), BATCH)]
         try:
             for k in progress(range(len(jobs))):
                 places, unknown = jobs[k]
@@ -582,14 +584,6 @@ class Evaluator:
         step = self.step or self.step_for(changes)
         return fast_method(self.arm, self.motion, self.loads, self.elastic_belts, self.rate, step)
 
-    def _jobs(self, count: int) -> Iterator[tuple[Int[np.ndarray, "some"], tuple[str, ...]]]:
-        """Yield places in a batch, some at a time, and over which phases each is: none of draws, which have theirs."""
-        places = np.arange(count)
-        own = places % self.size == 0 if self.unknown else np.zeros(count, bool)
-        for which, unknown in ((places[own], self.unknown), (places[~own], ())):
-            for first in range(0, len(which), BATCH):
-                yield which[first : first + BATCH], unknown
-
     def _measured(
         self, numbers: Mapping[str, np.ndarray], unknown: tuple[str, ...], solve: FastMethod
     ) -> Float[np.ndarray, "3 some"]:
@@ -615,8 +609,7 @@ class Evaluator:
 
 def exact_response(of: Evaluator) -> Response:
     """Simulate the motion of an evaluator's arm by the exact equations."""
-    how: dict[str, Any] = {"loads": of.loads, "elastic_belts": of.elastic_belts, "rate": of.rate, "step": of.step}
-    return simulate(of.arm, of.motion, method="exact", **how)
+    return simulate(of.arm, of.motion, method="exact", **of.how)
 
 
 # -------- Side by side

@@ -141,12 +141,8 @@ def solved(arm: Arm, method: FastMethod, start: State | None = None) -> Solution
     state: AnyArray = np.zeros(0) if start is None else np.concatenate(start)
     for first, within in zip(firsts, times, strict=True):
         some = slice(first, first + FEWEST)
-        part = replace(
-            method,
-            grid=grid._replace(start=grid.start[some], step=grid.step[some]),
-            time=repeated(within if len(within) else time[:1]),
-            samples=np.asarray(len(within)),
-        )
+        own, inside = grid._replace(start=grid.start[some], step=grid.step[some]), within if len(within) else time[:1]
+        part = replace(method, grid=own, time=repeated(inside), samples=np.asarray(len(within)))
         linear = linearised_for(arm, values, part)
         state = np.zeros(2 * linear.equations.quasi_static.shape[1]) if at_rest else state
         here, state = _solved(arm, values, part, linear, np.asarray(at_rest), state)
@@ -217,9 +213,7 @@ def _solved(
     return jax.tree.map(lambda x: x[None], whole), last
 
 
-def _at_stages(
-    h: Array, states: Float[Array, "S state"], a: Float[Array, "S stages"]
-) -> list[Float[Array, "n places"]]:
+def _at_stages(h: Array, states: Array, a: Array) -> list[Float[Array, "n places"]]:
     """Return x and its two derivatives at the stages of some steps, by the states at their starts, in order of time."""
     a = a.reshape((len(a), STAGES, -1))
     x, v = (part[:, None] for part in jnp.split(states, 2, 1))

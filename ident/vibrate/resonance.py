@@ -348,31 +348,27 @@ def _crossing(
     else:
         k = first + int(np.argmin(np.abs(pair.excitation - pair.natural)[inside]))
     start, end = _edge(pair, first - 1, first), _edge(pair, last + 1, last)
-    rate, natural = float(pair.rate[k]), float(pair.natural[k])
+    known = ("time", "natural", "excitation", "damping_ratio", "margin", "rate")
+    here = {name: float(getattr(pair, name)[k]) for name in known}
     crossed = pair.batch_crosses[max(first - 1, 0) : last + 1].any(0)
-    tail = 1 / np.sqrt(max(abs(rate), TINY)) if len(crossings) else 0.0
+    tail = 1 / np.sqrt(max(abs(here["rate"]), TINY)) if len(crossings) else 0.0
     swells_until = max(end, min(end + tail, until))
     swells = (pair.time >= pair.time[first]) & (pair.time <= swells_until)
     return ResonanceCrossing(
         source=source,
         branch=b,
-        label=branches.label(b, float(pair.time[k])),
+        label=branches.label(b, here["time"]),
         start=start,
         end=end,
-        time=float(pair.time[k]),
         posture=tuple(float(np.interp(pair.time[k], branches.time, angle)) for angle in branches.posture),
-        natural=natural,
-        excitation=float(pair.excitation[k]),
-        damping_ratio=float(pair.damping_ratio[k]),
-        margin=float(pair.margin[k]),
-        rate=rate,
         crossings=tuple(pair.time[crossings].tolist()),
         cycles=float(pair.natural[inside].mean()) * (end - start),
-        sweep_number=sweep_number(rate, natural, float(pair.damping_ratio[k])),
+        sweep_number=sweep_number(here["rate"], here["natural"], here["damping_ratio"]),
         magnification=float(amplitude[swells].max()),
         probability=float((pair.batch_near[inside].any(0) | crossed).mean()),
         crossing_probability=float(crossed.mean()),
         swells_until=swells_until,
+        **here,
     )
 
 
@@ -448,9 +444,7 @@ def _ways(arm: Arm, crossings: Sequence[ResonanceCrossing], loads: Loads | None)
 
 
 @jit
-def _modes(
-    arm: Arm, posture: Float[AnyArray, "driven K"], loads: Loads | None
-) -> tuple[Float[Array, "m K"], Float[Array, "3 m K"]]:
+def _modes(arm: Arm, posture: AnyArray, loads: Loads | None) -> tuple[Float[Array, "m K"], Float[Array, "3 m K"]]:
     """Return natural frequencies [Hz] and how each mode moves the end point."""
     each = modes(at_posture(arm, jnp.asarray(posture), loads))
     return each.frequency, each.motion[:, -1]

@@ -117,26 +117,22 @@ class Identification:
     between: np.ndarray
     makes: np.ndarray
 
-    @cached_property
-    def of_sources(self) -> Float[np.ndarray, "G S 2 2"]:
-        """Covariance of each source's two parts [units], in each phase group, widened by `consistency`."""
+    def covariance_of(self, k: int) -> Float[np.ndarray, "G 2 G 2"]:
+        """Return the covariance of a source's two parts [units] in all phase groups, widened by `consistency`."""
         groups, count = self.place.parts.shape[:2]
         first = sum(part.size for part in self.place[:-1])
-        blocks = np.empty((groups, count, 2, 2))
-        for k in range(groups * count):
-            at = slice(first + 2 * k, first + 2 * k + 2)
-            blocks[k // count, k % count] = self.consistency[k % count] * self.covariance[at, at]
-        return blocks
+        at = (first + 2 * (count * np.arange(groups)[:, None] + k) + np.arange(2)).ravel()
+        return self.consistency[k] * self.covariance[np.ix_(at, at)].reshape((groups, 2, groups, 2))
 
     @cached_property
     def estimates(self) -> "tuple[Estimate, ...]":
         """What is known of each source."""
         found = []
         for k, source in enumerate(self.problem.sources):
-            parts, covariances = self.place.parts[:, k], self.of_sources[:, k]
+            parts = self.place.parts[:, k]
             sizes, ways = np.hypot(*parts.T), _ways(parts)
             turned = np.stack([-ways[:, 1], ways[:, 0]], 1)
-            across = np.einsum("gi,gij,gj->g", turned, covariances, turned)
+            across = np.einsum("gi,gigj,gj->g", turned, self.covariance_of(k), turned)
             weights, sd, _ = self._pooled[k]
             phases = np.arctan2(parts[:, 1], parts[:, 0])
             phase_sd = across**0.5 / np.maximum(sizes, 1e-300)
@@ -147,12 +143,10 @@ class Identification:
     @cached_property
     def _pooled(self) -> list[tuple[np.ndarray, float, float]]:
         """Of each source the weights of the phase groups in its amplitude, its sd, and the chance that they differ."""
-        (groups, count), first, found = self.place.parts.shape[:2], sum(part.size for part in self.place[:-1]), []
+        (groups, count), found = self.place.parts.shape[:2], []
         for k in range(count):
             parts, ways = self.place.parts[:, k], _ways(self.place.parts[:, k])
-            at = (first + 2 * (count * np.arange(groups)[:, None] + k) + np.arange(2)).ravel()
-            block = self.consistency[k] * self.covariance[np.ix_(at, at)].reshape((groups, 2, groups, 2))
-            precision = np.linalg.inv(np.einsum("gi,gihj,hj->gh", ways, block, ways))
+            precision = np.linalg.inv(np.einsum("gi,gihj,hj->gh", ways, self.covariance_of(k), ways))
             weights, sizes = precision.sum(1) / precision.sum(), np.hypot(*parts.T)
             off = sizes - weights @ sizes
             chance = float(chi2.sf(off @ precision @ off, groups - 1)) if groups > 1 else np.nan
@@ -438,7 +432,7 @@ def identified(problem: SourceProblem, progress: Any = iter) -> Identification:
     left = tuple(r - own @ taken for r, own in zip(parts.residual, parts.columns, strict=True))
     parts, covariance = Whitened(left, parts.columns), np.linalg.inv(precision)
     residual, shown = zip(*point.plain(), strict=True)
-    consistency, between = _consistency(problem, parts, place), _between(problem, parts, place)
+    consistency, between = _consistency(problem, parts), _between(problem, parts)
     every = [moved[:3] for each in point.responses for moved in each.moved.values()]
     makes = np.max([np.hypot(moved[:, :, 1::2], moved[:, :, 2::2]).max((0, 1)) for moved in every], 0)
     return Identification(problem, place, covariance, residual, shown, consistency, settled, rounds, between, makes)
@@ -486,11 +480,9 @@ def _small(step: np.ndarray, precision: np.ndarray, share: float) -> bool:
     return bool((np.abs(step) < share * np.sqrt(np.diag(np.linalg.inv(precision)))).all())
 
 
-def _blocks(
-    problem: SourceProblem, parts: Whitened, place: Place, k: int
-) -> "list[tuple[int, np.ndarray, np.ndarray]]":
+def _blocks(problem: SourceProblem, parts: Whitened, k: int) -> list[tuple[int, np.ndarray, np.ndarray]]:
     """Return of each block of each channel its run, and information (2, 2) and score (2,) of a source's parts."""
-    first, count, found = sum(part.size for part in place[:-1]), 2 * len(problem.sources), []
+    first, count, found = sum(part.size for part in problem.start[:-1]), 2 * len(problem.sources), []
     for channel, residual, columns in zip(problem.channels, parts.residual, parts.columns, strict=True):
         at = first + problem.groups[channel.run] * count + 2 * k
         own, size = columns[:, at : at + 2], max(4, round(BLOCK * channel.rate))
@@ -500,7 +492,7 @@ def _blocks(
     return found
 
 
-def _consistency(problem: SourceProblem, parts: Whitened, place: Place) -> Float[np.ndarray, "S"]:
+def _consistency(problem: SourceProblem, parts: Whitened) -> Float[np.ndarray, "S"]:
     """Return how much more than noise blocks of the motion differ in what they say of each source.
 
     Of each block that tells something of a source, score' information^-1 score is chi-squared of two degrees of freedom
@@ -508,7 +500,7 @@ def _consistency(problem: SourceProblem, parts: Whitened, place: Place) -> Float
     """
     found = np.ones(len(problem.sources))
     for k in range(len(problem.sources)):
-        blocks = _blocks(problem, parts, place, k)
+        blocks = _blocks(problem, parts, k)
         whole = sum(np.trace(information) for _, information, _ in blocks)
         telling = [
             float(score @ np.linalg.solve(information, score))
@@ -520,7 +512,7 @@ def _consistency(problem: SourceProblem, parts: Whitened, place: Place) -> Float
     return found
 
 
-def _between(problem: SourceProblem, parts: Whitened, place: Place) -> Float[np.ndarray, "S"]:
+def _between(problem: SourceProblem, parts: Whitened) -> Float[np.ndarray, "S"]:
     """Return the probability that what each run alone says of a source differs so much by chance; NaN with one run."""
     found = np.full(len(problem.sources), np.nan)
     for k in range(len(problem.sources)):
@@ -529,7 +521,7 @@ def _between(problem: SourceProblem, parts: Whitened, place: Place) -> Float[np.
         if not freedom:
             continue
         information, score = np.zeros((len(problem.runs), 2, 2)), np.zeros((len(problem.runs), 2))
-        for run, own, its in _blocks(problem, parts, place, k):
+        for run, own, its in _blocks(problem, parts, k):
             information[run] += own
             score[run] += its
         statistic = sum(float(s @ np.linalg.solve(i, s)) for i, s in zip(information, score, strict=True))

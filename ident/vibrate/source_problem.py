@@ -115,11 +115,8 @@ class Prior:
     def numbers(self, arm: Arm, changes: Float[np.ndarray, "P"]) -> dict[str, float]:
         """Return the arm's numbers after changes, by path."""
         own = arm.numbers()
-        return {
-            path: float(own[path]) * float(np.exp(change))
-            for paths, change in zip(self.groups.values(), changes.tolist(), strict=True)
-            for path in paths
-        }
+        factors = zip(self.groups.values(), np.exp(changes).tolist(), strict=True)
+        return {path: float(own[path]) * factor for paths, factor in factors for path in paths}
 
 
 class Place(NamedTuple):

@@ -9,6 +9,7 @@ References:
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -233,15 +234,9 @@ def amplitude_spectrum(time: ArrayLike, values: ArrayLike, *, window: str = "han
     trace = samples(time, values)
     length, step = _segment(len(trace.time), segments)
     weights = window_samples(window, length)
-    frequency, power = welch(
-        trace.values[: length + (segments - 1) * step],
-        fs=trace.rate,
-        window=weights,
-        noverlap=length - step,
-        detrend="constant",
-        scaling="spectrum",
-        axis=0,
-    )
+    values = trace.values[: length + (segments - 1) * step]
+    how: Any = {"window": weights, "noverlap": length - step, "detrend": "constant", "scaling": "spectrum", "axis": 0}
+    frequency, power = welch(values, trace.rate, **how)
     ratio = _square_per_power(length).reshape(-1, *[1] * (power.ndim - 1))
     resolution = trace.rate / length
     bandwidth = noise_bandwidth(weights) * resolution
@@ -326,9 +321,7 @@ def _segment(total: int, segments: int) -> tuple[int, int]:
 def _square_per_power(length: int) -> np.ndarray:
     """Return squared amplitude by mean square, (F,): 2 for a sine, 1 at zero and at the Nyquist frequency."""
     ratio = np.full(length // 2 + 1, 2.0)
-    ratio[0] = 1.0
-    if length % 2 == 0:
-        ratio[-1] = 1.0
+    ratio[[0, -1] if length % 2 == 0 else 0] = 1.0
     return ratio
 
 

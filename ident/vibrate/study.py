@@ -136,13 +136,10 @@ def measures(response: Response, tolerance: float, at: float | None = None) -> S
     none = np.full((3, *vibration.shape[2:]), np.nan)
     end, arrival = float(response.time[-1]), response.motion.arrival
     arrived = end >= arrival - 1e-9
-    return Sizes(
-        np.asarray(peak(vibration)),
-        np.asarray(rms(vibration)),
-        np.asarray(peak(response.after(arrival))) if arrived else none,
-        settling_time(response, tolerance) if arrived else none,
-        none if at is None or at > end + 1e-9 else np.asarray(peak(response.after(at))),
-    )
+    residual = np.asarray(peak(response.after(arrival))) if arrived else none
+    settling = settling_time(response, tolerance) if arrived else none
+    late = none if at is None or at > end + 1e-9 else np.asarray(peak(response.after(at)))
+    return Sizes(np.asarray(peak(vibration)), np.asarray(rms(vibration)), residual, settling, late)
 
 
 def against(

@@ -76,23 +76,6 @@ class Sweep:
         return (self.draws > limit).any(0).mean(-1)
 
 
-def axis(arm: Arm, paths: Sequence[str], values: Float[np.ndarray, "K"], percent: float) -> Axis:
-    """Return an axis; its present value is the arm's, or the percentage of the motion at hand."""
-    values = np.unique(np.asarray(values, float))
-    name = "=".join(paths)
-    if not np.isfinite(values).all():
-        raise refusal(name, "values that are not finite", "finite numbers", "correct them")
-    if tuple(paths) == (SPEED,):
-        present = percent
-    else:
-        for path in paths:
-            check_path(arm, path)
-        present = float(arm.get(paths[0]))
-    if not is_shifted(paths[0]):
-        refuse(replace(problem, where=name) for problem in refuse_factor(paths[0], present, values[[0, -1]]))
-    return Axis(tuple(paths), values, present)
-
-
 def sweep(evaluator: Evaluator, axes: Sequence[Axis], progress: Progress = iter) -> Sweep:
     """Simulate a motion at every point of a grid, and for every draw, by the fast method.
 
@@ -254,7 +237,7 @@ def axis_of(arm: Arm, interval: Range, percent: float, extents: Extents | None =
         raise refusal("", f"{high:g} %", f"at most {most:g} %", remedy)
     even = shifted or (is_speed and bounds is not None and not any(bound.times for bound in bounds))
     values = (np.linspace if even else np.geomspace)(low, high, int(count))
-    swept = axis(arm, interval.paths, values, percent)
+    swept = Axis(interval.paths, np.unique(values), present)
     if not is_speed:
         refuse(outside(arm, swept.variable, extents or {}))
     return swept
@@ -406,9 +389,7 @@ def sensitivities(evaluator: Evaluator, paths: Sequence[str] | None = None, prog
     return replace(found, unsure=unsure)
 
 
-def _turning(
-    evaluator: Evaluator, paths: Sequence[str], elasticity: Float[np.ndarray, "P 3"]
-) -> Bool[np.ndarray, "P 3"]:
+def _turning(evaluator: Evaluator, paths: Sequence[str], elasticity: np.ndarray) -> Bool[np.ndarray, "P 3"]:
     """Tell where 10 % more or less of a number changes the amplitude, or makes the arm collapse, against its slope."""
     matters = [k for k, each in enumerate(elasticity) if np.abs(each).max() * NEARBY >= FLAT]
     variables = tuple(Variable((paths[k],), -np.inf, np.inf) for k in matters)

@@ -632,20 +632,11 @@ def _finding(fit: _Fit, along: Sequence[_Along], chosen: tuple[int, ...], h: int
     likely = min(fit.probability(chosen, h), 1.0 if _moves(fit, each, tracks, waves) else 0.5)
     track = tracks[n][size > 0.5 * size[strongest]]
     follow: dict[str, Next] = {"drive": "source", "mode": "profile", "kicks": "kicks", "line": "standstill"}
-    return Finding(
-        each.kind,
-        each.drives,
-        tuple(dict.fromkeys(along[n].label(k, float(time[strongest])) for k in ranked)),
-        by_command,
-        float(shares.mean()),
-        likely,
-        number,
-        n,
-        (float(track.min()), float(track.max())),
-        float(time[strongest]),
-        float(size[strongest]),
-        follow.get(each.kind, "modes") if likely >= TRACKS.sure else "speed",
-    )
+    following = follow.get(each.kind, "modes") if likely >= TRACKS.sure else "speed"
+    share, when, amplitude = float(shares.mean()), float(time[strongest]), float(size[strongest])
+    span, modes = (float(track.min()), float(track.max())), dict.fromkeys(along[n].label(k, when) for k in ranked)
+    what = each.kind, each.drives, tuple(modes), by_command
+    return Finding(*what, share, likely, number, n, span, when, amplitude, following)
 
 
 def _unexplained(fit: _Fit, chosen: Sequence[int], left: np.ndarray) -> Finding:

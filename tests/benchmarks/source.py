@@ -125,7 +125,7 @@ def work(number: int, seed: int, wrong: str, mujoco: bool = False) -> dict[str, 
         source = estimate.source
         size, phase = float(true.get(source.amplitude)) / unit_of(source), float(true.get(source.phase))
         parts = found.place.parts[0, k] - size * np.array([np.cos(phase), np.sin(phase)])
-        chi = float(parts @ np.linalg.solve(found.of_sources[0, k], parts))
+        chi = float(parts @ np.linalg.solve(found.covariance_of(k)[0, :, 0], parts))
         turned = float(np.degrees(np.angle(np.exp(1j * (estimate.phase[0] - phase)))))
         each.append([estimate.amplitude / size - 1, estimate.sd / size, turned, chi, estimate.told])
     numbers, sd = found.numbers(), np.sqrt(np.diag(found.covariance))

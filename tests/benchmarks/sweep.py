@@ -20,6 +20,7 @@ import jax
 import numpy as np
 from arms import lcd_arm
 from mujoco_arm import MujocoTransient
+from swept import axis
 from timing import machine
 from transient import RATE, error, mujoco, seconds_of_stroke
 
@@ -27,7 +28,7 @@ from ident.arm.arm import Arm
 from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.motion import Motion
 from ident.vibrate.simulate import simulate
-from ident.vibrate.sweep import Axis, Sweep, axis, sweeps
+from ident.vibrate.sweep import Axis, Sweep, sweeps
 
 
 def figure_nine(arm: Arm, count: int) -> list[Axis]:

@@ -6,6 +6,7 @@ from arms import DATA, first_guess_arm
 from commands import posterior
 from reports import assert_one_screen, too_wide
 from results import assert_comes_back, assert_plain
+from swept import axis
 
 from ident.description.file import read_arm
 from ident.errors import InputError
@@ -15,7 +16,6 @@ from ident.studies.working.sweep import SweepOptions, sweep
 from ident.vibrate import simulate
 from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.motion import stroke
-from ident.vibrate.sweep import axis
 from ident.vibrate.sweep import sweep as over
 
 pytestmark = pytest.mark.slow

@@ -8,6 +8,7 @@ import pytest
 from arms import lcd_arm
 from runs import named
 from scipy.stats import binomtest
+from swept import axis
 
 from ident.arm.arm import loss_paths
 from ident.arm.chain import no_loads
@@ -16,7 +17,7 @@ from ident.vibrate.design import design, verify
 from ident.vibrate.design_search import Requirements, Search, are_met, constraints
 from ident.vibrate.evaluator import WIDTH, BinomialEstimate, Evaluator, Variable, check
 from ident.vibrate.motion import stroke
-from ident.vibrate.sweep import FLAT, axis, changeable, sensitivities, sweep
+from ident.vibrate.sweep import FLAT, changeable, sensitivities, sweep
 
 slow = pytest.mark.slow
 

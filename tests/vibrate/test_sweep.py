@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from arms import lcd_arm
 from runs import swing
+from swept import axis
 
 from ident.errors import InputError
 from ident.vibrate.evaluator import Evaluator, Variable
 from ident.vibrate.response import peak
 from ident.vibrate.simulate import simulate
-from ident.vibrate.sweep import _elasticities, axis, sweep, sweeps
+from ident.vibrate.sweep import _elasticities, sweep, sweeps
 
 pytestmark = pytest.mark.slow
 
@@ -108,15 +109,6 @@ def test_a_sweep_of_the_speed_alone(over):
 def test_axes_that_are_no_grid(axes, words):
     with pytest.raises(InputError, match=words):
         sweep(TRIAL, axes)
-
-
-def test_values_that_a_number_cannot_have():
-    with pytest.raises(InputError, match="bounds above 0"):
-        axis(ARM, ["joint1.k_tors"], np.array([0.0, 1.0]), 10.0)
-    with pytest.raises(InputError, match="not finite"):
-        axis(ARM, ["fingers.com.x"], np.array([np.nan, 1.0]), 10.0)
-    with pytest.raises(InputError, match=r"did you mean fingers\.com\.x"):
-        axis(ARM, ["finger.com.x"], np.array([0.0, 1.0]), 10.0)
 
 
 def test_a_direction_without_vibration_depends_on_nothing():

@@ -10,9 +10,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from ident.studies.cure.effort import DiagnosisEffort
-
 import ident
+from ident.studies.cure.effort import DiagnosisEffort
 from ident.studies.result import Result
 
 DATA = Path("data")
