@@ -204,7 +204,8 @@ class Programs:
             arrays, rest = eqx.partition(self.f(*args, **more), eqx.is_array)
             outputs, out_tree = jax.tree.flatten(arrays)
             places = jax.tree.unflatten(out_tree, [Place(i) for i in range(len(outputs))])
-            shapes.append(encode(eqx.combine(places, rest)))
+            marks = list[Any]()
+            shapes.append([encode(eqx.combine(places, rest), marks), [int(mark) for mark in marks]])
             return outputs
 
         program = jax.jit(flat)
@@ -217,7 +218,7 @@ class Programs:
 
     def _callable(self, exported: bytes, document: Any) -> Callable[[list[Any]], Any]:
         run = jax.jit(export.deserialize(bytearray(exported)).call, **self.options)
-        marks, tree = jax.tree.flatten(decode(document))
+        marks, tree = jax.tree.flatten(decode(document[0], [Place(i) for i in document[1]]))
 
         def call(leaves: list[Any]) -> Any:
             arrays = run(*filter(eqx.is_array, leaves))

@@ -30,7 +30,7 @@ class FleetOptions(FitOptions):
 
     refuses: ClassVar[tuple[str, ...]] = ("uncertain", "robust", "no_explain")
 
-    workers: int = option(1, "processes that compute robots at the same time", low=1, high=1024)
+    workers: int = option(1, "processes here, of Dask, that compute robots at the same time", low=1, high=1024)
     dask: str = option("", "address of a Dask scheduler whose workers compute them instead, as tcp://host:8786")
     normal: bool = option(False, "take each robot's data by a normal approximation, not by draws that the model weighs")
 
