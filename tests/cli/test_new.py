@@ -74,7 +74,7 @@ def test_what_a_robot_description_says_otherwise_is_said(run, tmp_path, monkeypa
 
 
 def test_a_template_needs_neither_jax_nor_numpy(tmp_path):
-    program = "import sys; from ident.studies.look.show import new; new('scara', 'robot'); print(*sys.modules)"
+    program = "import sys; from ident.studies.look.new import new; new('scara', 'robot'); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert not {"numpy", "jax", "pydantic"} & set(done.stdout.split())
 
