@@ -95,7 +95,7 @@ import os, sys
 def watch(event, args):
     if event == "open" and str(args[0]).endswith("robot002.csv"):
         import traceback
-        if any(frame.name == "results" for frame in traceback.extract_stack()):
+        if any(frame.name in ("fitted", "drawn") for frame in traceback.extract_stack()):
             os.kill(os.getpid(), 9)
 sys.addaudithook(watch)
 """

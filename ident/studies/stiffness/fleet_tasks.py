@@ -14,12 +14,12 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, chdir, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty, Queue
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from ident.codec import read_item, value_digest, write_item
@@ -39,22 +39,41 @@ KILLED = f"its computation was killed {KILLS} times; look at the memory, or fit 
 """Why such a robot has no fit."""
 
 
+@dataclass(frozen=True)
 class Task:
-    """What is done at once, and kept in a file of its own."""
+    """A robot to be fitted by itself, or to be drawn under a population; what comes out is kept in a file of its own.
 
+    Attributes:
+        name: the robot's.
+        campaign: its measurements, a CSV file.
+        arm: its description, a TOML file.
+        options: of its fit.
+        folder: where its results go.
+        under: the population; None to fit it.
+    """
+
+    name: str
+    campaign: Path
+    arm: Path
+    options: "FleetOptions"
     folder: Path
+    under: "Under | None" = None
 
     @property
     def file(self) -> Path:
-        """Where the result goes, named by all that it depends on."""
-        raise NotImplementedError
+        """Where the result goes: a hash of inputs and options, of the program's sources and libraries, of the machine.
 
-    def results(self) -> tuple[Any, ...]:
-        """Return what is asked for, or which input is wrong."""
-        raise NotImplementedError
+        The draws' is also of the population.
+        """
+        from ident.programs import environment
 
-    def read(self) -> tuple[Any, ...] | None:
-        """Return what was written; None where nothing was, or the file is damaged."""
+        options = {**self.options.of_each.recorded(), "units": USUAL}
+        files = [(str(path), digest(path)) for path in (self.campaign, self.arm)]
+        key = value_digest([self.name, files, options, environment(), self.under])[:32]
+        return self.folder / f"{key}.{'draws' if self.under else 'robot'}"
+
+    def read(self) -> tuple[Any] | None:
+        """Return what was written, in a tuple; None where nothing was, or the file is damaged."""
         results = read_item(self.file)
         return results if isinstance(results, tuple) else None
 
@@ -69,48 +88,33 @@ class Task:
         """
         file = self.file  # before the inputs are read: had one changed since, the name would not be of the new one
         try:
-            results = self.results()
+            results = (self.drawn(self.under) if self.under else self.fitted(),)
         except Exception as error:
             got = one_line(f"{type(error).__name__}: {error}")[:300]
             return f"an error in the program or a library ({got}); fit it alone to see more, and report it"
         write_item(file, results, make_folders=True)
         return ""
 
+    def fitted(self) -> "Robot":
+        """Fit the robot, or say which input is wrong."""
+        from ident.identify.fleet import robot_of
+        from ident.studies.stiffness.fit import fit
 
-T = TypeVar("T", bound=Task)
+        sources = self.sources
+        try:
+            return robot_of(fit(self.arm, self.campaign, self.options).fit, self.name, *sources)
+        except IdentError as error:
+            return self.failed(str(error))
 
+    def drawn(self, under: "Under") -> "Draws | None":
+        """Draw the robot; None where that is not possible."""
+        from ident.identify.fleet import draws_under
+        from ident.measure import read_campaign
+        from ident.studies.shared import as_file
 
-@dataclass(frozen=True)
-class One(Task):
-    """A robot to be fitted by itself.
-
-    Attributes:
-        name: the robot's.
-        campaign: its measurements, a CSV file.
-        arm: its description, a TOML file.
-        options: of its fit.
-        folder: where its result goes.
-    """
-
-    name: str
-    campaign: Path
-    arm: Path
-    options: "FleetOptions"
-    folder: Path
-
-    @property
-    def key(self) -> str:
-        """A hash of inputs and options, of the program's sources and libraries, and of the machine."""
-        from ident.programs import environment
-
-        options = {**self.options.of_each.recorded(), "units": USUAL}
-        files = [(str(path), digest(path)) for path in (self.campaign, self.arm)]
-        return value_digest([self.name, files, options, environment()])[:32]
-
-    @property
-    def file(self) -> Path:
-        """Where the result goes."""
-        return self.folder / f"{self.key}.robot"
+        arm = as_file(self.arm, self.options.soft_base).arm
+        seed = int(value_digest([self.name, self.options.seed])[:8], 16)
+        return draws_under(arm, read_campaign(self.campaign), self.options.unknowns, under, seed)
 
     @property
     def sources(self) -> "tuple[SourceFile, SourceFile]":
@@ -119,57 +123,12 @@ class One(Task):
 
         return SourceFile(str(self.campaign), digest(self.campaign)), SourceFile(str(self.arm), digest(self.arm))
 
-    def results(self) -> "tuple[Robot, ...]":
-        """Fit the robot, or say which input is wrong."""
-        from ident.identify.fleet import robot_of
-        from ident.studies.stiffness.fit import fit
-
-        sources = self.sources
-        try:
-            return (robot_of(fit(self.arm, self.campaign, self.options).fit, self.name, *sources),)
-        except IdentError as error:
-            return (self.failed(str(error)),)
-
     def failed(self, error: str) -> "Robot":
         """Return the robot as one without a fit."""
         from ident.identify.fleet import Robot
 
         campaign, arm = self.sources
         return Robot(name=self.name, campaign=campaign, arm=arm, error=error)
-
-
-@dataclass(frozen=True)
-class Again(Task):
-    """A robot to be drawn under a population.
-
-    Attributes:
-        one: the robot.
-        under: the population.
-    """
-
-    one: One
-    under: "Under"
-
-    @property
-    def folder(self) -> Path:  # type: ignore[override]
-        """Where the result goes."""
-        return self.one.folder
-
-    @property
-    def file(self) -> Path:
-        """Where the result goes."""
-        return self.folder / f"{value_digest([self.one.key, self.under])[:32]}.draws"
-
-    def results(self) -> "tuple[Draws | None]":
-        """Draw the robot; None where that is not possible."""
-        from ident.identify.fleet import draws_under
-        from ident.measure import read_campaign
-        from ident.studies.shared import as_file
-
-        options = self.one.options
-        arm = as_file(self.one.arm, options.soft_base).arm
-        seed = int(value_digest([self.one.name, options.seed])[:8], 16)
-        return (draws_under(arm, read_campaign(self.one.campaign), options.unknowns, self.under, seed),)
 
 
 # -------- Fleet engine
@@ -211,9 +170,9 @@ class Engine(ExitStack):
     def __init__(self, options: "FleetOptions"):
         super().__init__()
         self.options = options
-        self.cluster: Callable[[list[Any]], Iterator[tuple[Any, str]]] | None = None
+        self.cluster: Callable[[list[Task]], Iterator[tuple[Task, str]]] | None = None
 
-    def done(self, tasks: list[T]) -> Iterator[tuple[T, str]]:
+    def done(self, tasks: list[Task]) -> Iterator[tuple[Task, str]]:
         """Return each task when it is done, and why it is not; those that were done before come first."""
         pending = []
         for task in tasks:
@@ -229,26 +188,26 @@ class Engine(ExitStack):
             yield from self.cluster(pending)
 
 
-def outcomes(robots: Sequence[One], engine: Engine) -> Iterator["Robot"]:
+def outcomes(robots: list[Task], engine: Engine) -> Iterator["Robot"]:
     """Fit what is not fitted of the robots, as workers come free, and return all, those that were fitted first."""
-    for one, reason in engine.done(list(robots)):
-        known = one.read()
-        yield known[0] if known else one.failed(f"{one.campaign}: {reason or 'its result can not be read'}")
-
-
-def drawn(robots: Sequence[One], under: "Under", engine: Engine) -> 'Iterator[tuple[One, "Draws | None"]]':
-    """Draw robots under a population, as workers come free; None for one of which that is not possible."""
-    for task, _ in engine.done([Again(one, under) for one in robots]):
+    for task, reason in engine.done(robots):
         known = task.read()
-        yield task.one, known[0] if known else None
+        yield known[0] if known else task.failed(f"{task.campaign}: {reason or 'its result can not be read'}")
 
 
-def _handed_out(client: Any, work: Callable[[Task], str], pending: Sequence[T]) -> Iterator[tuple[T, str]]:
+def drawn(robots: list[Task], under: "Under", engine: Engine) -> 'Iterator[tuple[str, "Draws | None"]]':
+    """Draw robots under a population, as workers come free; None for one of which that is not possible."""
+    for task, _ in engine.done([replace(robot, under=under) for robot in robots]):
+        known = task.read()
+        yield task.name, known[0] if known else None
+
+
+def _handed_out(client: Any, work: Callable[[Task], str], pending: Sequence[Task]) -> Iterator[tuple[Task, str]]:
     """Return each task when a worker of the client's cluster has done it, or it is given up, and why it is not."""
     executor, news = client.get_executor(pure=False), Queue[Future[str]]()
-    running: dict[Future[str], tuple[T, int]] = {}
+    running: dict[Future[str], tuple[Task, int]] = {}
 
-    def hand_out(task: T, times: int) -> None:
+    def hand_out(task: Task, times: int) -> None:
         future = executor.submit(work, task)
         running[future] = task, times
         future.add_done_callback(news.put)
@@ -349,7 +308,7 @@ def attempt(run: Path, folder: Path, task: Task | None = None) -> str:
 
 
 @contextmanager
-def _cluster(options: "FleetOptions", folder: Path) -> Iterator[Callable[[list[Any]], Iterator[tuple[Any, str]]]]:
+def _cluster(options: "FleetOptions", folder: Path) -> Iterator[Callable[[list[Task]], Iterator[tuple[Task, str]]]]:
     """Connect with a Dask scheduler whose workers share a folder with this machine; yield what has tasks done there.
 
     Raises:
