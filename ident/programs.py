@@ -38,9 +38,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import export
 
-from ident.codec import CodecError, decode, encode
+from ident.codec import CodecError, decode, encode, read_item, write_item
 from ident.errors import IdentError
-from ident.files import replace_file
 from ident.text import LOG
 
 # -------- Program keys
@@ -178,33 +177,34 @@ class Programs:
         except NotKeptError:
             return None
         path = folder / f"{self.f.__name__}-{hashlib.sha256(key.encode()).hexdigest()[:24]}.program"
-        found = _read(path, key)
-        if found is not None:
-            with suppress(Exception):  # whatever a file from elsewhere may do
-                return self._callable(*found) if found[0] else None
+        with suppress(Exception):  # whatever a file from elsewhere may do
+            known, document, exported = read_item(path)
+            if known == key:
+                return self._callable(exported.tobytes(), document) if exported.size else None
         try:
-            exported, document = self._traced(args, more)
+            serialized, document = self._traced(args, more)
         except (CodecError, _NoExportError):
-            exported, document = b"", None
+            serialized, document = b"", ""
         except ValueError:  # the function's own, of these numbers perhaps: nothing is said of the program
             return None
         if sources(Path(__file__).parent) == SOURCES:
             with suppress(IdentError):  # a full disk, say
                 # in a context of its own: a program is kept whatever becomes of the set of files being written now
-                Context().run(replace_file, path, lambda file: file.write(_packed(key, exported, document)))
-        return self._callable(exported, document) if exported else None
+                Context().run(write_item, path, (key, document, np.frombuffer(serialized, np.uint8)))
+        return self._callable(serialized, document) if serialized else None
 
-    def _traced(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> tuple[bytes, Any]:
+    def _traced(self, args: tuple[Any, ...], more: Mapping[str, Any]) -> tuple[bytes, str]:
         arrays, static = eqx.partition((args, more), eqx.is_array)
         leaves, tree = jax.tree.flatten(arrays)
-        shapes: list[Any] = []
+        shapes: list[str] = []
 
         def flat(*leaves: Any) -> list[Any]:
             args, more = eqx.combine(jax.tree.unflatten(tree, leaves), static)
             arrays, rest = eqx.partition(self.f(*args, **more), eqx.is_array)
             outputs, out_tree = jax.tree.flatten(arrays)
             places = jax.tree.unflatten(out_tree, [Place(i) for i in range(len(outputs))])
-            shapes.append(encode(eqx.combine(places, rest)))
+            marks = list[Any]()
+            shapes.append(json.dumps([encode(eqx.combine(places, rest), marks), [int(mark) for mark in marks]]))
             return outputs
 
         program = jax.jit(flat)
@@ -215,9 +215,10 @@ class Programs:
         except (ValueError, NotImplementedError) as error:
             raise _NoExportError(str(error)) from None
 
-    def _callable(self, exported: bytes, document: Any) -> Callable[[list[Any]], Any]:
+    def _callable(self, exported: bytes, document: str) -> Callable[[list[Any]], Any]:
         run = jax.jit(export.deserialize(bytearray(exported)).call, **self.options)
-        marks, tree = jax.tree.flatten(decode(document))
+        plain, places = json.loads(document)
+        marks, tree = jax.tree.flatten(decode(plain, [Place(i) for i in places]))
 
         def call(leaves: list[Any]) -> Any:
             arrays = run(*filter(eqx.is_array, leaves))
@@ -310,26 +311,6 @@ def _processor() -> str:
     except OSError:
         return platform.processor()
     return next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
-
-
-def _packed(key: str, exported: bytes, document: Any) -> bytes:
-    head = {"key": key, "sha256": _sealed(exported, document), "out": document}
-    return json.dumps(head).encode() + b"\n" + exported
-
-
-def _sealed(exported: bytes, document: Any) -> str:
-    return hashlib.sha256(json.dumps(document, sort_keys=True).encode() + b"\n" + exported).hexdigest()
-
-
-def _read(path: Path, key: str) -> tuple[bytes, Any] | None:
-    """Return what a file holds: a program, empty where there can be none, and the tree of what it returns."""
-    try:
-        text, _, exported = path.read_bytes().partition(b"\n")
-        head = json.loads(text)
-        whole = head["key"] == key and head["sha256"] == _sealed(exported, head["out"])
-        return (exported, head["out"]) if whole else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
 
 
 # -------- Jit

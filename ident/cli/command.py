@@ -241,22 +241,31 @@ INPUTS: dict[str, Any] = {
     "against": flag("another trace, drawn over the first, as a measured one"),
 }
 """What studies take besides options, by its name there."""
-F = TypeVar("F", bound=Callable[..., None])
+F = TypeVar("F", bound=Callable[..., Iterator[Result]])
 
 
-def command(kind: type[Options]) -> Callable[[F], F]:
+def command(kind: type[Options], *, figures: bool = True, judged: bool = False) -> Callable[[F], F]:
     """Hang a function on the program: its parameter `options` becomes the flags of this class of options.
 
-    The function's other parameters are the command's arguments and inputs, in typer's words. It stays as it is.
+    The function's other parameters are the command's arguments and inputs, in typer's words. It stays as it is. It
+    yields the result, which is printed and, where there is an `out`, written; goes on, and ends with a status for
+    scripts.
+
+    Args:
+        kind: class of the options.
+        figures: whether there are figures, and a flag that leaves them out.
+        judged: whether there is a flag by which a verdict against the data counts as a failure.
     """
 
     def hang(function: F) -> F:
         given = inspect.signature(function).parameters
-        own = [p for name, p in given.items() if name != "options"]
-        flags = [_parameter(each, spec, hidden=each.name in kind.refuses) for each, spec in specs(kind)]
+        own, options_of = [p for name, p in given.items() if name != "options"], specs(kind)
+        flags = [_parameter(each, spec, hidden=each.name in kind.refuses) for each, spec in options_of]
         first = [p for p in own if p.default is inspect.Parameter.empty]
         after = [p for p in own if p.default is not inspect.Parameter.empty]
-        if "out" in given and not any(each.name == "force" for each, _ in specs(kind)):
+        after += [parameter("no_figure", NoFigureOption, False)] if figures and "out" in given else []
+        after += [parameter("strict", StrictOption, False)] if judged else []
+        if "out" in given and not any(each.name == "force" for each, _ in options_of):
             after.append(FORCE)
 
         def call(**values: Any) -> None:
@@ -267,7 +276,15 @@ def command(kind: type[Options]) -> Callable[[F], F]:
                     running.check_folder(inputs["out"])
                 if inputs.get("campaign") is None:
                     running.start()
-                function(**inputs, options=options)
+                failed = False
+                for result in function(**inputs, options=options):
+                    if "out" in inputs:
+                        finish(result, inputs["out"], values.get("no_figure", True))
+                    else:
+                        tell(result)
+                    failed = result.short or bool(values.get("strict") and result.doubtful)
+                if failed:
+                    raise typer.Exit(SHORT)
 
         call.__doc__ = function.__doc__
         register(function.__name__.removesuffix("_command"), call, [*first, *flags, *after])
@@ -367,26 +384,17 @@ def offer(
     main = "campaign" if "campaign" in names else next(iter(names))
     words = INPUTS | ({"arm": ArmOption} if main == "campaign" else {}) | words
 
-    def run(
-        options: Options, out: Path = Path("out"), no_figure: bool = True, strict: bool = False, **inputs: Any
-    ) -> None:
+    def run(options: Options, out: Path | None = None, **inputs: Any) -> Iterator[Result]:
         if main == "campaign":
             inputs["campaign"], inputs["arm"] = running.read(inputs["campaign"], inputs["arm"])
         shown = {"progress": running.progress} if "progress" in names else {}
-        result = study(**inputs, options=options, **shown)
-        if files:
-            finish(result, out, no_figure)
-        else:
-            tell(result)
-        leave(result, strict=strict)
+        yield study(**inputs, options=options, **shown)
 
     every = [parameter(name, words[name], *([] if name == main else [None])) for name in names if name in words]
-    every += [parameter("options", kind, None)]
-    every += [parameter("out", OutOption, Path("out")), parameter("no_figure", NoFigureOption, False)] if files else []
-    every += [parameter("strict", StrictOption, False)] if judged else []
+    every += [parameter("options", kind, None), *([parameter("out", OutOption, Path("out"))] if files else [])]
     run.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
     run.__name__, run.__doc__ = study.__name__, text
-    command(kind)(run)
+    command(kind, judged=judged)(run)
 
 
 def finish(result: Result, out: Path, no_figure: bool) -> None:
@@ -418,17 +426,6 @@ def write(result: Result, out: Path, more: Sequence[Callable[[Path], tuple[Path,
         output().say(f"kept what was there as {one_line(str(out / kept))}.*: {reason}")
     for path in paths:
         output().wrote(path)
-
-
-def leave(result: Result, *, strict: bool) -> None:
-    """End with a status that scripts can read; why, the report has said.
-
-    Args:
-        result: what was computed.
-        strict: whether a verdict against the data counts as well as a computation that ended short.
-    """
-    if result.short or (strict and result.doubtful):
-        raise typer.Exit(SHORT)
 
 
 UNIT = re.compile(r"\[(m|mm|s|Hz|deg|%)\]|\bpercent\b")

@@ -21,11 +21,8 @@ from ident.cli.command import (
     NoFigureOption,
     OutOption,
     PathOption,
-    StrictOption,
     command,
-    finish,
     flag,
-    leave,
     offer,
     output,
     plain,
@@ -60,9 +57,12 @@ from ident.studies.working.sweep import sweep
 from ident.text import as_word, one_line, read_bytes
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from ident.description.file import ArmFile
     from ident.measure import Campaign
     from ident.studies.cure.diagnose import StageReport
+    from ident.studies.result import Result
 
 offer(predict, "Predict natural frequencies, modes and static deflection of an arm.", files=False)
 offer(
@@ -94,16 +94,20 @@ offer(
 )
 
 
-@command(SampleOptions)
+def to_fill_in(path: Path, rows: int, then: str) -> None:
+    """Say which table was written, to be filled in, and with which command to go on."""
+    output().wrote(path)
+    output().say(f"{rows} channels to fill in; then: ident {then}")
+
+
+@command(SampleOptions, judged=True)
 def sample_command(
     campaign: CampaignArgument,
     options: SampleOptions,
     arm: ArmOption = None,
     out: OutOption = Path("out"),
     restart: Annotated[bool, typer.Option("--restart", help="throw away the checkpoints of an unfinished run")] = False,
-    no_figure: NoFigureOption = False,
-    strict: StrictOption = False,
-) -> None:
+) -> "Iterator[Result]":
     """Sample the posterior of a campaign: how certain each stiffness and combination is.
 
     Continues an earlier run of the same inputs that was stopped. Writes CAMPAIGN.sample.nc (ArviZ InferenceData) and
@@ -113,12 +117,11 @@ def sample_command(
     folder = out / f"{measured.name}.sample.part"
     with running.kept(folder):
         result = sample(described, measured, options, folder=folder, restart=restart, progress=running.progress)
-    finish(result, out, no_figure)
+    yield result
     if result.enough:
         running.discard_unless_taken(folder, discard_checkpoints)
     else:
         output().say(f"kept {one_line(str(folder))}: the same command with more --steps goes on from there")
-    leave(result, strict=strict)
 
 
 @command(PlanOptions)
@@ -130,8 +133,7 @@ def plan_command(
     arm: ArmOption = None,
     runs: flag("table of runs to measure on the moving arm (see ident source): what they would tell") = None,
     out: OutOption = Path("out"),
-    no_figure: NoFigureOption = False,
-) -> None:
+) -> "Iterator[Result]":
     """Rank what to measure next by information per minute, with the std. errors to expect.
 
     Writes CAMPAIGN.plan.json, CAMPAIGN.plan.csv (a campaign to fill in) and CAMPAIGN.plan.png into the folder given by
@@ -152,9 +154,7 @@ def plan_command(
         measured, described = running.read(campaign, arm)
     elif arm is None:
         raise refusal("", "neither campaign nor arm", "one of them", "as ident plan --arm arm.toml")
-    result = plan(described, measured, options, runs=runs, progress=running.progress)
-    finish(result, out, no_figure)
-    leave(result, strict=False)
+    yield plan(described, measured, options, runs=runs, progress=running.progress)
 
 
 offer(
@@ -237,7 +237,7 @@ offer(
 )
 
 
-@command(SourceOptions)
+@command(SourceOptions, judged=True)
 def source_command(
     runs: Annotated[Path, typer.Argument(help="table of runs, a CSV file; with --init the folder of the recordings")],
     options: SourceOptions,
@@ -245,9 +245,7 @@ def source_command(
     posterior: flag("posterior of ident sample (.nc), of the stiffnesses") = None,
     init: Annotated[bool, typer.Option("--init", help="write runs.csv to fill in into that folder, and stop")] = False,
     out: OutOption = Path("out"),
-    no_figure: NoFigureOption = False,
-    strict: StrictOption = False,
-) -> None:
+) -> "Iterator[Result]":
     """Identify imbalance and transmission error of each drive from traces of the moving arm.
 
     The table has a row for each trace, and how the arm moved. Writes RUNS.source.json, which --posterior of other
@@ -258,13 +256,10 @@ def source_command(
 
         path = runs / "runs.csv"
         rows = write_runs(runs, path)
-        output().wrote(path)
         beside = "" if (runs / "arm.toml").exists() else f" --arm {as_word(arm or 'ARM')}"
-        output().say(f"{rows} channels to fill in; then: ident source {as_word(path)}{beside}")
+        to_fill_in(path, rows, f"source {as_word(path)}{beside}")
         return
-    result = source(runs, arm, options, posterior=posterior, progress=running.progress)
-    finish(result, out, no_figure)
-    leave(result, strict=strict)
+    yield source(runs, arm, options, posterior=posterior, progress=running.progress)
 
 
 offer(
@@ -457,7 +452,7 @@ def new(
 # `ident diagnose`: it names each finished stage, and gives back what a stage leaves behind.
 
 
-@command(DiagnoseOptions)
+@command(DiagnoseOptions, figures=False, judged=True)
 def diagnose_command(
     campaign: CampaignArgument,
     options: DiagnoseOptions,
@@ -466,8 +461,7 @@ def diagnose_command(
     runs: flag("table of runs (see ident source), to identify what excites the arm") = None,
     restart: Annotated[bool, typer.Option("--restart", help="throw away the stages of an unfinished run")] = False,
     out: OutOption = Path("out"),
-    strict: StrictOption = False,
-) -> None:
+) -> "Iterator[Result]":
     """Find out whether an arm vibrates too far and which change helps: from a campaign to advice, step by step.
 
     Stiffnesses, natural frequencies along the motion, resonance, vibration against the limit; remedies by their effort:
@@ -500,9 +494,8 @@ def diagnose_command(
             progress=running.progress,
             on_stage=finished,
         )
-    finish(result, out, no_figure=True)
+    yield result
     running.discard_unless_taken(folder, discard_stages)
-    leave(result, strict=strict)
 
 
 # -------- Exploring
@@ -559,15 +552,13 @@ def export(
 # The command `ident fleet`: many robots of one design.
 
 
-@command(FleetOptions)
+@command(FleetOptions, judged=True)
 def fleet_command(
     robots: Annotated[Path, typer.Argument(help="folder with a CSV file, or a folder with one, for each robot")],
     options: FleetOptions,
     arm: flag("arm of robots whose folder has none; default: arm.toml beside them", "--arm") = None,
     out: OutOption = Path("out"),
-    no_figure: NoFigureOption = False,
-    strict: StrictOption = False,
-) -> None:
+) -> "Iterator[Result]":
     """Fit each robot of a fleet: the spread of their stiffnesses, and which robot stands out.
 
     Continues an earlier run of the same inputs that was stopped. Writes ROBOTS.fleet.json, .prior (flags of ident fit
@@ -576,16 +567,15 @@ def fleet_command(
     folder = out / f"{robots.absolute().name}.fleet.robots"
     with running.kept(folder):
         result = fleet(robots, arm, options, folder=folder, progress=running.progress)
-    finish(result, out, no_figure)
+    yield result
     output().say(f"kept {one_line(str(folder))}: fits of robots whose files have not changed are taken from there")
-    leave(result, strict=strict)
 
 
 # -------- Modal
 # The command `ident modal`: from the files of a hammer or ambient test to a campaign.
 
 
-@command(ModalOptions)
+@command(ModalOptions, judged=True)
 def modal_command(
     tests: Annotated[
         Path,
@@ -596,9 +586,7 @@ def modal_command(
     arm: flag("arm description; default: arm.toml in the folder", "--arm") = None,
     init: Annotated[bool, typer.Option("--init", help="write the channel table to fill in, and stop")] = False,
     out: OutOption = Path("out"),
-    no_figure: NoFigureOption = False,
-    strict: StrictOption = False,
-) -> None:
+) -> "Iterator[Result]":
     """Make a campaign of the files of a hammer test, or of one without force: modes with their covariance, names.
 
     Lists the hits that were rejected, lines of rotating parts, and modes without a certain name, with the reason.
@@ -606,13 +594,9 @@ def modal_command(
     into the folder given by --out.
     """
     if init:
-        path, rows = new_channels(tests, channels, arm)
-        output().wrote(path)
-        output().say(f"{rows} channels to fill in; then: ident modal {as_word(tests)}")
+        to_fill_in(*new_channels(tests, channels, arm), f"modal {as_word(tests)}")
         return
-    result = modal_test(tests, channels, arm, options)
-    finish(result, out, no_figure)
-    leave(result, strict=strict)
+    yield modal_test(tests, channels, arm, options)
 
 
 # -------- Doctor

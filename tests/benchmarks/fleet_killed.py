@@ -31,7 +31,7 @@ def files(folder: Path) -> dict[Path, str]:
     """Return the contents of all files by name, but for the time that a result was made."""
     kept = [path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".")]
     kept = [path for path in kept if not path.parent.name.startswith(".")]
-    return {path.relative_to(folder): TIME.sub("", path.read_text()) for path in kept}
+    return {path.relative_to(folder): TIME.sub("", path.read_text("latin-1")) for path in kept}
 
 
 def disturbed(kind: str, robots: Path, out: Path, kills: int, seed: int) -> tuple[Kills, int]:

@@ -68,12 +68,11 @@ STARTS = (
 )
 KNOWN = {
     "__init__.py": {"import_module"},  # names of its own table
-    "codec.py": {"import_module"},  # modules of ident alone, and classes of these
     "measure/__init__.py": {"import_module"},
     "measure/recordings/__init__.py": {"import_module"},  # by the file's ending, one of a table
     "measure/recordings/matlab.py": {"subprocess"},
     "studies/__init__.py": {"import_module"},  # files beside it
-    "studies/stiffness/fleet_tasks.py": {"multiprocessing", "distributed"},
+    "studies/stiffness/fleet_tasks.py": {"distributed"},  # its processes with PYTHONSAFEPATH
 }
 """Where processes start and modules are found by name: each keeps out of the current folder. Nothing is unpickled."""
 

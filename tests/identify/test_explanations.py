@@ -124,7 +124,8 @@ def test_table_1_asks_for_what_would_give_all_three_numbers():
     assert all(item.cost + item.off**2 <= found.cost + found.said - MARGIN for item in found.items)
     assert found.telling
     (section,) = explanation_section(found, fit.campaign)
-    again = decode(json.loads(json.dumps(encode(found))))
+    arrays = []
+    again = decode(json.loads(json.dumps(encode(found, arrays))), arrays)
     assert explanation_section(again, fit.campaign) == (section,)
     causes = [row[3] for row in section.parts[0].rows]
     assert "glass was on in rows 5, 6" in causes

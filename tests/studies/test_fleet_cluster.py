@@ -35,7 +35,7 @@ def files(folder):
     """The contents of all files by name, but for the time that a result was made."""
     paths = [path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".ident-")]
     paths = [path for path in paths if not path.parent.name.startswith(".attempts-")]  # of a client that was killed
-    return {path.relative_to(folder): TIME.sub("", path.read_text()) for path in paths}
+    return {path.relative_to(folder): TIME.sub("", path.read_text("latin-1")) for path in paths}
 
 
 def test_whatever_is_killed_the_files_are_those_of_one_process(run, robots, tmp_path):
@@ -95,7 +95,7 @@ import os, sys
 def watch(event, args):
     if event == "open" and str(args[0]).endswith("robot002.csv"):
         import traceback
-        if any(frame.name == "results" for frame in traceback.extract_stack()):
+        if any(frame.name in ("fitted", "drawn") for frame in traceback.extract_stack()):
             os.kill(os.getpid(), 9)
 sys.addaudithook(watch)
 """

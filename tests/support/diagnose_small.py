@@ -3,6 +3,7 @@
 As a program it is the command `small`, to be killed.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +13,7 @@ from arms import DATA
 
 from ident.cli.command import ArmOption, CampaignArgument, OutOption, PathOption, command
 from ident.cli.commands import diagnose_command
-from ident.studies.cure.diagnose import DiagnoseOptions
+from ident.studies.cure.diagnose import DiagnoseOptions, DiagnoseResult
 from ident.studies.cure.effort import DiagnosisEffort
 
 SMALL = DiagnosisEffort(
@@ -36,13 +37,13 @@ def small_command(
     path: PathOption = None,
     restart: Annotated[bool, typer.Option("--restart")] = False,
     out: OutOption = Path("out"),
-) -> None:
+) -> Iterator[DiagnoseResult]:
     """Diagnose with little effort."""
-    diagnose_command(campaign, replace(options, effort=SMALL), arm, path, None, restart, out)
+    yield from diagnose_command(campaign, replace(options, effort=SMALL), arm, path, None, restart, out)
 
 
 if __name__ == "__main__":
     from ident import cli
 
-    command(DiagnoseOptions)(small_command)
+    command(DiagnoseOptions, figures=False)(small_command)
     cli.main()

@@ -1,7 +1,5 @@
 """Find out whether an arm vibrates too far, and which change meets the limit: from a campaign to advice."""
 
-import hashlib
-import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -77,21 +75,17 @@ class Job:
         """What the stages depend on; by values, so that a file may move."""
         from importlib.metadata import version
 
-        measurements = [replace(each, where="") for each in self.campaign.measurements]
+        from ident.codec import value_digest
+
+        measurements, log, runs = [replace(each, where="") for each in self.campaign.measurements], self.log, self.runs
         return {
-            "campaign": _hash(measurements),
-            "arm file": _hash((self.arm.arm, self.arm.origins, self.arm.extents)),
-            "path": _hash((self.log.time, self.log.angles)) if self.log else "",
-            "runs": _hash([self.runs.sha256, *(each.sha256 for each in self.runs.files.values())]) if self.runs else "",
-            "set of options": _hash(replace(self.options, units=USUAL)),
+            "campaign": value_digest(measurements),
+            "arm file": value_digest((self.arm.arm, self.arm.origins, self.arm.extents)),
+            "path": value_digest((log.time, log.angles)) if log else "",
+            "runs": value_digest([runs.sha256, *(each.sha256 for each in runs.files.values())]) if runs else "",
+            "set of options": value_digest(replace(self.options, units=USUAL)),
             "version of ident": version("ident-arm"),
         }
-
-
-def _hash(value: Any) -> str:
-    from ident.codec import encode
-
-    return hashlib.sha256(json.dumps(encode(value)).encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def discard_stages(folder: str | Path) -> None:

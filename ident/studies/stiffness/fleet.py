@@ -30,7 +30,7 @@ class FleetOptions(FitOptions):
 
     refuses: ClassVar[tuple[str, ...]] = ("uncertain", "robust", "no_explain")
 
-    workers: int = option(1, "processes that compute robots at the same time", low=1, high=1024)
+    workers: int = option(1, "processes here, of Dask, that compute robots at the same time", low=1, high=1024)
     dask: str = option("", "address of a Dask scheduler whose workers compute them instead, as tcp://host:8786")
     normal: bool = option(False, "take each robot's data by a normal approximation, not by draws that the model weighs")
 
@@ -200,13 +200,13 @@ def fleet(
         InputError: no robots, or two of one name. What is wrong with one of them does not stop the others.
     """
     from ident.identify.fleet import fleet as infer
-    from ident.studies.stiffness.fleet_tasks import Engine, One, drawn, outcomes
+    from ident.studies.stiffness.fleet_tasks import Engine, Task, drawn, outcomes
 
     files = robots_in(Path(robots), arm) if isinstance(robots, str | Path) else list(robots)
     if isinstance(robots, str | Path):
         label = label or Path(robots).absolute().name
     with TemporaryDirectory() as passing, Engine(options) as engine:
-        tasks = [One(*each, options, Path(folder or passing)) for each in sorted(files)]
+        tasks = [Task(*each, options, Path(folder or passing)) for each in sorted(files)]
         steps = progress("robots", len(tasks))(range(len(tasks)))
         done = [robot for _, robot in zip(steps, outcomes(tasks, engine), strict=True)]
         found = {task.name: task for task in tasks}
@@ -214,7 +214,7 @@ def fleet(
         def redraw(robots: "Sequence[Robot]", under: "Under") -> "list[Draws | None]":
             asked = [found[robot.name] for robot in robots]
             steps = progress("draws of robots", len(asked))(range(len(asked)))
-            known = {one.name: draws for _, (one, draws) in zip(steps, drawn(asked, under, engine), strict=True)}
+            known = dict(each for _, each in zip(steps, drawn(asked, under, engine), strict=True))
             return [known[robot.name] for robot in robots]
 
         inferred = infer(done, seed=options.seed, redraw=None if options.normal else redraw)

@@ -4,28 +4,25 @@ What a task writes depends on its inputs, its options and the program alone, and
 whoever does it, and how often, the file is the same.
 """
 
-import hashlib
 import json
 import logging
-import multiprocessing
 import os
 import platform
 import shutil
-import signal
 import sys
 import threading
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from contextlib import ExitStack, chdir, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty, Queue
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
-from ident.codec import CodecError, decode, encode
+from ident.codec import read_item, value_digest, write_item
 from ident.errors import IdentError, InputError, Problem, refusal
 from ident.files import digest, replace_file
 from ident.text import one_line
@@ -42,26 +39,42 @@ KILLED = f"its computation was killed {KILLS} times; look at the memory, or fit 
 """Why such a robot has no fit."""
 
 
+@dataclass(frozen=True)
 class Task:
-    """What is done at once, and kept in a file of its own."""
+    """A robot to be fitted by itself, or to be drawn under a population; what comes out is kept in a file of its own.
 
+    Attributes:
+        name: the robot's.
+        campaign: its measurements, a CSV file.
+        arm: its description, a TOML file.
+        options: of its fit.
+        folder: where its results go.
+        under: the population; None to fit it.
+    """
+
+    name: str
+    campaign: Path
+    arm: Path
+    options: "FleetOptions"
     folder: Path
+    under: "Under | None" = None
 
     @property
     def file(self) -> Path:
-        """Where the result goes, named by all that it depends on."""
-        raise NotImplementedError
+        """Where the result goes: a hash of inputs and options, of the program's sources and libraries, of the machine.
 
-    def results(self) -> tuple[Any, ...]:
-        """Return what is asked for, or which input is wrong."""
-        raise NotImplementedError
+        The draws' is also of the population.
+        """
+        from ident.programs import environment
 
-    def read(self) -> tuple[Any, ...] | None:
-        """Return what was written; None where nothing was, or the file is damaged."""
-        try:
-            results = decode(json.loads(self.file.read_text("utf-8")))
-        except (OSError, ValueError, RecursionError, CodecError):
-            return None
+        options = {**self.options.of_each.recorded(), "units": USUAL}
+        files = [(str(path), digest(path)) for path in (self.campaign, self.arm)]
+        key = value_digest([self.name, files, options, environment(), self.under])[:32]
+        return self.folder / f"{key}.{'draws' if self.under else 'robot'}"
+
+    def read(self) -> tuple[Any] | None:
+        """Return what was written, in a tuple; None where nothing was, or the file is damaged."""
+        results = read_item(self.file)
         return results if isinstance(results, tuple) else None
 
     def do(self) -> str:
@@ -75,49 +88,33 @@ class Task:
         """
         file = self.file  # before the inputs are read: had one changed since, the name would not be of the new one
         try:
-            text = json.dumps(encode(self.results()))
+            results = (self.drawn(self.under) if self.under else self.fitted(),)
         except Exception as error:
             got = one_line(f"{type(error).__name__}: {error}")[:300]
             return f"an error in the program or a library ({got}); fit it alone to see more, and report it"
-        replace_file(file, lambda out: out.write(text.encode("utf-8")), make_folders=True)
+        write_item(file, results, make_folders=True)
         return ""
 
+    def fitted(self) -> "Robot":
+        """Fit the robot, or say which input is wrong."""
+        from ident.identify.fleet import robot_of
+        from ident.studies.stiffness.fit import fit
 
-T = TypeVar("T", bound=Task)
+        sources = self.sources
+        try:
+            return robot_of(fit(self.arm, self.campaign, self.options).fit, self.name, *sources)
+        except IdentError as error:
+            return self.failed(str(error))
 
+    def drawn(self, under: "Under") -> "Draws | None":
+        """Draw the robot; None where that is not possible."""
+        from ident.identify.fleet import draws_under
+        from ident.measure import read_campaign
+        from ident.studies.shared import as_file
 
-@dataclass(frozen=True)
-class One(Task):
-    """A robot to be fitted by itself.
-
-    Attributes:
-        name: the robot's.
-        campaign: its measurements, a CSV file.
-        arm: its description, a TOML file.
-        options: of its fit.
-        folder: where its result goes.
-    """
-
-    name: str
-    campaign: Path
-    arm: Path
-    options: "FleetOptions"
-    folder: Path
-
-    @property
-    def key(self) -> str:
-        """A hash of inputs and options, of the program's sources and libraries, and of the machine."""
-        from ident.programs import environment
-
-        options = {**self.options.of_each.recorded(), "units": USUAL}
-        paths = [str(self.campaign), str(self.arm)]
-        parts = [self.name, paths, digest(self.campaign), digest(self.arm), encode(options), environment()]
-        return hashed(parts)
-
-    @property
-    def file(self) -> Path:
-        """Where the result goes."""
-        return self.folder / f"{self.key}.robot"
+        arm = as_file(self.arm, self.options.soft_base).arm
+        seed = int(value_digest([self.name, self.options.seed])[:8], 16)
+        return draws_under(arm, read_campaign(self.campaign), self.options.unknowns, under, seed)
 
     @property
     def sources(self) -> "tuple[SourceFile, SourceFile]":
@@ -125,17 +122,6 @@ class One(Task):
         from ident.identify.fleet import SourceFile
 
         return SourceFile(str(self.campaign), digest(self.campaign)), SourceFile(str(self.arm), digest(self.arm))
-
-    def results(self) -> "tuple[Robot, ...]":
-        """Fit the robot, or say which input is wrong."""
-        from ident.identify.fleet import robot_of
-        from ident.studies.stiffness.fit import fit
-
-        sources = self.sources
-        try:
-            return (robot_of(fit(self.arm, self.campaign, self.options).fit, self.name, *sources),)
-        except IdentError as error:
-            return (self.failed(str(error)),)
 
     def failed(self, error: str) -> "Robot":
         """Return the robot as one without a fit."""
@@ -145,47 +131,8 @@ class One(Task):
         return Robot(name=self.name, campaign=campaign, arm=arm, error=error)
 
 
-@dataclass(frozen=True)
-class Again(Task):
-    """A robot to be drawn under a population.
-
-    Attributes:
-        one: the robot.
-        under: the population.
-    """
-
-    one: One
-    under: "Under"
-
-    @property
-    def folder(self) -> Path:  # type: ignore[override]
-        """Where the result goes."""
-        return self.one.folder
-
-    @property
-    def file(self) -> Path:
-        """Where the result goes."""
-        return self.folder / f"{hashed([self.one.key, encode(self.under)])}.draws"
-
-    def results(self) -> "tuple[Draws | None]":
-        """Draw the robot; None where that is not possible."""
-        from ident.identify.fleet import draws_under
-        from ident.measure import read_campaign
-        from ident.studies.shared import as_file
-
-        options = self.one.options
-        arm = as_file(self.one.arm, options.soft_base).arm
-        seed = int(hashed([self.one.name, options.seed])[:8], 16)
-        return (draws_under(arm, read_campaign(self.one.campaign), options.unknowns, self.under, seed),)
-
-
-def hashed(parts: list[Any]) -> str:
-    """Return a hash of plain data, as a name for a file."""
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
-
-
 # -------- Fleet engine
-# Who does the tasks of a fleet: this process, or executors of `concurrent.futures`: processes here, a Dask cluster.
+# Who does the tasks of a fleet: this process, or the workers of a Dask cluster, here or elsewhere.
 #
 # A worker reads a task's files and writes its file: what is killed loses the tasks under way alone, and what was done
 # before is skipped.
@@ -223,9 +170,9 @@ class Engine(ExitStack):
     def __init__(self, options: "FleetOptions"):
         super().__init__()
         self.options = options
-        self.cluster: Callable[[list[Any]], Iterator[tuple[Any, str]]] | None = None
+        self.cluster: Callable[[list[Task]], Iterator[tuple[Task, str]]] | None = None
 
-    def done(self, tasks: list[T]) -> Iterator[tuple[T, str]]:
+    def done(self, tasks: list[Task]) -> Iterator[tuple[Task, str]]:
         """Return each task when it is done, and why it is not; those that were done before come first."""
         pending = []
         for task in tasks:
@@ -233,80 +180,48 @@ class Engine(ExitStack):
                 pending.append(task)
             else:
                 yield task, ""
-        if pending and self.options.dask:
-            if self.cluster is None:
-                self.cluster = self.enter_context(_cluster(self.options.dask, pending[0].folder))
-            yield from self.cluster(pending)
-        elif self.options.workers > 1:
-            spawn = multiprocessing.get_context("spawn")
-            with ExitStack() as pools:  # a process each: when one breaks, it was that one's task
-
-                def pool() -> Executor:
-                    return pools.enter_context(ProcessPoolExecutor(1, spawn, _begin_process, (_settings(),)))
-
-                yield from _handed_out(pending, Task.do, pool, self.options.workers)
-        else:
+        if not (self.options.dask or self.options.workers > 1):
             yield from ((task, task.do()) for task in pending)
+        elif pending:
+            if self.cluster is None:
+                self.cluster = self.enter_context(_cluster(self.options, pending[0].folder))
+            yield from self.cluster(pending)
 
 
-def outcomes(robots: Sequence[One], engine: Engine) -> Iterator["Robot"]:
+def outcomes(robots: list[Task], engine: Engine) -> Iterator["Robot"]:
     """Fit what is not fitted of the robots, as workers come free, and return all, those that were fitted first."""
-    for one, reason in engine.done(list(robots)):
-        known = one.read()
-        yield known[0] if known else one.failed(f"{one.campaign}: {reason or 'its result can not be read'}")
-
-
-def drawn(robots: Sequence[One], under: "Under", engine: Engine) -> 'Iterator[tuple[One, "Draws | None"]]':
-    """Draw robots under a population, as workers come free; None for one of which that is not possible."""
-    for task, _ in engine.done([Again(one, under) for one in robots]):
+    for task, reason in engine.done(robots):
         known = task.read()
-        yield task.one, known[0] if known else None
+        yield known[0] if known else task.failed(f"{task.campaign}: {reason or 'its result can not be read'}")
 
 
-def _handed_out(
-    pending: Sequence[T],
-    work: Callable[[Task], str],
-    fresh: Callable[[], Executor],
-    most: int,
-    ask: Callable[[], None] = lambda: None,
-) -> Iterator[tuple[T, str]]:
-    """Return each task when it is done, or given up, and why it is not.
+def drawn(robots: list[Task], under: "Under", engine: Engine) -> 'Iterator[tuple[str, "Draws | None"]]':
+    """Draw robots under a population, as workers come free; None for one of which that is not possible."""
+    for task, _ in engine.done([replace(robot, under=under) for robot in robots]):
+        known = task.read()
+        yield task.name, known[0] if known else None
 
-    Args:
-        pending: the tasks.
-        work: does one, where an executor has it done.
-        fresh: returns an executor; one that has broken has no other task.
-        most: tasks that are handed out at a time.
-        ask: raises what is wrong, if anything is; asked after a while without news, and after bad ones.
-    """
-    news: Queue[Future[str]] = Queue()
-    waiting, free = deque((task, 1) for task in pending), list[Executor]()
-    running: dict[Future[str], tuple[T, int, Executor]] = {}
-    while waiting or running:
-        while waiting and len(running) < most:
-            (task, times), idle = waiting.popleft(), bool(free)
-            with _safe_path():
-                executor = free.pop() if idle else fresh()
-            try:
-                with _safe_path():
-                    future = executor.submit(work, task)
-            except Exception as error:
-                if idle:  # killed while it had nothing to do, which is no fault of this task
-                    waiting.appendleft((task, times))
-                    continue
-                future = Future()
-                future.set_exception(error)
-            running[future] = task, times, executor
-            future.add_done_callback(news.put)
+
+def _handed_out(client: Any, work: Callable[[Task], str], pending: Sequence[Task]) -> Iterator[tuple[Task, str]]:
+    """Return each task when a worker of the client's cluster has done it, or it is given up, and why it is not."""
+    executor, news = client.get_executor(pure=False), Queue[Future[str]]()
+    running: dict[Future[str], tuple[Task, int]] = {}
+
+    def hand_out(task: Task, times: int) -> None:
+        future = executor.submit(work, task)
+        running[future] = task, times
+        future.add_done_callback(news.put)
+
+    for task in pending:
+        hand_out(task, 1)
+    while running:
         try:
             future = news.get(timeout=QUIET)
         except Empty:
-            ask()
+            _ask(client)
             continue
-        task, times, executor = running.pop(future)
+        task, times = running.pop(future)
         wrong = LostError() if future.cancelled() else future.exception()
-        if not isinstance(wrong, BrokenExecutor):
-            free.append(executor)
         if wrong is None:
             yield task, future.result()
         elif task.read() is not None:  # killed after that
@@ -316,34 +231,10 @@ def _handed_out(
         elif not isinstance(wrong, Exception):
             raise KeyboardInterrupt
         elif times < KILLS:
-            ask()
-            waiting.appendleft((task, times + 1))
+            _ask(client)
+            hand_out(task, times + 1)
         else:
-            yield task, KILLED if isinstance(wrong, BrokenExecutor) else f"{type(wrong).__name__}: {wrong}"
-
-
-@contextmanager
-def _safe_path() -> Iterator[None]:
-    """Let processes that start within look for no modules in the current folder, which anybody may have filled."""
-    own = SAFE_PATH not in os.environ
-    os.environ.setdefault(SAFE_PATH, "1")
-    try:
-        yield
-    finally:
-        if own:
-            del os.environ[SAFE_PATH]
-
-
-def _begin_process(settings: dict[str, dict[str, Any]]) -> None:
-    """Set a process up; it ends when the one that has started it is gone, and says nothing when both are stopped."""
-    signal.signal(signal.SIGINT, lambda *_: sys.exit(1))
-    _begin(settings)
-    threading.Thread(target=_end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
-
-
-def _end_with(parent: Any) -> None:
-    parent.join()
-    os._exit(1)
+            yield task, f"{type(wrong).__name__}: {wrong}"
 
 
 def _begin(settings: dict[str, dict[str, Any]]) -> None:
@@ -417,7 +308,7 @@ def attempt(run: Path, folder: Path, task: Task | None = None) -> str:
 
 
 @contextmanager
-def _cluster(address: str, folder: Path) -> Iterator[Callable[[list[Any]], Iterator[tuple[Any, str]]]]:
+def _cluster(options: "FleetOptions", folder: Path) -> Iterator[Callable[[list[Task]], Iterator[tuple[Task, str]]]]:
     """Connect with a Dask scheduler whose workers share a folder with this machine; yield what has tasks done there.
 
     Raises:
@@ -427,32 +318,72 @@ def _cluster(address: str, folder: Path) -> Iterator[Callable[[list[Any]], Itera
     try:
         from distributed import Client
     except ImportError:
-        got, remedy = "an address without the package distributed", "pip install distributed"
-        raise refusal("dask", got, "it installed", remedy) from None
-    try:
-        client = Client(address, timeout=CONNECT, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        got = f"no scheduler at {address} ({str(error)[:100]})"
-        remedy = "start `dask scheduler` there, or correct the address (tcp://host:8786)"
-        raise refusal("dask", got, "one that answers", remedy) from None
-    run = folder.absolute() / f".attempts-{uuid4().hex}"
-    work, executor = partial(attempt, run, Path.cwd()), client.get_executor(pure=False)
-    here = json.dumps({"settings": _settings(), "circumstances": _circumstances()}).encode("utf-8")
+        where, got = ("dask", "an address") if options.dask else ("workers", f"{options.workers} processes")
+        remedy = "pip install 'ident-arm[dask]'"
+        raise refusal(where, f"{got} without the package distributed", "it installed", remedy) from None
     before = {logger: logger.level for logger in map(logging.getLogger, LOGGERS)}
     for logger in before:
         logger.setLevel(logging.CRITICAL)  # a lost scheduler is said in one line, by us
+    run, at_end = folder.absolute() / f".attempts-{uuid4().hex}", ExitStack()
     try:
+        address = options.dask or at_end.enter_context(_local_cluster(options.workers))
+        try:
+            client = Client(address, timeout=CONNECT, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            got = f"no scheduler at {options.dask or 'this machine'} ({str(error)[:100]})"
+            remedy = "start `dask scheduler` there, or correct the address (tcp://host:8786)"
+            raise refusal("dask", got, "one that answers", remedy) from None
+        at_end.callback(_take_leave, client)
+        work = partial(attempt, run, Path.cwd())
+        here = json.dumps({"settings": _settings(), "circumstances": _circumstances()}).encode("utf-8")
         replace_file(run / "client", lambda file: file.write(here), make_folders=True)
         _check(client, work)
-        yield lambda pending: _handed_out(pending, work, lambda: executor, len(pending), partial(_ask, client))
+        yield partial(_handed_out, client, work)
     finally:
         shutil.rmtree(run, ignore_errors=True)
         with suppress(OSError):
             folder.rmdir()  # where nothing is in it yet
-        with suppress(Exception):  # a lost scheduler can't be taken leave of
-            client.close(timeout=1)
+        at_end.close()
         for logger, level in before.items():
             logger.setLevel(level)
+
+
+def _take_leave(client: Any) -> None:
+    with suppress(Exception):  # of a lost scheduler nobody can
+        client.close(timeout=1)
+
+
+@contextmanager
+def _local_cluster(workers: int) -> Iterator[Any]:
+    """Start a cluster of processes on the loopback, which look for no modules in the current folder.
+
+    That folder anybody may have filled. Where there is a package for it, nobody else of the machine can connect.
+    """
+    import dask
+    from distributed import LocalCluster
+    from distributed.security import Security
+
+    own = SAFE_PATH not in os.environ
+    os.environ.setdefault(SAFE_PATH, "1")
+    try:
+        # no settings of Dask's own for its workers: what they compute is the same to the bit as here
+        with (
+            dask.config.set({"distributed.nanny.pre-spawn-environ": {}}),
+            LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address=None,
+                memory_limit=0,
+                silence_logs=logging.CRITICAL,
+                security=Security.temporary() if find_spec("cryptography") else None,
+            ) as cluster,
+        ):
+            yield cluster
+    finally:
+        if own:
+            del os.environ[SAFE_PATH]
 
 
 def _check(client: Any, work: Callable[[], str]) -> None:
