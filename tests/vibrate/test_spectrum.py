@@ -120,13 +120,6 @@ def test_spectrogram_keeps_amplitude_and_time(seconds):
     assert np.diff(result.time) == pytest.approx(result.step)
 
 
-def turning(sign=1):
-    """There at 2 to 8 Hz, a rest of two seconds, and back."""
-    frequency = np.concatenate([2 + 0.6 * TIME, np.zeros(400), -(2 + 0.6 * TIME)]) * sign
-    angle = 2 * np.pi * np.cumsum(frequency) / RATE
-    return np.arange(len(angle)) / RATE, angle
-
-
 def test_second_derivative_against_closed_form():
     w, v = 2 * np.pi * 3.0, 2 * np.pi * 7.3
     values = np.stack([np.cos(w * TIME + 1) + 0.2 * np.sin(v * TIME) + 1 + TIME, TIME**3], axis=1)
