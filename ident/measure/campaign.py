@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from ident.errors import Problem, refuse, require
+from ident.errors import Problem, refusal, refuse
 from ident.measure.columns import Word
 from ident.measure.covariance_and_frames import NO_SETUPS, Correlated, Covariance, Setups, correlated
 from ident.measure.load import (
@@ -169,10 +169,11 @@ class Measurement:
     where: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
-        is_name, expected = not self.setup or re.fullmatch(NAME, self.setup), "a name such as tracker or tracker-2"
-        require(is_name, self.where, quoted(self.setup), expected, "use letters, digits, _ and -", "setup")
-        expected = f"one of {', '.join(KINDS)}"
-        require(self.kind in KINDS, self.where, quoted(self.kind), expected, "correct the kind", "kind")
+        if self.setup and not re.fullmatch(NAME, self.setup):
+            got, expected = quoted(self.setup), "a name such as tracker or tracker-2"
+            raise refusal(self.where, got, expected, "use letters, digits, _ and -", "setup")
+        if self.kind not in KINDS:
+            raise refusal(self.where, quoted(self.kind), f"one of {', '.join(KINDS)}", "correct the kind", "kind")
         for name, value in _normalised(self).items():
             object.__setattr__(self, name, value)
         given = {name: str(getattr(self, name)) for name in ROLE_FIELDS if getattr(self, name)}

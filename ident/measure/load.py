@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
-from ident.errors import InputError, Problem, refuse, require
+from ident.errors import InputError, Problem, refusal, refuse
 from ident.measure.table import format_number, parse_number
 from ident.text import NAME, quoted
 from ident.units import to_si
@@ -37,9 +37,10 @@ _TURNED = re.compile(rf"{_AMOUNT}(?P<unit>[^@]+?)\s+about\s{_DIRECTION}\s*@\s*(?
 def unit_vector(vector: Iterable[float]) -> Vector:
     """Scale a vector to unit length; a unit vector is left as it is."""
     components = tuple(float(component) for component in vector)
-    length, remedy = math.hypot(*components), "give one of x, -z, ... or three numbers"
-    got = "the zero vector" if length == 0 else quoted(" ".join(map(str, components)))
-    require(len(components) == 3 and 0 < length < math.inf, "", got, "a direction", remedy, "direction")
+    length = math.hypot(*components)
+    if len(components) != 3 or not 0 < length < math.inf:
+        got = "the zero vector" if length == 0 else quoted(" ".join(map(str, components)))
+        raise refusal("", got, "a direction", "give one of x, -z, ... or three numbers", "direction")
     x, y, z = components if abs(length - 1) < 1e-15 else (component / length for component in components)
     return x, y, z
 
@@ -52,9 +53,10 @@ def parse_direction(text: str, decimal: str = ".") -> Vector:
     """
     axis = AXES.get(text.lower().removeprefix("+"))
     parts = text.split()
-    expected = "x, -z, ... or three numbers like '0 0.6 -0.8'"
-    remedy = "correct the direction; its components are those of the base frame"
-    require(axis or len(parts) == 3, "", quoted(text), expected, remedy, "direction")
+    if axis is None and len(parts) != 3:
+        expected = "x, -z, ... or three numbers like '0 0.6 -0.8'"
+        remedy = "correct the direction; its components are those of the base frame"
+        raise refusal("", quoted(text), expected, remedy, "direction")
     return axis or unit_vector(parse_number(part, decimal) for part in parts)
 
 

@@ -128,7 +128,7 @@ class RunRow(RecordedChannel):
 
 
 POSITIVE = Number("a number above 0", least=ABOVE_0)
-SPEED = Number(f"% of full speed, above 0 and at most {FASTEST:g}", least=ABOVE_0, most=FASTEST)
+SPEED = Number(f"a number above 0, at most {FASTEST:g} % of full speed", least=ABOVE_0, most=FASTEST)
 SAY_UNIT = "leave its unit out, and say it in the column unit"
 RULES = (
     *RECORDED,

@@ -330,9 +330,7 @@ def _why(
     if damping < LIGHT and damping - SURE * damping_sd < LEAST_DAMPED:
         uncertain = f"damping ratio {100 * damping:.2f} %, give or take {100 * damping_sd:.2f} %"
         return f"{uncertain}, may be that of something that turns: name its speed (`harmonics`), or record for longer"
-    if damping_sd > VAGUE * damping:
-        return f"its damping ratio is not known to within {100 * VAGUE:.0f} %"
-    return ""
+    return f"its damping ratio is not known to within {100 * VAGUE:.0f} %" if damping_sd > VAGUE * damping else ""
 
 
 def _remarks(test: AmbientTest, found: Tracked, rejected: Sequence[Rejected], decays: float) -> Iterator[str]:

@@ -162,7 +162,7 @@ def test_what_was_mended_in_the_log_of_a_run_is_said(tmp_path):
 
 def test_speeds_beside_the_percent(tmp_path):
     said = refused(tmp_path, rows="run7.csv,y,y,700\n")
-    assert said == "runs.csv:2, speed: got '700', expected % of full speed, above 0 and at most 200; correct it"
+    assert said == "runs.csv:2, speed: got '700', expected a number above 0, at most 200 % of full speed; correct it"
     assert "turns of the fastest pulley in common with the motion at speed 0.07 %" in refused(
         tmp_path, rows="run7.csv,y,y,0.07\n"
     )

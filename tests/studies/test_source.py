@@ -313,7 +313,7 @@ def test_a_run_under_another_load_is_noticed(folder, true_arm):
         (("a,", "a,crane"), "wrong.csv:2, load: got 'crane'"),
         (("direction", "way"), "the unknown column"),
         ((",12,", ",,"), "neither speed nor path"),
-        ((",12,", ",1e9,"), "wrong.csv:2, speed: got 1e"),
+        ((",12,", ",1e9,"), "wrong.csv:2, speed: got '1e9'"),
         (("speed [%]", "speed [rad/s]"), "% of full speed"),
         (("group", "direction"), "the column twice"),
     ],
@@ -362,7 +362,7 @@ def test_a_run_beyond_the_stated_offset_is_named(folder):
     [
         ("mm", "", "'mm', as in the file"),
         ("V", "", "'V', as in the file; give its sensitivity"),
-        ("m/s^2", "100", "a sensitivity of channel 'y', whose file is in 'm/s^2'"),
+        ("m/s^2", "100", "a sensitivity of channel 'y', whose file is in"),
         ("", "", "no unit"),
     ],
 )
