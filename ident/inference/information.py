@@ -536,8 +536,7 @@ def _shifts(problem: InverseProblem, own: Int[np.ndarray, "n"]) -> Float[np.ndar
 
 def reached(slope: Float[np.ndarray, "R P"]) -> Float[np.ndarray, "R K"]:
     """Return an orthonormal basis of what steps explain."""
-    U, s, _ = np.linalg.svd(slope, full_matrices=False)
-    return np.asarray(U[:, s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)])
+    return _factors(slope)[0]
 
 
 def _factors(slope: Float[np.ndarray, "R P"]) -> tuple[Float[np.ndarray, "R K"], Float[np.ndarray, "P R"]]:

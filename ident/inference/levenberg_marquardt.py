@@ -1,68 +1,98 @@
-"""The solver of a search: Levenberg-Marquardt by optimistix, with one step more than it would take."""
+"""The solver within a program: Levenberg-Marquardt, composed of optimistix' damped Newton descent and trust region."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
+import lineax as lx
 import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from ident.inference.parameters import AnyArray
 
-TOLERANCE = 1e-10
-"""Relative and absolute change of theta and of the residuals at which a search ends."""
+LEAST_STEP = 1e-7
+"""Length of the next step [sd] below which a search has ended."""
+ROUNDING = 1e-10
+"""Fall of the cost, relative to one plus the cost, below which it is no measure of a step any more."""
+SHORT = 1e-10
+"""Step in theta, relative to one plus theta, of a search that finds nothing better however little it moves."""
+
+
+class Progress(NamedTuple):
+    """A search between two looks at the model.
+
+    Attributes:
+        end: what was found at the best point so far.
+        known: residuals and their Jacobian there.
+        there: (P,) where to look next.
+        held: by the model, there.
+        fall: of the cost that is foreseen there; infinite before the first look.
+        region: state of the trust region.
+        ended: whether there is nothing left to look at.
+        looks: number of them.
+    """
+
+    end: Any
+    known: Any
+    there: Any
+    held: Any
+    fall: Any
+    region: Any
+    ended: Any
+    looks: Any
 
 
 def damped_minimum(
-    residuals: Callable[[Array, Any], Any],
+    look: Callable[[Array, Any], tuple[Any, Array, Array]],
     start: Float[AnyArray, "P"],
-    args: Any,
-    options: dict[str, Any],
+    held: Any,
+    to_the_end: Bool[AnyArray, ""],
     steps: int,
 ) -> tuple[Any, Array]:
-    """Minimise a sum of squares from a start; return what came with the last residuals, and whether it has ended.
+    """Minimise a sum of squares from a start; return what was found at the end, and whether it has ended.
+
+    The trust region compares the fall of the cost with the one that was foreseen, accepts the point, and says how much
+    the next step is damped: (J'J + damping) d = -J'r (Marquardt, J. SIAM 11, 1963). NaN ends a search at its start, and
+    is no better point later.
 
     Args:
-        residuals: of theta and the other arguments, and what comes with them.
-        start: of theta.
-        args: the other arguments: problem, what the model holds, weight.
-        options: `to_the_end`: whether it goes on where the model would choose again.
+        look: of theta and what the model holds there: what is found, with its `choice`, residuals and their slope.
+        start: theta.
+        held: what the model holds at the first point.
+        to_the_end: whether it goes on where the model would choose again.
         steps: after which it is given up.
     """
-    solver = _OneStepMore(rtol=TOLERANCE, atol=TOLERANCE)  # type: ignore[call-arg]  # it inherits its constructor
-    found: Any = optx.least_squares(
-        residuals, solver, start, args=args, options=options, max_steps=steps + 1, throw=False, has_aux=True
-    )
-    return found.aux, found.stats["num_steps"] <= steps
+    rule: Any = optx.ClassicalTrustRegion()
+    descent: Any = optx.DampedNewtonDescent(linear_solver=lx.QR())
+
+    def going(at: Progress) -> Array:
+        return ~at.ended & (to_the_end | at.end.choice.settled | (at.looks == 0)) & (at.looks <= steps)
+
+    def go(at: Progress) -> Progress:
+        end, *known = look(at.there, at.held)
+        now, before = _known(*known), at.known
+        size, accepted, _, region = rule.step(at.looks == 0, at.end.theta, at.there, before, now, at.region)
+        # gains that are rounding measure no step: steps are taken then as long as each foresees less than the last one
+        least = ROUNDING * (1 + 2 * before.as_min())
+        near = at.fall < least
+        accepted |= near & (2 * (now.as_min() - before.as_min()) < least)
+        end, now = jax.tree.map(partial(jnp.where, accepted), (end, now), (at.end, before))
+        step, _ = descent.step(size, descent.query(end.theta, now, descent.init(end.theta, now)))
+        # |r|^2 - |J d + r|^2 without its cancellation: by the equation of the step it is |J d|^2 + 2 damping |d|^2
+        fall = (now.jac.mv(step) ** 2).sum() + 2 * (step**2).sum() / size
+        stuck = jnp.abs(step).max() < SHORT * (1 + jnp.abs(end.theta).max())
+        ended = ~jnp.isfinite(fall) | (fall < LEAST_STEP**2) | stuck | (near & (~accepted | (fall >= at.fall)))
+        return Progress(end, now, end.theta + step, end.choice.held, fall, region, ended, at.looks + 1)
+
+    start, held = jax.tree.map(jnp.asarray, (start, held))
+    end, *known = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(look, start, held))
+    region, no = rule.init(start, _known(*known)), jnp.array(False)
+    first = Progress(end, _known(*known), start, held, jnp.array(jnp.inf), region, no, jnp.array(0))
+    at: Progress = jax.lax.while_loop(going, go, first)
+    return at.end, at.ended | ~(to_the_end | at.end.choice.settled)
 
 
-class _Progress(NamedTuple):
-    """State of the solver itself, what the model holds, whether it has ended, and whether it had a step before."""
-
-    inner: Any
-    held: Any
-    ended: Bool[Array, ""]
-    ended_before: Bool[Array, ""]
-
-
-class _OneStepMore(optx.LevenbergMarquardt[Any, Any, Any]):
-    """Goes on for one step after the end.
-
-    What a step of optimistix returns beside its point belongs to the point where the step began, so that of the last
-    point comes with one step more. Why the search ended is no matter: the gradient tells whether it is an optimum.
-    """
-
-    def init(self, fn: Any, y: Any, args: Any, *inputs: Any) -> Any:
-        return _Progress(super().init(fn, y, args, *inputs), args[1], jnp.array(False), jnp.array(False))
-
-    def step(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> tuple[Any, Any, Any]:
-        args = args[0], state.held, args[2]
-        y, inner, aux = super().step(fn, y, args, options, state.inner, tags)
-        ended, result = super().terminate(fn, y, args, options, inner, tags)
-        choice = inner.aux.choice  # of the last point that was accepted
-        short = jnp.abs(inner.y_eval - y).max() < TOLERANCE * (1 + jnp.abs(y).max())  # else rejected to the last step
-        ended |= short | (result != optx.RESULTS.successful) | ~(choice.settled | options["to_the_end"])
-        return y, _Progress(inner, choice.held, ended, state.ended), aux
-
-    def terminate(self, fn: Any, y: Any, args: Any, options: Any, state: Any, tags: Any) -> Any:
-        return state.ended_before, optx.RESULTS.successful
+def _known(residuals: Array, slope: Array) -> Any:
+    return optx.FunctionInfo.ResidualJac(residuals, lx.MatrixLinearOperator(slope))

@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +20,17 @@ from ident.inference.information import (
 )
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
-from ident.inference.search import OPTIMUM_STEP, Convergence, End, look, minimum, solve, step_length, weighed
+from ident.inference.search import (
+    OPTIMUM_STEP,
+    TO_THE_END,
+    Convergence,
+    End,
+    Row,
+    searched,
+    solve,
+    step_length,
+    weighed,
+)
 
 Ended = tuple[End, Convergence]
 """Where a search ended, and how."""
@@ -561,13 +570,8 @@ def _next_distance(path: Mapping[float, float], width: float, furthest: float) -
 def _with_held(
     problem: InverseProblem, optimum: End, weights: Float[np.ndarray, "P"], value: float, start: Float[np.ndarray, "P"]
 ) -> End:
-    """Fit theta with w'theta held, as by a narrow normal prior; the cost is that of data and priors alone."""
-
-    def weigh(end: End) -> tuple[np.ndarray, np.ndarray]:
-        residuals, slope = weighed(problem, end)
-        return np.append(residuals, (weights @ end.theta - value) / WIDTH), np.vstack([slope, weights / WIDTH])
-
+    """Fit theta with w'theta held; the cost is that of data and priors alone."""
     held = None if optimum.choice.held is None else optimum.choice.held.by_shape()
-    end, _ = minimum(partial(look, problem), weigh, start, held, True)
+    end, _ = searched(problem, start, held, TO_THE_END, row=Row(weights, np.array(value), np.array(WIDTH)))
     residuals, _ = weighed(problem, end)
     return end._replace(cost=residuals @ residuals)

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ident.inference.information import RANK_TOLERANCE
-from ident.inference.parameters import AnyArray, Parameter, Parameters
+from ident.inference.information import RANK_TOLERANCE, reached
+from ident.inference.parameters import AnyArray, Parameter, Parameters, library
 from ident.inference.problem import Choice, InParts, InverseProblem
 from ident.programs import jit
 
@@ -36,14 +36,7 @@ GAINS = 0.25, 0.75
 MANY, BLOCK = 1000, 100
 """Residuals from which on their triangle takes less time than they do, and how many are taken at a time; measured."""
 
-Look = Callable[[Float[np.ndarray, "P"], Any], "End"]
 Weigh = Callable[["End"], tuple[Float[np.ndarray, "R"], Float[np.ndarray, "R P"]]]
-
-
-def minimum(look: Look, weigh: Weigh, start: Float[np.ndarray, "P"], held: Any, to_the_end: bool) -> "tuple[End, bool]":
-    """Minimise a sum of squares by looks of its own, see `descent`; `look` predicts at theta, by what is held there."""
-    (found,) = together([descent(weigh, start, held, to_the_end)], lambda asked: [look(*each) for each in asked])
-    return found
 
 
 def together(
@@ -147,8 +140,7 @@ def step_length(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P
     """Return the length of the next whole step [sd], as in `convergence`; infinite where there is no slope."""
     if not np.isfinite(slope).all():
         return np.inf
-    U, s, _ = np.linalg.svd(slope, full_matrices=False)
-    return float(np.linalg.norm((U.T @ residuals)[s > RANK_TOLERANCE * max(s.max(initial=0.0), 1e-300)]))
+    return float(np.linalg.norm(reached(slope).T @ residuals))
 
 
 def _step(residuals: Float[np.ndarray, "R"], slope: Float[np.ndarray, "R P"], damping: float) -> np.ndarray:
@@ -170,6 +162,23 @@ WORTH = 1e-7
 """Fall of the cost by a whole search that is worth another one; assumed."""
 TURNS = 6
 """Searches in a row at most, each with another choice of what the values belong to, or more steps."""
+
+
+class Row(NamedTuple):
+    """A combination of the unknowns that a search holds, weights' theta = value, as by a normal prior of this width.
+
+    It is one more residual; where the width is infinite, that is zero, and nothing is held.
+    """
+
+    weights: Float[AnyArray, "P"]
+    value: Float[AnyArray, ""]
+    width: Float[AnyArray, ""]
+
+    def weighed(self, theta: AnyArray, residuals: AnyArray, slope: AnyArray) -> tuple[Any, Any]:
+        """Return residuals and their slope at theta with this one among them."""
+        xp = library(theta, residuals, slope)
+        off = (self.weights @ theta - self.value) / self.width
+        return xp.append(residuals, off), xp.vstack([slope, self.weights / self.width])
 
 
 class End(NamedTuple):
@@ -323,29 +332,35 @@ def _held(problem: InverseProblem, start: Float[AnyArray, "P"], held: Any) -> En
 
 
 def searched(
-    problem: InverseProblem, start: Float[AnyArray, "P"], held: Any, to_the_end: np.ndarray, weight: np.ndarray = WHOLE
+    problem: InverseProblem,
+    start: Float[AnyArray, "P"],
+    held: Any,
+    to_the_end: np.ndarray,
+    weight: np.ndarray = WHOLE,
+    row: Row | None = None,
 ) -> tuple[End, bool]:
     """Search from and to host arrays, with values that do not count: one program is loaded for starts and data alike.
 
-    Nothing that is held lets the model choose.
+    Nothing that is held lets the model choose; no row holds no combination of the unknowns.
     """
     parts = problem.in_parts()
+    row = row or Row(np.zeros(len(start)), NOTHING, np.array(np.inf))
     held = parts.first_matching if held is None else held
     if parts.whole:
-        end, finished = jax.device_get(search(parts.problems[0], np.asarray(start), held, to_the_end, weight))
+        end, finished = jax.device_get(search(parts.problems[0], np.asarray(start), held, to_the_end, weight, row))
         places = parts.parts.places
         choice = end.choice._replace(cost=end.choice.cost[places])
         own = end._replace(predicted=end.predicted[places], jacobian=end.jacobian[places], choice=choice)
         return own._replace(cost=own.cost + weight**2 * parts.scatter) if parts.scatter else own, bool(finished)
 
     def weigh(end: End) -> tuple[np.ndarray, np.ndarray]:
-        residuals, slope = weighed(problem, end)
-        return weight * residuals, weight * slope
+        return row.weighed(end.theta, *(weight * part for part in weighed(problem, end)))
 
-    def look_there(theta: Float[np.ndarray, "P"], held: Any) -> End:
-        return End(theta, np.nan, np.full_like(theta, np.nan), *_predicted(parts, theta, held))
+    def look_there(asked: list[Any]) -> list[End]:
+        return [End(theta, np.nan, theta, *_predicted(parts, theta, held)) for theta, held in asked]
 
-    return minimum(look_there, weigh, np.asarray(start), held, bool(to_the_end))
+    (found,) = together([descent(weigh, np.asarray(start), held, bool(to_the_end))], look_there)
+    return found
 
 
 def _predicted(whole: InParts, theta: Float[np.ndarray, "P"], held: Any) -> tuple[np.ndarray, np.ndarray, Choice]:
@@ -367,26 +382,22 @@ def search(
     held: Any,
     to_the_end: Bool[AnyArray, ""],
     weight: Float[AnyArray, ""],
+    row: Row,
     steps: int = MAX_STEPS,
 ) -> tuple[End, Array]:
     """Run Levenberg-Marquardt from one start, with what the model holds; to the end, or to where it would choose again.
 
-    Returns also whether it has ended before it ran out of steps (see `minimum`). Residuals count with their weight.
-
-    The solver linearizes the residuals at every step. They are handed over with their Jacobian made already, as an
-    affine function of the step, so that the model is compiled once and the last Jacobian comes back with the answer.
+    Returns also whether it has ended before it ran out of steps (see `descent`). Residuals count with their weight,
+    and what holds a combination with its own.
     """
-    from ident.inference.levenberg_marquardt import damped_minimum
+    from ident.inference.levenberg_marquardt import damped_minimum  # optimistix is long to import
 
-    def affine(theta: Array, args: tuple[InverseProblem, Any, Array]) -> Any:
-        problem, held, weight = args
-        here = jax.lax.stop_gradient(theta)
-        predicted, J, choice = _with_jacobian(problem, here, held)
-        residuals, slope = (weight * part for part in problem.weigh(predicted, J, here))
-        end = End(here, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J, choice)
-        return residuals + slope @ (theta - here), end
+    def there(theta: Array, held: Any) -> tuple[End, Array, Array]:
+        predicted, J, choice = _with_jacobian(problem, theta, held)
+        residuals, slope = row.weighed(theta, *(weight * part for part in problem.weigh(predicted, J, theta)))
+        return End(theta, (residuals**2).sum(), 2 * slope.T @ residuals, predicted, J, choice), residuals, slope
 
-    return damped_minimum(affine, start, (problem, held, weight), {"to_the_end": to_the_end}, steps)
+    return damped_minimum(there, start, held, to_the_end, steps)
 
 
 @jit

@@ -5,7 +5,8 @@ the sensor it is not, and these are known a priori within limits. All are found 
 linear ones again at each (variable projection, Golub and Pereyra 1973). What sensors see below `SLOW`, drift and the
 slow motion, is left out. The errors count as stationary and coloured: an autoregressive model of each channel's
 residual whitens residual and slopes (generalised least squares). So where the model errs, it errs in its own band, and
-weights there are less.
+weights there are less. Not by the search of `ident.inference`: that knows no unknowns that are solved for at each step,
+and no weights that change from one step to the next.
 
 In time and not by orders: sources that share an order, or whose orders cross, need no separation of their own, runs
 through resonances are not averaged over blocks, and white noise is used to the full. What time does not give, whether a

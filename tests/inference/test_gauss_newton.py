@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ident.inference.problem import Choice
-from ident.inference.search import End, minimum
+from ident.inference.search import End, descent, together
 
 
 def of(residuals, jacobian, counted=None):
@@ -17,6 +17,11 @@ def of(residuals, jacobian, counted=None):
         return End(theta, r @ r, 2 * J.T @ r, r, J, Choice(None, True, np.zeros(len(r))))
 
     return look, lambda end: (end.predicted, end.jacobian)
+
+
+def minimum(look, weigh, start, held, to_the_end):
+    (found,) = together([descent(weigh, start, held, to_the_end)], lambda asked: [look(*each) for each in asked])
+    return found
 
 
 def rosenbrock(x):

@@ -4,9 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from ident.inference.levenberg_marquardt import LEAST_STEP
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
-from ident.inference.search import convergence, evaluate, solve
+from ident.inference.search import TO_THE_END, Row, convergence, evaluate, searched, solve
 
 
 def curved(p):
@@ -46,10 +47,27 @@ def test_prediction_jacobian_cost_and_gradient_are_those_of_the_end(model, measu
     assert float(end.cost) == pytest.approx(residuals @ residuals, rel=1e-12, abs=1e-300)
     np.testing.assert_allclose(end.gradient, 2 * np.asarray(end.jacobian).T @ residuals, atol=1e-12)
     assert convergence(posed, end).step < 1e-6
-    assert float(end.cost) < 1e-18
+    assert float(end.cost) < LEAST_STEP**2
 
 
 def test_a_start_without_answer_has_no_cost():
     end = solve(problem(root), np.array([-1.0, 0.0]))
     assert np.isnan(end.cost)
     np.testing.assert_array_equal(end.theta, [-1.0, 0.0])
+
+
+def straight(p):
+    return jnp.stack([2 * p["a"] + p["b"], p["a"] - p["b"]])
+
+
+def test_a_combination_is_held_where_it_should_be():
+    """Of a linear model with a + 2 b held at 1: by Lagrange's equations."""
+    posed, weights = problem(straight, (0.5, 3.0)), np.array([1.0, 2.0])
+    end, ended = searched(
+        posed, np.array([5.0, -4.0]), None, TO_THE_END, row=Row(weights, np.array(1.0), np.array(1e-6))
+    )
+    A = np.array([[2.0, 1.0], [1.0, -1.0]])
+    both = np.block([[A.T @ A, weights[:, None]], [weights, 0.0]])
+    expected = np.linalg.solve(both, np.append(A.T @ [0.5, 3.0], 1.0))[:2]
+    assert ended
+    np.testing.assert_allclose(end.theta, expected, atol=1e-7)
