@@ -8,7 +8,7 @@ command. Details follow where they are asked for.
 import math
 import re
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from itertools import zip_longest
@@ -88,6 +88,12 @@ def by_row(**columns: Any) -> list[dict[str, Any]]:
     """Return the rows of columns of equal length, numbers as Python has them: `by_row(parameter=..., value=...)`."""
     cells = (each.tolist() if hasattr(each, "tolist") else each for each in columns.values())
     return [dict(zip(columns, row, strict=True)) for row in zip(*cells, strict=True)]
+
+
+def by_head(heads: Iterable[str], rows: Iterable[Iterable[Any]], caption: str = "", note: str = "") -> Table:
+    """Return a table whose heads say how their numbers are written, behind a bar: `frequency [Hz]|.3f`."""
+    head, forms = zip(*(each.partition("|")[::2] for each in heads), strict=True)
+    return Table(caption, head, tuple(map(tuple, rows)), forms, note)
 
 
 Part = str | Table

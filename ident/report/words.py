@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ident.arm.fields import SPEED, STIFFNESS, field_of
 from ident.identify.unknowns import SETUP, is_of_loop, kind_of
-from ident.measure import DRIVE_STATES, Campaign, Measurement
+from ident.measure import DRIVE_STATES, Measurement
 from ident.measure.load import DIFFERENCES, format_direction
 from ident.measure.load import KINDS as MEASURED
 from ident.report.report import Section, Table, cut, kept, written
@@ -218,14 +218,6 @@ def _what(m: Measurement) -> str:
 def _held(m: Measurement) -> str:
     """Say what held the motors, where it was no brake."""
     return "" if m.drives == DRIVE_STATES[0] else f", {m.drives} on"
-
-
-def correlated_errors(campaign: Campaign) -> str:
-    """Say of how many rows the errors are correlated; nothing where none are."""
-    sizes = [len(places) for places, _ in campaign.correlated]
-    if not sizes:
-        return ""
-    return f"The errors of {sum(sizes)} measurements are correlated, in {counted(len(sizes), 'group')}."
 
 
 def row_in_file(m: Measurement, name: str) -> str:

@@ -55,15 +55,11 @@ def test_the_report_shows_linear_and_profile_intervals_and_every_reason():
     names = result.information.names
     (table,) = report.answer
     assert [row[0] for row in table.rows] == list(names)
-    levels, sides = (section.parts[0] for section in report.details[1:])
+    (levels,), sides = (section.parts for section in report.details[1:])
     assert [row[0] for row in levels.rows] == list(names)
     assert levels.head == ("unknown", "50 %", "68.3 %", "95 %")
-    assert [row[:2] for row in sides.rows] == [
-        (names[1], "above"),
-        (names[2], "below"),
-        (names[3], "below"),
-        (names[3], "above"),
-    ]
+    begins = (f"{names[1]} above", f"{names[2]} below", f"{names[3]} below", f"{names[3]} above")
+    assert all(line.startswith(f"{word}: ") for line, word in zip(sides, begins, strict=True))
     findings = [finding.text for finding in report.findings]
     assert any(f"no upper bound for {names[1]}, {names[3]}" in text for text in findings)
     assert any("bounded below by the model" in text for text in findings)
@@ -110,8 +106,10 @@ def test_flat_and_not_flat_are_told_apart():
     result, _ = made_up_profiles(1)
     item = Parameter(("j.k_bend",), True, 3e5, 3e5)
     profiles = [parabola(item, math.log(3e5), endings=(CROSSED, OPEN), height=h) for h in (0.0, 1.2)]
-    (table,) = profile_sections(result, profiles).details[-1].parts
-    assert [row[2:] for row in table.texts] == [("3e8", "0", "3.84", "flat"), ("3e8", "1.2", "3.84", "")]
+    assert profile_sections(result, profiles).details[-1].parts == (
+        "j.k_bend above: chi-squared rises by 0 up to 3.000e8 and stays flat.",
+        "j.k_bend above: chi-squared rises by 1.2 up to 3.000e8.",
+    )
 
 
 def test_intervals_are_written_with_their_open_sides():

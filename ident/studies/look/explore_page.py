@@ -22,7 +22,7 @@ from ident.arm.multibody import orders_of
 from ident.measure.load import DIFFERENCES
 from ident.report.page import template_of
 from ident.studies.basis import changes_in_words, values_in_words
-from ident.studies.look.exploration import Carried, Exploration, added, mass_of
+from ident.studies.look.exploration import Exploration, added, mass_of
 from ident.text import one_line
 from ident.units import stiffness_unit
 
@@ -54,12 +54,17 @@ def page_data(exploration: Exploration) -> dict[str, Any]:
         "gravity": _plain(arm.gravity),
         "alpha": float(arm.get(ALPHA)),
         "joints": [_joint(exploration, j) for j in range(len(arm.joints))],
-        "points": [_point(exploration, p) for p in range(len(arm.points))],
-        "payload": _payload(carried),
+        "points": [
+            {"name": one_line(point.name), "joint": exploration.model.carrier[p]}
+            | {word: _plain(getattr(exploration.model, word)[:, p]) for word in ("position", "force")}
+            for p, point in enumerate(arm.points)
+        ],
+        "payload": {word: getattr(carried, word) for word in ("kind", "joint", "nominal", "largest", "present")}
+        | {"name": one_line(carried.name), "unit": _moments(carried.unit, 0), "inertia": _plain(carried.inertia)},
         "fixed": one_line(str(exploration.fixed)) if exploration.fixed else "",
         "drives": [_drive(exploration, d) for d in range(len(arm.drives))],
         "stroke": _stroke(exploration),
-        "readings": _readings(exploration),
+        "readings": [_reading(exploration, m) for m in exploration.measured or () if m.kind not in NOT_SHOWN],
         "unit": {"name": unit, "size": size},
     }
 
@@ -88,52 +93,18 @@ def _joint(exploration: Exploration, j: int) -> dict[str, Any]:
 
 
 def _moments(moments: "Moments", j: int) -> dict[str, Any]:
-    return {
-        "mass": float(moments.mass[j]),
-        "first": _plain(moments.first[:, j]),
-        "second": _plain(moments.second[:, :, j]),
-    }
-
-
-def _point(exploration: Exploration, p: int) -> dict[str, Any]:
-    model, point = exploration.model, exploration.arm.points[p]
-    return {
-        "name": one_line(point.name),
-        "joint": model.carrier[p],
-        "position": _plain(model.position[:, p]),
-        "force": _plain(model.force[:, p]),
-    }
-
-
-def _payload(carried: Carried) -> dict[str, Any]:
-    return {
-        "kind": carried.kind,
-        "name": one_line(carried.name),
-        "joint": carried.joint,
-        "unit": _moments(carried.unit, 0),
-        "nominal": carried.nominal,
-        "inertia": _plain(carried.inertia),
-        "largest": carried.largest,
-        "present": carried.present,
-    }
+    first, second = _plain(moments.first[:, j]), _plain(moments.second[:, :, j])
+    return {"mass": float(moments.mass[j]), "first": first, "second": second}
 
 
 def _drive(exploration: Exploration, d: int) -> dict[str, Any]:
     arm, drives = exploration.arm, exploration.model.drives
     drive = arm.drives[d]
-    j = [joint.name for joint in arm.joints].index(drive.joint)
-    pin = [joint.name for joint in arm.driven].index(drive.joint)
-    return {
-        "name": one_line(drive.name),
-        "joint": j,
-        "pin": pin,
-        "ratio": float(drives.ratio[j]),
-        "imbalance": float(drives.imbalance[j]),
-        "height": float(drives.height[j]),
-        "phase": float(drives.phase[j]),
-        "across": [_plain(drives.across[:, k, j]) for k in (0, 1)],
-        "orders": orders_of(arm)[drive.name],
-    }
+    j, pin = ([joint.name for joint in joints].index(drive.joint) for joints in (arm.joints, arm.driven))
+    across = [_plain(drives.across[:, k, j]) for k in (0, 1)]
+    numbers = {word: float(getattr(drives, word)[j]) for word in ("ratio", "imbalance", "height", "phase")}
+    words = {"name": one_line(drive.name), "joint": j, "pin": pin, "orders": orders_of(arm)[drive.name]}
+    return words | numbers | {"across": across}
 
 
 def _stroke(exploration: Exploration) -> dict[str, Any] | None:
@@ -143,25 +114,17 @@ def _stroke(exploration: Exploration) -> dict[str, Any] | None:
     return {"direction": _plain(stroke.direction), "alpha": _plain(speed.alpha), "rate": _plain(speed.rate)}
 
 
-def _readings(exploration: Exploration) -> list[Mapping[str, Any]]:
-    measured, carried = exploration.measured, exploration.carried
-    return [
-        {
-            "kind": m.kind,
-            "posture_deg": [math.degrees(angle) for angle in m.posture],
-            "load": one_line(str(m.load)),
-            "mass": mass_of(m.load, exploration.fixed, carried),
-            "loads": _loads(exploration, m),
-            "value": m.value,
-            "sigma": m.sigma,
-            "mode": m.mode or "",
-            "point": one_line(m.point or ""),
-            "joint": one_line(m.joint or ""),
-            "direction": list(m.direction or (0.0, 0.0, -1.0)),
-        }
-        for m in measured or ()
-        if m.kind not in NOT_SHOWN
-    ]
+def _reading(exploration: Exploration, m: "Measurement") -> dict[str, Any]:
+    words = {"load": str(m.load), "point": m.point or "", "joint": m.joint or "", "mode": m.mode or ""}
+    return {name: one_line(text) for name, text in words.items()} | {
+        "kind": m.kind,
+        "posture_deg": [math.degrees(angle) for angle in m.posture],
+        "mass": mass_of(m.load, exploration.fixed, exploration.carried),
+        "loads": _loads(exploration, m),
+        "value": m.value,
+        "sigma": m.sigma,
+        "direction": list(m.direction or (0.0, 0.0, -1.0)),
+    }
 
 
 def _loads(exploration: Exploration, m: "Measurement") -> list[dict[str, Any]] | None:

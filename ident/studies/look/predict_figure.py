@@ -46,13 +46,10 @@ def mode_figure(analysis: "ModalAnalysis") -> Figure:
     shapes = [rest + swing_of(analysis, i) for i in range(count)]
     # the limits [m]: as much along y as along z, so that both views are equally high
     every = np.concatenate(shapes, 1)
-    pad = 0.05 * largest / SWING
-    low, high = every.min(1) - pad, every.max(1) + pad
-    middle, half = (low + high) / 2, (high - low) / 2
+    middle, half = (every.max(1) + every.min(1)) / 2, np.ptp(every, 1) / 2 + 0.05 * largest / SWING
     half[1:] = half[1:].max()
-    frame = [(float(m - h), float(m + h)) for m, h in zip(middle, half, strict=True)]
-    size = [end - start for start, end in frame]
-    row = min(max(VIEW_WIDTH * size[up] / size[across] for _, across, up in VIEWS), 4.0)
+    frame = np.stack([middle - half, middle + half], 1).tolist()
+    row = min(VIEW_WIDTH * half[1] / half[0], 4.0)
     figure = Figure(figsize=(2 * VIEW_WIDTH + 1, count * (row + 0.5) + 0.9), layout="constrained")
     panels = figure.subplots(count, len(VIEWS), squeeze=False)
     title = f"Modes of {cut(analysis.arm.name, 40)} at {degrees(analysis.posture)}, load: {cut(str(analysis.load), 40)}"
@@ -63,10 +60,9 @@ def mode_figure(analysis: "ModalAnalysis") -> Figure:
         for axes, (view, across, up) in zip(panels[i], VIEWS, strict=True):
             _draw(axes, rest[[across, up]], color=PALEST, size=6.0)
             _draw(axes, shapes[i][[across, up]], color=colour_of(label), size=2.0)
+            axes.set(xlim=frame[across], ylim=frame[up], aspect="equal", ylabel=f"{'xyz'[up]} [m]")
+            axes.set(xlabel=f"{'xyz'[across]} [m]" if i == count - 1 else "")
             plain(axes)
-            axes.set(xlim=frame[across], ylim=frame[up], aspect="equal")
-            axes.set_ylabel(f"{'xyz'[up]} [m]", fontsize=8)
-            axes.set_xlabel(f"{'xyz'[across]} [m]" if i == count - 1 else "", fontsize=8)
             doubt = " (a near draw)" if analysis.ambiguous[i] else ""
             name = f"{i + 1}: {label}{doubt}, {analysis.modes.frequency[i]:.2f} Hz, {view}"
             axes.set_title(name, fontsize=9, loc="left")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.measure import DRIVE_STATES
-from ident.report.report import Cell, Finding, Part, Report, Section, Table, cut
+from ident.report.report import Finding, Part, Report, Section, Table, by_head, cut, without_empty_columns
 from ident.report.words import MM, counted, degrees, sentence, span
 from ident.studies.basis import changes_in_words, values_in_words
 from ident.studies.look.show_report import largest_shares
@@ -23,6 +23,8 @@ MODES, POSTURES = 6, 12
 """Modes and postures that the first screen shows at most."""
 ACROSS = 6
 """Joints whose shares of the strain energy have columns side by side."""
+DEFLECTION = ("static deflection [mm]", "x|.3f", "y|.3f", "z|.3f", "total|.3f")
+"""Heads of the table of a deflection."""
 CAUTIONS = ("WARNING: ", "REMARK: ")
 """How a line on taken-over values begins that casts doubt on them."""
 
@@ -89,28 +91,26 @@ def _each(predictions: Sequence["Prediction"]) -> Iterator[Part]:
     """Yield modes and deflection of each posture."""
     for each in predictions:
         yield _modes(each, degrees(each.analysis.posture) if len(predictions) > 1 else "", MODES)
-    rows = tuple(
+    rows = [
         (f"{name} at {degrees(each.analysis.posture)}" if len(predictions) > 1 else name, *_moved(moved))
         for each in predictions
         for name, moved in each.analysis.deflection.items()
-    )
+    ]
     if rows:
-        yield _deflection_table(rows)
+        yield by_head(DEFLECTION, rows)
 
 
 def _modes(each: "Prediction", caption: str, most: int) -> Table:
     """Return the modes of a posture, with the two largest shares of strain energy of each."""
-    analysis, drawn = each.analysis, each.frequency is not None
-    rows: list[tuple[Cell, ...]] = []
+    analysis, rows = each.analysis, []
     for i in range(min(most, len(analysis.labels))):
-        band = [span(*each.frequency_band[:, i])] if drawn else []
+        band = "" if each.frequency is None else span(*each.frequency_band[:, i])
         damping = round(100 * float(analysis.damping_ratio[i]), 2) + 0.0
         frequency = float(analysis.modes.frequency[i])
-        rows.append((i + 1, _mode(analysis, i), frequency, *band, damping, largest_shares(analysis, i)))
+        rows.append((i + 1, _mode(analysis, i), frequency, band, damping, largest_shares(analysis, i)))
     more = len(analysis.labels) - len(rows)
-    head = ("no.", "mode", "frequency [Hz]", *["5 to 95 %"] * drawn, "damping [%]", "largest shares of strain energy")
-    note = f"{more} more modes: --details" if more > 0 else ""
-    return Table(caption, head, tuple(rows), ("d", "", ".4f", *[""] * drawn, ".2f", ""), note)
+    heads = "no.|d", "mode", "frequency [Hz]|.4f", "5 to 95 %", "damping [%]|.2f", "largest shares of strain energy"
+    return without_empty_columns(by_head(heads, rows, caption, f"{more} more modes: --details" * (more > 0)))
 
 
 def _mode(analysis: "ModalAnalysis", i: int) -> str:
@@ -121,26 +121,19 @@ def _overview(predictions: Sequence["Prediction"]) -> Iterator[Part]:
     """Yield a row for each posture: its lowest frequencies, and by how much the end point moves."""
     end = list(predictions[0].analysis.deflection)[-1:]
     count = min(MODES, *(len(each.analysis.labels) for each in predictions))
-    rows: list[tuple[Cell, ...]] = []
+    rows = []
     for analysis in (each.analysis for each in predictions[:POSTURES]):
         size = [MM * float(np.linalg.norm(analysis.deflection[name])) for name in end]
         rows.append((degrees(analysis.posture), *analysis.modes.frequency[:count].tolist(), *size))
-    modes = [f"mode {i + 1} [Hz]" for i in range(count)]
-    head = ("posture", *modes, *(f"{cut(name, 12)} deflection [mm]" for name in end))
+    modes = [f"mode {i + 1} [Hz]|.4g" for i in range(count)]
     more = len(predictions) - len(rows)
-    note = f"{more} more postures: --details" if more else ""
-    yield Table("", head, tuple(rows), ("", *[".4g"] * count, *[".3f"] * len(end)), note)
+    heads = "posture", *modes, *(f"{cut(name, 12)} deflection [mm]|.3f" for name in end)
+    yield by_head(heads, rows, note=f"{more} more postures: --details" * (more > 0))
 
 
-def _deflection_table(rows: tuple[tuple[Cell, ...], ...]) -> Table:
-    head = ("static deflection [mm]", "x", "y", "z", "total")
-    return Table("", head, rows, ("", ".3f", ".3f", ".3f", ".3f"))
-
-
-def _moved(moved: np.ndarray, *, total: bool = True) -> tuple[float | None, ...]:
+def _moved(moved: np.ndarray) -> tuple[float | None, ...]:
     """Return a deflection in mm by direction, and its size."""
-    parts = ((MM * moved).round(3) + 0.0).tolist()
-    return (*parts, MM * float(np.linalg.norm(moved)) if total else None)
+    return *((MM * moved).round(3) + 0.0).tolist(), MM * float(np.linalg.norm(moved))
 
 
 # -------- Details
@@ -153,14 +146,13 @@ def _details(each: "Prediction", *, alone: bool) -> Iterator[Section]:
     modes = [_modes(each, "", len(analysis.labels))] if alone or len(analysis.labels) > MODES else []
     yield Section(f"Share of each bushing in the strain energy of the modes at {where}", (*modes, *_shares(each)))
     if analysis.deflection and (alone or each.deflection is not None):
-        rows: list[tuple[Cell, ...]] = []
+        rows = []
         for name, moved in analysis.deflection.items():
             rows.append((name, *_moved(moved)))
-            if each.deflection is not None:
-                sides = zip(("5 %", "95 %"), each.deflection_band[name], strict=True)
-                rows += [(f"{name}, {words}", *_moved(side, total=False)) for words, side in sides]
+            sides = zip(("5 %", "95 %"), each.deflection_band[name], strict=True) if each.deflection else ()
+            rows += [(f"{name}, {words}", *_moved(side)[:3], None) for words, side in sides]
         title = f"Static deflection at {where}, from the position with rigid joints"
-        yield Section(title, (_deflection_table(tuple(rows)),))
+        yield Section(title, (by_head(DEFLECTION, rows),))
 
 
 def _shares(each: "Prediction") -> Iterator[Table]:
@@ -168,12 +160,12 @@ def _shares(each: "Prediction") -> Iterator[Table]:
     modes, joints = each.analysis.modes, each.analysis.arm.joints
     for k in range(0, len(joints), ACROSS):
         places = range(k, min(k + ACROSS, len(joints)))
-        columns = tuple(f"{joints[j].name} {way} [%]" for j in places for way in ("bend", "tors"))
-        rows = tuple(
+        columns = (f"{joints[j].name} {way} [%]|.0f" for j in places for way in ("bend", "tors"))
+        rows = (
             (_mode(each.analysis, i), *(100 * float(s[j, i]) for j in places for s in (modes.bend, modes.tors)))
             for i in range(len(each.analysis.labels))
         )
-        yield Table("", ("mode", *columns), rows, ("", *[".0f"] * len(columns)))
+        yield by_head(("mode", *columns), rows)
 
 
 # -------- Rows

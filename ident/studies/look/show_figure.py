@@ -1,7 +1,7 @@
 """A picture of an arm: from the side and from above to scale, its first modes in place, and what looks odd."""
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -131,13 +131,12 @@ def _draw_solid(axes: Axes, solid: "Solid", seen: View) -> None:
 
 def _draw_hinge(axes: Axes, hinge: "Hinge", seen: View, size: float) -> None:
     style = KEY["bushing with pin" if hinge.driven else "bushing alone"]
-    centre = seen.of(hinge.centre)
+    axes.plot(*seen.of(hinge.centre), linestyle="", zorder=6, **style)
     if hinge.driven and abs(hinge.axis[seen.normal]) < TOWARDS:
-        ends = np.stack([hinge.centre - 0.035 * size * hinge.axis, hinge.centre + 0.035 * size * hinge.axis], 1)
+        ends = hinge.centre[:, None] + 0.035 * size * np.outer(hinge.axis, (-1, 1))
         axes.plot(*seen.of(ends), color=BLUE, linewidth=2.2, zorder=4, solid_capstyle="butt")
-    axes.plot(*centre, linestyle="", zorder=6, **style)
-    if hinge.driven and abs(hinge.axis[seen.normal]) >= TOWARDS:
-        axes.plot(*centre, marker=".", color=BLUE, markersize=3, zorder=6)
+    elif hinge.driven:
+        axes.plot(*seen.of(hinge.centre), marker=".", color=BLUE, markersize=3, zorder=6)
     _draw_frame(axes, hinge.centre, hinge.frame, seen, 0.03 * size, named=False)
 
 
@@ -159,16 +158,16 @@ def _draw_belt(axes: Axes, belt: "Run", seen: View) -> None:
 def _draw_frame(axes: Axes, origin: np.ndarray, frame: np.ndarray, seen: View, size: float, *, named: bool) -> None:
     """Draw the axes of a frame that are not seen end on."""
     for place, letter in enumerate("xyz"):
-        start, end = (tuple(seen.of(each).tolist()) for each in (origin, origin + size * frame[:, place]))
+        start, end = (seen.of(each) for each in (origin, origin + size * frame[:, place]))
         if abs(frame[seen.normal, place]) > TOWARDS:
             continue
-        colour = BASE if named else "#9C8FA8"
-        arrow = {"arrowstyle": "-|>" if named else "-", "color": colour, "linewidth": 1.4 if named else 1.0}
-        axes.annotate("", end, start, arrowprops={**arrow, "shrinkA": 0, "shrinkB": 0}, zorder=6)
         if named:
-            way = np.subtract(end, start)
-            off = tuple((6 * way / max(float(np.linalg.norm(way)), 1e-12)).tolist())
-            note(axes, letter, end, off, color=BASE, ha="center", va="center")
+            off = 6 * (end - start) / max(float(np.linalg.norm(end - start)), 1e-12)
+            note(axes, letter, tuple(end), tuple(off), color=BASE, ha="center", va="center")
+            arrow = {"arrowstyle": "-|>", "color": BASE, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
+            axes.annotate("", tuple(end), tuple(start), arrowprops=arrow, zorder=6)
+        else:
+            axes.plot(*zip(start, end, strict=True), color="#9C8FA8", linewidth=1.0, zorder=6)
 
 
 # -------- Arm labels
@@ -226,38 +225,26 @@ def fitting(marks: Sequence[Mark], room: float, pitch: float) -> list[Mark]:
     return [marks[i] for i in sorted(kept)]
 
 
-def label_rows(
-    axes: Axes, marks: Sequence[Mark], level: float, scale: float, within: tuple[float, float], *, up: bool
-) -> None:
-    """Write slanted labels above or below a drawing.
+def label(axes: Axes, marks: Sequence[Mark], panel: "Panel", along: int, sign: int) -> None:
+    """Write labels beside a drawing: slanted ones below or above it, or in a column left or right of it.
 
     Args:
         axes: where.
         marks: what is named, as far as there is room.
-        level: height [m] of the labels' ends.
-        scale: inches a metre.
-        within: from where to where [m] they may stand.
-        up: whether they stand above.
+        panel: what is drawn.
+        along: place of the axis along which they stand: 0 for a row, 1 for a column.
+        sign: -1 for below or left, 1 for above or right.
     """
-    sign, pitch = 1 if up else -1, SLANTED / scale
-    marks = fitting(marks, within[1] - within[0], pitch)
-    style: dict[str, Any] = {"rotation": 32 * sign, "rotation_mode": "anchor", "ha": "left", "va": "center"}
-    for mark, x in zip(marks, spread([float(mark.place[0]) for mark in marks], pitch, *within), strict=True):
-        axes.plot([mark.place[0], x], [mark.place[1], level], zorder=3, **LEADER)
-        at = level + sign * 0.04 / scale
-        axes.text(x, at, cut(mark.words, 28), fontsize=8, color=mark.color, parse_math=False, **style)
-
-
-def label_columns(
-    axes: Axes, marks: Sequence[Mark], level: float, scale: float, within: tuple[float, float], *, left: bool
-) -> None:
-    """Write labels in a column left or right of a drawing; see `label_rows`."""
-    sign, align, pitch = (-1, "right", PITCH / scale) if left else (1, "left", PITCH / scale)
-    marks = fitting(marks, within[1] - within[0], pitch)
-    for mark, y in zip(marks, spread([float(mark.place[1]) for mark in marks], pitch, *within), strict=True):
-        axes.plot([mark.place[0], level], [mark.place[1], y], zorder=3, **LEADER)
-        at = level + sign * 0.05 / scale
-        axes.text(at, y, cut(mark.words, 26), fontsize=8, ha=align, va="center", color=mark.color, parse_math=False)
+    start, end = float(panel.low[along]), float(panel.high[along]) - (0 if along else LAST / panel.scale)
+    level, pitch = (panel.low, panel.high)[sign > 0][1 - along], (SLANTED, PITCH)[along] / panel.scale
+    marks = fitting(marks, end - start, pitch)
+    style: dict[str, Any] = {"fontsize": 8, "va": "center", "parse_math": False}
+    style |= {"ha": "right" if along and sign < 0 else "left", "rotation": 0 if along else 32 * sign}
+    for mark, place in zip(marks, spread([float(mark.place[along]) for mark in marks], pitch, start, end), strict=True):
+        foot, at = np.array([place, level]), np.array([place, level + sign * 0.045 / panel.scale])
+        axes.plot(*np.stack([mark.place, foot[::-1] if along else foot], 1), zorder=3, **LEADER)
+        x, y = at[::-1] if along else at
+        axes.text(x, y, cut(mark.words, 27), color=mark.color, rotation_mode="anchor", **style)
 
 
 # -------- Show
@@ -360,10 +347,8 @@ def panels(view: "ArmView") -> tuple[Panel, Panel]:
     else:
         scale = min((WIDTH - 3 * EDGE - 2 * BESIDE) / (2 * wide), 5.0 / float(max(side[1], above[1])))
         rooms = ((BESIDE, 0.15), (0.1, 0.15))
-    first, second = (
-        Panel(each, corner[:, 0], corner[:, 1], scale, room)
-        for each, corner, room in zip(seen, corners, rooms, strict=True)
-    )
+    parts = zip(seen, corners, rooms, strict=True)
+    first, second = (Panel(each, ends[:, 0], ends[:, 1], scale, room) for each, ends, room in parts)
     return first, second
 
 
@@ -387,14 +372,9 @@ def draw_panel(figure: Figure, view: "ArmView", panel: Panel, at: tuple[float, f
     bodies = [Mark(f"{s.name} {s.mass:.3g} kg", panel.seen.of(s.centre), s.name in odd) for s in view.solids]
     others = [Mark(hinge.name, panel.seen.of(hinge.centre), hinge.name in odd) for hinge in view.hinges]
     others += [Mark(name, panel.seen.of(place), name in odd) for name, place in view.points.items()]
-    if panel.room[0] > 1:
-        within = float(panel.low[1]), float(panel.high[1])
-        label_columns(axes, bodies, panel.high[0], panel.scale, within, left=False)
-        label_columns(axes, others, panel.low[0], panel.scale, within, left=True)
-    elif panel.room[1] > 0.5:
-        within = float(panel.low[0]), float(panel.high[0]) - LAST / panel.scale
-        label_rows(axes, bodies, panel.high[1], panel.scale, within, up=True)
-        label_rows(axes, others, panel.low[1], panel.scale, within, up=False)
+    if panel.room[0] > 1 or panel.room[1] > 0.5:
+        for sign, marks in ((1, bodies), (-1, others)):
+            label(axes, marks, panel, int(panel.room[0] > 1), sign)
 
 
 def _draw_mode(axes: Axes, analysis: "ModalAnalysis", i: int, views: tuple[View, View]) -> None:
@@ -431,15 +411,7 @@ def key_of(figure: Figure, view: "ArmView", at: tuple[float, float]) -> None:
         "dashed: box of the same inertia": any(not solid.shaped for solid in view.solids),
         **{kind: kind in kinds for kind in ("shaft", "link", "payload")},
     }
-    entries: Mapping[str, Style] = {name: style for name, style in KEY.items() if there.get(name, True)}
-    handles = [Line2D([], [], **{"label": name, "linestyle": "", **style}) for name, style in entries.items()]
-    figure.legend(
-        handles=handles,
-        loc="upper right",
-        bbox_to_anchor=at,
-        ncols=5,
-        frameon=False,
-        fontsize=7.5,
-        columnspacing=1.0,
-        handletextpad=0.4,
-    )
+    shown = [(name, style) for name, style in KEY.items() if there.get(name, True)]
+    handles = [Line2D([], [], **{"label": name, "linestyle": "", **style}) for name, style in shown]
+    look: Style = {"ncols": 5, "frameon": False, "fontsize": 7.5, "columnspacing": 1.0, "handletextpad": 0.4}
+    figure.legend(handles=handles, loc="upper right", bbox_to_anchor=at, **look)

@@ -3,20 +3,18 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ident.arm.fields import STIFFNESS, fields_in
-from ident.report.report import Finding, Part, Report, Section, Table, Verdict, cut, kept
+from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, cut, kept
 from ident.report.words import by_key, counted, degrees, sentence
 from ident.text import as_word
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.arm.parts import Joint
-    from ident.arm.plausibility import Oddity
-    from ident.description.file import ArmFile
     from ident.identify.modal_analysis import ModalAnalysis
     from ident.studies.look.arm_names import ArmNames
     from ident.studies.look.arm_view import ArmView
@@ -28,33 +26,30 @@ def show_sections(view: "ArmView") -> Report:
     if view.analysis:
         name, moved = list(view.analysis.deflection.items())[-1]
         sag = f"Sag of {name}: {1e3 * float(np.linalg.norm(moved)):.3g} mm."
-    rows = tuple(number_rows(view.arm, view.arm_file.origins))
+    lines, arm = view.arm_file.lines, view.arm
+    found = [f"line {lines[each.path]}, {each}" if lines.get(each.path) else str(each) for each in odd]
     note = "Vectors in the axes of their joint; inertia about the mass centre: xx, yy, zz."
-    numbers = Section("Numbers", (Table("", ("number", "value", "unit", "origin"), rows, note=note),))
+    numbers = by_head(("number", "value", "unit", "origin"), number_rows(arm, view.arm_file.origins), note=note)
+    joints = ((joint.name, f"({_vector(np.asarray(joint.axis))})", _limits(joint)) for joint in arm.joints)
+    axes = by_head(("joint", "axis of the pin in the zero posture", "limits"), joints)
     return Report(
-        f"{cut(view.arm.name, 60)} at {degrees(view.posture)}: {sums(view)}",
+        f"{cut(arm.name, 60)} at {degrees(view.posture)}: {sums(view)}",
         _verdict(view),
-        tuple(_modes(view)),
-        (*failed, *(Finding(_with_line(view.arm_file, each)) for each in odd)),
+        (_modes(view.analysis),) if view.analysis else (),
+        (*failed, *map(Finding, found)),
         sag,
         "" if odd or failed else f"ident plan --arm {as_word(view.arm_file.path or 'ARM')}",
-        (_joints(view), numbers),
+        (Section("Joints", (axes,)), Section("Numbers", (numbers,))),
     )
-
-
-def _with_line(arm_file: "ArmFile", odd: "Oddity") -> str:
-    line = arm_file.lines.get(odd.path)
-    return f"line {line}, {odd}" if line else str(odd)
 
 
 def sums(view: "ArmView") -> str:
     """Return masses and reach in a line."""
     loads = [f"{solid.name} {solid.mass:.4g} kg" for solid in view.solids if solid.kind == "payload"]
-    bodies = sum(solid.kind != "payload" for solid in view.solids)
     joints, driven = len(view.hinges), len(view.arm.driven)
     turning = "" if driven == joints else f", {driven} of them driven"
     payload = f"; payload: {', '.join(loads)}" if loads else ""
-    mass = f"{bodies} bodies, {view.mass:.4g} kg{payload}"
+    mass = f"{len(view.solids) - len(loads)} bodies, {view.mass:.4g} kg{payload}"
     return f"{joints} joints{turning}; {mass}; reach {view.reach:.3g} m"
 
 
@@ -73,14 +68,12 @@ def _verdict(view: "ArmView") -> Verdict:
     return Verdict("PLAUSIBLE", f"{passed} {sentence(numbers) if numbers else ''}".rstrip(), "good")
 
 
-def _modes(view: "ArmView") -> Iterator[Table]:
-    """Yield the first modes, where the arm has any."""
-    if view.analysis:
-        labels, frequency = view.analysis.labels, view.analysis.modes.frequency
-        modes = zip(labels, frequency.tolist(), strict=False)
-        rows = tuple((i + 1, str(label), hz, largest_shares(view.analysis, i)) for i, (label, hz) in enumerate(modes))
-        head = ("no.", "first modes under own weight", "frequency [Hz]", "largest shares of strain energy")
-        yield Table("", head, rows, ("d", "", ".2f", ""))
+def _modes(analysis: "ModalAnalysis") -> Table:
+    """Return the first modes."""
+    modes = enumerate(zip(analysis.labels, analysis.modes.frequency.tolist(), strict=False))
+    rows = ((i + 1, str(label), hz, largest_shares(analysis, i)) for i, (label, hz) in modes)
+    heads = "no.|d", "first modes under own weight", "frequency [Hz]|.2f", "largest shares of strain energy"
+    return by_head(heads, rows)
 
 
 def largest_shares(analysis: "ModalAnalysis", i: int) -> str:
@@ -93,12 +86,6 @@ def largest_shares(analysis: "ModalAnalysis", i: int) -> str:
     }
     most = sorted(shares, key=lambda path: -shares[path])[:2]
     return ", ".join(f"{path} {100 * shares[path]:.0f} %" for path in most)
-
-
-def _joints(view: "ArmView") -> Section:
-    joints = view.arm.joints
-    rows = tuple((joint.name, f"({_vector(np.asarray(joint.axis))})", _limits(joint)) for joint in joints)
-    return Section("Joints", (Table("", ("joint", "axis of the pin in the zero posture", "limits"), rows),))
 
 
 def _limits(joint: "Joint") -> str:
@@ -179,28 +166,18 @@ def _names_details(
     names: "ArmNames", kinds: Mapping[str, str], choices: Choices, columns: Choices
 ) -> Iterator[Section]:
     arm = names.arm_file.arm
-    numbers = tuple(
-        (each.path, each.value + 0.0, each.unit, each.origin, "factor" if each.factor else "difference")
-        for each in names.numbers
-    )
-    head = ("number", "value", "unit", "origin", "changed by")
-    yield Section("Numbers [SI]", (Table("", head, numbers, ("", ".7g", "", "", "")),))
-    rows = tuple((joint.name, _limits(joint)) for joint in arm.joints)
-    yield Section("Joints", (Table("", ("joint", "limits"), rows),))
-    if arm.points:
-        points = tuple((point.name, point.joint) for point in arm.points)
-        yield Section("Points", (Table("", ("point", "on joint"), points),))
-    if arm.payloads:
-        loads = tuple((each.body.name, float(each.body.mass), each.joint) for each in arm.payloads)
-        yield Section("Loads", (Table("", ("load", "mass [kg]", "on joint"), loads, ("", ".4g", "")),))
-    if names.modes:
-        title = f"Modes at {degrees(names.posture)} under own weight"
-        yield Section(title, (Table("", ("mode", "frequency [Hz]"), tuple(names.modes), ("", ".4g")),))
-    units = Table("", ("kind", "unit in which a value is stored"), tuple(kinds.items()))
-    yield Section("Kinds of measurement", (units,))
-    yield Section("Words that columns of a campaign choose from", tuple(_words(columns)))
-    yield Section("Words that options choose from", tuple(_words(choices)))
-
-
-def _words(choices: Choices) -> Iterator[Part]:
-    yield from (f"{name}: {', '.join(words)}" for name, words in choices.items())
+    ways = {True: "factor", False: "difference"}
+    numbers = [(each.path, each.value + 0.0, each.unit, each.origin, ways[each.factor]) for each in names.numbers]
+    loads = [(each.body.name, float(each.body.mass), each.joint) for each in arm.payloads]
+    tables: dict[str, tuple[Sequence[str], Sequence[Sequence[Any]]]] = {
+        "Numbers [SI]": (("number", "value|.7g", "unit", "origin", "changed by"), numbers),
+        "Joints": (("joint", "limits"), [(joint.name, _limits(joint)) for joint in arm.joints]),
+        "Points": (("point", "on joint"), [(point.name, point.joint) for point in arm.points]),
+        "Loads": (("load", "mass [kg]|.4g", "on joint"), loads),
+        f"Modes at {degrees(names.posture)} under own weight": (("mode", "frequency [Hz]|.4g"), names.modes),
+        "Kinds of measurement": (("kind", "unit in which a value is stored"), [*kinds.items()]),
+    }
+    yield from (Section(title, (by_head(*table),)) for title, table in tables.items() if table[1])
+    for title, every in {"columns of a campaign": columns, "options": choices}.items():
+        words = tuple(f"{name}: {', '.join(each)}" for name, each in every.items())
+        yield Section(f"Words that {title} choose from", words)

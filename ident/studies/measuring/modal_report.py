@@ -2,19 +2,19 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import zip_longest
+from itertools import chain, zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ident.measure import Campaign
-from ident.measure.reproducibility import Reproducibility
+from ident.measure.reproducibility import REPRODUCIBILITY, Reproducibility
 from ident.modal.ambient import AmbientTest
 from ident.modal.frf import MOVING, Check, ModalTest
 from ident.modal.modes import Modes, Ratio
 from ident.modal.operational import DECAYS, OperationalModes
 from ident.modal.sources import POLE, FinishedTest
-from ident.report.report import Cell, Finding, Part, Report, Section, Table, Verdict, cut
+from ident.report.report import Cell, Finding, Part, Report, Section, Table, Verdict, by_head, cut
 from ident.report.words import (
     counted,
     degrees,
@@ -46,13 +46,12 @@ def modal_sections(
     """Return all that is said of a modal test."""
     every: list[AnyTest] = [*tests, *finished]
     modes: list[Labelled] = [*identified, *named]
-    rows = tuple(_mode_rows(every, modes, reproducibility))
-    head = ("posture [deg]", "mode", "frequency [Hz]", "std. error", "damping [%]", "std. error", "MAC")
-    forms = ("", "", ".4f", ".4f", ".3f", ".3f", ".2f")
+    rows = list(_mode_rows(every, modes, reproducibility))
+    numbers = "frequency [Hz]|.4f", "std. error|.4f", "damping [%]|.3f", "std. error|.3f", "MAC|.2f"
     return Report(
         _subject(tests, finished, modes),
         _verdict(tests, identified),
-        (Table("", head, rows, forms),) if rows else (),
+        (by_head(("posture [deg]", "mode", *numbers), rows),) if rows else (),
         tuple(_findings(tests, identified, every, modes, reproducibility)),
         next="ident check {result}.csv --arm {arm}" if campaign else "",
         details=tuple(_details(every, modes, campaign, reproducibility)),
@@ -68,22 +67,22 @@ def _subject(
         hits, rejected = sum(test.hits for test in hammer), sum(len(test.rejected) for test in hammer)
         parts.append(f"Hammer test at {counted(len(hammer), 'posture')}: {hits} hits accepted, {rejected} rejected")
     if ambient:
-        duration = sum(test.correlations.duration for test in ambient)
-        where = counted(len(ambient), "posture")
-        parts.append(f"Ambient test at {where}: {duration:.0f} s of responses without a force")
+        words = f"{sum(test.correlations.duration for test in ambient):.0f} s of responses without a force"
+        parts.append(f"Ambient test at {counted(len(ambient), 'posture')}: {words}")
     if finished:
         count = sum(len(test.modes.frequency) for test in finished)
         parts.append(f"Finished modes: {count} in {counted(len(finished), 'file')}")
-    total = sum(len(each.labels.given) for each in modes)
-    return "; ".join(parts) + (f"; {_name_count(modes)} of {counted(total, 'mode')} named" if modes else "")
+    named, total = _name_counts(modes)
+    return "; ".join([*parts, *([f"{named} of {counted(total, 'mode')} named"] if modes else [])])
 
 
 def _hammer(tests: Sequence[ModalTest | AmbientTest]) -> list[ModalTest]:
     return [test for test in tests if isinstance(test, ModalTest)]
 
 
-def _name_count(modes: Sequence[Labelled]) -> int:
-    return sum(label is not None for each in modes for label in each.labels.given)
+def _name_counts(modes: Sequence[Labelled]) -> tuple[int, int]:
+    labels = [label for each in modes for label in each.labels.given]
+    return sum(label is not None for label in labels), len(labels)
 
 
 # -------- Verdict
@@ -144,14 +143,14 @@ def _findings(
 ) -> Iterator[Finding]:
     """Yield what bears on the verdict, the weightiest first; what an arm that still moved explains is left out."""
     remarks = _remarks(tests, identified)
-    moving = {remark: remarks.pop(remark) for remark in [*remarks] if MOVING in remark}
-    yield from (Finding(where + remark, "wait longer between hits") for remark, where in moving.items())
+    moving = [remark for remark in remarks if MOVING in remark]
+    yield from (Finding(remarks.pop(remark) + remark, "wait longer between hits") for remark in moving)
     if not moving and not _all_converged(identified):
         yield Finding("the search for the most probable modes has not ended", "narrow the --band, or choose --modes")
     for number, test in enumerate(tests, 1):
         for check in test.checks if isinstance(test, ModalTest) else ():
             if not check.good:
-                size = f"{100 * check.value:.1f} % (at most {100 * check.limit:.0f} %)"
+                size = f"{check.value:.1%} (at most {check.limit:.0%})".replace("%", " %")
                 yield Finding(f"posture {number}: {check.name}, {_places(check)}: {size}", check.remedy)
     if not moving and any(isinstance(each.modes, Modes) and each.modes.doubtful for each in identified):
         text = "the hits scatter otherwise than their noise says, so the std. errors are in doubt"
@@ -204,12 +203,10 @@ def _rejected(hammer: Sequence[ModalTest]) -> Iterator[Finding]:
 
 def _assumed(known: Reproducibility | None) -> Iterator[Finding]:
     """Yield that the reproducibility is assumed, where it is."""
-    if known is None:
-        return
     shares = [
         f"{percent(share)} of each {kind.replace('_', ' ')}"
-        for kind, share in known.share.items()
-        if share and kind not in known.said and not known.freedom.get(kind, 0)
+        for kind, share in (known.share.items() if known else ())
+        if known and share and kind not in known.said and not known.freedom.get(kind, 0)
     ]
     if shares:
         text = f"the std. errors contain an assumed reproducibility: {' and '.join(shares)}"
@@ -223,41 +220,35 @@ def _mode_rows(
     tests: Sequence[AnyTest], modes: Sequence[Labelled], reproducibility: Reproducibility | None
 ) -> Iterator[tuple[Cell, ...]]:
     """Yield each mode with the std. errors that the campaign has: repeatability and reproducibility together."""
-    share = reproducibility.share if reproducibility else {}
     loads, drives = {str(test.load) for test in tests}, {test.drives for test in tests}
     for test, each in zip(tests, modes, strict=False):
         state = [degrees(test.posture).removesuffix(" deg")]
         state += [cut(str(test.load), 24)] * (len(loads) > 1) + [test.drives] * (len(drives) > 1)
         for i, label in enumerate(each.labels.given):
-            frequency, damping = float(each.modes.frequency[i]), 100 * float(each.modes.damping[i])
-            sd = float(each.modes.sigma[0, i]), 100 * float(each.modes.sigma[1, i])
-            yield (
-                ", ".join(state),
-                str(label) if label else f"no name (mode {i + 1})",
-                frequency,
-                math.hypot(sd[0], share.get("frequency", 0.0) * frequency),
-                damping,
-                math.hypot(sd[1], share.get("damping_ratio", 0.0) * damping),
-                float(each.labels.mac[i].max()),
-            )
+            of_both = ((value, math.hypot(*sd)) for value, *sd in _numbers(each, i, reproducibility))
+            name = str(label) if label else f"no name (mode {i + 1})"
+            yield ", ".join(state), name, *chain(*of_both), float(each.labels.mac[i].max())
+
+
+def _numbers(each: Labelled, i: int, known: Reproducibility | None) -> Iterator[tuple[float, ...]]:
+    """Yield frequency [Hz] and damping [%] of a mode, each with its repeatability and, where known, reproducibility."""
+    of_kind = zip(REPRODUCIBILITY, (each.modes.frequency, each.modes.damping), each.modes.sigma, (1, 100), strict=True)
+    for kind, values, sigma, factor in of_kind:
+        value = factor * float(values[i])
+        yield value, factor * float(sigma[i]), *([known.share[kind] * value] if known else [])
 
 
 def _modes_table(each: Labelled, reproducibility: Reproducibility | None) -> Table:
     """Return the modes of a posture with both parts of their std. errors."""
-    share = reproducibility.share if reproducibility else {}
-    rows = []
-    for i, label in enumerate(each.labels.given):
-        frequency, damping = float(each.modes.frequency[i]), 100 * float(each.modes.damping[i])
-        cells: list[Cell] = [i + 1, frequency, float(each.modes.sigma[0, i])]
-        cells += [share["frequency"] * frequency] if share else []
-        cells += [damping, 100 * float(each.modes.sigma[1, i])]
-        cells += [share["damping_ratio"] * damping] if share else []
-        rows.append((*cells, float(each.labels.mac[i].max()), str(label or "-")))
-    sd = ("repeat", "reprod") if share else ("std. error",)
-    head = ("mode", "frequency [Hz]", *sd, "damping [%]", *sd, "MAC", "name")
-    of_frequency, of_damping = [".4f"] * (1 + len(sd)), [".3f"] * (1 + len(sd))
-    note = "repeat: std. error by the scatter within the test. reprod: by setting up the test again." if share else ""
-    return Table("", head, tuple(rows), ("d", *of_frequency, *of_damping, ".2f", ""), note)
+    rows = [
+        (i + 1, *chain(*_numbers(each, i, reproducibility)), float(each.labels.mac[i].max()), str(label or "-"))
+        for i, label in enumerate(each.labels.given)
+    ]
+    sd = ("repeat", "reprod") if reproducibility else ("std. error",)
+    of_kind = {".4f": ("frequency [Hz]", *sd), ".3f": ("damping [%]", *sd)}
+    numbers = [f"{head}|{form}" for form, heads in of_kind.items() for head in heads]
+    note = "repeat: std. error by the scatter within the test. reprod: by setting up the test again."
+    return by_head(("mode|d", *numbers, "MAC|.2f", "name"), rows, note=note * bool(reproducibility))
 
 
 # -------- Details
@@ -297,18 +288,12 @@ def _hammer_test(test: ModalTest) -> Iterator[Part]:
     for each in test.rejected:
         yield f"Rejected: {cut(each.file, 30)}, hit {each.number}: {each.reason}."
     yield from (sentence(remark) for remark in test.remarks if remark.endswith(IDLE))
-    rows: list[tuple[Cell, ...]] = [
-        (place_in_words(place), *(float(np.median(each)) for each in test.coherence[o]))
-        for o, place in enumerate(frf.responses)
-    ]
-    head = ("coherence, median", *(f"force {place_in_words(place)}" for place in frf.references))
-    yield Table("", head, tuple(rows), ("", *[".3f"] * len(frf.references)))
-    checks = []
-    for check in test.checks:
-        sizes = f"{100 * check.value:.1f} %", f"{100 * check.limit:.0f} %"
-        checks.append((f"{check.name}, {_places(check)}", *sizes, "good" if check.good else "FAILS"))
+    rows = zip(map(place_in_words, frf.responses), *np.median(test.coherence, -1).T.tolist(), strict=True)
+    yield by_head(("coherence, median", *(f"force {place_in_words(place)}|.3f" for place in frf.references)), rows)
+    words = {True: "good", False: "FAILS"}
+    checks = [(f"{each.name}, {_places(each)}", each.value, each.limit, words[each.good]) for each in test.checks]
     if checks:
-        yield Table("", ("check", "value", "at most", ""), tuple(checks))
+        yield by_head(("check", "value|.1%", "at most|.0%", ""), checks)
 
 
 def _ambient_test(test: AmbientTest) -> Iterator[Part]:
@@ -349,7 +334,7 @@ def reproducibility_in_words(known: Reproducibility) -> str:
 
 def _campaign(modes: Sequence[Labelled], campaign: Campaign, reproducibility: Reproducibility | None) -> Section:
     """Return what the campaign contains, and which of its errors are correlated most."""
-    count, total = _name_count(modes), sum(len(each.labels.given) for each in modes)
+    count, total = _name_counts(modes)
     of = " (|pole| / 2 pi)" if all(m.of == POLE for m in campaign.of_kind("frequency")) else ""
     shapes = ", damping ratio and shape" if campaign.of_kind("shape") else " and damping ratio"
     parts = [f"{count} of {total} modes have a name: rows of frequency{of}{shapes}."]

@@ -8,12 +8,11 @@ import numpy as np
 
 from ident.identify.problem import LabelDoubt, row_names
 from ident.inference.fit import contradiction_in_words
-from ident.inference.information import WEAK_ABOVE, Information, chi_squared_in_words
+from ident.inference.information import WEAK_ABOVE, chi_squared_in_words
 from ident.inference.optima import is_tie
-from ident.report.report import Finding, Part, Report, Section, Table, Verdict, by_row, cut
+from ident.report.report import Finding, Part, Report, Section, Verdict, by_head, by_row, cut
 from ident.report.words import (
     balance,
-    correlated_errors,
     counted,
     describe,
     in_read_unit,
@@ -31,8 +30,8 @@ from ident.studies.stiffness.warnings import (
     contradiction,
     dependence_on_priors,
     drive_states,
-    expected_hysteresis,
     explanation_section,
+    hysteresis,
     kinds_agree,
     leading_explanations,
     odd_numbers,
@@ -43,8 +42,7 @@ if TYPE_CHECKING:
     from ident.inference.identifiability import Leverage
     from ident.inference.parameters import Parameter
 
-CORRELATED = 0.9
-"""Correlation from which a pair of parameters is named."""
+
 SLIGHT = 0.05
 """Change, relative to the parameter that leads, below which another one hardly takes part in a trade-off."""
 FEW = 24
@@ -64,11 +62,10 @@ def check_sections(check: "CampaignCheck") -> Report:
     causes = leading_explanations(check.explanations, check.campaign)
     conflict = contradiction(check.cross_predictions, check.campaign)
     name = cut(check.campaign.name or "a campaign", 30)
-    rows = tuple(
-        (with_tied(item), WORDS.get(verdict, verdict), _reason(check, i))
-        for i, (item, verdict) in enumerate(zip(check.items, check.verdicts, strict=True))
-    )
-    unknowns = Table("", ("Unknown", "verdict", "std. error by the data alone"), rows)
+    words = (WORDS.get(verdict, verdict) for verdict in check.verdicts)
+    reasons = (_reason(check, i) for i in range(len(check.items)))
+    rows = zip(map(with_tied, check.items), words, reasons, strict=True)
+    unknowns = by_head(("Unknown", "verdict", "std. error by the data alone"), rows)
     return Report(
         f"Check of {name} on {cut(check.arm.name, 40)} before any fit: "
         f"{counted(len(check.campaign), 'measurement')}, {counted(len(check.verdicts), 'unknown')}",
@@ -158,7 +155,7 @@ def _findings(check: "CampaignCheck", *, explained: bool) -> Iterator[Finding]:
         several = bool(part.dominant.sum() > 1)
         text = f"nothing cross-checks row{'s' * several} {rows}: an error there would go unnoticed"
         yield Finding(text, f"repeat {'them' if several else 'it'}, or add others")
-    for number, doubt in enumerate(check.labels[:MOST]):
+    for number, doubt in enumerate(check.labels[:LISTED]):
         name = names[doubt.row]
         row = f"row {name}" if number else row_in_file(measured[doubt.row], name)
         yield Finding(f"{row}: {'; '.join(_doubt(check, doubt))}", "compare its mode shape first" * doubt.near_draw)
@@ -178,8 +175,8 @@ def _details(check: "CampaignCheck") -> Iterator[Section]:
     yield from _combinations(check)
     yield from springs_in_words(check.springs)
     yield from _measurements(check)
-    yield from expected_hysteresis(check.campaign, check.ramps)
-    yield from _labels(check)
+    yield from hysteresis(check.campaign, check.ramps)
+    yield from _ambiguous_names(check)
     yield from _agreement(check)
     yield from explanation_section(check.explanations, check.campaign)
 
@@ -193,9 +190,8 @@ def _others(check: "CampaignCheck") -> Iterator[Section]:
     for found in (*others.exact, *others.near):
         cost = "0" if is_tie(0.0, found.cost) else f"{found.cost:.2g}"
         rows.append((", ".join(map(_changed, items, found.values.tolist())), cost))
-    note = "chi-squared: of exact data at these values; below 3.84 the data hardly rule them out."
-    head = ("values relative to the arm file's", "chi-squared")
-    table = (Table("", head, tuple(rows), note=note if others.near else ""),) if rows else ()
+    note = "chi-squared: of exact data at these values; below 3.84 the data hardly rule them out." * bool(others.near)
+    table = [by_head(("values relative to the arm file's", "chi-squared"), rows, note=note)] if rows else []
     text = (
         f"{others.ended} of {others.starts} starts ended in an optimum. The search is not exhaustive: finding none "
         "does not prove uniqueness. Data: as predicted at the arm file's values; priors do not count."
@@ -224,27 +220,17 @@ def _combinations(check: "CampaignCheck") -> Iterator[Section]:
         for direction in known.directions
         if direction.weak
     ]
-    parts: list[Part] = [Table("", ("combination", "from these data"), tuple(rows))] if rows else []
+    parts: list[Part] = [by_head(("combination", "from these data"), rows)] if rows else []
     seen = [d.sd for d in known.directions if not d.open]
     if len(seen) > 1:
         infinite = f" (of all {count}: infinite)" if known.fixed < count else ""
         parts.append(f"Condition number of the {known.fixed} determined: {seen[-1] / seen[0]:.3g}{infinite}.")
-    title = f"Determined by the data: {known.fixed} of {count} combinations"
-    yield Section(title, (*parts, *_correlations(items, known)))
-
-
-def _correlations(items: Sequence["Parameter"], known: Information) -> Iterator[str]:
     correlation = np.triu(np.nan_to_num(known.correlation), 1)
-    pairs = [tuple(map(int, pair)) for pair in np.argwhere(np.abs(correlation) > CORRELATED)]
-    for i, j in sorted(pairs, key=lambda pair: -abs(correlation[pair]))[:10]:
-        yield f"Correlation {correlation[i, j]:+.3f} {_pair(items[i], items[j])}."
-    if not pairs and correlation.any():
-        i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape))
-        yield f"Largest correlation {correlation[i, j]:+.2f}, {_pair(items[i], items[j])}."
-
-
-def _pair(one: "Parameter", other: "Parameter") -> str:
-    return f"between {parameter_in_words(one)} and {parameter_in_words(other)}"
+    if correlation.any():
+        i, j = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
+        pair = f"between {parameter_in_words(items[i])} and {parameter_in_words(items[j])}"
+        parts.append(f"Largest correlation {correlation[i, j]:+.2f}, {pair}.")
+    yield Section(f"Determined by the data: {known.fixed} of {count} combinations", tuple(parts))
 
 
 def _measurements(check: "CampaignCheck") -> Iterator[Section]:
@@ -261,7 +247,6 @@ def _measurements(check: "CampaignCheck") -> Iterator[Section]:
         most = unknowns[part.sees[i]] if part.sees[i] >= 0 else "nothing"
         shared = 1 - min(part.leverage[i], 1)
         rows.append((names[i], describe(measured[i]), float(part.share[i]), float(shared), most, remark))
-    head = ("row", "measurement", "information", "redundancy", "depends most on", "")
     note = (
         "information: share of all. redundancy: share of its information that other measurements also provide "
         "(0 % = cannot be cross-checked)."
@@ -270,8 +255,8 @@ def _measurements(check: "CampaignCheck") -> Iterator[Section]:
         note += f" {len(places) - LISTED} more carry no information or dominate."
     if not every:
         note += f" The other measurements of {len(measured)} have normal influence."
-    table = Table("", head, tuple(rows), ("", "", ".1%", ".0%", "", ""), note)
-    yield Section("Influence of each measurement", (table,))
+    heads = "row", "measurement", "information|.1%", "redundancy|.0%", "depends most on", ""
+    yield Section("Influence of each measurement", (by_head(heads, rows, note=note),))
 
 
 def _dominates(part: "Leverage", i: int) -> str:
@@ -280,27 +265,17 @@ def _dominates(part: "Leverage", i: int) -> str:
     return "dominates" + "; one combination not determined without it" * bool(part.opened[i])
 
 
-def _labels(check: "CampaignCheck") -> Iterator[Section]:
+def _ambiguous_names(check: "CampaignCheck") -> Iterator[Section]:
     measured, names = check.campaign.measurements, row_names(check.campaign)
-    modal = any(m.kind in ("frequency", "damping_ratio") for m in measured)
-    if not modal or check.missing.any():
-        return
-    doubts = tuple(
-        f"Row {names[doubt.row]}, {describe(measured[doubt.row])}: {'; '.join(_doubt(check, doubt))}."
-        for doubt in check.labels[:LISTED]
-    )
-    more = (f"{len(check.labels) - LISTED} more.",) if len(check.labels) > LISTED else ()
-    none = "" if check.labels else ": none is in doubt at the arm file's values"
-    yield Section(f"Mode labels{none}", (*doubts, *more))
     if changing := sorted(check.changing.items(), key=lambda each: -each[1]):
-        rows = tuple((names[i], str(measured[i].mode), f"{percent(often)} of the arms") for i, often in changing[:MOST])
+        rows = ((names[i], str(measured[i].mode), f"{percent(often)} of the arms") for i, often in changing[:MOST])
         note = f"{len(changing) - MOST} more. " if len(changing) > MOST else ""
         note += (
             "The fit matches these modes by frequency as well. If you are not sure of a word, leave it out of the "
             "label (`torsion 2`), or leave the label out."
         )
         title = "Mode names that become ambiguous for other stiffnesses within the prior"
-        yield Section(title, (Table("", ("row", "mode", "ambiguous on"), rows, note=note),))
+        yield Section(title, (by_head(("row", "mode", "ambiguous on"), rows, note=note),))
 
 
 def _doubt(check: "CampaignCheck", doubt: LabelDoubt) -> Iterator[str]:
@@ -318,15 +293,10 @@ def _agreement(check: "CampaignCheck") -> Iterator[Section]:
     agree = check.consistency
     if agree is None:
         return
+    note = "Overall consistency cannot be tested by linearisation (start values too far off): see `ident fit`."
     if not math.isnan(agree.p_value) or not agree.degrees_of_freedom > 0:
         note = f"All together, by linearisation: {chi_squared_in_words(agree)}."
-    else:
-        note = "Overall consistency cannot be tested by linearisation (start values too far off): see `ident fit`."
-    notes = [note, *filter(None, [correlated_errors(check.campaign)])]
-    if check.cross_predictions:
-        yield agreement(check.cross_predictions, check.campaign.measurements, " ".join(notes))
-    else:
-        yield Section("Agreement between kinds of measurement", tuple(notes))
+    yield agreement(check.cross_predictions, check.campaign, note)
 
 
 # -------- Rows

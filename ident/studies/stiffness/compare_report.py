@@ -14,6 +14,7 @@ from ident.report.report import (
     Section,
     Table,
     Verdict,
+    by_head,
     by_row,
     cut,
     with_remedy,
@@ -92,17 +93,13 @@ def stiffness_words(name: str) -> str:
 
 def _table(comparison: "Comparison") -> Table:
     change = comparison.change
-    rows = []
-    for i, name in enumerate(change.names):
-        before, after = (in_shown_unit(name, float(part[i]))[0] for part in (change.first, change.second))
-        verdict = "not determined" if change.open[i] else "changed" if change.changed[i] else ""
-        interval = " to ".join(map(ratio_words, change.interval[i]))
-        ratio = ratio_words(change.change[i])
-        rows.append((name, before, after, ratio, interval, float(change.p_values[i]), verdict))
-    unit = in_shown_unit(change.names[0], 1.0)[1]
-    head = (f"Stiffness [{unit}]", "before", "after", "change", "95 % interval", "p", "")
-    changed = tuple(np.flatnonzero(change.changed).tolist())
-    return without_empty_columns(Table("", head, tuple(rows), ("", ".4g", ".4g", "", "", ".2g", ""), strong=changed))
+    size, unit = in_shown_unit(change.names[0], 1.0)
+    ratios, intervals = map(ratio_words, change.change), (" to ".join(map(ratio_words, x)) for x in change.interval)
+    verdicts = np.where(change.open, "not determined", np.where(change.changed, "changed", "")).tolist()
+    values = (size * change.first).tolist(), (size * change.second).tolist()
+    rows = zip(change.names, *values, ratios, intervals, change.p_values.tolist(), verdicts, strict=True)
+    heads = f"Stiffness [{unit}]", "before|.4g", "after|.4g", "change", "95 % interval", "p|.2g", ""
+    return without_empty_columns(by_head(heads, rows))
 
 
 def _answer(comparison: "Comparison") -> tuple[Table | str, ...]:
@@ -176,14 +173,14 @@ def _overview(comparisons: Sequence["Comparison"], unpaired: Sequence[str]) -> R
     word, least = f"{changed} OF {count} CHANGED" if changed else "NO CHANGE", float(together.min())
     verdict = Verdict(word, f"Smallest p of {counted(count, 'pair')}: {least:.2g}.", "caution" if changed else "good")
     named = some([cut(path, 60) for path in unpaired], NUMBERS_LISTED)
-    head, forms = ("Pair", "p", ""), ("", ".2g", "")
+    heads = "Pair", "p|.2g", ""
     note = "p: probability of so much change anywhere in the pair if nothing has changed (Holm, over all pairs)."
-    every = Section("All pairs", (Table("", head, tuple(rows), forms, note),))
+    every = Section("All pairs", (by_head(heads, rows, note=note),))
     alone = [f"In one folder only: {named}"] if unpaired else []
     return Report(
         f"Comparison of {counted(count, 'pair')} of campaigns",
         verdict,
-        (Table("", head, tuple(rows[i] for i in shown), forms), *alone),
+        (by_head(heads, (rows[i] for i in shown)), *alone),
         next=_next(comparisons[int(np.argmin(together))]),
         details=(every, *map(_pair, comparisons)),
     )

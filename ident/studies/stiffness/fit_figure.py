@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
+from matplotlib.ticker import LogLocator
 
 from ident.inference.information import WEAK_ABOVE, Direction
 from ident.report.report import cut, written
@@ -114,11 +116,8 @@ def _values(axes: Axes, fit: "CampaignFit", group: Sequence[int], *, shift: bool
         axes.plot([value], [y], linestyle="", zorder=3, **(FILLED if known else HOLLOW))
     axes.set(xlabel="fitted - arm file [mm]" if shift else "fitted / arm file [-]")
     why = [why_no_interval(fit, i) for i in group]
-    reasons = {
-        True: "not reported, as the fit is in doubt: by data and prior",
-        False: "not determined by the data alone: with the prior",
-    }
-    hollow = "\n".join(reasons[hidden] for hidden in dict.fromkeys(word == "not reported" for word in why if word))
+    undetermined, doubted = "not determined by the data alone: with the prior", "not reported, as the fit is in doubt"
+    hollow = f"{doubted}: by data and prior" if "not reported" in why else undetermined
     keys = _key(supported, "known, 95 % interval", hollow)
     heading(axes, "Lengths that were freed" if shift else "Parameters", keys)
     texts = []
@@ -131,8 +130,8 @@ def _values(axes: Axes, fit: "CampaignFit", group: Sequence[int], *, shift: bool
 
 def _as_drawn(item: "Parameter", numbers: Sequence[float], shift: bool) -> list[float]:
     """Return value and ends of an interval relative to the arm file, or as shifts [mm] from it."""
-    centre = float(item.start)
-    return [MM * (x - centre) if shift else x / centre if centre else math.nan for x in map(float, numbers)]
+    centre = float(item.start) or math.nan
+    return [MM * (x - float(item.start)) if shift else x / centre for x in map(float, numbers)]
 
 
 def _ratio_span(drawn: Sequence[Sequence[float]]) -> tuple[float, float]:
@@ -167,15 +166,14 @@ def _directions(axes: Axes, fit: "CampaignFit") -> None:
     for y, direction in enumerate(directions):
         is_open = y >= len(fit.combinations)
         drawn = not is_open and not doubts and np.isfinite(direction.sd)
-        style = HOLLOW if is_open else {**FILLED, "markerfacecolor": PALE_BLUE} if direction.weak else FILLED
-        place = direction.sd if drawn else edge
-        axes.plot([place], [y], linestyle="", **style)
-        word = "" if is_open else ("weak" if direction.weak else "") if drawn else "not reported"
+        weak = bool(direction.weak and not is_open)
+        place, style = direction.sd if drawn else edge, HOLLOW if is_open else FILLED
+        axes.plot([place], [y], linestyle="", **{**style, **({"markerfacecolor": PALE_BLUE} if weak else {})})
+        word = "weak" * weak if drawn or is_open else "not reported"
         note(axes, word, (place, y), (7, 0), va="center", color="black")
-    ticks = {WEAK_ABOVE: f"factor {math.exp(WEAK_ABOVE):.2g}"}
-    for power in range(-1, -9, -1):
-        if math.log(min(ticks) / 10.0**power) > 0.17 * math.log(4 * edge / left) and 10.0**power > left:
-            ticks[10.0**power] = f"{10.0 ** (power + 2):g} %"
+    powers = LogLocator(numticks=5).tick_values(left, WEAK_ABOVE / 2)
+    ticks = {power: f"{100 * power:g} %" for power in powers if left < power < WEAK_ABOVE / 2}
+    ticks[WEAK_ABOVE] = f"factor {math.exp(WEAK_ABOVE):.2g}"
     axes.set_xticks(list(ticks), list(ticks.values()))
     axes.set_xticks([], minor=True)
     axes.set(xlabel="std. error of ln(value) [-]")
@@ -208,14 +206,12 @@ def _residuals(axes: Axes, fit: "CampaignFit") -> None:
     axes.set(xlim=(-reach, reach))
     axes.axvspan(-2, 2, color="#EAF1F6", zorder=0)
     axes.axvline(0.0, color="black", linewidth=0.8)
-    if len(order) <= MANY:
-        for y, i in enumerate(order):
-            style = KIND_STYLES[campaign.measurements[i].kind]
-            axes.plot([0.0, z[i]], [y, y], color=style["color"], linewidth=1.2)
-            mark = {**style, **({"markerfacecolor": "white"} if unchecked[i] else {})}
-            axes.plot([z[i]], [y], linestyle="", **{**mark, **(RIMMED if outliers[i] else {"markersize": 5})})
-    else:
-        _cloud(axes, [campaign.measurements[i].kind for i in order], z[order], outliers[order])
+    of_kind, many = np.array([campaign.measurements[i].kind for i in order]), len(order) > MANY
+    for kind, far, alone in product(kinds, (False, True), (False, True)):
+        at = np.flatnonzero((of_kind == kind) & (outliers[order] == far) & (unchecked[order] == alone))
+        look = {**KIND_STYLES[kind], **({"markerfacecolor": "white"} if alone else {})}
+        axes.plot(z[order][at], at, linestyle="", **{**look, **(RIMMED if far else {"markersize": 1.5 if many else 5})})
+        axes.hlines([] if many else at, 0.0, [] if many else z[order][at], color=look["color"], linewidth=1.2)
     axes.set(xlabel="z = (measured - predicted) / its std. deviation [-]; shaded: ±2")
     keys: dict[str, Style] = {kind.replace("_", " "): {**KIND_STYLES[kind], "markersize": 5} for kind in kinds}
     if outliers.any():
@@ -237,11 +233,3 @@ def measurement_rows(axes: Axes, measured: Sequence["Measurement"], words: str) 
     else:
         plain(axes)
         axes.set(ylim=(len(measured), -1), ylabel=words)
-
-
-def _cloud(axes: Axes, kinds: Sequence[str], z: np.ndarray, outliers: np.ndarray) -> None:
-    """Draw one small marker for each of many values."""
-    for kind in dict.fromkeys(kinds):
-        for far in (False, True):
-            at = np.flatnonzero((np.array(kinds) == kind) & (outliers == far))
-            axes.plot(z[at], at, linestyle="", **{**KIND_STYLES[kind], **(RIMMED if far else {"markersize": 1.5})})

@@ -19,6 +19,7 @@ from ident.report.report import (
     Section,
     Table,
     Verdict,
+    by_head,
     by_row,
     cut,
     short_power,
@@ -28,7 +29,6 @@ from ident.report.report import (
 from ident.report.words import (
     MM,
     SETUP,
-    correlated_errors,
     counted,
     describe,
     in_percent,
@@ -81,7 +81,7 @@ FARTHEST = 24
 """Those that are listed of more."""
 LISTED = 12
 """Optima that are listed at most."""
-ORIGINS = ("data", "own prior", "data with other priors")
+ORIGINS = ("data|.0%", "own prior|.0%", "data with other priors|.0%")
 """Where the information on an unknown comes from."""
 FAR_OFF, OWN = 2.5, 0.1
 """Standard deviations off from which what was said of a number is doubted; the prior's share below which it is idle."""
@@ -108,15 +108,13 @@ def _subject(fit: "CampaignFit") -> str:
     items = [item for item in fit.problem.parameters.items if not item.nuisance]
     word = "unknown stiffness" if all(is_stiffness(item.name) for item in items) else "unknown"
     plural = "es" if word.endswith("ss") else "s"
-    beside, loops = int(fit.problem.parameters.nuisance.sum()), len(fit.loops)
-    more = [f", {counted(beside - loops, 'uncertain number')}"] if beside > loops else []
-    more += [f", {counted(loops, 'hysteresis loop')}"] if loops else []
-    more += [", robust weights"] if fit.weights is not None else []
-    more += [f", {counted(len(fit.damping.rows), 'damping ratio')}"] if fit.damping else []
-    return (
-        f"Fit of {cut(fit.arm.name, 40)} to {cut(fit.campaign.name, 30)}: {counted(len(fit.campaign), 'measurement')}, "
-        f"{len(items)} {word}{plural * (len(items) != 1)}{''.join(more)}"
-    )
+    uncertain = int(fit.problem.parameters.nuisance.sum()) - len(fit.loops)
+    ratios = len(fit.damping.rows) if fit.damping else 0
+    more = {"uncertain number": uncertain, "hysteresis loop": len(fit.loops), "damping ratio": ratios}
+    counts = [counted(len(fit.campaign), "measurement"), f"{len(items)} {word}{plural * (len(items) != 1)}"]
+    counts += [counted(count, noun) for noun, count in more.items() if count]
+    counts += ["robust weights"] * (fit.weights is not None)
+    return f"Fit of {cut(fit.arm.name, 40)} to {cut(fit.campaign.name, 30)}: {', '.join(counts)}"
 
 
 # -------- Verdict
@@ -179,21 +177,17 @@ def _residuals(fit: "CampaignFit") -> str:
     """Name the largest standardised residual, and say whether the kinds of measurement agree."""
     if not fit.farthest_off:
         return ""
-    far, z = fit.farthest_off[0], np.abs(fit.standardised)
-    name = row_names(fit.campaign)[far]
-    row = row_in_file(fit.campaign.measurements[far], name)
-    count = len(fit.farthest_off)
-    within = f"All {count} residuals within {z[far]:.1f} sigma; the largest is {row}."
-    if math.isnan(z[far]):
+    far, count, several = fit.farthest_off[0], len(fit.farthest_off), int(fit.suspicious.sum())
+    z, row = abs(fit.standardised[far]), row_in_file(fit.campaign.measurements[far], row_names(fit.campaign)[far])
+    within = f"All {count} residuals within {z:.1f} sigma; the largest is {row}."
+    if several:
+        robust = fit.weights is not None
+        which = f"{several} of {count} {'count for less than half' if robust else 'are too large'}"
+        within = f"Largest residual: {row}, {z:.1f} sigma; {which}."
+    elif math.isnan(z):
         within = f"None of the {count} residuals can be judged: no measurement checks another."
-    several = int(fit.suspicious.sum())
-    if several and fit.weights is not None:
-        within = f"{several} of {count} values count for less than half; largest: {row}, {z[far]:.1f} sigma."
-    elif several:
-        within = f"Largest residual: {row}, {z[far]:.1f} sigma; {several} of {count} are too large."
-    if fit.contradictory or not fit.cross_predictions:
-        return within
-    return f"{within} {kinds_agree(fit.cross_predictions)}"
+    compared = fit.cross_predictions and not fit.contradictory
+    return f"{within} {kinds_agree(fit.cross_predictions)}" if compared else within
 
 
 def _findings(fit: "CampaignFit", *, explained: bool) -> Iterator[Finding]:
@@ -243,9 +237,8 @@ def _values_table(fit: "CampaignFit") -> Table:
     items, own = fit.problem.parameters.items, unknown_places(fit)
     unit = shared_unit(items[i].name for i in own)
     what = "Stiffness" if all(is_stiffness(items[i].name) for i in own) else "Unknown"
-    rows = tuple(_value_row(fit, i, with_unit=not unit) for i in own)
-    head = (what, f"value{unit}", "95 % interval", "std. error", "arm file", "fit vs. arm file")
-    return without_empty_columns(Table("", head, rows))
+    heads = what, f"value{unit}", "95 % interval", "std. error", "arm file", "fit vs. arm file"
+    return without_empty_columns(by_head(heads, (_value_row(fit, i, with_unit=not unit) for i in own)))
 
 
 def _value_row(fit: "CampaignFit", i: int, *, with_unit: bool) -> tuple[Cell, ...]:
@@ -287,26 +280,23 @@ def why_no_interval(fit: "Fit", i: int) -> str:
 def _details(fit: "CampaignFit") -> Iterator[Section]:
     yield _values_section(fit)
     if fit.contradictory:
-        hint = what_may_be_wrong(fit.cross_predictions)
-        words = (dependence_on_priors(fit.cross_predictions), hint, _compromise(fit))
+        words = dependence_on_priors(fit.cross_predictions), what_may_be_wrong(fit.cross_predictions)
         yield Section("Contradiction", tuple(filter(None, words)))
     yield from explanation_section(fit.explanations, fit.campaign)
     yield from _uncertain_numbers(fit)
     yield assumption_section(fit)
     yield _measurements(fit)
     yield from damping_section(fit.damping)
-    yield from hysteresis(fit)
+    yield from hysteresis(fit.campaign, fit.loops)
     yield what_is_fixed(fit)
     if trades := what_is_open(fit.information, fit.problem.parameters.items):
         yield trades
-    if fit.cross_predictions:
+    if fit.cross_predictions or fit.campaign.correlated:
         parameters = fit.problem.parameters
-        flat = not (parameters.proper | parameters.nuisance).all()
-        note = "Where there is no prior on a stiffness, the default one was taken for this comparison." if flat else ""
-        yield agreement(fit.cross_predictions, fit.campaign.measurements, note)
+        flat = fit.cross_predictions and not (parameters.proper | parameters.nuisance).all()
+        note = "Where there is no prior on a stiffness, the default one was taken for this comparison."
+        yield agreement(fit.cross_predictions, fit.campaign, note * bool(flat))
     yield _optima(fit)
-    if correlated := correlated_errors(fit.campaign):
-        yield Section("Correlated errors", (correlated,))
 
 
 # -------- Damping
@@ -322,27 +312,26 @@ def damping_in_words(damping: "Damping | None") -> Iterator[str]:
     """Yield in one line what damping was found, and by which law."""
     if damping is None:
         return
-    best, hertz, ratio = damping.best, damping.frequency, damping.predicted
-    ends = [int(np.nanargmin(hertz)), int(np.nanargmax(hertz))]
-    each = [f"{100 * ratio[i]:.2g} % at {hertz[i]:.3g} Hz" for i in ends]
+    best, hertz, ratio, numbers = damping.best, damping.frequency, 100 * damping.predicted, _law_words(damping.best)
     if best.scatter > LAWLESS:
         measured = 100 * np.exp(damping.ratios.log)
         factor = f"modes scatter by a factor of {math.exp(best.scatter):.2g}"
         yield f"Damping: {measured.min():.2g} to {measured.max():.2g} % by no law; {factor}."
         return
-    names = [LAW_WORDS[next(iter(law.family))] for law in (best, *damping.rivals) if len(law.family) == 1]
-    trend = " and ".join(TRENDS[word] for word in TRENDS if word in best.family) or "follows the servos"
-    same = best.family == {"loss"} and np.ptp(ratio) < MUCH * ratio.mean()
-    size = (
-        f"{100 * ratio.mean():.2g} % in all modes" if same else f"{100 * ratio.min():.2g} to {100 * ratio.max():.2g} %"
-    )
-    numbers = _law_words(best)
-    size = size if "loss" in best.family or len(numbers) > 1 else " and ".join(each)
-    words = f"Damping: {size}; it {trend}" if len(best.family) == 1 else f"Damping: {size}, a sum of laws"
-    words += f" ({', '.join(numbers)})" if len(numbers) == 2 else ""
+    size = f"{ratio.min():.2g} to {ratio.max():.2g} %"
+    if best.family == {"loss"} and np.ptp(ratio) < MUCH * ratio.mean():
+        size = f"{ratio.mean():.2g} % in all modes"
+    elif "loss" not in best.family and len(numbers) < 2:
+        ends = int(np.nanargmin(hertz)), int(np.nanargmax(hertz))
+        size = " and ".join(f"{ratio[i]:.2g} % at {hertz[i]:.3g} Hz" for i in ends)
     if damping.rivals:
-        words = f"Damping: {size}; {' and '.join(dict.fromkeys(names))} laws cannot be told apart"
-    yield f"{words}{f', within {percent(best.scatter)} from mode to mode' if best.scatter > MUCH else ''}."
+        names = [LAW_WORDS[next(iter(law.family))] for law in (best, *damping.rivals) if len(law.family) == 1]
+        law = f"; {' and '.join(dict.fromkeys(names))} laws cannot be told apart"
+    else:
+        trend = " and ".join(TRENDS[word] for word in TRENDS if word in best.family) or "follows the servos"
+        law = f"; it {trend}" if len(best.family) == 1 else ", a sum of laws"
+        law += f" ({', '.join(numbers)})" if len(numbers) == 2 else ""
+    yield f"Damping: {size}{law}{f', within {percent(best.scatter)} from mode to mode' * (best.scatter > MUCH)}."
 
 
 def odd_ratios(damping: "Damping | None") -> Iterator[Finding]:
@@ -359,21 +348,19 @@ def damping_section(damping: "Damping | None") -> Iterator[Section]:
     """Yield each measured ratio beside the law's, and the laws that were tried."""
     if damping is None:
         return
-    names, measured = row_names(damping.rows), np.exp(damping.ratios.log)
-    columns = zip(damping.rows, names, damping.frequency, measured, damping.predicted, damping.marked, strict=True)
-    rows = [
-        (name, describe(m), hertz, 100 * x, 100 * y, x / y, "does not count" * bool(odd))
-        for m, name, hertz, x, y, odd in columns
-    ]
+    measured, law = 100 * np.exp(damping.ratios.log), 100 * damping.predicted
+    marks = ["does not count" * bool(odd) for odd in damping.marked]
+    columns = map(describe, damping.rows), damping.frequency, measured, law, measured / law, marks
     note = "given stiffness: no ratio moves a stiffness. measured: as expected given the errors of the frequencies."
-    head = ("row", "measurement", "mode [Hz]", "measured [%]", "law [%]", "ratio", "")
-    yield Section("Damping ratios", (Table("", head, tuple(rows), ("", "", ".3f", ".3g", ".3g", ".2f", ""), note),))
+    heads = "row", "measurement", "mode [Hz]|.3f", "measured [%]|.3g", "law [%]|.3g", "ratio|.2f", ""
+    ratios = by_head(heads, zip(row_names(damping.rows), *columns, strict=True), note=note)
+    yield Section("Damping ratios", (ratios,))
     laws = [(", ".join(_law_words(law)), law.bic - damping.best.bic, law.scatter) for law in damping.laws]
     note = (
         "BIC: less is better; a difference below 6 does not tell laws apart, and a sum of laws must be better by as "
         "much. scatter: of ln(ratio) from mode to mode, which the law does not explain."
     )
-    yield Section("Laws of damping", (Table("", ("law", "BIC", "scatter"), tuple(laws), ("", "+.1f", ".3f"), note),))
+    yield Section("Laws of damping", (by_head(("law", "BIC|+.1f", "scatter|.3f"), laws, note=note),))
 
 
 def _law_words(law: "Law") -> list[str]:
@@ -394,34 +381,23 @@ def _number_words(group: tuple[str, ...]) -> str:
     return f"{next(iter(joints))}: {what}{where}" if len(joints) == 1 else f"{what}{where}"
 
 
-def _compromise(fit: "Fit") -> str:
-    """Name the value that a contradiction takes farthest from the arm file's; nothing where none can be compared."""
-    items = fit.problem.parameters.items
-    ratios = {item.name: v / float(item.start) for v, item in zip(fit.best.values, items, strict=True) if item.positive}
-    if not ratios:
-        return ""
-    name = max(ratios, key=lambda name: abs(math.log(ratios[name])))
-    return f"The fit is a compromise that takes {name} to {ratios[name]:.2g} times the arm file's value."
-
-
 def _values_section(fit: "CampaignFit") -> Section:
     """Return each value with the ends of its interval relative to it, and where the information comes from."""
-    known, items, rows, without = fit.information, fit.problem.parameters.items, [], False
-    for i in unknown_places(fit):
+    known, items, rows, own = fit.information, fit.problem.parameters.items, [], unknown_places(fit)
+    for i in own:
         item, value = items[i], float(fit.best.values[i])
-        without |= bool(why_no_interval(fit, i))
         ends = ("", "") if why_no_interval(fit, i) else (_end(item, value, end) for end in fit.interval()[i])
         ratio = value / float(item.start) if item.start else None
         rows.append((item.name, *in_shown_unit(item.name, value), *ends, ratio, *shares(known, i)))
-    head = ("unknown", "value", "unit", "low end", "high end", "value / arm file", *ORIGINS)
     meaning = (
         "not determined: the data alone do not determine it; the value leans on the prior. weakly determined: known by "
         f"the data alone to no better than a factor of {math.exp(WEAK_ABOVE):.2g} (std. error). not reported: data and "
         "model would give an interval, but the fit is in doubt."
     )
-    forms = ("", ".5g", "", "", "", ".3g", ".0%", ".0%", ".0%")
-    table = without_empty_columns(Table("", head, tuple(rows), forms, meaning * without))
-    return Section("Fitted values, and where the information comes from", (table, *_about_values(fit)))
+    heads = "unknown", "value|.5g", "unit", "low end", "high end", "value / arm file|.3g", *ORIGINS
+    table = by_head(heads, rows, note=meaning * any(why_no_interval(fit, i) for i in own))
+    title = "Fitted values, and where the information comes from"
+    return Section(title, (without_empty_columns(table), *_about_values(fit)))
 
 
 def _end(item: "Parameter", value: float, end: float) -> str:
@@ -445,7 +421,6 @@ def _measurements(fit: "CampaignFit") -> Section:
         weight = "" if fit.weights is None else f" (weight {fit.weights[i]:.2g})"
         mark = f"outlier{weight}" if outliers[i] else "unchecked" if unchecked[i] else ""
         rows.append((names[i], describe(m), unit, measured, predicted, -float(off[i]), -float(z[i]), mark))
-    head = ("row", "measurement", "unit", "measured", "predicted", "off [sigma]", "z", "")
     limit = f"Outlier limit for {fit.row_tests.tested} values: {fit.row_tests.limit:.1f} sigma"
     limit += "; vectors are judged as a whole." if fit.problem.vectors is not None else "."
     if fit.weights is not None:
@@ -456,10 +431,9 @@ def _measurements(fit: "CampaignFit") -> Section:
     )
     if unchecked.any():
         note += " unchecked: no other measurement depends on the same, so that an error would go unnoticed."
-    forms = ("", "", "", ".4g", ".4g", ".2f", ".2f", "")
     title = f"Measurements: the {FARTHEST} of {count} farthest from the fit" if many else "Measurements"
-    by_kind = (_by_kind(fit),) if many else ()
-    return Section(title, (Table("", head, tuple(rows), forms, note), *by_kind))
+    heads = "row", "measurement", "unit", "measured|.4g", "predicted|.4g", "off [sigma]|.2f", "z|.2f", ""
+    return Section(title, (by_head(heads, rows, note=note), *([_by_kind(fit)] if many else [])))
 
 
 def _by_kind(fit: "CampaignFit") -> Table:
@@ -470,8 +444,8 @@ def _by_kind(fit: "CampaignFit") -> Table:
         z = -fit.off[kinds == kind]
         far = int(outliers[kinds == kind].sum())
         rows.append((kind.replace("_", " "), len(z), float(z.mean()), float(np.sqrt((z**2).mean())), far))
-    head = ("kind", "values", "mean [sigma]", "rms [sigma]", "outliers")
-    return Table("Residuals by kind; all are in the result file", head, tuple(rows), ("", "d", "+.2f", ".2f", "d"))
+    heads = "kind", "values|d", "mean [sigma]|+.2f", "rms [sigma]|.2f", "outliers|d"
+    return by_head(heads, rows, "Residuals by kind; all are in the result file")
 
 
 def _uncertain_numbers(fit: "CampaignFit") -> Iterator[Section]:
@@ -489,12 +463,11 @@ def _uncertain_numbers(fit: "CampaignFit") -> Iterator[Section]:
         rows.append((item.name, float(item.start) / size, said, fit.best.values[i] / size, shift, now, _cost(fit, i)))
         if words := _advice(item, known, i, off):
             advice.append(f"{item.name}: {words}")
-    head = ("number", "given", "within", "fitted", "shift", "known to", "widens most")
     note = "widens most: how much wider an interval is than it would be if this number were known exactly."
     if any(item.name.startswith(SETUP) for item in parameters.items):
         note += " setup: place [mm] and further turn [mrad] of its frame; what was free was found from the data first."
-    table = Table("", head, tuple(rows), ("", ".4g", "", ".4g", "", "", ""), note)
-    yield Section("Numbers that are not exactly known", (table, *advice))
+    heads = "number", "given|.4g", "within", "fitted|.4g", "shift", "known to", "widens most"
+    yield Section("Numbers that are not exactly known", (by_head(heads, rows, note=note), *advice))
 
 
 def _known_to(item: "Parameter", sd: float) -> str:
@@ -514,11 +487,9 @@ def _cost(fit: "CampaignFit", i: int) -> str:
 
 def _advice(item: "Parameter", known: Information, i: int, off: float) -> str:
     """Say whether the data contradict what was said of a number, or know it better."""
-    if not np.isfinite(item.prior_sd):
-        return ""
-    if abs(off) > FAR_OFF:
+    if np.isfinite(item.prior_sd) and abs(off) > FAR_OFF:
         return "the data contradict the given value: either it is wrong, or something else is (masses, loads, labels)"
-    if known.prior_share[i] < OWN:
+    if np.isfinite(item.prior_sd) and known.prior_share[i] < OWN:
         return f"the data alone determine it: it may as well be an unknown (`free` {known.names[i]})"
     return ""
 
@@ -545,17 +516,17 @@ def _optima(fit: "Fit") -> Section:
     first = f"; the first {LISTED} of them" if len(fit.optima) > LISTED else ""
     rows = []
     for i, optimum in enumerate(fit.optima[:LISTED]):
-        note = ("undetermined" if len(optimum.open) else "") if optimum.converged else "not converged"
+        note = "undetermined" * bool(len(optimum.open)) if optimum.converged else "not converged"
         values = " ".join(short_power(f"{value:.4g}") for value in optimum.values)
         name = "other" if i else "answer"
         rows.append((name, optimum.score, round(optimum.said, 3) + 0.0, optimum.starts, note, values))
-    head = ("optimum", "score", "label cost", "starts", "", "values [SI], in the order of the unknowns")
     note = "score: chi-squared of data and priors plus label cost."
     if fit.best.converged and len(fit.best.open):
         count = f"{len(fit.best.open)} of {len(fit.best.theta)} combinations"
         note += f" Along {count} the score stays flat, or still falls, over several e-folds."
-    table = Table("", head, tuple(rows), ("", "#.4g", ".3g", "d", "", ""), note)
-    return Section(f"Optima: {len(fit.optima)} found from {counted(_starts(fit), 'start')}{failed}{first}", (table,))
+    heads = "optimum", "score|#.4g", "label cost|.3g", "starts|d", "", "values [SI], in the order of the unknowns"
+    title = f"Optima: {len(fit.optima)} found from {counted(_starts(fit), 'start')}{failed}{first}"
+    return Section(title, (by_head(heads, rows, note=note),))
 
 
 # -------- Rows

@@ -5,7 +5,7 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.report.report import Finding, Report, Section, Table, Verdict, cut, written
+from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, cut, written
 from ident.report.words import counted, percent, some, span
 from ident.units import stiffness_unit
 
@@ -80,7 +80,7 @@ def _table(joints: "Sequence[JointTwist]") -> Table:
         share = 100 * _half(number) / abs(number.value)
         return f"{written(_size(quantity) * number.value, '#.3g')} ±{share:.2g}%"
 
-    rows = tuple((each.name, *(cell(each, quantity) for quantity in shown)) for each in joints)
+    rows = ((each.name, *(cell(each, quantity) for quantity in shown)) for each in joints)
     both = "" if joints[0].parted else ", less viscous friction / stiffness"
     both += "; damping: plus viscous friction" if both and "damping" in shown else ""
     lag = f" Delay: of the link's channel{both}."
@@ -88,7 +88,7 @@ def _table(joints: "Sequence[JointTwist]") -> Table:
         lag = " Friction of a clamped joint has its damping in it."
     nowhere = f"; of no joint: {', '.join(hidden)}" if hidden else ""
     note = f"-: cannot be told{nowhere}. ±: 95 %.{lag}"
-    return Table("", ("Joint", *map(_head, shown)), rows, (), note)
+    return by_head(("Joint", *map(_head, shown)), rows, note=note)
 
 
 def _findings(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Iterator[Finding]:
@@ -114,30 +114,27 @@ def _findings(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Ite
         yield Finding(f"The stiffness of {some(quiet)} cannot be told: the torque in it varies too little", remedy)
 
 
-def _interval(number: "JointNumber", size: float) -> str:
-    return span(size * number.low, size * number.high)
+def _numbers(number: "JointNumber", size: float) -> tuple[float, str]:
+    return size * number.value, span(size * number.low, size * number.high)
 
 
 def _details(joints: "Sequence[JointTwist]", logs: "Sequence[JointLog]") -> Iterator[Section]:
     rows = [
-        (each.name, _head(quantity), _size(quantity) * number.value, _interval(number, _size(quantity)))
+        (each.name, _head(quantity), *_numbers(number, _size(quantity)))
         for each in joints
         for quantity, number in each.numbers.items()
         if not isnan(number.value)
     ]
-    head = ("Joint", "quantity", "value", "95 % interval")
-    yield Section("All estimates, told or not", (Table("", head, tuple(rows), ("", "", ".3g", "")),))
-    parts = [
-        (each.name, cut(label, 40), _size("stiffness") * number.value, _interval(number, _size("stiffness")))
-        for each in joints
-        for label, number in [
-            *((f"without {word}", number) for word, number in each.without.items()),
-            *((Path(log.path).name, alone.numbers["stiffness"]) for log, alone in zip(logs, each.alone, strict=False)),
-        ]
-    ]
-    head = ("Joint", "of", _head("stiffness"), "95 % interval")
+    heads = "Joint", "quantity", "value|.3g", "95 % interval"
+    yield Section("All estimates, told or not", (by_head(heads, rows),))
+    parts = []
+    for each in joints:
+        numbers = [(f"without {word}", number) for word, number in each.without.items()]
+        numbers += [(Path(x.path).name, own.numbers["stiffness"]) for x, own in zip(logs, each.alone, strict=False)]
+        parts += [(each.name, cut(name, 40), *_numbers(x, _size("stiffness"))) for name, x in numbers]
+    heads = "Joint", "of", f"{_head('stiffness')}|.3g", "95 % interval"
     title = "Stiffness if the model lacked an effect, and of one log at a time"
-    yield Section(title, (Table("", head, tuple(parts), ("", "", ".3g", "")),))
+    yield Section(title, (by_head(heads, parts),))
     left = ", ".join(f"{each.name} {1e3 * float(each.residual.std()):.2g} mrad" for each in joints)
     lag = "Damping is counted with the torque on the motor angle's clock: a lag of 1 ms counts as stiffness times 1 ms."
     yield Section("Residual", (f"Root mean square: {left}.", lag))

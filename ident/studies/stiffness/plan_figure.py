@@ -1,19 +1,17 @@
 """What a further measurement would tell, over postures, and the std. errors that a plan leaves."""
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator
 
 from ident.identify.candidates import main_joints
 from ident.report.report import cut
 from ident.report.style import (
     BLUE,
     GREEN,
-    GREY,
     ORANGE,
     PALE_BLUE,
     PINK,
@@ -26,7 +24,7 @@ from ident.report.style import (
     set_ticks,
     titled,
 )
-from ident.report.words import degrees
+from ident.report.words import by_key, degrees
 from ident.studies.stiffness.plan_report import criterion_in_words, experiment_in_words
 
 if TYPE_CHECKING:
@@ -80,8 +78,8 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: "CampaignPlan") -> None
         places = {i: tuple(np.rad2deg(q[shown])) for i, q in enumerate(plan.predictions.postures)}
     if not listed:
         axes.set_xlabel(f"{cut(names[0], 30)} [deg]", fontsize=10, parse_math=False)
-        for axis, of_joint in zip((axes.xaxis, axes.yaxis), angles.T, strict=False):
-            axis.set_major_locator(FixedLocator(_ticks(of_joint).tolist()) if not scattered else MaxNLocator(9))
+        for axis in (axes.xaxis, axes.yaxis)[: len(shown)]:
+            axis.set_major_locator(MaxNLocator(9, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
     _mark(axes, plan, places)
     entries: dict[str, Any] = {"chosen, in this order; from 2 on for what is not yet known then": BADGE}
     if plan.measured.any():
@@ -96,16 +94,10 @@ def _gain_over_posture(figure: Figure, axes: Axes, plan: "CampaignPlan") -> None
 
 def _curve(axes: Axes, plan: "CampaignPlan", angles: np.ndarray, gain: np.ndarray, joint: int) -> dict[int, Any]:
     """Draw the gain over one joint's angle, also through measured postures beside the grid; return where each is."""
-    heights = 60 * plan.best_gain
-    places = {
-        i: (math.degrees(q[joint]), height)
-        for i, (q, height) in enumerate(zip(plan.predictions.postures, heights, strict=True))
-    }
-    line = plan.arm.workspace.line
-    on_line = [
-        line is None or np.allclose(q, q[joint] / line[joint] * np.array(line)) for q in plan.predictions.postures
-    ]
-    beside = [i for i in range(len(heights)) if i not in plan.grid.seen and on_line[i]]
+    heights, postures, line = 60 * plan.best_gain, np.array(plan.predictions.postures), plan.arm.workspace.line
+    places = dict(enumerate(zip(np.degrees(postures[:, joint]), heights, strict=True)))
+    along = postures if line is None else np.outer(postures[:, joint] / line[joint], line)
+    beside = [i for i, q in enumerate(postures) if i not in plan.grid.seen and np.allclose(q, along[i])]
     x = np.append(angles, [places[i][0] for i in beside])
     y = np.append(gain, heights[beside])
     order = np.argsort(x)
@@ -137,32 +129,15 @@ def _map(axes: Axes, angles: np.ndarray, gain: np.ndarray, *, sampled: bool) -> 
     for (a, b), value in zip(angles.round(6), gain, strict=True):
         i, j = np.searchsorted(y, b), np.searchsorted(x, a)
         table[i, j] = np.fmax(table[i, j], value)
-    return axes.pcolormesh(_edges(x), _edges(y), table, cmap="viridis")
-
-
-def _edges(centres: np.ndarray) -> np.ndarray:
-    """Return the borders of cells about the centres."""
-    half = np.diff(centres) / 2 if len(centres) > 1 else np.array([5.0])
-    return np.array([centres[0] - half[0], *(centres[:-1] + half), centres[-1] + half[-1]])
-
-
-def _ticks(angles: np.ndarray) -> np.ndarray:
-    """Return angles of the grid, zero among them if it is one, few enough to be read."""
-    values = np.unique(angles.round(6))
-    every = -(-len(values) // 13)
-    return values[int(np.argmin(np.abs(values))) % every :: every]
+    return axes.pcolormesh(x, y, table, cmap="viridis", shading="nearest")
 
 
 def _mark(axes: Axes, plan: "CampaignPlan", places: dict[int, Any]) -> None:
     """Mark postures that were measured, and number the chosen ones beside; several numbers share a place."""
     for i in set(np.flatnonzero(plan.measured).tolist()) & set(places):
         axes.plot(*places[i], linestyle="", zorder=3, clip_on=False, **CROSS)
-    numbers: dict[tuple[float, float], list[str]] = {}
-    for number, experiment in enumerate(plan.batch, 1):
-        if experiment.place not in places:  # measured before, but not listed
-            continue
-        x, y = places[experiment.place]
-        numbers.setdefault((round(float(x), 3), round(float(y), 6)), []).append(str(number))
+    chosen = ((each.place, str(i)) for i, each in enumerate(plan.batch, 1) if each.place in places)  # only listed ones
+    numbers = by_key(((round(float(places[i][0]), 3), round(float(places[i][1]), 6)), text) for i, text in chosen)
     for place, texts in numbers.items():
         box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "black"}
         look: Style = {"ha": "center", "va": "center", "color": "black", "fontsize": 9, "fontweight": "bold"}
@@ -180,13 +155,8 @@ def _sd_over_experiments(axes: Axes, plan: "CampaignPlan") -> None:
         axes.plot(experiments, sd[:, i], marker="o", markersize=4, **style)
         entries[cut(name, 28)] = style
     axes.set_yscale("log")
-    axes.set(ylabel="std. error of ln(value) x 100, at the best estimate")
     top, bottom = sd.max() * 1.3, min(sd.min() * 0.7, 4.0)
-    axes.set(ylim=(bottom, top))
-    if bottom < 5.0 < top:
-        axes.axhline(5.0, color=GREY, linewidth=0.9, zorder=1)
-        place: dict[str, Any] = {"ha": "right", "va": "bottom", "transform": axes.get_yaxis_transform()}
-        axes.text(0.995, 5.0, "5 %", color=GREY, fontsize=8, **place)
+    axes.set(ylabel="std. error of ln(value) x 100, at the best estimate", ylim=(bottom, top))
     steps = (1.0, 2.0, 5.0) if top > 10 * bottom else (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0)
     set_ticks(axes.yaxis, LogLocator(subs=steps, numticks=12), "{:.4g}".format)
     axes.set(xlim=(-0.15, len(plan.steps) + 0.15))

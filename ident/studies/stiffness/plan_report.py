@@ -16,7 +16,18 @@ from ident.inference.design import A_OPTIMAL, D_OPTIMAL, OPEN_SD
 from ident.measure import Measurement
 from ident.measure.reading import campaign_rows
 from ident.measure.table import csv_text
-from ident.report.report import Cell, Finding, Report, Section, Table, Verdict, by_row, cut, kept, without_empty_columns
+from ident.report.report import (
+    Finding,
+    Report,
+    Section,
+    Table,
+    Verdict,
+    by_head,
+    by_row,
+    cut,
+    kept,
+    without_empty_columns,
+)
 from ident.report.words import counted, degrees, lowered, percent, scatter, unit_of
 from ident.studies.cause.source_report import LISTED as LISTED_RUNS
 from ident.studies.cause.source_report import named, size_of
@@ -122,12 +133,12 @@ def _findings(plan: "CampaignPlan", hammer: Sequence[HammerPlan]) -> Iterator[Fi
     """Yield what bears on the verdict, the weightiest first."""
     if plan.fit:
         yield from drive_states(plan.arm, plan.fit.campaign)
-    draws, missed = len(plan.at_draws), plan.missed_at_draws
-    if plan.missed or missed.any():
-        cells = [f"{item.name} {missed[i]}" for i, item in enumerate(plan.sought) if missed[i]]
-        also = [f"on how many of {draws} other plausible arms: {', '.join(map(kept, cells))}"] if cells else []
-        best = [f"at the best estimate: {', '.join(plan.missed)}"] if plan.missed else []
-        yield Finding(f"target missed {'; '.join(best + also)}", "more experiments (--count), --load or --modes")
+    missed = [kept(f"{item.name} {n}") for item, n in zip(plan.sought, plan.missed_at_draws, strict=False) if n]
+    if plan.missed or missed:
+        also = f"on how many of {len(plan.at_draws)} other plausible arms: {', '.join(missed)}" if missed else ""
+        best = f"at the best estimate: {', '.join(plan.missed)}" if plan.missed else ""
+        where = "; ".join(filter(None, (best, also)))
+        yield Finding(f"target missed {where}", "more experiments (--count), --load or --modes")
     yield from _loose_findings(plan)
     for each in hammer:
         for i, j in each.alike:
@@ -184,14 +195,13 @@ def _batch_table(plan: "CampaignPlan", most: int, *, gains: bool = True) -> Tabl
     """Return the first experiments of the batch with their costs, and their gains if asked for."""
     unit = criterion_in_words(plan)[1]
     units = [*([unit] if unit != "nat" else []), "nat"] if gains else []
-    rows: list[tuple[Cell, ...]] = []
-    for number, (step, each) in enumerate(zip(plan.steps[:most], plan.batch[:most], strict=True), 1):
-        gain = (step.gain, step.nats)[2 - len(units) :]
-        rows.append((str(number), degrees(each.posture), experiment_in_words(each), step.cost, *gain))
-    head = ("", "posture", "experiment", "time [min]", *(f"gain [{unit}]" for unit in units))
-    forms = ("", "", "", ".0f", *(".3g" for _ in units))
+    rows = [
+        (str(i), degrees(each.posture), experiment_in_words(each), step.cost, *(step.gain, step.nats)[2 - len(units) :])
+        for i, (step, each) in enumerate(zip(plan.steps[:most], plan.batch[:most], strict=True), 1)
+    ]
     note = f"and {len(plan.steps) - most} more experiments, see --details" if len(plan.steps) > most else ""
-    return Table("", head, tuple(rows), forms, note)
+    heads = "", "posture", "experiment", "time [min]|.0f", *(f"gain [{unit}]|.3g" for unit in units)
+    return by_head(heads, rows, note=note)
 
 
 def _if_resolved(plan: "CampaignPlan") -> str:
@@ -201,19 +211,18 @@ def _if_resolved(plan: "CampaignPlan") -> str:
 
 def _sd_table(plan: "CampaignPlan", title: str, shown: Sequence[int], condition: str = "") -> Table:
     """Return the std. error of each unknown after some steps of the batch, and its range over plausible arms."""
-    steps = list(dict.fromkeys(shown))
-    rows: list[tuple[str, ...]] = []
+    steps, rows = list(dict.fromkeys(shown)), []
+    names = plan.fit.problem.parameters.names if plan.fit else ()
     for i, item in enumerate(plan.sought):
         draws = plan.at_draws[:, i]
         spread = _from_to([sd_in_words(item, float(sd)) for sd in (draws.min(), draws.max())]) if len(draws) else ""
         cells = [sd_in_words(item, float(plan.sd[step, i])) for step in steps]
-        names = plan.fit.problem.parameters.names if plan.fit else ()
         if plan.fit and item.name in names:  # why the fit that a plan starts from has no interval of an unknown
             cells[0] = why_no_interval(plan.fit, names.index(item.name)) or cells[0]
         rows.append((cut(item.name, 38), *cells, spread))
     title += " [% or factor]" * any("factor" in cell for row in rows for cell in row[1:])
-    head = (title, *(f"after {step}{condition}" if step else "now" for step in steps), "on plausible arms")
-    return without_empty_columns(Table("", head, tuple(rows)))
+    heads = title, *(f"after {step}{condition}" if step else "now" for step in steps), "on plausible arms"
+    return without_empty_columns(by_head(heads, rows))
 
 
 def _from_to(ends: Sequence[str]) -> str:
@@ -230,22 +239,17 @@ def _from_to(ends: Sequence[str]) -> str:
 
 def _experiments_table(plan: "CampaignPlan", title: str, chosen: Sequence[int], *, with_posture: bool = True) -> Table:
     """Return experiments as the next one, each with its gain and the unknown that it improves most."""
-    rows: list[tuple[Cell, ...]] = []
+    rows = []
     for rank, i in enumerate(chosen, 1):
-        each = plan.experiments[i]
-        mark = "*" if plan.measured[each.place] else ""
-        improved = plan.known.sd[0] / plan.sd_after(i)
-        place = int(np.argmax(improved))
-        item = plan.sought[place]
-        most = f"{item.name} to {sd_in_words(item, float(plan.sd_after(i)[place]))}"
-        where = (str(rank), f"{degrees(each.posture)}{mark}") if with_posture else ()
+        each, after = plan.experiments[i], plan.sd_after(i)
+        place = int(np.argmax(plan.known.sd[0] / after))
+        most = f"{plan.sought[place].name} to {sd_in_words(plan.sought[place], float(after[place]))}"
+        where = str(rank), degrees(each.posture) + "*" * bool(plan.measured[each.place])
         numbers = (float(plan.gain[i]), float(plan.candidates.cost[i]), float(60 * plan.per_cost[i]))
-        rows.append((*where, experiment_in_words(each), *numbers, most))
-    unit = criterion_in_words(plan)[1]
-    head = ("", "posture", "experiment", f"gain [{unit}]", "time [min]", "gain/h", "improves most")
-    forms = ("", "", "", ".3g", ".0f", ".3g", "")
-    first = 0 if with_posture else 2
-    return Table(title, head[first:], tuple(rows), forms[first:])
+        rows.append((*where, experiment_in_words(each), *numbers, most)[0 if with_posture else 2 :])
+    gain = f"gain [{criterion_in_words(plan)[1]}]|.3g"
+    heads = "", "posture", "experiment", gain, "time [min]|.0f", "gain/h|.3g", "improves most"
+    return by_head(heads[0 if with_posture else 2 :], rows, title)
 
 
 # -------- Details
@@ -265,19 +269,21 @@ def _details(plan: "CampaignPlan", hammer: Sequence[HammerPlan]) -> Iterator[Sec
 def _candidates(plan: "CampaignPlan") -> Section:
     """Return what was compared, the best next experiments, and what else could be done at the best posture."""
     different, every = len(np.unique(plan.grid.seen[plan.grid.seen >= 0])), len(plan.predictions.postures)
-    distinct = f"{every} distinct postures"
-    if every > different:
-        distinct += f" ({different} on the grid, {every - different} already measured)"
+    measured = f" ({different} on the grid, {every - different} already measured)" if every > different else ""
     sample = ", a sample of the grid" if plan.grid.sampled else ""
+    workspace = plan.arm.workspace
+    line = f"on the line ({', '.join(f'{share:g}' for share in workspace.line)}), " if workspace.line else ""
+    where = "listed in the arm file" if workspace.postures else f"{line}within the joint limits"
+    where += f", above {workspace.lowest:g} m" if math.isfinite(workspace.lowest) else ""
     words, unit = criterion_in_words(plan)
     best = plan.ranked(RANKED)
     first = plan.experiments[best[0]]
-    there = [i for i, each in enumerate(plan.experiments) if each.place == first.place]
-    there.sort(key=lambda i: -plan.per_cost[i])
+    own = [i for i, each in enumerate(plan.experiments) if each.place == first.place]
+    there = sorted(own, key=lambda i: -plan.per_cost[i])
     repeated = any(plan.measured[plan.experiments[i].place] for i in best)
     star = "* measured already, there or in an equivalent posture: a repeat averages noise, and gains less."
     compared = (
-        f"{len(plan.grid.postures)} postures {_where(plan)}{sample}: {distinct}, "
+        f"{len(plan.grid.postures)} postures {where}{sample}: {every} distinct postures{measured}, "
         f"{counted(len(plan.experiments), 'candidate experiment')}. Chosen for {words}, most gain [{unit}] per "
         "minute first."
     )
@@ -287,28 +293,16 @@ def _candidates(plan: "CampaignPlan") -> Section:
     return Section(title, (compared, _experiments_table(plan, "", best), *[star] * repeated, note, others))
 
 
-def _where(plan: "CampaignPlan") -> str:
-    """Say which postures were compared."""
-    workspace = plan.arm.workspace
-    line = f"on the line ({', '.join(f'{share:g}' for share in workspace.line)}), " if workspace.line else ""
-    where = "listed in the arm file" if workspace.postures else f"{line}within the joint limits"
-    return where + (f", above {workspace.lowest:g} m" if math.isfinite(workspace.lowest) else "")
-
-
 def _batch(plan: "CampaignPlan") -> Iterator[Section]:
     """Yield what each value of the batch gives."""
     if not plan.steps:
         return
-    rows = tuple(
-        (str(number), value, nats)
-        for number in range(1, len(plan.steps) + 1)
-        for value, nats in plan.value_gains(number - 1)
-    )
+    rows = [(str(i + 1), value, nats) for i in range(len(plan.steps)) for value, nats in plan.value_gains(i)]
     note = (
         "Information that each value would give as the only one of its experiment. Fewer modes give less, but a hammer "
         "test measures them all at once."
     )
-    table = Table("", ("experiment", "value", "gain [nat]"), rows, ("", "", ".2g"), note)
+    table = by_head(("experiment", "value", "gain [nat]|.2g"), rows, note=note)
     total = sum(step.cost for step in plan.steps)
     title = f"The batch of {len(plan.steps)}, each experiment chosen after those before it: {total:.0f} min"
     yield Section(title, (_batch_table(plan, len(plan.steps)), table))
@@ -445,25 +439,21 @@ def run_plan_sections(plan: "RunPlan") -> Report:
         said = f"{size * own:.4g}" if own else "not given"
         answer = ("yes" if own > plan.least[k] else "no") if own else "above least told"
         rows.append((named(source), said, f"{size * plan.sd[k]:.3g}", f"{size * plan.least[k]:.3g}", unit, answer))
-    head = ("Source", "in the file", "std. error", "least told", "unit", "told?")
     note = "Least told: a 95 % interval is half of the amplitude either way. Stiffness known to 10 % before (assumed)."
-    first = (_further_table(plan, LISTED_RUNS),) if plan.further else ()
+    further = [
+        (f"{x.speed:g} %, {x.part}", f"{x.point} {x.direction}", x.gain, ", ".join(map(named, plan.also(x))) or None)
+        for x in plan.further
+    ]
+    heads = "Run", "sensor", "gain [nat]|.1f", "tells also"
+    first, every = (by_head(heads, own, "Further runs, one sensor each") for own in (further[:LISTED_RUNS], further))
+    table = by_head(("Source", "in the file", "std. error", "least told", "unit", "told?"), rows, note=note)
     return Report(
         f"Planned runs of {cut(problem.arm.name, 40)}: {what} of {count} possible sources",
         verdict,
-        (Table("", head, tuple(rows), ("",) * 6, note), *first),
+        (table, first) if further else (table,),
         next="ident source {runs} --arm {arm}",
-        details=(Section("Further runs", (_further_table(plan, len(plan.further)),)),) if plan.further else (),
+        details=(Section("Further runs", (every,)),) if further else (),
     )
-
-
-def _further_table(plan: "RunPlan", count: int) -> Table:
-    rows = []
-    for each in plan.further[:count]:
-        also = ", ".join(map(named, plan.also(each))) or None
-        rows.append((f"{each.speed:g} %, {each.part}", f"{each.point} {each.direction}", each.gain, also))
-    head = ("Run", "sensor", "gain [nat]", "tells also")
-    return Table("Further runs, one sensor each", head, tuple(rows), ("", "", ".1f", ""))
 
 
 def run_plan_rows(plan: "RunPlan") -> list[dict[str, Any]]:

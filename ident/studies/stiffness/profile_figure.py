@@ -75,20 +75,18 @@ def _panel(axes: Axes, profile: Profile, bottom: float) -> None:
     left, right = (float(theta) - profile.optimum for theta in profile.theta[[0, -1]])
     pad = 0.06 * max(right - left, 1e-9)
     left, right = left - pad, right + pad
+    ends = map(float, _place(profile, profile.optimum + np.array([left, right])))
     if profile.item.positive:
-        ratio_axis(axes, math.exp(left), math.exp(right))
+        ratio_axis(axes, *ends)
         axes.set(xlabel="value / fitted [-]")
     else:
-        unit = read_unit(profile.name)[1]
-        axes.set_xlim(*map(float, _place(profile, profile.optimum + np.array([left, right]))))
-        axes.set(xlabel=f"value - fitted [{unit}]")
+        axes.set(xlim=tuple(ends), xlabel=f"value - fitted [{read_unit(profile.name)[1]}]")
     for interval in profile.intervals:
         axes.axhline(threshold(interval.level), color="#D8D8D8", linewidth=0.8, zorder=1)
     # between its points a profile is drawn as pieces of parabolas
     theta = np.union1d(profile.theta, np.linspace(profile.theta[0], profile.theta[-1], 301))
-    root = np.interp(
-        theta, profile.theta, np.sign(profile.delta_chi_squared) * np.sqrt(np.abs(profile.delta_chi_squared))
-    )
+    rise = profile.delta_chi_squared
+    root = np.interp(theta, profile.theta, np.sign(rise) * np.sqrt(np.abs(rise)))
     axes.plot(_place(profile, theta), np.sign(root) * root**2, color=BLUE, linewidth=1.8, zorder=3)
     if math.isfinite(profile.sd):
         theta = profile.optimum + np.linspace(left, right, 201)
@@ -109,8 +107,7 @@ def _ending(axes: Axes, profile: Profile, side: int, top: float) -> None:
         return
     at = (float(_place(profile, profile.theta[last])), float(profile.delta_chi_squared[last]))
     word, marker = ("open", "<>"[side]) if ending is Ending.OPEN else ("model ends", "|")
-    style = {**HOLLOW, "color": BLUE, "marker": marker, "markersize": 7 if marker != "|" else 12}
-    axes.plot([at[0]], [at[1]], linestyle="", zorder=4, clip_on=False, **style)
+    axes.plot(*at, zorder=4, clip_on=False, **{**HOLLOW, "color": BLUE, "marker": marker, "markersize": 8})
     above = at[1] < 0.9 * top
     place = {"ha": ("left", "right")[side], "va": "bottom" if above else "top"}
     note(axes, word, at, (0, 8 if above else -12), color=BLUE, **place)
@@ -119,9 +116,7 @@ def _ending(axes: Axes, profile: Profile, side: int, top: float) -> None:
 def _place(profile: Profile, theta: Any) -> Any:
     """Return where a theta stands in the panel: relative to the fitted value, or as a difference from it."""
     off = np.asarray(theta) - profile.optimum
-    if profile.item.positive:
-        return np.exp(off)
-    return off * float(profile.item.scale) / read_unit(profile.name)[0]
+    return np.exp(off) if profile.item.positive else off * float(profile.item.scale) / read_unit(profile.name)[0]
 
 
 def _title(profile: Profile) -> str:

@@ -5,8 +5,8 @@ from typing import Any
 
 from ident.identify.fit import CampaignFit
 from ident.inference.optima import LINEAR, Ending
-from ident.inference.profile import FLAT, Interval, Profile, threshold
-from ident.report.report import Cell, Finding, Report, Section, Table, Verdict, cut, without_empty_columns, written
+from ident.inference.profile import Interval, Profile, threshold
+from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, cut, without_empty_columns, written
 from ident.report.words import (
     counted,
     in_shown_unit,
@@ -71,9 +71,9 @@ def _intervals_table(profiles: Sequence[Profile]) -> Table:
         halves = ("open" if ending is Ending.OPEN else f"{half:.2f}" if half else "closed" for half, ending in pairs)
         rows.append((with_tied(profile.item), fitted, *ends, ", ".join(halves), "" if profile.linear else "*"))
     level = level_in_words(profiles[0].widest.level)
-    head = (f"Unknown{shared}", "fitted", f"{level} by profile", "linear", "profile / linear", "")
-    note = "" if all(profile.linear for profile in profiles) else f"*: not within {percent(LINEAR)} of 1."
-    return without_empty_columns(Table("", head, tuple(rows), note=note))
+    note = f"*: not within {percent(LINEAR)} of 1." * (not all(profile.linear for profile in profiles))
+    heads = f"Unknown{shared}", "fitted", f"{level} by profile", "linear", "profile / linear", ""
+    return without_empty_columns(by_head(heads, rows, note=note))
 
 
 def _findings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Finding]:
@@ -89,21 +89,18 @@ def _findings(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Finding
             text = f"{profile.name}: another optimum fits about as well outside this interval, at {places}"
             text += f" {in_shown_unit(profile.name, 1.0)[1]}"
             yield Finding(text.removesuffix(" -"), "measure what tells them apart (`ident plan`)")
-    for side in (0, 1):
-        names = [profile.name for profile in profiles if side in _open_sides(profile)]
-        if names:
-            text = f"the data give no {('lower', 'upper')[side]} bound for {', '.join(names)}"
-            yield Finding(text, "measure what `ident plan` proposes")
+    for side, word in enumerate(("lower", "upper")):
+        if names := [profile.name for profile in profiles if side in _open_sides(profile)]:
+            yield Finding(f"the data give no {word} bound for {', '.join(names)}", "measure what `ident plan` proposes")
     for profile in profiles:
         for side, theta in enumerate((profile.widest.low, profile.widest.high)):
             if profile.widest.endings[side] is Ending.MODEL:
                 end = _shown(profile, theta)
                 yield Finding(f"{profile.name}: bounded {SIDES[side]} by the model, which has no answer beyond {end}")
     for profile in profiles:
-        inside = profile.converged_inside
-        if not inside.all():
-            lost = f"{int((~inside).sum())} of {counted(len(inside), 'point')}"
-            yield Finding(f"{profile.name}: the search did not converge at {lost}; the profile may lie lower there")
+        if lost := int((~profile.converged_inside).sum()):
+            where = f"{lost} of {counted(len(profile.converged_inside), 'point')}"
+            yield Finding(f"{profile.name}: the search did not converge at {where}; the profile may lie lower there")
 
 
 # -------- Details
@@ -122,24 +119,16 @@ def _details(fit: CampaignFit, profiles: Sequence[Profile]) -> Iterator[Section]
     yield Section("How to read it", (method, *priors_in_words(fit.problem.parameters.items)))
     levels = [interval.level for interval in profiles[0].intervals]
     if len(levels) > 1:
-        rows = tuple((each.name, *(interval_text(each, interval) for interval in each.intervals)) for each in profiles)
+        rows = ((each.name, *(interval_text(each, interval) for interval in each.intervals)) for each in profiles)
         title = f"Intervals at all levels{shared_unit(each.name for each in profiles)}"
-        yield Section(title, (Table("", ("unknown", *map(level_in_words, levels)), rows),))
-    sides = tuple(_open_row(profile, side) for profile in profiles for side in _open_sides(profile))
+        yield Section(title, (by_head(("unknown", *map(level_in_words, levels)), rows),))
+    sides = []
+    for profile, side in ((each, side) for each in profiles for side in _open_sides(each)):
+        end, rise = _shown(profile, profile.theta[-side]), float(profile.delta_chi_squared[-side])
+        flat = " and stays flat" * bool(profile.flat[side])
+        sides.append(f"{profile.name} {SIDES[side]}: chi-squared rises by {max(rise, 0.0):.2g} up to {end}{flat}.")
     if sides:
-        head = ("unknown", "side", "searched to", "chi-squared rises by", "needed", "")
-        note = "flat: the data do not depend on the unknown there."
-        yield Section("Sides without a bound", (Table("", head, sides, ("", "", ".3g", ".2g", ".3g", ""), note),))
-
-
-def _open_row(profile: Profile, side: int) -> tuple[Cell, ...]:
-    """Return how far an open side was searched, and how far chi-squared has risen there."""
-    last = (0, -1)[side]
-    (value,) = profile.values(profile.theta[[last]])
-    rise = float(profile.delta_chi_squared[last])
-    flat = "flat" if profile.flat[side] else ""
-    end = in_shown_unit(profile.name, float(value))[0]
-    return profile.name, SIDES[side], end, 0.0 if rise < FLAT else rise, threshold(profile.widest.level), flat
+        yield Section("Sides without a bound", tuple(sides))
 
 
 def interval_text(profile: Profile, interval: Interval) -> str:
@@ -175,10 +164,10 @@ def profile_rows(profiles: Sequence[Profile]) -> list[dict[str, Any]]:
     An open end is infinite, or zero for a positive number.
     """
     rows = []
-    for profile in profiles:
-        linear, widest = profile.linear_interval, profile.widest
-        values = profile.values([profile.optimum, linear.low, linear.high, widest.low, widest.high])
+    for each in profiles:
+        linear, widest = each.linear_interval, each.widest
+        values = each.values([each.optimum, linear.low, linear.high, widest.low, widest.high])
         names = ("value", "linear_low_95", "linear_high_95", "low_95", "high_95")
         own = dict(zip(names, map(float, values), strict=True))
-        rows.append({"parameter": profile.name, "unit": unit_of(profile.name), **own})
+        rows.append({"parameter": each.name, "unit": unit_of(each.name), **own})
     return rows

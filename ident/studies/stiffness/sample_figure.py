@@ -12,9 +12,7 @@ from ident.identify.unknowns import is_of_loop
 from ident.inference.draws import (
     LEARNED,
     LEVELS,
-    combinations,
     prior_intervals,
-    prior_spread,
     quantiles,
     ratio_to_prior,
     share_of_prior,
@@ -24,7 +22,6 @@ from ident.report.style import (
     BLUE,
     FILLED,
     GREEN,
-    GREY,
     HOLLOW,
     ORANGE,
     PALE,
@@ -36,7 +33,7 @@ from ident.report.style import (
     rows,
     titled,
 )
-from ident.report.words import SETUP, direction_name
+from ident.report.words import SETUP
 from ident.studies.stiffness.fit_figure import DENSE, LETTER, PANEL, ROW, longest_label, measurement_rows
 from ident.studies.stiffness.sample_report import of_first
 
@@ -58,23 +55,17 @@ def sample_figures(result: "CampaignSample") -> dict[str, Figure]:
 
 
 def posterior_figure(result: "CampaignSample") -> Figure:
-    """Draw posterior against prior, parameter by parameter and in combination, and predicted against measured."""
-    items = _shown(result)
-    combined = combinations(result.sample) if len(result.fitted.problem.parameters.items) > 1 else []
-    left = [len(items) * ROW + PANEL, len(combined) * ROW + PANEL]
-    right = min(len(result.fitted.campaign), DENSE) * ROW + PANEL
+    """Draw posterior against prior, parameter by parameter, and predicted against measured."""
+    rows_of_both = len(_shown(result)), min(len(result.fitted.campaign), DENSE)
     arm, campaign = cut(result.fitted.arm.name, 50), cut(result.fitted.campaign.name, 50) or "measurements"
     title = f"Posterior of {arm} given {campaign}{of_first(result)}"
     if result.withheld:
         title += f"\nNo interval is reported: {result.withheld[0].replace('see below', 'see ident fit')}"
     wider = LETTER * max(0, longest_label(result.fitted.campaign.measurements) - 52)
-    figure = titled((15.5 + wider, max(sum(left), right) + 0.5), title, (0.1, 0.06), wspace=0.04)
-    columns = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
-    stacked = columns[0].subgridspec(2, 1, height_ratios=left)
-    _against_prior(figure.add_subplot(stacked[0]), result)
-    if combined:
-        _combinations(figure.add_subplot(stacked[1]), result)
-    _predicted(figure.add_subplot(columns[1]), result)
+    figure = titled((15.5 + wider, max(rows_of_both) * ROW + PANEL + 0.5), title, (0.1, 0.06), wspace=0.04)
+    left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
+    _against_prior(left, result)
+    _predicted(right, result)
     return figure
 
 
@@ -126,28 +117,6 @@ def _frame(own: np.ndarray, prior: np.ndarray) -> tuple[float, float, bool]:
     hidden = bool((prior[:, 0] < left).any() or (prior[:, 1] > right).any())
     pad = (right / left) ** 0.04
     return left / pad, right * pad, hidden
-
-
-def _combinations(axes: Axes, result: "CampaignSample") -> None:
-    """Draw the spread of each combination over the draws, and what the prior alone would leave."""
-    known, parameters = combinations(result.sample), result.fitted.problem.parameters
-    names = parameters.names
-    spread = result.sample.draws()[:, : len(names)].std(0)
-    rows(axes, [direction_name(direction, names, spread) for direction in known])
-    axes.set_xscale("log")
-    for y, direction in enumerate(known):
-        prior = prior_spread(direction, parameters)
-        if np.isfinite(prior):
-            axes.plot([direction.sd, prior], [y, y], color=PALE, linewidth=1.2)
-            axes.plot([prior], [y], linestyle="", marker="|", markersize=11, color=GREY)
-        axes.plot([direction.sd], [y], linestyle="", **(HOLLOW if direction.sd > LEARNED * prior else FILLED))
-    left, right = axes.get_xlim()
-    ticks = [step for step in (1e-4, 1e-3, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0) if left < step < right]
-    axes.set_xticks(ticks, [f"{100 * tick:g} %" if tick < 1 else f"factor {np.exp(tick):.2g}" for tick in ticks])
-    axes.set_xticks([], minor=True)
-    axes.set(xlabel="standard deviation of ln(combination) [-]")
-    keys: dict[str, Style] = {"by the posterior": FILLED, "by the prior alone": {"marker": "|", "color": GREY}}
-    heading(axes, "Parameters in combination, best known first", keys)
 
 
 def _predicted(axes: Axes, result: "CampaignSample") -> None:

@@ -12,7 +12,7 @@ from ident.inference.draws import LEARNED, combinations, quantiles, share_of_pri
 from ident.inference.fit import contradicting
 from ident.inference.posterior import MOVED
 from ident.inference.sample import RIVAL
-from ident.report.report import Cell, Finding, Report, Section, Table, Verdict, by_row, cut, without_empty_columns
+from ident.report.report import Finding, Report, Section, Table, Verdict, by_head, by_row, cut, without_empty_columns
 from ident.report.words import (
     SETUP,
     counted,
@@ -147,14 +147,12 @@ def _findings(result: "CampaignSample") -> Iterator[Finding]:
     fit, names = result.fitted, result.sample.posterior.parameters.names
     if result.withheld:
         yield from what_to_do(fit)
-    if asked := asked_for(fit):
-        yield asked
+    yield from filter(None, [asked_for(fit)])
     yield from odd_numbers(fit.arm, fit.problem.parameters)
     yield from drive_states(fit.arm, fit.campaign)
     if len(result.sample.basins) > 1 and result.weights is None:
         yield Finding("no ensemble crosses between the optima, so their shares are unknown", "repeat with --weights")
-    prior = _mostly_prior(result)
-    if prior and not result.withheld:
+    if (prior := _mostly_prior(result)) and not result.withheld:
         text = f"known mostly by the prior: {some([cut(names[i], 24) for i in prior])}"
         yield Finding(text, "measure what `ident plan` proposes")
 
@@ -180,7 +178,7 @@ def _below(result: "CampaignSample") -> np.ndarray:
 
 
 def _outside(below: np.ndarray) -> np.ndarray:
-    return ~((below > LEAST_BELOW) & (below < 1 - LEAST_BELOW))
+    return np.abs(below - 0.5) >= 0.5 - LEAST_BELOW
 
 
 def _farthest(result: "CampaignSample") -> str:
@@ -188,10 +186,9 @@ def _farthest(result: "CampaignSample") -> str:
     below = _below(result)
     out, i = _outside(below), int(np.argmax(np.abs(below - 0.5)))
     row = row_names(result.fitted.campaign)[i]
+    which = f"{out.sum()} of {len(out)}" if out.any() else f"All {len(out)}"
     far = f"farthest out: row {row}, with {100 * below[i]:.1f} % of the simulated values below it."
-    if out.any():
-        return f"{out.sum()} of {len(out)} measurements lie outside the predicted 99 %; {far}"
-    return f"All {len(out)} measurements lie within the predicted 99 %; {far}"
+    return f"{which} measurements lie {'outside' if out.any() else 'within'} the predicted 99 %; {far}"
 
 
 # -------- Values
@@ -204,7 +201,7 @@ def _values(result: "CampaignSample", basin: int, places: Sequence[int]) -> Tabl
     fitted = [*result.fitted.optima[basin].values, *(1.0 for _ in sample.posterior.noise.items)]
     known, share = quantiles(sample, basin).T, share_of_prior(sample, basin)
     shared = shared_unit(items[i].name for i in places)
-    rows: list[tuple[Cell, ...]] = []
+    rows = []
     for i in places:
         size, unit = in_shown_unit(items[i].name, 1.0)
         low, _, median, _, high = (float(q) * size for q in known[i])
@@ -214,9 +211,9 @@ def _values(result: "CampaignSample", basin: int, places: Sequence[int]) -> Tabl
         numbers = (median, interval, float(fitted[i]) * size, float(items[i].start) * size)
         rows.append((items[i].name, *numbers, of_prior, "" if shared else unit))
     what = "Stiffness" if all(is_stiffness(items[i].name) for i in places) else "Unknown"
-    head = (f"{what}{shared}", "median", "95 % interval", "fit", "arm file", "interval / prior", "unit")
+    heads = f"{what}{shared}", "median|#.4g", "95 % interval", "fit|#.4g", "arm file|.4g", "interval / prior", "unit"
     caption = f"About optimum {basin + 1}" if len(sample.basins) > 1 else ""
-    return without_empty_columns(Table(caption, head, tuple(rows), ("", "#.4g", "", "#.4g", ".4g", "", "")))
+    return without_empty_columns(by_head(heads, rows, caption))
 
 
 # -------- Details
@@ -262,26 +259,22 @@ def _measurements(result: "CampaignSample") -> Section:
         measured, unit = in_read_unit(m.kind, m.value)
         mark = "outside" if out[i] else ""
         rows.append((names[i], describe(m), unit, measured, span(low, high), 100 * float(below[i]), mark))
-    head = ("row", "measurement", "unit", "measured", "predicted 95 %", "below [%]", "")
     note = (
         "Below: share of the measurements simulated by the posterior, with their errors, that are lower than the "
         f"measured value; outside: fewer than {100 * LEAST_BELOW:g} % lie on one side."
     )
-    forms = ("", "", "", ".4g", "", ".1f", "")
-    return Section(f"Measurements and predictions{of_first(result)}", (Table("", head, tuple(rows), forms, note),))
+    heads = "row", "measurement", "unit", "measured|.4g", "predicted 95 %", "below [%]|.1f", ""
+    return Section(f"Measurements and predictions{of_first(result)}", (by_head(heads, rows, note=note),))
 
 
 def _optima(result: "CampaignSample") -> Iterator[Section]:
     basins, left_out = result.sample.basins, len(result.fitted.optima) - len(set(result.sample.started))
     parts: list[str | Table] = []
-    if len(basins) > 1 and result.weights is None:
-        parts.append(f"{len(basins)} optima fit almost equally well; each was sampled separately.")
-    elif len(basins) > 1 and result.weights is not None:
+    if len(basins) > 1 and result.weights is not None:
         shares = zip(basins, result.weights.share, result.weights.sd, strict=True)
         rows = [(str(basin + 1), 100 * float(share), 100 * float(sd)) for basin, share, sd in shares]
-        head = ("optimum", "probability [%]", "std. error [%]")
         note = f"By nested sampling; log evidence {result.weights.log_evidence:.2f}."
-        parts.append(Table("", head, tuple(rows), ("", ".1f", ".1f"), note))
+        parts.append(by_head(("optimum", "probability [%]|.1f", "std. error [%]|.1f"), rows, note=note))
     if left_out:
         parts.append(f"Not sampled, because their score is higher by more than {RIVAL:g}: {left_out}.")
     if parts:
@@ -296,28 +289,20 @@ def _chains(result: "CampaignSample") -> Section:
         accepted = 100 * float(sample.acceptance[np.array(sample.basin) == basin].mean())
         worst = float(each.bulk.min()), float(each.tail.min()), float(each.rhat.max())
         rows.append((str(basin + 1), each.steps, each.burn_in, float(each.tau.max()), accepted, *worst))
-    head = (
-        *("optimum", "steps", "burn-in", "autocorrelation time [steps]", "accepted [%]"),
-        *("bulk ESS", "tail ESS", "R-hat"),
-    )
+    heads = "optimum", "steps|d", "burn-in|d", "autocorrelation time [steps]|.0f", "accepted [%]|.0f"
     _, ensembles, walkers, _ = sample.theta.shape
     note = (
         f"{counted(ensembles, 'ensemble')} of {walkers} walkers. Numbers of the worst unknown. ESS: effective "
         f"sample size. Sufficient: R-hat below {MIXED}, {LONG_ENOUGH} autocorrelation times and a bulk ESS of "
         f"{sample.settings.target_ess:.0f}."
     )
-    table = Table("", head, tuple(rows), ("", "d", "d", ".0f", ".0f", ".0f", ".0f", ".4f"), note)
-    out = sample.marginalised
-    rest = [item.name for item in sample.posterior.parameters.items if item.nuisance and item.name not in out]
-    short = _shortfall(result)
-    said = [sentence(short)] if short else []
+    table = by_head((*heads, "bulk ESS|.0f", "tail ESS|.0f", "R-hat|.4f"), rows, note=note)
+    out, said = sample.marginalised, [sentence(_shortfall(result))] if _short_chains(result) else []
     if out:
         said.append(
             f"Integrated out, and drawn given the other unknowns: {', '.join(out)}. Their nonlinearity would move a "
             f"mean by {max(out.values()):.2g} std. errors (limit {MOVED:g})."
         )
-    if rest:
-        said.append(f"Sampled with the unknowns: {', '.join(rest)}.")
     return Section("Convergence of the chains", (table, *said))
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.inference.information import half_width, p_in_words
-from ident.report.report import Cell, Finding, Report, Section, Table, Verdict, cut, without_empty_columns
+from ident.report.report import Cell, Finding, Report, Section, Table, Verdict, by_head, cut, without_empty_columns
 from ident.report.words import counted, in_read_unit, percent, sentence, some
 from ident.studies.stiffness.warnings import drive_states
 
@@ -76,13 +76,13 @@ def _absolute_kinds(validation: "Validation") -> set[str]:
 def scope_table(validation: "Validation") -> tuple[Table, ...]:
     """Return how far measurements of each kind will lie from their prediction; nothing where none was predicted."""
     absolute = _absolute_kinds(validation)
-    rows: list[tuple[Cell, ...]] = []
+    rows = []
     for kind in dict.fromkeys(m.kind for m in validation.fit.campaign):
         if scope := validation.scope(kind, relative=kind not in absolute):
             sizes = (_size(kind, absolute, size) for size in (scope.half, scope.seen, scope.expected))
             rows.append((kind.replace("_", " "), *sizes, scope.folds))
-    head = ("Expected prediction error (95 %)", "within", "t x rms error", "by the model", "parts")
-    return (Table("", head, tuple(rows), ("", "", "", "", "d")),) if rows else ()
+    heads = "Expected prediction error (95 %)", "within", "t x rms error", "by the model", "parts|d"
+    return (by_head(heads, rows),) if rows else ()
 
 
 def _size(kind: str, absolute: Collection[str], size: float) -> str:
@@ -102,8 +102,8 @@ def _parts_table(validation: "Validation", absolute: Collection[str], *, few: bo
         order = sorted(range(len(parts)), key=lambda i: (np.nan_to_num(parts[i].p_value, nan=2.0), i))[:most]
         parts, caption = tuple(parts[i] for i in sorted(order)), f"The {most} of {len(parts)} parts predicted worst"
     rows = [row for part in parts for row in _part_rows(validation, part, absolute, part.name in missed)]
-    head = ("Left out", "values", "rms error", "largest", "expected rms", "p", "")
-    return without_empty_columns(Table(caption, head, tuple(rows), ("", "", "", "", "", ".2g", "")))
+    heads = "Left out", "values", "rms error", "largest", "expected rms", "p|.2g", ""
+    return without_empty_columns(by_head(heads, rows, caption))
 
 
 def _part_rows(
@@ -156,10 +156,8 @@ def _details(validation: "Validation", absolute: Collection[str]) -> Iterator[Se
         "all values of the part together."
     )
     if absolute:
-        note += (
-            f" In the unit, not in percent: {', '.join(sorted(absolute)).replace('_', ' ')}, of which a value is below "
-            f"{percent(SMALL)} of the largest."
-        )
+        kinds = ", ".join(sorted(absolute)).replace("_", " ")
+        note += f" In the unit, not in percent: {kinds}, of which a value is below {percent(SMALL)} of the largest."
     shown = _parts_table(validation, absolute, few=True)
     every = (_parts_table(validation, absolute),) if shown.caption else ()
     yield Section("Each part, predicted from the rest", (*every, note))
@@ -171,11 +169,9 @@ def _details(validation: "Validation", absolute: Collection[str]) -> Iterator[Se
         yield Section("Expected prediction error", (meaning,))
     campaign = validation.fit.campaign
     angles = np.degrees(np.array([m.posture for m in campaign]))
-    rows = tuple(
-        (joint.name, float(low), float(high))
-        for joint, low, high in zip(validation.fit.arm.driven, angles.min(0), angles.max(0), strict=True)
-    )
-    table = Table("", ("joint", "from [deg]", "to [deg]"), rows, ("", ".4g", ".4g"))
+    names = [joint.name for joint in validation.fit.arm.driven]
+    rows = zip(names, angles.min(0).tolist(), angles.max(0).tolist(), strict=True)
+    table = by_head(("joint", "from [deg]|.4g", "to [deg]|.4g"), rows)
     covered = [f"Loads: {', '.join(dict.fromkeys(cut(str(m.load), 30) for m in campaign))}."]
     if frequencies := [m.value for m in campaign if m.kind == "frequency"]:
         covered.append(f"Frequencies: {min(frequencies):.3g} to {max(frequencies):.3g} Hz.")

@@ -10,17 +10,18 @@ import numpy as np
 from ident.arm.arm import Arm
 from ident.arm.plausibility import oddities
 from ident.identify.explanations import APART, Change, Explanation, Explanations, Telling
-from ident.identify.fit import Assumption, Assumptions, CampaignFit, of_kind
-from ident.identify.hypotheses import KINDS, MARGIN, RIGID, SLIP
+from ident.identify.fit import Assumption, Assumptions, CampaignFit, Loop, of_kind
+from ident.identify.hypotheses import KINDS, MARGIN, SLIP
 from ident.identify.problem import Ramp, row_names
 from ident.inference.fit import FEW, CrossPrediction, contradicting
 from ident.inference.information import RARE, sigma_in_words, standard_deviations
 from ident.inference.parameters import Parameters
 from ident.measure import Campaign, Measurement
-from ident.report.report import Cell, Finding, Part, Section, Table, cut
+from ident.report.report import Cell, Finding, Section, Table, by_head, cut, without_empty_columns
 from ident.report.words import (
     MOST_ROWS,
     by_key,
+    counted,
     describe,
     in_percent,
     in_read_unit,
@@ -28,7 +29,6 @@ from ident.report.words import (
     percent,
     place_read,
     read_unit,
-    sentence,
     size_in_words,
     some,
     three_digits,
@@ -38,34 +38,34 @@ from ident.report.words import (
 # Whether the kinds of measurement agree.
 
 
-def agreement(predictions: Sequence[CrossPrediction], measured: Sequence[Measurement], note: str = "") -> Section:
+def agreement(predictions: Sequence[CrossPrediction], campaign: Campaign, note: str = "") -> Section:
     """Return of each kind how far it is off the others and the prior, and of a small kind each value as well.
 
     Args:
-        predictions: of each kind.
-        measured: the measurements.
+        predictions: of each kind; none of one kind alone.
+        campaign: the measurements.
         note: what else to know.
     """
-    kinds = []
+    sizes, measured, kinds = [len(places) for places, _ in campaign.correlated], campaign.measurements, []
     for cross in predictions:
         numbers = cross.statistic, cross.degrees_of_freedom, cross.p_value, cross.sd if cross.sd >= 1 else None
         kinds.append((cross.kind.replace("_", " "), len(cross.rows), *numbers))
-    head = ("kind", "values", "T", "degrees of freedom", "p", "sigma")
     meaning = (
         "T: rise of the minimum chi-squared of the joint fit over that of the separate fits; priors count with the "
         "other kinds."
     )
-    rows = tuple(
+    rows = [
         (describe(measured[row]), unit, value, predicted, None if cross.z is None else float(cross.z[i]))
         for cross in predictions
         for i, row in enumerate(cross.rows if len(cross.rows) <= FEW else ())
         for predicted, value, unit in [against(cross, i, measured[row])]
-    )
-    parts: list[Part] = [Table("", head, tuple(kinds), ("", "d", "#.3g", ".1f", ".2g", ".1f"), meaning)]
-    if rows:
-        of_values = ("value", "unit", "measured", "predicted from the other kinds", "difference [sigma]")
-        parts.append(Table("", of_values, rows, ("", "", ".3g", ".3g", "+.1f")))
-    return Section("Agreement between kinds of measurement", (*parts, *([note] if note else [])))
+    ]
+    heads = "kind", "values|d", "T|#.3g", "degrees of freedom|.1f", "p|.2g", "sigma|.1f"
+    of_values = "value", "unit", "measured|.3g", "predicted from the other kinds|.3g", "difference [sigma]|+.1f"
+    tables = [by_head(heads, kinds, note=meaning)] * bool(kinds) + [by_head(of_values, rows)] * bool(rows)
+    correlated = f"The errors of {sum(sizes)} measurements are correlated, in {counted(len(sizes), 'group')}."
+    notes = [note] * bool(note) + [correlated] * bool(sizes)
+    return Section("Agreement between kinds of measurement", (*tables, *notes))
 
 
 def kinds_agree(predictions: Sequence[CrossPrediction]) -> str:
@@ -77,8 +77,7 @@ def kinds_agree(predictions: Sequence[CrossPrediction]) -> str:
 
 def against(cross: CrossPrediction, i: int, m: Measurement) -> tuple[float, float, str]:
     """Return what the other kinds predict for the i-th value of a small kind, what was measured, and the unit."""
-    value, unit = in_read_unit(m.kind, cross.measured[i])
-    return in_read_unit(m.kind, cross.predicted[i])[0], value, unit
+    return (in_read_unit(m.kind, cross.predicted[i])[0], *in_read_unit(m.kind, cross.measured[i]))
 
 
 def contradiction(predictions: Sequence[CrossPrediction], campaign: Campaign) -> tuple[str, ...]:
@@ -92,9 +91,8 @@ def contradiction(predictions: Sequence[CrossPrediction], campaign: Campaign) ->
     i = int(np.argmax(z))
     m, name = campaign.measurements[cross.rows[i]], row_names(campaign)[cross.rows[i]]
     predicted, value, unit = against(cross, i, m)
-    read = f"{describe(m)}: measured {three_digits(value)} {unit}"
-    other = f"predicted from the other data {three_digits(predicted)} {unit}"
-    return (sentence(f"row {name}, {read}, {other}"),)
+    measured, other = (f"{three_digits(each)} {unit}" for each in (value, predicted))
+    return (f"Row {name}, {describe(m)}: measured {measured}, predicted from the other data {other}.",)
 
 
 def dependence_on_priors(predictions: Sequence[CrossPrediction]) -> str:
@@ -132,10 +130,8 @@ def what_may_be_wrong(predictions: Sequence[CrossPrediction]) -> str:
 def odd_numbers(arm: Arm, unknowns: Parameters | None = None) -> tuple[Finding, ...]:
     """Return the numbers of an arm that look wrong: a wrong arm file is the commonest cause of a wrong stiffness."""
     odd = oddities(arm, free=None if unknowns is None else unknowns.paths)
-    more = len(odd) - MOST_ROWS
-    named = [Finding(f"arm file: {each}", "correct it, see `ident show`") for each in odd[:MOST_ROWS]]
-    rest = [Finding(f"arm file: {more} more numbers look wrong", "see `ident show`")] if more > 0 else []
-    return (*named, *rest)
+    more = [f"{len(odd) - MOST_ROWS} more numbers look wrong"] if len(odd) > MOST_ROWS else []
+    return tuple(Finding(f"arm file: {each}", "correct it, see `ident show`") for each in (*odd[:MOST_ROWS], *more))
 
 
 def drive_states(arm: Arm, campaign: Campaign) -> tuple[Finding, ...]:
@@ -173,9 +169,9 @@ def assumption_section(fit: CampaignFit) -> Section:
     if found is None:
         return Section(TITLE, ("Not tested, as the search has not ended in an optimum.",))
     kinds = [kind for kind in KINDS if of_kind(found.items, kind)]
-    rows = tuple(_assumption_row(fit, of_kind(found.items, kind)) for kind in kinds)
-    head = ("assumption dropped", "assumed error", "shift", "of", "evidence in the data")
-    return Section(TITLE, (Table("", head, rows), *_meaning(fit, found, kinds)))
+    rows = (_assumption_row(fit, of_kind(found.items, kind)) for kind in kinds)
+    heads = "assumption dropped", "assumed error", "shift", "of", "evidence in the data"
+    return Section(TITLE, (by_head(heads, rows), *_meaning(fit, found, kinds)))
 
 
 def weighty_assumptions(fit: CampaignFit) -> tuple[Table, ...]:
@@ -190,10 +186,10 @@ def weighty_assumptions(fit: CampaignFit) -> tuple[Table, ...]:
             if moved >= LEAST_SHIFT and fit.supported[which]:
                 heavy.append((moved, _assumption_row(fit, items, in_errors=False)))
     heavy.sort(key=lambda pair: (pair[1][-1] != UNTESTABLE, -pair[0]))  # what no data test weighs most
-    rows = tuple((what, size, of, shift, evidence) for _, (what, size, shift, of, evidence) in heavy[:MOST_ROWS])
+    rows = [(what, size, of, shift, evidence) for _, (what, size, shift, of, evidence) in heavy[:MOST_ROWS]]
     note = f"{len(heavy) - len(rows)} more: --details" if len(heavy) > len(rows) else ""
-    head = ("Not modelled, if present", "assumed size", "would shift", "by", "evidence in the data")
-    return (Table("", head, rows, note=note),) if rows else ()
+    heads = "Not modelled, if present", "assumed size", "would shift", "by", "evidence in the data"
+    return (by_head(heads, rows, note=note),) if rows else ()
 
 
 def good_if(fit: CampaignFit) -> str:
@@ -346,34 +342,29 @@ def explanation_section(found: Explanations | None, campaign: Campaign) -> tuple
     for number, item in enumerate(listed, 1):
         slip = all(change.off == SLIP for change in item.changes)
         off = "entry error" if slip else f"{item.off:.1f} sigma" if item.off < 100 else "absurd"
-        left = f"{'~' if item.linear else ''}{three_digits(item.cost)}"
-        cause = _causes(item, campaign), _check(item, campaign)
-        rows.append((str(number) if fitting else "-", left, off, *cause))
-    head = ("no.", "chi2 left", "implausibility", "possible cause", "what to do")
+        left = f"{'~' * item.linear}{three_digits(item.cost)}"
+        rows.append((str(number) if fitting else "-", left, off, _causes(item, campaign), _check(item, campaign)))
     note = (
         "chi2 left: sum of squares of data and priors with the smallest change that suffices. Implausibility: size of "
-        f"the change in standard deviations of what is plausible ({_widths(found)}all assumed); an entry error counts "
-        f"as {SLIP:g}. Ranked by chi2 left + implausibility^2, which must fall by {MARGIN:g} or more. A value that may "
+        "the change in standard deviations of what is plausible (all assumed); an entry error counts as "
+        f"{SLIP:g}. Ranked by chi2 left + implausibility^2, which must fall by {MARGIN:g} or more. A value that may "
         "be wrong is held weakly near the one measured, so it lies between that and the prediction from the other data."
+        f"{' ~: estimated by linearisation.' * any(item.linear for item in found.items)}"
     )
-    note += " ~: estimated by linearisation." if any(item.linear for item in found.items) else ""
-    none = "Nothing that was tried explains the data, alone or in pairs; these come nearest:"
-    more = f"{len(fitting) - LISTED} less probable causes are not listed."
-    above, below = [none] * (not fitting), [more] * (len(fitting) > LISTED)
-    table = Table("", head, tuple(rows), note=note)
-    return (Section(title, (*above, table, *below, *discriminating(found.telling, LISTED))),)
+    above = ["Nothing that was tried explains the data, alone or in pairs; these come nearest:"] * (not fitting)
+    table = by_head(("no.", "chi2 left", "implausibility", "possible cause", "what to do"), rows, note=note)
+    return (Section(title, (*above, table, *discriminating(found.telling, LISTED))),)
 
 
 def _check(item: Explanation, campaign: Campaign) -> str:
     """Say what to do about a cause: labels are swapped back, or the shapes looked at; values are measured again."""
     first = item.changes[0]
-    if first.kind == "exchange" and not _labelled(first, campaign):
-        return "swap them, or measure both again"
-    return CHECKS[first.kind]
+    values = first.kind == "exchange" and _swapped(first, campaign) == "values"
+    return "swap them, or measure both again" if values else CHECKS[first.kind]
 
 
-def _labelled(change: Change, campaign: Campaign) -> bool:
-    return all(campaign.measurements[i].mode for i in change.rows)
+def _swapped(change: Change, campaign: Campaign) -> str:
+    return "labels" if all(campaign.measurements[i].mode for i in change.rows) else "values"
 
 
 def _causes(item: Explanation, campaign: Campaign) -> str:
@@ -382,15 +373,16 @@ def _causes(item: Explanation, campaign: Campaign) -> str:
 
 def _words(change: Change, campaign: Campaign) -> str:
     """Say what would have to be otherwise, and by how much."""
-    rows, of = _rows(change.rows, campaign), cut(change.of, 24)
+    names, of = row_names(campaign), cut(change.of, 24)
+    rows = f"row{'s' * (len(change.rows) > 1)} {some([names[i] for i in change.rows], ROWS)}"
+    rows = "all rows" if len(change.rows) == len(campaign) else rows
     match change.kind:
         case "value":
             m = campaign.measurements[change.rows[0]]
-            value, sd, was = (in_read_unit(m.kind, number)[0] for number in (change.amount, change.sd, m.value))
-            unit = in_read_unit(m.kind, 1.0)[1]
+            (value, unit), (sd, _), (was, _) = (in_read_unit(m.kind, x) for x in (change.amount, change.sd, m.value))
             return f"{rows}: {_quantity(m)} is {_to_its_sd(value, sd)} {unit}, not {was:.4g} {unit}"
         case "exchange":
-            return f"the {'labels' if _labelled(change, campaign) else 'values'} of {rows} are swapped"
+            return f"the {_swapped(change, campaign)} of {rows} are swapped"
         case "on" | "off":
             return f"{of} was {change.kind} in {rows}"
         case "soft base":
@@ -435,20 +427,6 @@ def _amount(change: Change) -> str:
     return f"{percent(change.amount, '+')} +- {percent(change.sd)}"
 
 
-def _rows(rows: Sequence[int], campaign: Campaign) -> str:
-    if len(rows) == len(campaign):
-        return "all rows"
-    names = row_names(campaign)
-    return f"row{'s' * (len(rows) > 1)} {some([names[i] for i in rows], ROWS)}"
-
-
-def _widths(found: Explanations) -> str:
-    """Name the plausible widths of what is listed."""
-    kinds = dict.fromkeys(change.kind for item in found.items for change in item.changes)
-    widths = {kind: KINDS[kind].plausible for kind in sorted(kinds, key=RIGID.__contains__) if kind in KINDS}
-    return ", ".join(f"{kind} {percent(width)}" for kind, width in widths.items()) + "; " * bool(widths)
-
-
 def discriminating(found: Sequence[Telling], leading: int) -> tuple[Table, ...]:
     """Return what to measure to tell causes apart, with what each predicts; nothing where nothing would.
 
@@ -461,19 +439,16 @@ def discriminating(found: Sequence[Telling], leading: int) -> tuple[Table, ...]:
     numbers = [number for number in found[0].numbers if number <= leading]
     rows = []
     for each in found:
-        m, cells = each.measurement, []
-        sigma, unit = in_read_unit(m.kind, m.sigma)
-        for number, *predicted in zip(each.numbers, each.predicted, each.sd, strict=True):
-            value, sd = (in_read_unit(m.kind, part)[0] for part in predicted)
-            if number <= leading:
-                cells.append(f"{value:.3g} +- {sd:.1g}" if math.isfinite(value) else "-")
-        which = {1.0: "lowest ", 2.0: "second "}.get(each.place, "")
+        m, which = each.measurement, {1.0: "lowest ", 2.0: "second "}.get(each.place, "")
+        (sigma, unit), factor = in_read_unit(m.kind, m.sigma), in_read_unit(m.kind, 1.0)[0]
+        causes = zip(each.numbers, factor * np.array(each.predicted), factor * np.array(each.sd), strict=True)
+        cells = [f"{x:.3g} +- {sd:.1g}" if math.isfinite(x) else "-" for number, x, sd in causes if number <= leading]
         rows.append((f"{which}{describe(m)} [{unit}]", *cells, f"+- {sigma:.1g}"))
-    head = ("To tell them apart, measure", *(f"if {number}" for number in numbers), "measured to")
     note = "+-: std. error. No load unless one is named."
     if len(found) > 1 and not any(_tells_all(each, leading) for each in found):
         note += f" No single one separates all causes: measure {'both' if len(found) == 2 else 'all'}."
-    return (Table("", head, tuple(rows), note=note),)
+    heads = "To tell them apart, measure", *(f"if {number}" for number in numbers), "measured to"
+    return (by_head(heads, rows, note=note),)
 
 
 def _tells_all(each: Telling, leading: int) -> bool:
@@ -487,42 +462,27 @@ def _tells_all(each: Telling, leading: int) -> bool:
 # Ramps of loads and the widths of their hysteresis loops.
 
 
-def hysteresis(fit: CampaignFit) -> tuple[Section, ...]:
-    """Return for each ramp of loads how wide its hysteresis loop is."""
-    if not fit.loops:
-        return ()
-    rows: list[tuple[Cell, ...]] = []
-    for loop in fit.loops:
-        size, unit = read_unit(loop.name)
-        known = np.isfinite(loop.sd)
-        width = f"{loop.width / size:.3g} +- {loop.sd / size:.2g} {unit}" if known else "not determined"
-        share = f"{100 * abs(loop.width) / loop.largest:.2g} %" if loop.largest and known else "-"
-        rows.append((place_read(loop.of), width, share, len(loop.rows)))
-    note = "Friction and play: the width determines no stiffness; the mean of loading and unloading does."
-    table = Table("", ("loop", "unloading - loading", "of largest", "rows"), tuple(rows), note=note)
-    return (_ramps("Hysteresis of loading ramps: fitted widths", table, fit.campaign, fit.loops),)
-
-
-def expected_hysteresis(campaign: Campaign, ramps: Sequence[Ramp]) -> tuple[Section, ...]:
-    """Return for each ramp of loads how well the width of its hysteresis loop will be known."""
+def hysteresis(campaign: Campaign, ramps: Sequence[Ramp]) -> tuple[Section, ...]:
+    """Return for each ramp of loads how wide its hysteresis loop is, or how well a fit will know that before it."""
     if not ramps:
         return ()
-    rows: list[tuple[Cell, ...]] = []
+    rows = []
     for ramp in ramps:
         size, unit = read_unit(ramp.name)
-        within = f"{ramp.sd / size:.2g} {unit}" if np.isfinite(ramp.sd) else "not determined"
-        rows.append((place_read(ramp.of), within, len(ramp.rows)))
-    note = "By the data alone, at the arm file's values. `ident fit` finds the widths."
-    table = Table("", ("loop", "std. error of its width", "rows"), tuple(rows), note=note)
-    return (_ramps("Hysteresis of loading ramps: how well a fit will know the widths", table, campaign, ramps),)
-
-
-def _ramps(title: str, table: Table, campaign: Campaign, ramps: Sequence[Ramp]) -> Section:
-    """Return the table of the loops, and which of them were measured in one direction only."""
+        known, share = f"{ramp.sd / size:.2g} {unit}" if math.isfinite(ramp.sd) else "not determined", ""
+        if isinstance(ramp, Loop) and math.isfinite(ramp.sd):
+            known = f"{ramp.width / size:.3g} +- {known}"
+            share = f"{100 * abs(ramp.width) / ramp.largest:.2g} %" if ramp.largest else ""
+        rows.append((place_read(ramp.of), known, share, len(ramp.rows)))
+    fitted = isinstance(ramps[0], Loop)
+    what = "unloading - loading" if fitted else "std. error of unloading - loading"
+    note = "Friction and play: the width determines no stiffness; the mean of loading and unloading does."
+    note += "" if fitted else " Std. errors by the data alone, at the arm file's values."
     ways = [(ramp, {campaign.measurements[i].ramp for i in ramp.rows}) for ramp in ramps]
     one_way = (
         f"{place_read(ramp.of)}: only {own.pop()}, so these rows determine slopes, not the zero reading."
         for ramp, own in ways
         if len(own) == 1
     )
-    return Section(title, (table, *one_way))
+    table = without_empty_columns(by_head(("loop", what, "of largest", "rows"), rows, note=note))
+    return (Section("Hysteresis of loading ramps", (table, *one_way)),)

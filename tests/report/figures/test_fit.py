@@ -24,13 +24,15 @@ def panel(figure, start):
 
 
 def markers(axes):
-    """Single markers as (x, y, filled)."""
+    """Markers as (x, y, filled), from the top down."""
     lines = [line for line in axes.lines if line.get_marker() not in ("None", None, "")]
     white = to_rgba("white")
-    return [
-        (float(line.get_xdata()[0]), float(line.get_ydata()[0]), to_rgba(line.get_markerfacecolor()) != white)
+    found = [
+        (float(x), float(y), to_rgba(line.get_markerfacecolor()) != white)
         for line in lines
+        for x, y in zip(line.get_xdata(), line.get_ydata(), strict=True)
     ]
+    return sorted(found, key=lambda marker: marker[1])
 
 
 def labels_have_units(figure):
@@ -82,7 +84,7 @@ def test_a_fit_in_doubt_says_so_and_rims_outliers():
     residuals = panel(figure, "Residuals")
     assert keys(residuals)[-1] == "outlier"
     rims = [to_rgba(line.get_markeredgecolor()) == to_rgba("black") for line in residuals.lines]
-    rimmed = [float(line.get_xdata()[0]) for line, rim in zip(residuals.lines, rims, strict=True) if rim]
+    rimmed = [float(x) for line, rim in zip(residuals.lines, rims, strict=True) if rim for x in line.get_xdata()]
     z = -result.standardised[result.outliers]
     assert len(z) >= 2
     assert sorted(x for x in rimmed if x) == pytest.approx(sorted(z))  # not the line at zero
