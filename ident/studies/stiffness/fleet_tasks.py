@@ -369,8 +369,9 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main_thread else None  # they inherit it: Ctrl-C is ours
     try:
         # no settings of Dask's own for its workers: what they compute is the same to the bit as here
-        with dask.config.set({"distributed.nanny.pre-spawn-environ": {}}):
-            cluster = LocalCluster(
+        with (
+            dask.config.set({"distributed.nanny.pre-spawn-environ": {}}),
+            LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
@@ -379,12 +380,14 @@ def _local_cluster(workers: int) -> Iterator[Any]:
                 memory_limit=0,
                 silence_logs=logging.CRITICAL,
                 security=Security.temporary() if find_spec("cryptography") else None,
-            )
-        if in_main_thread:
-            signal.signal(signal.SIGINT, before)
-        with cluster:
+            ) as cluster,
+        ):
+            if in_main_thread:
+                signal.signal(signal.SIGINT, before)
             yield cluster
     finally:
+        if in_main_thread:
+            signal.signal(signal.SIGINT, before)
         if own:
             del os.environ[SAFE_PATH]
 
