@@ -74,12 +74,9 @@ class _Set:
                     os.replace(old, target)
 
     def clean(self, folders: bool) -> None:
-        for path in self.spare:
+        for remove in (*(path.unlink for path in self.spare), *(folder.rmdir for folder in self.folders if folders)):
             with suppress(OSError):
-                path.unlink()
-        for folder in self.folders if folders else ():
-            with suppress(OSError):
-                folder.rmdir()
+                remove()
 
 
 _SET: ContextVar[_Set | None] = ContextVar("_SET", default=None)
@@ -294,19 +291,16 @@ def _lock_file(file: int) -> None:
         return
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise
-    except OSError:  # a file system that knows no locks
-        return
+    except OSError as error:  # else a file system that knows no locks
+        if isinstance(error, BlockingIOError):
+            raise
 
 
 def _process(folder: Path) -> str:
     """Say which process has a folder, if that can be read."""
-    try:
-        number = (folder / CLAIM).read_text("ascii")
-    except (OSError, ValueError):
-        return ""
-    return f" (process {number})" if number.isdigit() else ""
+    with suppress(OSError, ValueError):
+        return f" (process {int((folder / CLAIM).read_text('ascii'))})"
+    return ""
 
 
 def leads_away(file: "h5py.File") -> tuple[str, str] | None:

@@ -361,10 +361,14 @@ class Result(Reported):
         files = {name: as_word(path or name.upper()) for name, path in paths.items()}
         if all(map(paths.get, kinds[:2])) and Path(paths["arm"]) != Path(paths["campaign"]).parent / "arm.toml":
             files["campaign"] += f" --arm {files['arm']}"
-        ends = dict.fromkeys(re.findall(r"(?<!\{)\{result\}([.\w]*)", words))
-        results = {end: as_word(f"{FOLDER.get() / self.name}{end}") for end in ends}
-        named = re.sub(r"(?<!\{)\{result\}([.\w]*)", r"{results[\1]}", words)
-        filled = named.format(**files, results=results)
+
+        def filled_in(match: re.Match[str]) -> str:
+            name, end = match.groups()
+            if name is None:  # of braces that are doubled, one
+                return match[0][0]
+            return as_word(f"{FOLDER.get() / self.name}{end}") if name == "result" else files[name] + end
+
+        filled = re.sub(r"\{\{|\}\}|\{(arm|campaign|trace|runs|result)\}([.\w]*)", filled_in, words)
         options, moved = vars(self)["options"], words.split()[2:3] == ["{arm}"]
         given = {name: getattr(options, name, None) for name, bar in SAME_MOTION.items() if moved and bar not in words}
         texts = {name: ":".join(map("{:g}".format, x)) if name == "errors" and x else x for name, x in given.items()}

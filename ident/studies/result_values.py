@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.errors import refusal
 from ident.identify.values import BEST_ONLY, Draws, Robot, Values, remark_on
 from ident.report.document import check_version, read_document, read_group, whole
 from ident.text import LARGEST_BINARY, one_line, read_bytes
@@ -37,7 +36,7 @@ def read_fit(
     where = one_line(str(path))
     document = document or read_document(path, FIT)
     check_version(document["format"], "fit", where, FIT)
-    try:
+    with whole(path, "other contents", FIT, "give the file that ident fit wrote"):
         damping = document["summary"].get("damping", {})
         parameters: dict[str, Any] = document["summary"]["parameters"] | (damping or {})
         best: dict[tuple[str, ...], float] = {(name,): _number(value) for name, value in parameters.items()}
@@ -46,8 +45,6 @@ def read_fit(
         remark, base = remark_on(doubts, damping is not None), document["options"]["soft_base"]
         soft_base = None if base is None else _number(base)
         robot = Robot.read(document.get("robot"), str(fitted or ""))
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
-        raise refusal(where, "other contents", FIT, "give the file that ident fit wrote") from None
     sha256_of_fit = hashlib.sha256(read_bytes(path, FIT, LARGEST_BINARY)).hexdigest()
     return Values.of_arm(best, arm, where, sha256_of_fit, remark, scaled), robot, soft_base
 
@@ -88,12 +85,10 @@ def _of_source(path: str | Path, where: str) -> Draws:
     """Return the draws of a result of `ident source`."""
     document = read_document(path, POSTERIOR)
     check_version(document["format"], "source", where, POSTERIOR)
-    try:
+    with whole(path, "other contents", POSTERIOR, "give the file that ident source wrote"):
         draws = draws_of(document["summary"]["draws"])
         robot = Robot.read(document.get("robot"), str(document["inputs"]["arm"]["sha256"] or ""))
         sound = document["verdict"] not in UNSOUND
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError):
-        raise refusal(where, "other contents", POSTERIOR, "give the file that ident source wrote") from None
     remark = "" if sound else "the runs that it is from are not usable: see ident show of that file"
     sha256 = hashlib.sha256(read_bytes(path, POSTERIOR, LARGEST_BINARY)).hexdigest()
     return Draws(draws, where, sha256, remark, (), robot)

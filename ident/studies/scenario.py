@@ -43,11 +43,6 @@ class Unknowns:
     phases: tuple[str, ...] = ()
     errors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
-    @property
-    def highest(self) -> dict[str, float]:
-        """The highest transmission errors, by path [rad]."""
-        return {path: high for path, (_, high) in self.errors.items()}
-
     def draws(self, count: int, seed: int = 0) -> dict[str, Float[np.ndarray, "K"]]:
         """Return draws of them, by path [rad]."""
         rng = np.random.default_rng(seed)
@@ -66,6 +61,8 @@ def unknowns(
 ) -> tuple[Arm, Unknowns]:
     """Return an arm with the largest transmission errors at order 2 that may be, and what is unknown of its excitation.
 
+    Phases are of what excites the arm: the imbalance and transmission error of its drives.
+
     Args:
         arm: the arm.
         origins: of its numbers, by path.
@@ -76,28 +73,11 @@ def unknowns(
     bounds: dict[str, tuple[float, float]] = {}
     if errors is not None:
         low, high = np.deg2rad(np.array(errors) / 2 / 3600).tolist()
-        bounds = unknown_errors(arm, origins, given, low, high)
+        paths = [f"{drive.name}.error" for drive in arm.drives]
+        bounds = {path: (low, high) for path in paths if _guessed(path, origins, given)}
         arm = arm.replace({path: end for path, (_, end) in bounds.items()})
-    return arm, Unknowns(unknown_phases(arm, origins, given) if phases else (), bounds)
-
-
-def unknown_phases(arm: Arm, origins: Mapping[str, str], given: Collection[str]) -> tuple[str, ...]:
-    """Return the paths of the phases that are not known, of what excites the arm.
-
-    Args:
-        arm: the arm.
-        origins: of its numbers, by path.
-        given: numbers that the user has set.
-    """
-    return tuple(each.phase for each in exciting_orders(arm) if _guessed(each.phase, origins, given))
-
-
-def unknown_errors(
-    arm: Arm, origins: Mapping[str, str], given: Collection[str], low: float, high: float
-) -> dict[str, tuple[float, float]]:
-    """Return the transmission errors that are not known, with their bounds [rad], by path; see `unknown_phases`."""
-    paths = [f"{drive.name}.error" for drive in arm.drives]
-    return {path: (low, high) for path in paths if _guessed(path, origins, given)}
+    unknown = (each.phase for each in exciting_orders(arm) if phases and _guessed(each.phase, origins, given))
+    return arm, Unknowns(tuple(unknown), bounds)
 
 
 def _guessed(path: str, origins: Mapping[str, str], given: Collection[str]) -> bool:
@@ -244,11 +224,9 @@ def _drawn(
     whole: Superposition, unknown: Unknowns, count: int
 ) -> tuple[Float[np.ndarray, "U K"], Float[np.ndarray, "U K"]]:
     """Return draws of the phases of a sum, and of the factors of what they excite."""
-    drawn, even = unknown.draws(count), np.ones(count)
-    highest = unknown.highest
-    factors = [
-        drawn[_size(path)] / highest[_size(path)] if highest.get(_size(path)) else even for path in whole.unknown
-    ]
+    drawn, sizes = unknown.draws(count), map(_size, whole.unknown)
+    highest = {path: high for path, (_, high) in unknown.errors.items() if high}
+    factors = [drawn[size] / highest[size] if size in highest else np.ones(count) for size in sizes]
     return np.stack([drawn[path] for path in whole.unknown]), np.stack(factors)
 
 

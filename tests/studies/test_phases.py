@@ -17,7 +17,7 @@ from ident.studies.basis import motion_section
 from ident.studies.cure.design import DesignOptions
 from ident.studies.motion_options import basis_of
 from ident.studies.reading import peak_to_peak
-from ident.studies.scenario import OverPhases, Unknowns, at_share, over_phases, unknown_errors, unknown_phases
+from ident.studies.scenario import OverPhases, Unknowns, at_share, over_phases, unknowns
 from ident.studies.working.resonance import ResonanceOptions
 from ident.studies.working.simulate import SimulateOptions
 from ident.studies.working.sweep import SweepOptions
@@ -65,12 +65,12 @@ def hasty() -> Evaluator:
 
 def test_phases_are_unknown_unless_they_were_seen_or_set():
     origins = dict(zip(PHASES, ("assumed", "measured", "calibrated"), strict=True))
-    assert unknown_phases(lcd_arm(), origins, ()) == (PHASES[0], PHASES[2])
-    assert unknown_phases(lcd_arm(), origins, (PHASES[0],)) == (PHASES[2],)
-    assert unknown_phases(lcd_arm(), {}, ()) == PHASES, "an arm of no file has no origins"
-    assert unknown_phases(wavy(), {}, ()) == ALL
+    assert unknowns(lcd_arm(), origins, ())[1].phases == (PHASES[0], PHASES[2])
+    assert unknowns(lcd_arm(), origins, (PHASES[0],))[1].phases == (PHASES[2],)
+    assert unknowns(lcd_arm(), {}, ())[1].phases == PHASES, "an arm of no file has no origins"
+    assert unknowns(wavy(), {}, ())[1].phases == ALL
     balanced = lcd_arm().replace({f"{DRIVES[1]}.eccentricity": 0.0})
-    assert unknown_phases(balanced, {}, ()) == (PHASES[0], PHASES[2]), "what does not excite has no phase"
+    assert unknowns(balanced, {}, ())[1].phases == (PHASES[0], PHASES[2]), "what does not excite has no phase"
 
 
 def test_peaks_over_what_is_not_known():
@@ -107,7 +107,8 @@ def test_draws_of_phases():
 def test_kinematic_errors_between_bounds():
     """Draws of the error's size are as much simulations as those of the phases: of errors of 1 to 3 arc seconds."""
     arm, own = wavy(), float(wavy().get(f"{DRIVES[0]}.error"))
-    errors = unknown_errors(arm, {f"{DRIVES[1]}.error": "datasheet"}, (), own / 3, own)
+    ends = np.rad2deg([own / 3, own]) * 2 * 3600
+    errors = unknowns(arm, {f"{DRIVES[1]}.error": "datasheet"}, (), errors=tuple(ends))[1].errors
     assert list(errors) == [f"{DRIVES[0]}.error", f"{DRIVES[2]}.error"]
     unknown = Unknowns(ALL, errors)
     drawn = [values for path, values in unknown.draws(200).items() if path in errors]

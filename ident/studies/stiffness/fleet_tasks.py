@@ -9,6 +9,7 @@ import logging
 import os
 import platform
 import shutil
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -363,8 +364,9 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     from distributed import LocalCluster
     from distributed.security import Security
 
-    own = SAFE_PATH not in os.environ
+    own, in_main_thread = SAFE_PATH not in os.environ, threading.current_thread() is threading.main_thread()
     os.environ.setdefault(SAFE_PATH, "1")
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main_thread else None  # they inherit it: Ctrl-C is ours
     try:
         # no settings of Dask's own for its workers: what they compute is the same to the bit as here
         with (
@@ -380,8 +382,12 @@ def _local_cluster(workers: int) -> Iterator[Any]:
                 security=Security.temporary() if find_spec("cryptography") else None,
             ) as cluster,
         ):
+            if in_main_thread:
+                signal.signal(signal.SIGINT, before)
             yield cluster
     finally:
+        if in_main_thread:
+            signal.signal(signal.SIGINT, before)
         if own:
             del os.environ[SAFE_PATH]
 
