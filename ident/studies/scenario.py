@@ -43,6 +43,11 @@ class Unknowns:
     phases: tuple[str, ...] = ()
     errors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
+    @property
+    def highest(self) -> dict[str, float]:
+        """The highest transmission errors, by path [rad]."""
+        return {path: high for path, (_, high) in self.errors.items()}
+
     def draws(self, count: int, seed: int = 0) -> dict[str, Float[np.ndarray, "K"]]:
         """Return draws of them, by path [rad]."""
         rng = np.random.default_rng(seed)
