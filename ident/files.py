@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 CLAIM = "run.lock"
 """File in a folder that a run has to itself: it holds the number of its process."""
-
-
 PART = f".ident-{platform.node()}-"
 """How the names of unfinished files begin; the number of the process follows."""
 WRITTEN = ".ident-written"

@@ -29,8 +29,6 @@ _STIFFNESS_UNIT = ContextVar("_STIFFNESS_UNIT", default=USUAL)
 
 RADIANS_PER_CYCLE = 2 * math.pi
 """Angle of one cycle [rad]."""
-
-
 ROUND, NEARLY = math.radians(5.0), 0.005
 """Postures are mostly multiples of this angle [rad], of which two decimals are left; assumed."""
 

@@ -37,8 +37,9 @@ from ident.identify.problem import pose
 from ident.identify.unknowns import stiffness_parameters
 from ident.measure import parse_campaign
 from ident.measure.channels import read_channels
+from ident.measure.log import parse_log
 from ident.measure.recordings import read_recording
-from ident.measure.series import parse_log, parse_trace
+from ident.measure.trace import parse_trace
 from ident.studies.motion_options import basis_of
 from ident.studies.options import flag_of, specs
 from ident.studies.result import other_inputs

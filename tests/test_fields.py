@@ -33,8 +33,9 @@ from ident.report.words import is_length, parameter_in_words, read_unit, unit_of
 from ident.studies.shared import ArmOptions
 from ident.studies.working.sweep_report import axis_in_words
 from ident.units import stiffness_in
-from ident.vibrate.evaluator import Variable, changed, check, is_shifted
+from ident.vibrate.evaluator import changed
 from ident.vibrate.sweep import Axis, changeable
+from ident.vibrate.variable import Variable, check, is_shifted
 
 CLASSES = {
     part.__name__: part

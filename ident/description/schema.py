@@ -36,8 +36,6 @@ from ident.units import in_si, width
 # angles count as a dimension, so that `N*m` is refused where `N*m/rad` is meant.
 
 Origin = Literal["paper", "assumed", "calibrated", "measured", "derived", "datasheet", "designed"]
-
-
 Part = TypeVar("Part")
 
 
@@ -230,8 +228,6 @@ NonZero = Plain[Annotated[Number, _turning]]
 Ratio = Plain[Annotated[float, _range("ratio2")]]
 PerMass = Quantity[Annotated[str, _checked_unit("1/s")], Annotated[float, _range("alpha")]]
 LossFactor = Plain[Annotated[float, _range("loss_bend")]]
-
-
 Profile = Plain[Literal["s-curve", "trapezoid", "cycloid", "minimum-jerk"]]
 """How a stroke goes from end to end."""
 

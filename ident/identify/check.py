@@ -12,18 +12,10 @@ from jaxtyping import Float
 from ident.arm.arm import Arm
 from ident.arm.parts import DIRECTIONS, CubicSpring, Spring
 from ident.errors import refusal
+from ident.identify.data_checks import check_values, contradictory_repeats
+from ident.identify.label_checks import LabelDoubt, changing_labels, label_doubts
 from ident.identify.predict import bushing_moments
-from ident.identify.problem import (
-    LabelDoubt,
-    Posed,
-    Ramp,
-    changing_labels,
-    check_values,
-    contradictory_repeats,
-    label_doubts,
-    pose,
-    ramps,
-)
+from ident.identify.problem import Posed, Ramp, pose, ramps
 from ident.identify.unknowns import Unknowns
 from ident.inference.fit import CrossPrediction, contradicting, cross_predictions
 from ident.inference.identifiability import Check, Consistency, check, consistency

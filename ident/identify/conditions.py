@@ -39,7 +39,7 @@ from ident.inference.parameters import AnyArray, Parameter
 from ident.inference.problem import Data
 from ident.measure import DEFINITIONS, Campaign, Load, Measurement
 from ident.measure.campaign import ROUNDING
-from ident.measure.load import DIFFERENCES, POSITIONS, RAMPS, ROTATIONS, SHAPES, TWISTS
+from ident.measure.kinds import DIFFERENCES, POSITIONS, RAMPS, ROTATIONS, SHAPES, TWISTS
 
 # -------- Definitions
 # What a measured frequency is of its damped mode: undamped, of the pole, damped, or of a peak; see `DEFINITIONS`.

@@ -14,7 +14,7 @@ from ident.arm.chain import at_posture
 from ident.arm.mechanics import forward_kinematics, point_positions
 from ident.errors import refusal
 from ident.measure import OWN_WEIGHT, Campaign, Load
-from ident.measure.covariance_and_frames import COMMON
+from ident.measure.covariance import COMMON
 from ident.programs import jit
 from ident.text import no_such
 

@@ -16,10 +16,10 @@ from ident.identify.modal_analysis import modal_solution
 from ident.inference.parameters import Parameters
 from ident.measure import OWN_WEIGHT, Load
 from ident.modal.assignment import likelihoods, pair_probabilities
+from ident.modal.finished import FinishedModes
 from ident.modal.frf import Place
 from ident.modal.parameters import ModalParameters
 from ident.modal.poles import mac
-from ident.modal.sources import FinishedModes
 from ident.text import one_line
 
 # -------- Mode draws

@@ -34,7 +34,7 @@ from ident.identify.unknowns import SETUP, is_of_readings, with_numbers
 from ident.inference.parameters import AnyArray, Parameter
 from ident.inference.problem import Choice, Choosing, Data, Growing, Parts
 from ident.measure import Campaign, Measurement
-from ident.measure.load import POSITIONS
+from ident.measure.kinds import POSITIONS
 from ident.programs import jit
 
 # -------- Mode choice

@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ident.arm.arm import Arm
+from ident.identify.assumptions import Assumption, Assumptions
 from ident.identify.damping import Poles
-from ident.identify.fit import Assumption, Assumptions, CampaignFit, damping_given, with_poles
+from ident.identify.fit import CampaignFit, damping_given, with_poles
 from ident.identify.predict import Matching
 from ident.identify.problem import Posed
 from ident.identify.unknowns import Unknowns

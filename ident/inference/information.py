@@ -306,8 +306,6 @@ NOTHING = 1e-6
 CHECKED = 0.01
 """Share of an error of a value, squared, that a fit does not absorb, below which the value cannot be checked: an error
 of 10 times the limit, 38 sigma of 20 values, would pass in half of the cases."""
-
-
 BLAMED = 20
 """Values and vectors too far off, of more of which no single one is sought that would explain the others."""
 

@@ -7,24 +7,21 @@ from dataclasses import dataclass, field, replace
 
 from ident.errors import Problem, refusal, refuse
 from ident.measure.columns import Word
-from ident.measure.covariance_and_frames import NO_SETUPS, Correlated, Covariance, Setups, correlated
-from ident.measure.load import (
-    AXES,
+from ident.measure.covariance import Correlated, Covariance, correlated
+from ident.measure.frames import NO_SETUPS, Setups
+from ident.measure.kinds import (
     DEFINITIONS,
     DIFFERENCES,
     DRIVE_STATES,
     KINDS,
-    OWN_WEIGHT,
     POSITIONS,
     RAMPS,
     ROLES,
     ROTATIONS,
     SHAPES,
     TWISTS,
-    Load,
-    Vector,
-    unit_vector,
 )
+from ident.measure.load import AXES, OWN_WEIGHT, Load, Vector, unit_vector
 from ident.measure.table import Findings
 from ident.text import NAME, one_line, quoted, table_lines
 from ident.units import QUANTITIES, asked_postures, si_factor

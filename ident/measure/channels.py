@@ -13,10 +13,11 @@ from ident.errors import InputError, Problem, refusal, refuse, require
 from ident.files import replace_file
 from ident.measure.campaign import WORDS
 from ident.measure.columns import ABOVE_0, ANGLES, Number, Row, Rule, Word, read_rows
-from ident.measure.load import DRIVE_STATES, OWN_WEIGHT, Load, Vector, parse_direction
+from ident.measure.kinds import DRIVE_STATES
+from ident.measure.load import OWN_WEIGHT, Load, Vector, parse_direction
 from ident.measure.recordings import Channel, LackingError, NoChannelError, Recording, is_recording, read_recording
 from ident.measure.recordings.recording import ONE_NAME
-from ident.measure.series import Speed, parse_speeds
+from ident.measure.speeds import Speed, parse_speeds
 from ident.measure.table import Findings, csv_text, grouped, guarded, parse_number, read_table
 from ident.text import one_line, quoted, which_file
 from ident.units import sensor_factor

@@ -10,8 +10,10 @@ from jaxtyping import Float
 
 from ident.errors import Problem, refuse
 from ident.measure.columns import Rule
-from ident.measure.series import FARTHEST, TIME, TRACE_ROWS_MIN, Sampled, Series, parse_series, sampling_problems
+from ident.measure.log import FARTHEST
+from ident.measure.series import TIME, Sampled, Series, parse_series
 from ident.measure.table import Findings, grouped, read_table
+from ident.measure.trace import TRACE_ROWS_MIN, sampling_problems
 from ident.text import LARGEST_SAMPLES, NAME
 from ident.units import QUANTITIES
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ident.errors import require
-from ident.measure.covariance_and_frames import COMMON
+from ident.measure.covariance import COMMON
 from ident.text import did_you_mean, quoted
 
 REPRODUCIBILITY = {"frequency": 0.002, "damping_ratio": 0.05}

@@ -15,11 +15,11 @@ from scipy.special import chdtri
 from ident.errors import Problem, noted, refuse, require
 from ident.measure.channels import ChannelTable
 from ident.measure.recordings import Recording
-from ident.measure.series import Speed
+from ident.measure.speeds import Speed
 from ident.measure.table import grouped
 from ident.modal.frf import HeldArm, ModalTest, Place, Processing
 from ident.modal.hammer import ANTI_ALIAS, MAINS, modal_tests, overload
-from ident.modal.sources import Record, ambient_files, records
+from ident.modal.test_files import Record, ambient_files, records
 from ident.text import one_line, quoted
 
 # -------- Correlations
@@ -402,7 +402,7 @@ def measured_tests(
         processing: windows, estimator and band.
 
     Raises:
-        InputError: see `ident.modal.sources`, `ident.modal.sources`; a record that is too short or without a hit.
+        InputError: see `ident.modal.test_files`; a record that is too short or without a hit.
     """
     ambient = ambient_files(table, recordings)
     quiet = {name: each for name, each in recordings.items() if name in ambient}

@@ -27,7 +27,7 @@ from ident.modal.frf import (
     exponential_window,
     force_window,
 )
-from ident.modal.sources import Source, sources
+from ident.modal.test_files import Source, sources
 from ident.text import one_line, quoted
 
 # -------- Hits

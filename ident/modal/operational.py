@@ -11,7 +11,7 @@ from scipy.stats import t
 from threadpoolctl import threadpool_limits
 
 from ident.errors import refusal, require
-from ident.measure.series import Speed
+from ident.measure.speeds import Speed
 from ident.modal.ambient import SLIP, AmbientTest, turning
 from ident.modal.frf import ModeSet
 from ident.modal.modes import SHARPEST, chosen_near

@@ -11,8 +11,9 @@ from jaxtyping import Float
 from ident.arm.fields import SPEED, STIFFNESS, field_of
 from ident.identify.unknowns import SETUP, is_of_loop, kind_of
 from ident.measure import DRIVE_STATES, Measurement
-from ident.measure.load import DIFFERENCES, format_direction
-from ident.measure.load import KINDS as MEASURED
+from ident.measure.kinds import DIFFERENCES
+from ident.measure.kinds import KINDS as MEASURED
+from ident.measure.load import format_direction
 from ident.report.report import Section, Table, cut, kept, written
 from ident.units import QUANTITIES, stiffness_unit
 

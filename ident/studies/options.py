@@ -20,8 +20,6 @@ GONE = ("batch", "revolutions")
 """Options of earlier versions that recorded ones may have."""
 ADDRESSES = ("dask",)
 """Options that connect: the command line and Python give them, no file does."""
-
-
 WORDS: dict[Any, tuple[type, str]] = {
     bool: (bool, "True or False"),
     int: (Integral, "a whole number"),

@@ -9,17 +9,10 @@ from jaxtyping import Float
 
 from ident.errors import ModelError, refusal
 from ident.programs import Progress
+from ident.vibrate.binomial import BinomialEstimate, binomial_estimate
 from ident.vibrate.design_search import Requirements, Search, minimum_change
-from ident.vibrate.evaluator import (
-    BinomialEstimate,
-    Draws,
-    Evaluator,
-    Extents,
-    binomial_estimate,
-    check,
-    exact_response,
-    side_by_side,
-)
+from ident.vibrate.evaluator import Draws, Evaluator, exact_response, side_by_side
+from ident.vibrate.variable import Extents, check
 
 STARTS = 3
 """Starts, the arm as it is among them."""

@@ -21,7 +21,8 @@ from scipy.stats import qmc
 from ident.arm.arm import Arm
 from ident.arm.chain import Loads
 from ident.programs import AnyArray, jit
-from ident.vibrate.evaluator import Evaluator, Variable, apply, ends, worst_state
+from ident.vibrate.evaluator import Evaluator, ends, worst_state
+from ident.vibrate.variable import Variable, apply
 
 # -------- Objective
 # What a design minimises and keeps within limits: functions of scaled changes, with exact slopes.

@@ -1,6 +1,6 @@
 """An arm is changed and simulated over and over, whichever of its numbers change by one compiled program."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -10,16 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
-from scipy.stats import binomtest
 
-from ident.arm.arm import Arm, loss_paths
+from ident.arm.arm import Arm
 from ident.arm.chain import Loads, at_posture
-from ident.arm.fields import ALPHA, COMPONENTS, SPEED, field_of
 from ident.arm.mechanics import deflection, static_equilibrium
 from ident.arm.modes import lowest_eigenpairs, to_hertz
-from ident.errors import ModelError, Problem, refusal, refuse
-from ident.programs import AnyArray, Progress, cores, in_batches, jit, library
-from ident.text import did_you_mean
+from ident.errors import ModelError
+from ident.programs import AnyArray, Progress, cores, in_batches, jit
 from ident.vibrate.fast import (
     Fast,
     FastMethod,
@@ -47,63 +44,7 @@ from ident.vibrate.simulate import (
     simulate,
     superposition,
 )
-
-# -------- Binomial
-# A binomial estimate: a probability counted out of draws.
-
-LEVEL = 0.95
-"""Of the interval of a probability."""
-
-
-@dataclass(frozen=True)
-class BinomialEstimate:
-    """How many draws have an event.
-
-    Attributes:
-        count: of draws that have it.
-        draws: in all.
-    """
-
-    count: int
-    draws: int
-
-    @property
-    def share(self) -> float:
-        """The estimated probability."""
-        return self.count / self.draws
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Its 95 % interval.
-
-        References:
-            Clopper and Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial",
-            Biometrika 26 (1934) 404-413.
-        """
-        low, high = binomtest(self.count, self.draws).proportion_ci(LEVEL, method="exact")
-        return float(low), float(high)
-
-
-def share_of_variance(values: Mapping[str, Float[np.ndarray, "K"]], size: Float[np.ndarray, "K"]) -> float:
-    """Return the share of a size's variance over draws that some numbers account for; zero where nothing varies.
-
-    By ranks (Iman, Conover, "The use of the rank transform in regression", Technometrics 21, 1979), with the adjusted
-    coefficient of determination, as many numbers explain much of a few draws by chance.
-    """
-    rank, *ranks = (np.unique(x, return_inverse=True)[1] for x in (size, *values.values()))
-    columns = {tuple(each) for each in ranks if each.any()}  # tied numbers once
-    count, more = len(size), len(columns)
-    if not (0 < more < count - 1 and rank.any()):
-        return 0.0
-    A = np.column_stack([*columns, np.ones(count)])
-    left = np.var(rank - A @ np.linalg.lstsq(A, rank)[0])
-    return max(0.0, 1 - float(left / np.var(rank)) * (count - 1) / (count - 1 - more))
-
-
-def binomial_estimate(events: np.ndarray) -> BinomialEstimate:
-    """Return the probability of an event that some draws have."""
-    return BinomialEstimate(int(np.sum(events)), int(np.size(events)))
-
+from ident.vibrate.variable import Variable, apply
 
 # -------- End states
 # The arm at both ends of a motion: what a change does to it besides its vibration.
@@ -134,164 +75,6 @@ def worst_state(arm: Arm, posture: Float[AnyArray, "driven ends"], loads: Loads 
     frequency = to_hertz(lowest_eigenpairs(chain, at, count=1)[0])[0]
     moved = deflection(chain, at.phi)[:, -1]
     return EndState(frequency.min(0), jnp.sqrt((moved**2).sum(0)).max(0))
-
-
-# -------- Variable
-# What may be changed on an arm to reduce its vibration: a number, or several together, within bounds.
-
-ROUNDING = 1e-9
-"""Distance [m] that is no distance."""
-
-Extents = Mapping[str, Float[np.ndarray, "2 3"]]
-"""Corners of the bodies whose shape is known, by name, in the axes of their joint [m]."""
-
-
-@dataclass(frozen=True)
-class Paths:
-    """A number of an arm, or several that go together, by one factor or one difference.
-
-    Attributes:
-        paths: the numbers; `("speed",)` for the speed of the motion.
-    """
-
-    paths: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        """The paths with = between."""
-        return "=".join(self.paths)
-
-    @property
-    def is_speed(self) -> bool:
-        """Whether it is the speed of the motion."""
-        return self.paths == (SPEED,)
-
-    @property
-    def shifted(self) -> bool:
-        """Whether it is changed by a difference, not by a factor."""
-        return is_shifted(self.paths[0])
-
-
-@dataclass(frozen=True)
-class Variable(Paths):
-    """A number that may be changed, or several by one factor or one difference.
-
-    Where the arm's own numbers are uncertain, each draw is changed by the same factor or difference: stiffening a
-    joint twofold doubles what it is, whatever it is.
-
-    Attributes:
-        low: lower bound of the first of the numbers [SI]
-        high: upper bound of it [SI]
-        weight: cost of changing it, against others.
-    """
-
-    low: float
-    high: float
-    weight: float = 1.0
-
-    def present(self, arm: Arm) -> float:
-        """Return the number as it is [SI]."""
-        return float(arm.get(self.paths[0]))
-
-    def change(self, arm: Arm, value: Float[AnyArray, "*batch"] | float) -> AnyArray:
-        """Return ln(value / present) or value - present."""
-        present = arm.get(self.paths[0])
-        xp = library(value, present)
-        value, present = xp.asarray(value), xp.asarray(present)
-        return xp.asarray(value - present if self.shifted else xp.log(value / present))
-
-    def span(self, arm: Arm) -> tuple[float, float]:
-        """Return the bounds as changes, the smaller first: of a number below zero the higher bound is the smaller."""
-        low, high = sorted((float(self.change(arm, self.low)), float(self.change(arm, self.high))))
-        return low, high
-
-
-def is_shifted(path: str) -> bool:
-    """Tell whether a number is changed by a difference, not by a factor."""
-    field = field_of(path)
-    return field is not None and not field.logarithmic
-
-
-def refuse_factor(path: str, present: float, values: Iterable[float] = ()) -> Iterable[Problem]:
-    """Yield why values are none that a number can have by a factor: zero is none, and a factor keeps the sign.
-
-    Args:
-        path: the number, or the speed.
-        present: as it is [SI or %]
-        values: what it shall be [SI or %]
-    """
-    field = field_of(path)
-    if not (field.has_factor(present) if field else present > 0):
-        expected = "a number that is not zero" if field and field.sign == "non-zero" else "a number above 0"
-        yield Problem(path, f"{present:g} at present", expected, "it is changed by a factor: set it first (`set`)")
-    elif not all(value * present > 0 for value in values):
-        got, expected = " to ".join(f"{value:g}" for value in values), f"bounds {'above' if present > 0 else 'below'} 0"
-        yield Problem(path, got, expected, "it is changed by a factor: correct them")
-
-
-def apply(
-    numbers: Mapping[str, Any], variables: Iterable[Variable], changes: Iterable[Float[AnyArray, "*batch"]]
-) -> dict[str, AnyArray]:
-    """Return the numbers by path after changes; `numbers` has those before, a change broadcasts with them."""
-    found = {}
-    for variable, change in zip(variables, changes, strict=True):
-        for path in variable.paths:
-            xp = library(numbers[path], change)
-            number, by = xp.asarray(numbers[path]), xp.asarray(change)
-            found[path] = xp.asarray(number + by if variable.shifted else number * xp.exp(by))
-    return found
-
-
-def check_path(arm: Arm, path: str) -> None:
-    """Refuse what is no number of the arm, or none that a motion at hand depends on."""
-    if arm.stroke and path.split(".")[0] == arm.stroke.name:
-        remedy = "sweep 'speed', the percentage; other strokes are other motions"
-        raise refusal("", path, "a number of the arm itself", remedy)
-    if path not in arm.paths():
-        remedy = did_you_mean(path, (*arm.paths(), "speed"), "see `Arm.paths()`")
-        remedy = "give it a value first (`set`)" if path in (*loss_paths(arm), ALPHA) else remedy
-        raise refusal("", path, f"a number of the arm {arm.name}", remedy)
-
-
-def check(arm: Arm, variable: Variable, extents: Extents | None = None) -> None:
-    """Refuse bounds that can't be.
-
-    Args:
-        arm: the arm as it is.
-        variable: what shall be changed.
-        extents: of its bodies; a mass centre must stay within.
-    """
-    for path in variable.paths:
-        check_path(arm, path)
-    refuse([*_bounds(arm, variable)] or outside(arm, variable, extents or {}))
-
-
-def _bounds(arm: Arm, variable: Variable) -> Iterable[Problem]:
-    name, low, high, present = variable.name, variable.low, variable.high, variable.present(arm)
-    got = f"{low:g} to {high:g}"
-    if len({is_shifted(path) for path in variable.paths}) > 1:
-        remedy = "coordinates are changed by a difference, others by a factor"
-        yield Problem(name, "a coordinate with other numbers", "numbers of one kind", remedy)
-    if not (np.isfinite([low, high]).all() and low < high):
-        yield Problem(name, got, "a lower and a higher bound", "correct them")
-    elif problems := [] if variable.shifted else list(refuse_factor(variable.paths[0], present, (low, high))):
-        yield from (replace(problem, where=name) for problem in problems)
-    elif not low <= present <= high:
-        yield Problem(name, got, f"bounds about the present {present:g}", "correct them, or change it first (`set`)")
-    if not 0 < variable.weight < np.inf:
-        yield Problem(name, f"weight {variable.weight:g}", "a weight above 0", "correct it")
-
-
-def outside(arm: Arm, variable: Variable, extents: Extents) -> Iterable[Problem]:
-    """Yield what bounds take a mass centre out of its body."""
-    for path in variable.paths:
-        body, field, *component = path.split(".")
-        if field == "com" and body in extents:
-            lowest, highest = extents[body][:, COMPONENTS[component[0]][0]]
-            low, high = (float(arm.get(path)) - variable.present(arm) + end for end in (variable.low, variable.high))
-            if low < lowest - ROUNDING or high > highest + ROUNDING:
-                got, expected = f"{low:g} to {high:g} m", f"{lowest:.4g} to {highest:.4g} m, within the body"
-                yield Problem(path, got, expected, "keep the mass centre in its body")
 
 
 # -------- Slopes

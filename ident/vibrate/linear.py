@@ -350,8 +350,6 @@ def evaluate(polynomials: list[Polynomial], u: Array) -> Float[Array, "T polynom
 
 NODE_POWERS = np.stack([p.coef for p in basis(NODE_PLACES)])
 """Coefficients (nodes, powers) of the polynomials of an interval."""
-
-
 AT_PROBES = np.stack([p(PROBES) for p in basis(NODE_PLACES)])
 """Weights (nodes, places) of the nodes for the values at `PROBES`."""
 

@@ -238,8 +238,6 @@ def _beyond(motion: Motion, number: int, joint: Joint) -> Iterator[Problem]:
 
 CYCLOID_PIECES, CYCLOID_DEGREE = 8, 13
 """Polynomials that stand for the cycloid; they agree with it to the last digit, and its acceleration to 1e-13."""
-
-
 ROUNDING = 1e-12
 """Duration of a piece, as a fraction of all, below which it is there by rounding only."""
 

@@ -21,20 +21,12 @@ AT_REST = 0.1
 
 Assumed: a smooth start of twenty samples has 5 % of its top speed in the middle of its first two intervals.
 """
-
-
 STEPS = (1e-9, 1e9)
 """Steps of time [s] between samples, shortest and longest: beyond these the spline's derivatives are no numbers."""
-
-
 FASTEST = 100.0
 """Acceleration [rad/s^2] of a joint, where the arm file has no limit, that only errors of a log reach; assumed."""
-
-
 NOISY = 2.0
 """Times the arm file's acceleration that a log may have: small noise adds to that of the motion; assumed."""
-
-
 MOST_KNOTS = 600
 """Knots of a smoothing spline; noise that is not smoothed asks for as many as there are samples, and takes minutes."""
 

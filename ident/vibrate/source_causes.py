@@ -36,7 +36,7 @@ from ident.text import quoted
 from ident.vibrate.hypotheses import PEAK, probability, score
 from ident.vibrate.source_identification import RIDGE, Point, further_run
 from ident.vibrate.source_problem import Channel, Place, SourceProblem
-from ident.vibrate.sources import Response, Run, path_of
+from ident.vibrate.unit_response import Response, Run, path_of
 
 CAUSES = ("imbalance", "error", "mesh", "finger", "line")
 """Causes that compete."""

@@ -39,7 +39,7 @@ from ident.vibrate.source_problem import (
     taken_out,
     whitening_filter,
 )
-from ident.vibrate.sources import Response, Run, excited_by
+from ident.vibrate.unit_response import Response, Run, excited_by
 
 LAGS = 20
 """Order of the autoregressive model: 0.1 s at 200 samples a second, half a period of the lowest modes."""

@@ -19,7 +19,7 @@ from ident.arm.arm import Arm, stiffness_paths
 from ident.arm.fields import ALPHA, DAMPING, LOSS
 from ident.arm.multibody import ExcitingOrder
 from ident.errors import refusal
-from ident.vibrate.sources import Response, Run, Sensor, changed_responses, masses_of, unit_response
+from ident.vibrate.unit_response import Response, Run, Sensor, changed_responses, masses_of, unit_response
 
 SLOW = 0.5
 """Frequency [Hz] below which a trace is left out: drift, the motion itself; assumed."""

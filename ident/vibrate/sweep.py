@@ -11,9 +11,10 @@ from ident.arm.arm import Arm, check_drives
 from ident.arm.fields import COMPONENTS, SPEED, STIFFNESS, field_of
 from ident.errors import refusal, refuse
 from ident.programs import Progress, cores
-from ident.vibrate.evaluator import (
-    WIDTH,
-    Evaluator,
+from ident.vibrate.evaluator import WIDTH, Evaluator
+from ident.vibrate.motion import FASTEST
+from ident.vibrate.study import DIRECTIONS
+from ident.vibrate.variable import (
     Extents,
     Paths,
     Variable,
@@ -24,8 +25,6 @@ from ident.vibrate.evaluator import (
     outside,
     refuse_factor,
 )
-from ident.vibrate.motion import FASTEST
-from ident.vibrate.study import DIRECTIONS
 
 
 @dataclass(frozen=True)
@@ -429,8 +428,6 @@ NOTABLE = 0.05
 """Part of the largest amplitude in a range that counts as a change; assumed."""
 NEAR_FACTOR, NEAR_SHARE = 1.25, 0.15
 """How far about the present value is near: a factor, or a share of the range of what is changed by a difference."""
-
-
 LINES = (*DIRECTIONS, "largest")
 """Directions, and the largest of them."""
 

@@ -39,7 +39,7 @@ from ident.vibrate.motion import Motion, stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.source_identification import identified
 from ident.vibrate.source_problem import Channel, Prior, SourceProblem, Trial
-from ident.vibrate.sources import Run
+from ident.vibrate.unit_response import Run
 
 STEP, EVERY, HOLES, DRAWS = 1e-3, 4, 12, 200
 RADIUS, ABOVE, HEIGHT = 0.09, 0.02, 0.05

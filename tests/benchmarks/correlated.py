@@ -21,7 +21,7 @@ from ident.identify.fit import fit_campaign
 from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.measure import Campaign, read_campaign
-from ident.measure.covariance_and_frames import Covariance, Group
+from ident.measure.covariance import Covariance, Group
 
 DATA = Path(__file__).parents[2] / "data" / "lcd_arm"
 SHARED = 0.9

@@ -218,7 +218,8 @@ def work(name: str, words: str, draw: int, seed: int, explaining: bool) -> dict[
 
 def once(name: str, words: str, draw: int, seed: int) -> dict[str, bool]:
     """Say what rings of one campaign, fitted from one start."""
-    from ident.identify.fit import assumptions, exchangeable, moves_of
+    from ident.identify.assumptions import assumptions
+    from ident.identify.exchangeable import exchangeable, moves_of
     from ident.identify.mode_matching import FAR
     from ident.identify.problem import pose
     from ident.inference.fit import Fit

@@ -47,7 +47,7 @@ from ident.vibrate.motion import Motion, stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.source_identification import identified
 from ident.vibrate.source_problem import Channel, Prior, SourceProblem
-from ident.vibrate.sources import Run, Sensor, unit_of
+from ident.vibrate.unit_response import Run, Sensor, unit_of
 
 ARM = Path(__file__).parents[2] / "data" / "lcd_arm" / "arm.toml"
 SPEEDS = (7.0, 10.0, 13.0)

@@ -30,7 +30,8 @@ from ident.identify.values import Draws
 from ident.studies.cure.diagnosis import Diagnosis
 from ident.studies.cure.remedies import RATE, carried_out
 from ident.studies.rerun import rerun
-from ident.vibrate.evaluator import BinomialEstimate, Evaluator
+from ident.vibrate.binomial import BinomialEstimate
+from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.response import peak
 from ident.vibrate.simulate import simulate
 

@@ -12,7 +12,8 @@ from ident.cli import commands  # noqa: F401  (all options are imported)
 from ident.cli.command import _measured
 from ident.errors import Problem
 from ident.measure.channels import COLUMNS as OF_CHANNELS
-from ident.measure.covariance_and_frames import COVARIANCE_COLUMNS, SETUP_COLUMNS
+from ident.measure.covariance import COVARIANCE_COLUMNS
+from ident.measure.frames import SETUP_COLUMNS
 from ident.measure.reading import COLUMNS as OF_CAMPAIGNS
 from ident.measure.runs import COLUMNS as OF_RUNS
 from ident.studies.options import INPUTS, Options, renamed, specs

@@ -9,7 +9,7 @@ from reports import assert_one_screen
 
 from ident.arm.modes import parse_label
 from ident.measure import DEFINITIONS, DRIVE_STATES, KINDS, Load
-from ident.measure.load import RAMPS
+from ident.measure.kinds import RAMPS
 from ident.studies.look.show import choices
 from ident.vibrate.motion import PROFILES
 from ident.vibrate.spectra import WINDOWS

@@ -9,7 +9,8 @@ from arms import DATA, lcd_arm
 from one_program import shown
 
 from ident.arm.arm import on_soft_base
-from ident.identify.fit import assumptions, fit_campaign
+from ident.identify.assumptions import assumptions
+from ident.identify.fit import fit_campaign
 from ident.identify.hypotheses import RIGID
 from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns

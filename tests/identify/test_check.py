@@ -14,7 +14,9 @@ from scipy.stats import binomtest
 
 from ident.errors import InputError
 from ident.identify.check import check_campaign
-from ident.identify.problem import contradictory_repeats, label_doubts, pose
+from ident.identify.data_checks import contradictory_repeats
+from ident.identify.label_checks import label_doubts
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns, parameter
 from ident.inference.fit import contradicting, cross_predictions, fit
 from ident.inference.identifiability import check, consistency, leverage_of

@@ -23,7 +23,7 @@ from ident.identify.stored import fit_of, fit_state
 from ident.identify.unknowns import Unknowns
 from ident.identify.values import OTHER_LAW, Values, remark_on
 from ident.measure import Campaign, Measurement, read_campaign
-from ident.measure.covariance_and_frames import Covariance, Group
+from ident.measure.covariance import Covariance, Group
 from ident.report.document import plain
 from ident.report.report import text_of
 from ident.studies.cure.design import DesignOptions, _checked_text

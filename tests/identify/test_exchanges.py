@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from arms import DATA, lcd_arm
 
+from ident.identify.exchangeable import exchangeable, moves_of
 from ident.identify.explanations import Change, Explanation, Explanations
-from ident.identify.fit import CampaignFit, _suspected, exchangeable, fit_campaign, moves_of
+from ident.identify.fit import CampaignFit, _suspected, fit_campaign
 from ident.identify.problem import pose
 from ident.inference.fit import fit
 from ident.measure import Campaign, read_campaign

@@ -17,11 +17,13 @@ from ident.arm.mechanics import static_equilibrium
 from ident.arm.modes import modes_about, parse_label, torsion_share, vertical_share
 from ident.errors import InputError
 from ident.identify.conditions import bind
+from ident.identify.data_checks import check_values
 from ident.identify.fit import CampaignFit, fit_campaign
+from ident.identify.label_checks import changing_labels
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.mode_matching import NAMING_SD, most_probable
 from ident.identify.predict import chains
-from ident.identify.problem import changing_labels, check_values, pose
+from ident.identify.problem import pose
 from ident.inference.fit import fit
 from ident.inference.search import End, solve
 from ident.measure import Campaign, Measurement, read_campaign

@@ -12,9 +12,9 @@ from ident.errors import InputError
 from ident.identify.modal_analysis import modal_analysis
 from ident.identify.mode_names import Measured, label_modes, nearer, prior_draws, shares
 from ident.identify.unknowns import Unknowns, stiffness_parameters
+from ident.modal.finished import FinishedModes
 from ident.modal.frf import Place
 from ident.modal.modes import modes_of
-from ident.modal.sources import FinishedModes
 
 POSTURE = tuple(np.radians([60.0, -120.0, 60.0]))
 """Lateral torsion 1 and vertical bending 1 are 2.2 % apart."""

@@ -14,8 +14,9 @@ from one_program import shown
 from ident.arm.arm import Arm
 from ident.arm.parts import Body, Joint, Point
 from ident.errors import InputError
+from ident.identify.data_checks import Expected, check_values, far_off
 from ident.identify.fit import fit_campaign
-from ident.identify.problem import Expected, check_values, far_off, pose
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem

@@ -16,9 +16,10 @@ from ident.arm.chain import at_posture
 from ident.arm.modes import linearize, mode_labels, modes, parse_label
 from ident.errors import InputError
 from ident.identify.conditions import bind, frequencies_of_pole
+from ident.identify.data_checks import Expected, check_values, contradictory_repeats
 from ident.identify.padding import padded
 from ident.identify.predict import predict
-from ident.identify.problem import Expected, check_values, contradictory_repeats, pose
+from ident.identify.problem import pose
 from ident.inference.problem import Data
 from ident.measure import DEFINITIONS, Campaign, Load, Measurement
 
@@ -396,7 +397,7 @@ def test_a_peak_ends_at_a_damping_ratio_of_0_7(ratio, has_one):
 def test_the_peak_of_a_mode_that_is_damped_too_much_is_refused(monkeypatch):
     taus = dict.fromkeys((path.replace(".", "_") for path in TAUS), 0.1)
     assert seen(**taus)["lateral torsion 1"][3:].tolist() == [0.0, 0.0]
-    monkeypatch.setattr("ident.identify.problem._by_labels", lambda *_: (Expected(*np.zeros((4, 1))), set()))
+    monkeypatch.setattr("ident.identify.data_checks._by_labels", lambda *_: (Expected(*np.zeros((4, 1))), set()))
     rows = (frequency(4.1, mode="lateral torsion 1", of="displacement peak", where="file.csv:2"),)
     with pytest.raises(InputError, match=r"file.csv:2.*damped too much.*expected a damping ratio up to 0.7"):
         check_values(pose(lcd_arm(), Campaign(measurements=rows)))

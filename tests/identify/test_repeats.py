@@ -9,8 +9,9 @@ from scipy.stats import binom
 
 from ident.errors import InputError
 from ident.identify.conditions import shared_error
+from ident.identify.data_checks import Expected, _of_all, far_off
 from ident.identify.fit import CampaignFit
-from ident.identify.problem import Expected, _of_all, far_off, pose
+from ident.identify.problem import pose
 from ident.inference.fit import fit
 from ident.inference.search import evaluate
 from ident.measure import Campaign, parse_campaign

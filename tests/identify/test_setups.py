@@ -20,7 +20,7 @@ from ident.identify.problem import pose
 from ident.inference.fit import fit
 from ident.inference.search import evaluate
 from ident.measure import Campaign, Load, Measurement, parse_campaign, read_campaign, write_campaign
-from ident.measure.covariance_and_frames import Setup, Setups
+from ident.measure.frames import Setup, Setups
 
 TURN, ORIGIN = np.array([0.4, -2.0, 1.1]), np.array([2.3, -1.7, 0.6])
 """Rotation vector [rad] and place [m] of a tracker."""

@@ -8,8 +8,8 @@ import pytest
 from arms import random_arm
 
 from ident.arm.hinges import cut
+from ident.identify.assumptions import slopes
 from ident.identify.conditions import bind
-from ident.identify.fit import slopes
 from ident.identify.predict import predict
 from ident.measure import Campaign, Load, Measurement
 

@@ -14,8 +14,9 @@ from chains import storey_frequencies, storey_problem
 from one_program import shown
 
 from ident.errors import InputError, ModelError
+from ident.identify.data_checks import check_values
 from ident.identify.fit import fit_campaign
-from ident.identify.problem import check_values, pose
+from ident.identify.problem import pose
 from ident.identify.unknowns import Unknowns, parameter
 from ident.inference.fit import fit
 from ident.inference.optima import Optimum, unmet

@@ -22,7 +22,8 @@ from ident.measure import (
     read_campaign,
     write_campaign,
 )
-from ident.measure.load import DIFFERENCES, SHAPES, TWISTS, parse_direction
+from ident.measure.kinds import DIFFERENCES, SHAPES, TWISTS
+from ident.measure.load import parse_direction
 from ident.measure.reading import COLUMNS, campaign_text
 
 README = Path(__file__).parents[2] / "data" / "README.md"

@@ -12,7 +12,7 @@ from ident.errors import InputError
 from ident.measure.channels import read_channels, recordings_of, write_template
 from ident.measure.recordings import read_recording
 from ident.measure.runs import write_runs
-from ident.modal.sources import sources
+from ident.modal.test_files import sources
 
 HEAD = "file,channel,role,point,joint,position [mm],direction,frame,quantity,unit,sensitivity,q1 [deg],load"
 

@@ -7,7 +7,7 @@ import pytest
 
 from ident.errors import InputError
 from ident.measure import Campaign, Measurement, read_campaign, write_campaign
-from ident.measure.covariance_and_frames import Covariance, Group
+from ident.measure.covariance import Covariance, Group
 from ident.measure.reproducibility import Reproducibility
 
 ROWS = """kind,q1 [deg],value,unit,sigma,group

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.errors import InputError
-from ident.measure.series import parse_log, read_log
+from ident.measure.log import parse_log, read_log
 
 JOINTS = ("joint1", "joint2")
 HEADER = "time [s],joint1 [deg],joint2 [rad]\n"

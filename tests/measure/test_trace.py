@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.errors import InputError
-from ident.measure.series import parse_trace, read_trace
+from ident.measure.trace import parse_trace, read_trace
 
 
 def parse(text):

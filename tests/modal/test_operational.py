@@ -13,11 +13,11 @@ from scipy.stats import binom
 from ident.errors import InputError
 from ident.measure.channels import ChannelRow, ChannelTable
 from ident.measure.recordings import Channel, Recording
-from ident.measure.series import Speed
+from ident.measure.speeds import Speed
 from ident.modal.ambient import ROWS, ambient_tests, correlations_of, without_harmonics
 from ident.modal.frf import Processing
 from ident.modal.operational import operational_modes, realisations
-from ident.modal.sources import records
+from ident.modal.test_files import records
 
 BAND = (1.0, 28.0)
 SHARP = (0, 1, 3, 4)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from figures import fitted
 
-from ident.identify.fit import Assumption, Assumptions
+from ident.identify.assumptions import Assumption, Assumptions
 from ident.identify.hypotheses import KINDS, RIGID, SOFT
 from ident.inference.information import ScoreTest
 from ident.inference.parameters import Parameter, Parameters

@@ -10,7 +10,7 @@ from reports import assert_one_screen
 
 from ident.arm.modes import Label
 from ident.identify.check import check_campaign
-from ident.identify.problem import LabelDoubt
+from ident.identify.label_checks import LabelDoubt
 from ident.inference.identifiability import OtherSolutions
 from ident.inference.optima import Optimum
 from ident.inference.parameters import Parameter

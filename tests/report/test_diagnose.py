@@ -23,7 +23,7 @@ from ident.studies.cure.diagnosis import Diagnosis, Identification, ResonanceAss
 from ident.studies.cure.remedies import Remedy, Task, Verification, VibrationAssessment
 from ident.studies.motion_options import basis_of
 from ident.studies.scenario import OverPhases
-from ident.vibrate.evaluator import binomial_estimate
+from ident.vibrate.binomial import binomial_estimate
 from ident.vibrate.schedule import Path, Schedule
 from ident.vibrate.sweep import Sensitivities
 

@@ -18,7 +18,7 @@ from ident.studies.working.simulate_figure import drives_figure, simulate_figure
 from ident.studies.working.simulate_files import simulate_groups
 from ident.studies.working.simulate_report import simulate_rows, simulate_sections
 from ident.studies.working.simulation import Simulation
-from ident.vibrate.evaluator import share_of_variance
+from ident.vibrate.binomial import share_of_variance
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.study import Draws, Sizes, draw, measures, simulate_motion

@@ -18,7 +18,7 @@ from ident.identify.compare import validate_fit
 from ident.studies.basis import assumed
 from ident.studies.cure.diagnose import DiagnoseOptions, DiagnoseResult, diagnose, discard_stages
 from ident.studies.cure.diagnosis import ResonanceAssessment, stages_of
-from ident.vibrate.evaluator import BinomialEstimate
+from ident.vibrate.binomial import BinomialEstimate
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 STAGES = stages_of(runs=False)

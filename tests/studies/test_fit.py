@@ -11,7 +11,8 @@ from arms import DATA, lcd_arm
 from results import assert_comes_back, assert_plain
 
 import ident
-from ident.identify.fit import Assumption, Assumptions, fit_campaign
+from ident.identify.assumptions import Assumption, Assumptions
+from ident.identify.fit import fit_campaign
 from ident.identify.values import Values
 from ident.inference.information import ScoreTest
 from ident.measure import write_campaign

@@ -10,7 +10,8 @@ from scipy.stats import binom
 
 from ident.errors import InputError
 from ident.studies.cure.remedies import CONFIDENT, is_settled, keeping, looks
-from ident.vibrate.evaluator import BinomialEstimate, Evaluator
+from ident.vibrate.binomial import BinomialEstimate
+from ident.vibrate.evaluator import Evaluator
 
 LIMIT, WITHIN, BEYOND = 5e-4, 4e-4, 6e-4
 

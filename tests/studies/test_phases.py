@@ -22,10 +22,11 @@ from ident.studies.working.resonance import ResonanceOptions
 from ident.studies.working.simulate import SimulateOptions
 from ident.studies.working.sweep import SweepOptions
 from ident.vibrate.design import Place, verify
-from ident.vibrate.evaluator import Evaluator, Variable
+from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.motion import stroke
 from ident.vibrate.simulate import Superposition, superposition
 from ident.vibrate.sweep import Sensitivities, sensitivities
+from ident.vibrate.variable import Variable
 
 SWING = swing()
 RATE, STEP = SAMPLES / 5.0, 5.0 / STEPS

@@ -32,7 +32,7 @@ from ident.studies.cure.remedies import (
     verify_remedy,
 )
 from ident.studies.motion_options import basis_of
-from ident.vibrate.evaluator import binomial_estimate
+from ident.vibrate.binomial import binomial_estimate
 from ident.vibrate.motion import stroke
 
 LIMIT = 5e-4

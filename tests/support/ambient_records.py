@@ -9,10 +9,10 @@ from hammer_files import FOLDER, generator
 
 from ident.description.file import read_arm
 from ident.measure import Load
-from ident.measure.series import parse_speeds
+from ident.measure.speeds import parse_speeds
 from ident.modal.ambient import ambient_tests
 from ident.modal.frf import Place, Processing
-from ident.modal.sources import Record, Response
+from ident.modal.test_files import Record, Response
 
 RATE = 100.0
 """Sampling rate [Hz]."""

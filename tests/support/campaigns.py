@@ -17,8 +17,8 @@ from jaxtyping import Array, Float
 from one_program import predicted
 
 from ident.arm.arm import Arm, on_soft_base
+from ident.identify.assumptions import Assumptions, assumptions
 from ident.identify.conditions import Conditions, bind
-from ident.identify.fit import Assumptions, assumptions
 from ident.identify.predict import predict
 from ident.identify.problem import pose
 from ident.inference.fit import Fit, fit

@@ -16,7 +16,7 @@ from ident.inference.optima import Optimum
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import Choice, InverseProblem
 from ident.measure import Campaign, Load, Measurement, read_campaign
-from ident.measure.load import DIFFERENCES, KINDS
+from ident.measure.kinds import DIFFERENCES, KINDS
 
 HOSTILE = "a$b_{\\frac$ %n \n\t\x00 $$ 玻璃 \udcff <b>" + "x" * 300
 """A name that no picture may take for a formula, a break or a reason to grow."""

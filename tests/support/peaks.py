@@ -18,7 +18,7 @@ from ident.vibrate.motion import stroke
 from ident.vibrate.source_causes import CAUSES, WIDTH, Band, Causes, compared
 from ident.vibrate.source_identification import Point
 from ident.vibrate.source_problem import Channel, Place, Prior, SourceProblem, Whitening, slow_columns
-from ident.vibrate.sources import Response, Run, Sensor, path_of, unit_response
+from ident.vibrate.unit_response import Response, Run, Sensor, path_of, unit_response
 
 PEAK, RATE = 9.5, 60.0
 SPEEDS = (6.0, 15.0)

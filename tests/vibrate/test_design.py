@@ -13,11 +13,13 @@ from swept import axis
 from ident.arm.arm import loss_paths
 from ident.arm.chain import no_loads
 from ident.errors import InputError, ModelError
+from ident.vibrate.binomial import BinomialEstimate
 from ident.vibrate.design import design, verify
 from ident.vibrate.design_search import Requirements, Search, are_met, constraints
-from ident.vibrate.evaluator import WIDTH, BinomialEstimate, Evaluator, Variable, check
+from ident.vibrate.evaluator import WIDTH, Evaluator
 from ident.vibrate.motion import stroke
 from ident.vibrate.sweep import FLAT, changeable, sensitivities, sweep
+from ident.vibrate.variable import Variable, check
 
 slow = pytest.mark.slow
 

@@ -25,7 +25,7 @@ from ident.vibrate import exact
 from ident.vibrate.response import gear_error, peak, rms
 from ident.vibrate.simulate import fast_method, simulate, superposition
 from ident.vibrate.source_problem import Channel, Prior, SourceProblem
-from ident.vibrate.sources import Response, Run, unit_response
+from ident.vibrate.unit_response import Response, Run, unit_response
 
 LINK = Body("link", 20.0, (0.5, 0.1, -0.1), np.diag([0.2, 1.0, 1.1]))
 SHAFT = Body("shaft", 4.0, (0.0, 0.0, 0.05), np.diag([0.03, 0.03, 0.05]))

@@ -6,8 +6,8 @@ from arms import DATA
 
 from ident.description.file import read_arm
 from ident.errors import InputError
-from ident.vibrate.evaluator import Variable
 from ident.vibrate.sweep import Bound, Range, axis_of, variable_of
+from ident.vibrate.variable import Variable
 
 FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 

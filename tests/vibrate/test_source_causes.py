@@ -13,7 +13,7 @@ from ident.errors import InputError
 from ident.vibrate.motion import stroke
 from ident.vibrate.source_causes import Band, _swinging, _with_mesh, check_peak
 from ident.vibrate.source_problem import Channel, Prior, SourceProblem
-from ident.vibrate.sources import Response, Run
+from ident.vibrate.unit_response import Response, Run
 
 
 def test_a_band_keeps_what_lies_in_it():

@@ -17,7 +17,7 @@ from ident.errors import InputError
 from ident.vibrate.motion import command, stroke
 from ident.vibrate.simulate import simulate
 from ident.vibrate.source_problem import Channel, slow_columns, taken_out, whitening_filter
-from ident.vibrate.sources import Run, Sensor, changed_responses, excited_by, unit_response
+from ident.vibrate.unit_response import Run, Sensor, changed_responses, excited_by, unit_response
 
 TIME = np.arange(3.5, 6.5, 0.01)
 SENSORS = (

@@ -9,10 +9,11 @@ from runs import swing
 from swept import axis
 
 from ident.errors import InputError
-from ident.vibrate.evaluator import Evaluator, Variable
+from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.response import peak
 from ident.vibrate.simulate import simulate
 from ident.vibrate.sweep import _elasticities, sweep, sweeps
+from ident.vibrate.variable import Variable
 
 pytestmark = pytest.mark.slow
 

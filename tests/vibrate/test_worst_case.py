@@ -11,8 +11,9 @@ from runs import named
 from ident.arm.chain import no_loads
 from ident.vibrate.design import Design, design
 from ident.vibrate.design_search import Requirements, Search, minimum_change
-from ident.vibrate.evaluator import Evaluator, Variable
+from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.motion import stroke
+from ident.vibrate.variable import Variable
 
 pytestmark = pytest.mark.slow
 

@@ -11,8 +11,6 @@ from ident.measure.recordings.recording import Channel, Contents, damaged, lacki
 
 UNITS = ("unit_string", "NI_UnitDescription", "Unit")
 """Properties that say the unit of a channel."""
-
-
 KIND = "a LabVIEW file (TDMS)"
 LEAD_IN = 28
 """Bytes before the first segment: npTDMS takes fewer for a file without channels."""

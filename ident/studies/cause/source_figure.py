@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
 SIZE = (9.0, 5.6)
 """Width and height [inch]."""
-
-
 MOST = 6
 """Traces that are drawn: of more, those of which most is left unexplained."""
 MEASURED: Style = {"color": PALE, "linewidth": 1.6}

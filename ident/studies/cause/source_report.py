@@ -8,7 +8,7 @@ import numpy as np
 from ident.arm.multibody import IMBALANCE, ExcitingOrder
 from ident.report.report import Finding, Report, Section, Table, Verdict, cut
 from ident.report.words import MM, counted
-from ident.vibrate.sources import unit_of
+from ident.vibrate.unit_response import unit_of
 
 if TYPE_CHECKING:
     from ident.studies.cause.source_study import SourceStudy, Tried

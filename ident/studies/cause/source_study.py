@@ -31,8 +31,8 @@ from ident.vibrate.source_identification import (
     with_further,
 )
 from ident.vibrate.source_problem import CLOCK_SD, LEVEL, Channel, Prior, SourceProblem, Trial, slow_columns
-from ident.vibrate.sources import UNITS, Run, Sensor, masses_of
 from ident.vibrate.triage import MovingTrace
+from ident.vibrate.unit_response import UNITS, Run, Sensor, masses_of
 
 RARE = 1e-3
 """Probability of a test below which runs contradict each other; assumed."""

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from ident.studies.scenario import Basis
     from ident.studies.stiffness.sample import SampleResult
     from ident.vibrate.design_search import Requirements
-    from ident.vibrate.evaluator import Evaluator, Variable
+    from ident.vibrate.evaluator import Evaluator
+    from ident.vibrate.variable import Variable
 
 TIGHTENED = 2
 """Times that a limit is tightened for the search, until it is kept by the exact equations."""

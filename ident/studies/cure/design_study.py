@@ -7,8 +7,9 @@ import numpy as np
 from ident.arm.arm import Arm
 from ident.studies.scenario import Basis
 from ident.vibrate.design import Design, Place, Verification
-from ident.vibrate.evaluator import Evaluator, Variable
+from ident.vibrate.evaluator import Evaluator
 from ident.vibrate.sweep import Sensitivities
+from ident.vibrate.variable import Variable
 
 AT_BOUND = 1e-3
 """Distance from a bound, of the way between both, that is none."""

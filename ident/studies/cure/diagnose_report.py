@@ -40,7 +40,7 @@ from ident.studies.cure.remedies import AND, CONFIDENT, EFFORTS, FINER, MOVED, S
 from ident.studies.stiffness.validate_report import scope_table
 from ident.studies.stiffness.warnings import untested
 from ident.studies.working.resonance_report import caused_words, crossings_table, grouped
-from ident.vibrate.evaluator import is_shifted
+from ident.vibrate.variable import is_shifted
 
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from ident.studies.cause.source_study import SourceStudy
     from ident.studies.cure.diagnosis import Diagnosis, Identification, ResonanceAssessment
     from ident.studies.cure.remedies import Verification, VibrationAssessment
-    from ident.vibrate.evaluator import BinomialEstimate
+    from ident.vibrate.binomial import BinomialEstimate
     from ident.vibrate.sweep import Sensitivities
 
 # -------- Remedy words

@@ -13,7 +13,8 @@ from ident.errors import refusal
 from ident.programs import Progress
 from ident.studies.cure.remedies import CONFIDENT, keeping
 from ident.studies.scenario import Basis, over_phases
-from ident.vibrate.evaluator import BinomialEstimate, Draws, Evaluator, binomial_estimate, exact_response
+from ident.vibrate.binomial import BinomialEstimate, binomial_estimate
+from ident.vibrate.evaluator import Draws, Evaluator, exact_response
 from ident.vibrate.motion import PROFILES, Motion, stroke
 from ident.vibrate.replay import replay
 from ident.vibrate.response import belt_tension, peak, slack

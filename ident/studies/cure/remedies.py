@@ -16,20 +16,13 @@ from ident.programs import Progress
 from ident.studies.cure.balance_study import Rotor
 from ident.studies.cure.effort import DiagnosisEffort
 from ident.studies.scenario import Basis, OverPhases, at_share, over_phases
+from ident.vibrate.binomial import BinomialEstimate, binomial_estimate, share_of_variance
 from ident.vibrate.design_search import Point, Requirements, Search
-from ident.vibrate.evaluator import (
-    BinomialEstimate,
-    Draws,
-    Evaluator,
-    Variable,
-    binomial_estimate,
-    exact_response,
-    share_of_variance,
-    side_by_side,
-)
+from ident.vibrate.evaluator import Draws, Evaluator, exact_response, side_by_side
 from ident.vibrate.motion import Motion
 from ident.vibrate.response import Response, peak
 from ident.vibrate.schedule import Schedule
+from ident.vibrate.variable import Variable
 
 # -------- Task
 # What a diagnosis is asked: an arm in motion, a limit, and what of the arm is uncertain.

@@ -19,18 +19,12 @@ if TYPE_CHECKING:
 
 PERIOD = 2.0
 """Duration of a swing [s]: all modes are shown at the same pace, far too slow."""
-
-
 READABLE = 567
 """Width of the whole at which its smallest letters, of 12 px, are 10 px [px]."""
-
-
 STYLE = (
     "text{font:13px system-ui,sans-serif;fill:#1b1f24}.soft{fill:#57606a;font-size:12px}"
     "polyline{fill:none;stroke-linejoin:round;stroke-linecap:round}.still{display:none}"
 )
-
-
 STILL = ".moving{display:none}.still{display:inline}"
 """Rules of a still picture."""
 

@@ -14,19 +14,11 @@ from ident.units import to_si
 
 FACTORS = (1.25, 0.8, 1.15, 0.85, 1.1, 0.9)
 """What the stated stiffnesses are, over those of the arm's file: bending of each joint in turn, then torsion."""
-
-
 SIGMA = 0.005
 """Standard deviation of a frequency as a fraction of its value."""
-
-
 SHARE = 0.1
 """Test mass as a share of the arm's mass, in whole kilograms."""
-
-
 SEED = 1
-
-
 WIDEST = math.radians(90)
 """Angle of a pin up to which the arm is measured."""
 

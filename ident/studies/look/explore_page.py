@@ -19,7 +19,7 @@ from markupsafe import Markup
 
 from ident.arm.fields import ALPHA, DAMPING, LOSS
 from ident.arm.multibody import orders_of
-from ident.measure.load import DIFFERENCES
+from ident.measure.kinds import DIFFERENCES
 from ident.report.page import template_of
 from ident.studies.basis import changes_in_words, values_in_words
 from ident.studies.look.exploration import Exploration, added, mass_of

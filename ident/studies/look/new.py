@@ -19,23 +19,13 @@ if TYPE_CHECKING:
 
 KINDS = ("scara", "six-axis")
 """Arms that there are templates of."""
-
-
 ARM, CAMPAIGN = "arm.toml", "campaign.csv"
-
-
 FREQUENCY = 25.0
 """Frequency [Hz] at which each joint of a described robot alone would vibrate by its guessed bending stiffness."""
-
-
 RATIO = 0.01
 """Damping ratio of all modes that is assumed of a described robot."""
-
-
 LEAST = 0.02
 """Least guess of a stiffness, as a share of the first joint's: what a wrist carries says little about its drive."""
-
-
 HEAD = """Made by ident from {robot}. Lengths, masses and inertias are those of that file. STIFFNESSES AND DAMPING ARE
 GUESSED, such that each joint alone would vibrate at {frequency:g} Hz. Replace them by catalogue values: k_bend is
 across the axis (bearing and casting), k_tors about it (drive). A picture of what stands here: ident show arm.toml

@@ -184,7 +184,7 @@ def kinds() -> Mapping[str, str]:
 def columns() -> Mapping[str, tuple[str, ...]]:
     """Return the words that columns of a campaign have to choose from."""
     from ident.measure import DEFINITIONS, DRIVE_STATES
-    from ident.measure.load import RAMPS
+    from ident.measure.kinds import RAMPS
 
     return {"of": DEFINITIONS, "drives": DRIVE_STATES, "ramp": RAMPS}
 

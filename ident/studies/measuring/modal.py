@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from ident.measure.recordings.recording import SourceFile
     from ident.measure.reproducibility import Reproducibility
     from ident.modal.ambient import AmbientTest
+    from ident.modal.finished import FinishedTest
     from ident.modal.frf import ModalTest, Processing
-    from ident.modal.sources import FinishedTest
     from ident.studies.measuring.modal_campaign import IdentifiedModes, NamedModes
 
 CHANNELS, ARM = "channels.csv", "arm.toml"
@@ -222,7 +222,7 @@ def modal_test(
     from ident.measure.channels import ChannelTable, check_folder, read_channels, recordings_of
     from ident.measure.recordings.recording import SourceFile
     from ident.modal.ambient import measured_tests
-    from ident.modal.sources import finished_tests
+    from ident.modal.finished import finished_tests
     from ident.studies.measuring.modal_campaign import (
         in_base_frame,
         modal_campaign,

@@ -18,14 +18,14 @@ from ident.identify.mode_names import Measured, ModeLabels, label_modes
 from ident.inference.parameters import Parameters
 from ident.measure import DEFINITIONS, Campaign, Measurement
 from ident.measure.channels import FRAMES, ChannelRow, ChannelTable
-from ident.measure.covariance_and_frames import Covariance, Group
+from ident.measure.covariance import Covariance, Group
 from ident.measure.load import named_points, unit_vector
 from ident.measure.reproducibility import REPRODUCIBILITY, Reproducibility
 from ident.modal.ambient import AmbientTest
+from ident.modal.finished import POLE, FinishedModes, FinishedTest
 from ident.modal.frf import HeldArm, ModalTest
 from ident.modal.modes import Modes, modes_of, together
 from ident.modal.operational import OperationalModes, operational_modes
-from ident.modal.sources import POLE, FinishedModes, FinishedTest
 from ident.text import did_you_mean, one_line, quoted
 
 # -------- Identified modes

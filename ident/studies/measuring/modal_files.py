@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ident.measure import Campaign, write_campaign
-from ident.measure.covariance_and_frames import covariance_path
+from ident.measure.covariance import covariance_path
 from ident.measure.reproducibility import Reproducibility
 from ident.modal.ambient import AmbientTest
 from ident.studies.measuring.modal_report import place_in_words, reproducibility_in_words

@@ -10,10 +10,10 @@ import numpy as np
 from ident.measure import Campaign
 from ident.measure.reproducibility import REPRODUCIBILITY, Reproducibility
 from ident.modal.ambient import AmbientTest
+from ident.modal.finished import POLE, FinishedTest
 from ident.modal.frf import MOVING, Check, ModalTest
 from ident.modal.modes import Modes, Ratio
 from ident.modal.operational import DECAYS, OperationalModes
-from ident.modal.sources import POLE, FinishedTest
 from ident.report.report import Cell, Finding, Part, Report, Section, Table, Verdict, by_head, cut
 from ident.report.words import (
     counted,

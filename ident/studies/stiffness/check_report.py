@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.identify.problem import LabelDoubt, row_names
+from ident.identify.data_checks import row_names
+from ident.identify.label_checks import LabelDoubt
 from ident.inference.fit import contradiction_in_words
 from ident.inference.information import WEAK_ABOVE, chi_squared_in_words
 from ident.inference.optima import is_tie

@@ -13,8 +13,9 @@ from ident.studies.shared import ProblemOptions
 if TYPE_CHECKING:
     from ident.arm.arm import Arm
     from ident.description.file import ArmFile
+    from ident.identify.assumptions import Assumptions
     from ident.identify.explanations import Explanations
-    from ident.identify.fit import Assumptions, CampaignFit
+    from ident.identify.fit import CampaignFit
     from ident.identify.values import Robot, Values
     from ident.inference.fit import CrossPrediction
     from ident.measure import Campaign

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.arm.fields import ALPHA
-from ident.identify.problem import row_names
+from ident.identify.data_checks import row_names
 from ident.identify.unknowns import is_damping, is_of_loop
 from ident.inference.information import OPEN_ABOVE, WEAK_ABOVE, Information, chi_squared_in_words, half_width
 from ident.inference.optima import unmet

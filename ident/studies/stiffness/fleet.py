@@ -247,6 +247,7 @@ def robots_in(folder: Path, arm: str | Path | None) -> list[Files]:
 
 def _tables(folder: Path) -> list[Path]:
     """Return the campaigns in a folder, without the files beside them."""
-    from ident.measure.covariance_and_frames import COVARIANCE_SUFFIX, SETUP_SUFFIX
+    from ident.measure.covariance import COVARIANCE_SUFFIX
+    from ident.measure.frames import SETUP_SUFFIX
 
     return [path for path in folder.glob("*.csv") if not path.name.endswith((COVARIANCE_SUFFIX, SETUP_SUFFIX))]

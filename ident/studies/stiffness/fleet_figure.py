@@ -31,12 +31,8 @@ if TYPE_CHECKING:
 
 FLEET_PANEL = (3.9, 2.7)
 """Width and height of a panel [inch]."""
-
-
 WIDEST = 1.0
 """Standard deviation in theta above which an own estimate is not drawn: its data leave it open."""
-
-
 MOST = 300
 """Robots that are drawn, of more those that are farthest off, in the order of their names."""
 

@@ -32,19 +32,11 @@ if TYPE_CHECKING:
 
 COLOURS = (BLUE, ORANGE, GREEN, PINK, "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's, one for each joint or other part."""
-
-
 LISTED = 24
 """Listed postures up to which each has a bar of its own."""
-
-
 DASHES = {"k_bend": "-", "k_tors": (0, (5, 2))}
-
-
 BADGE: Style = {"marker": "s", "markersize": 10, "markerfacecolor": "white", "color": "black"}
 """A chosen posture."""
-
-
 CROSS: Style = {"marker": "x", "markersize": 8, "markeredgewidth": 2.2, "color": ORANGE}
 """A posture that was measured before."""
 

@@ -33,7 +33,7 @@ from ident.studies.cause.source_report import LISTED as LISTED_RUNS
 from ident.studies.cause.source_report import named, size_of
 from ident.studies.stiffness.fit_report import why_no_interval
 from ident.studies.stiffness.warnings import drive_states
-from ident.vibrate.sources import unit_of as unit_of_source
+from ident.vibrate.unit_response import unit_of as unit_of_source
 
 if TYPE_CHECKING:
     from ident.identify.plan import CampaignPlan

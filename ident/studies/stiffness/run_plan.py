@@ -30,7 +30,7 @@ from ident.vibrate.source_identification import (
     shared_unknowns,
 )
 from ident.vibrate.source_problem import Place, Prior, SourceProblem
-from ident.vibrate.sources import Run, Sensor, unit_of
+from ident.vibrate.unit_response import Run, Sensor, unit_of
 
 RATE = 100.0
 """Samples a second: twelve of a vibration of 8 Hz; assumed."""

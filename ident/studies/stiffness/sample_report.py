@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.identify.problem import row_names
+from ident.identify.data_checks import row_names
 from ident.inference.chains import LONG_ENOUGH, MIXED, Diagnosis
 from ident.inference.draws import LEARNED, combinations, quantiles, share_of_prior
 from ident.inference.fit import contradicting

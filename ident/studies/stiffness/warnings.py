@@ -9,10 +9,12 @@ import numpy as np
 
 from ident.arm.arm import Arm
 from ident.arm.plausibility import oddities
+from ident.identify.assumptions import Assumption, Assumptions, of_kind
+from ident.identify.data_checks import row_names
 from ident.identify.explanations import APART, Change, Explanation, Explanations, Telling
-from ident.identify.fit import Assumption, Assumptions, CampaignFit, Loop, of_kind
+from ident.identify.fit import CampaignFit, Loop
 from ident.identify.hypotheses import KINDS, MARGIN, SLIP
-from ident.identify.problem import Ramp, row_names
+from ident.identify.problem import Ramp
 from ident.inference.fit import FEW, CrossPrediction, contradicting
 from ident.inference.information import RARE, sigma_in_words, standard_deviations
 from ident.inference.parameters import Parameters

@@ -9,7 +9,8 @@ from ident.studies.options import MEASURES, option
 
 if TYPE_CHECKING:
     from ident.studies.scenario import Basis
-    from ident.vibrate.evaluator import Evaluator, Variable
+    from ident.vibrate.evaluator import Evaluator
+    from ident.vibrate.variable import Variable
 
 
 @dataclass(frozen=True, kw_only=True)

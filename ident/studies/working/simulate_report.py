@@ -20,7 +20,7 @@ from ident.studies.basis import (
     transmission_finding,
     without_transmission_error,
 )
-from ident.vibrate.evaluator import share_of_variance
+from ident.vibrate.binomial import share_of_variance
 from ident.vibrate.fast import passages
 from ident.vibrate.study import DIRECTIONS
 

@@ -44,8 +44,6 @@ def _styles(width: float, colours: Sequence[str]) -> tuple[Style, ...]:
 
 
 SERIES = _styles(1.4, (BLUE, ORANGE, GREEN, PINK))
-
-
 LINES = _styles(1.6, (ORANGE, GREEN, "black", PINK))
 """Styles of a pulley's orders: over the blue of a spectrogram, and the same over time."""
 

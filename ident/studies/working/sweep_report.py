@@ -19,7 +19,7 @@ from ident.vibrate.sweep import LINES, NOTABLE, Axis, Sweep, Trend, below, curve
 
 if TYPE_CHECKING:
     from ident.studies.working.sweep_study import SweepStudy
-    from ident.vibrate.evaluator import Variable
+    from ident.vibrate.variable import Variable
 
 # -------- Words
 # What is swept, and how an amplitude goes with it.

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 
 from ident.arm.arm import Arm
 from ident.errors import InputError
-from ident.measure.load import KINDS
+from ident.measure.kinds import KINDS
 from ident.report.document import save
 from ident.studies.stiffness.fit_figure import KIND_STYLES, fit_figure
 

@@ -1,0 +1,114 @@
+"""Traces: displacement or acceleration over time, and how pulleys turned meanwhile."""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ident.errors import Problem, refuse
+from ident.measure.columns import EXAMPLES, Rule
+from ident.measure.recordings.sampling import UNEVEN, odd_interval
+from ident.measure.series import TIME, Sampled, Series, parse_series
+from ident.measure.table import (
+    Findings,
+    read_table,
+)
+from ident.text import LARGEST_SAMPLES, NAME
+
+DIRECTIONS = ("x", "y", "z")
+"""Names of the columns: axes of the base frame."""
+KINDS = {"length": "displacement", "acceleration": "acceleration"}
+"""What a trace may be of, by the quantity of its units."""
+TRACE_ROWS_MIN = 16
+"""Fewest rows of a trace."""
+
+
+@dataclass(frozen=True)
+class Trace(Sampled):
+    """A vibration over time, sampled at equal intervals.
+
+    Attributes:
+        kind: `displacement` or `acceleration`.
+        values: (T,) [m or m/s^2] by direction, `x`, `y` or `z` of the base frame.
+        ignored: names of further columns of the file, as written in its header.
+    """
+
+    kind: str
+    values: Mapping[str, Float[np.ndarray, " T"]]
+    ignored: tuple[str, ...] = ()
+
+
+def read_trace(path: str | Path) -> Trace:
+    """Read a trace from a CSV file with the columns `time [s]` and any of `x [mm]`, `y [mm]`, `z [mm]`.
+
+    The unit tells displacement from acceleration, `x [m/s^2]`; one file has one of the two.
+
+    Args:
+        path: the file; UTF-8, columns separated by comma, semicolon or tab, in any order; further ones are ignored.
+
+    Returns:
+        The trace in SI units.
+
+    Raises:
+        InputError: the file can't be read, or something in it is wrong; every problem is listed.
+    """
+    return parse_trace(read_table(path, LARGEST_SAMPLES), path)
+
+
+def parse_trace(data: bytes, path: str | Path) -> Trace:
+    """Read a trace from the bytes of a CSV file; `path` names it in messages."""
+    findings = Findings()
+    rules = [Rule(direction, quantities=tuple(KINDS)) for direction in DIRECTIONS]
+    series = parse_series(data, path, rules, TRACE_ROWS_MIN, findings)
+    findings += [*_kind_problems(series), *sampling_problems(series)]
+    refuse(findings)
+    values = {direction: series[direction] for direction in DIRECTIONS if direction in series}
+    kind = KINDS[series.header.units[next(iter(values))].quantity]
+    return Trace(str(path), series.sha256, series[TIME], kind, values, series.header.ignored)
+
+
+def _kind_problems(series: Series) -> Iterator[Problem]:
+    where, given = series.header.where, {name: series.header.units[name] for name in DIRECTIONS if name in series}
+    if not given and not series.at_fault & set(DIRECTIONS):
+        expected = f"a column 'x [{EXAMPLES['length']}]', or y or z, or in '{EXAMPLES['acceleration']}'"
+        yield Problem(where, "no direction", expected, "name the measured directions in the header")
+    for name, unit in given.items():
+        kind, (other, first) = KINDS[unit.quantity], next(iter(given.items()))
+        if unit.quantity != first.quantity:
+            got, expected = f"{kind} in '{unit.written}'", f"{KINDS[first.quantity]}, as of {other}"
+            yield Problem(where, got, expected, "put displacements and accelerations into two files", name)
+
+
+def sampling_problems(series: Series) -> Iterator[Problem]:
+    """Find the interval that differs most from the median one, once time increases."""
+    steps = np.diff(series[TIME]) if TIME in series else np.zeros(0)
+    if not steps.size or not (steps > 0).all():
+        return
+    mean = steps.mean()
+    if abs(steps - mean).max() > UNEVEN * mean:
+        row, expected, remedy = odd_interval(series[TIME])
+        got = f"{steps[row]:.6g} s since the row before"
+        yield Problem(series.where[row + 1], got, expected, remedy, TIME)
+
+
+_COLUMN = re.compile(rf"(?P<name>(?P<pulley>{NAME})\.frequency)\s*\[.*\]")
+"""A column such as `drive1.frequency [Hz]`."""
+
+
+def read_pulleys(path: str | Path, trace: Trace) -> Mapping[str, Float[np.ndarray, " T"]]:
+    """Read how pulleys turn from the file of a trace, by name (T,) [Hz]; mostly none if it was measured.
+
+    Args:
+        path: the file.
+        trace: what `read_trace` has read from it.
+    """
+    there = [match for match in map(_COLUMN.fullmatch, trace.ignored) if match]
+    if not there:
+        return {}
+    rules, findings = [Rule(match["name"], quantities=("frequency",)) for match in there], Findings()
+    series = parse_series(read_table(path, LARGEST_SAMPLES), path, rules, TRACE_ROWS_MIN, findings)
+    refuse(findings)
+    return {match["pulley"]: series[match["name"]] for match in there}
