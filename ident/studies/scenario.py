@@ -43,6 +43,11 @@ class Unknowns:
     phases: tuple[str, ...] = ()
     errors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
+    @property
+    def highest(self) -> dict[str, float]:
+        """The highest transmission errors, by path [rad]."""
+        return {path: high for path, (_, high) in self.errors.items()}
+
     def draws(self, count: int, seed: int = 0) -> dict[str, Float[np.ndarray, "K"]]:
         """Return draws of them, by path [rad]."""
         rng = np.random.default_rng(seed)
@@ -224,9 +229,10 @@ def _drawn(
     whole: Superposition, unknown: Unknowns, count: int
 ) -> tuple[Float[np.ndarray, "U K"], Float[np.ndarray, "U K"]]:
     """Return draws of the phases of a sum, and of the factors of what they excite."""
-    drawn, sizes = unknown.draws(count), map(_size, whole.unknown)
-    highest = {path: high for path, (_, high) in unknown.errors.items() if high}
-    factors = [drawn[size] / highest[size] if size in highest else np.ones(count) for size in sizes]
+    drawn, highest = unknown.draws(count), unknown.highest
+    factors = [
+        drawn[size] / highest[size] if highest.get(size) else np.ones(count) for size in map(_size, whole.unknown)
+    ]
     return np.stack([drawn[path] for path in whole.unknown]), np.stack(factors)
 
 
