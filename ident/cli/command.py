@@ -6,7 +6,7 @@ import os
 import re
 import textwrap
 import tomllib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import Field
@@ -15,7 +15,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import typer
-from typer.models import OptionInfo
+from typer.core import TyperCommand
 
 from ident.cli import running
 from ident.cli.output import (
@@ -115,11 +115,7 @@ def _main(context: typer.Context, values: Mapping[str, Any]) -> Path | None:
 
 def _flags(command: Any) -> dict[str, Any]:
     """Return the parameters of a command by their longest flag, without dashes."""
-    options = [
-        each
-        for each in command.params
-        if each.param_type_name == "option" and not (each.hidden and each.name not in RARE.get(str(command.name), ()))
-    ]
+    options = [each for each in command.params if each.param_type_name == "option" and not each.hidden]
     named = {_plain(max(each.opts, key=len)): each for each in options}
     return {name: each for name, each in named.items() if name not in NO_DEFAULTS}
 
@@ -215,8 +211,8 @@ MAIN: Mapping[str, str] = {
 }
 """Flags that matter, by command: its help shows these and `ALWAYS`, and `--help-all` the rest."""
 ALWAYS = ("arm", "out", "force", "details", "json")
-RARE: dict[str, set[str]] = {}
-"""Flags that the help of a command leaves to `--help-all`."""
+WHOLE = "ident.help_all"
+"""Says, in the context of a command, that its help shows all flags."""
 
 
 def flag(help: str, *names: str, kind: Any = Path | None) -> Any:
@@ -309,6 +305,29 @@ def plain(function: Callable[..., None]) -> Callable[..., None]:
     return function
 
 
+class _Command(TyperCommand):
+    """A command whose help shows the flags that matter, and with `--help-all` all."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        brief, main = copy(self), MAIN.get(str(self.name))
+        if main and WHOLE not in ctx.meta:
+            shown = {*main.split(), *ALWAYS, "help_all"}
+            brief.params = [each for each in self.params if each.param_type_name == "argument" or each.name in shown]
+        super(_Command, brief).format_options(ctx, formatter)
+
+
+def _show_all(context: typer.Context, asked: bool) -> None:
+    if asked:
+        context.meta[WHOLE] = True
+        typer.echo(context.get_help())
+        raise typer.Exit
+
+
+HelpAllOption = Annotated[
+    bool, typer.Option("--help-all", help="show all options and exit", is_eager=True, callback=_show_all)
+]
+
+
 def register(name: str, function: Callable[..., None], parameters: list[inspect.Parameter]) -> None:
     """Hang a function on the program, with the flags that all commands have."""
 
@@ -323,43 +342,12 @@ def register(name: str, function: Callable[..., None], parameters: list[inspect.
     kinds = {each.name: get_args(each.annotation)[0] for each in parameters}
     every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in parameters]
     every += [parameter(name, option, False) for name, option in common.items()]
-    rare = RARE[name] = {each.name for each in every if name in MAIN and _is_rare(name, each)}
-    every = [_hidden(each) if each.name in rare else each for each in every]
-    whole = [parameter("help_all", _help_all(rare), False)] if rare else []
-    ordered = [parameter("context", typer.Context), *every, *whole]
+    every += [parameter("help_all", HelpAllOption, False)] if name in MAIN else []
+    ordered = [parameter("context", typer.Context), *every]
     call.__signature__ = inspect.Signature(ordered)  # type: ignore[attr-defined]
     call.__annotations__ = {each.name: each.annotation for each in ordered}
     call.__doc__ = function.__doc__
-    app.command(name, context_settings={"max_content_width": 100})(call)
-
-
-def _is_rare(name: str, parameter: inspect.Parameter) -> bool:
-    """Tell whether a command's help leaves a flag to `--help-all`; flags that no help offers stay as they are."""
-    info = get_args(parameter.annotation)[1]
-    flag = isinstance(info, OptionInfo) and not info.hidden
-    return flag and parameter.name not in {*MAIN[name].split(), *ALWAYS}
-
-
-def _hidden(parameter: inspect.Parameter) -> inspect.Parameter:
-    kind, info = get_args(parameter.annotation)
-    hidden = copy(info)
-    hidden.hidden = True
-    return parameter.replace(annotation=Annotated[kind, hidden])
-
-
-def _help_all(rare: Collection[str]) -> Any:
-    """Return the flag that prints a command's help with all flags."""
-
-    def show(context: typer.Context, asked: bool) -> None:
-        if not asked:
-            return
-        for each in context.command.params:
-            each.hidden = each.hidden and each.name not in rare  # type: ignore[attr-defined]
-        typer.echo(context.get_help())
-        raise typer.Exit
-
-    flag = typer.Option("--help-all", help="show all options and exit", is_eager=True, callback=show)
-    return Annotated[bool, flag]
+    app.command(name, cls=_Command, context_settings={"max_content_width": 100})(call)
 
 
 def offer(

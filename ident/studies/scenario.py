@@ -229,9 +229,10 @@ def _drawn(
     whole: Superposition, unknown: Unknowns, count: int
 ) -> tuple[Float[np.ndarray, "U K"], Float[np.ndarray, "U K"]]:
     """Return draws of the phases of a sum, and of the factors of what they excite."""
-    drawn, sizes = unknown.draws(count), map(_size, whole.unknown)
-    highest = {path: high for path, (_, high) in unknown.errors.items() if high}
-    factors = [drawn[size] / highest[size] if size in highest else np.ones(count) for size in sizes]
+    drawn, highest = unknown.draws(count), unknown.highest
+    factors = [
+        drawn[size] / highest[size] if highest.get(size) else np.ones(count) for size in map(_size, whole.unknown)
+    ]
     return np.stack([drawn[path] for path in whole.unknown]), np.stack(factors)
 
 
