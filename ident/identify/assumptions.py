@@ -27,6 +27,8 @@ from ident.inference.information import ScoreTest, asked_for, score_tests
 from ident.measure.kinds import SHAPES
 from ident.programs import RUNS_ONCE, jit
 
+Choices = tuple[Float[Array, "m R"], Float[Array, "m n"]]
+"""The modes of the named and of the unnamed values, as `mode_choice` gives them."""
 MANY = 64
 """States above which one amount is changed after the other, for the memory that all of them together would take."""
 LONG = 24
@@ -123,6 +125,10 @@ def slopes(
     rows = jax.vmap(lambda f, r: _rows(f, r, choice, conditions))(hertz, reads)
     parts = np.cumsum([len(hinges), len(hinges), count, count])
     return Slopes(_rows(modes.frequency, read(still, rest, readings), choice, conditions), *jnp.split(rows, parts))
+
+
+slopes_once = jit(unwrap(slopes), RUNS_ONCE)
+"""The same, for a campaign that is not looked at in many parts."""
 
 
 def _of_mode(chain: Chain, phi: Phi, v: Phi, eigenvalue: Float[Array, "S"]) -> Float[Array, "S"]:
@@ -243,9 +249,3 @@ def _each(arm: Arm, pieces: CutArm, changed: Slopes) -> "list[tuple[tuple[str, s
 def of_kind(items: Sequence[Assumption], kind: str) -> tuple[Assumption, ...]:
     """Return those of one kind."""
     return tuple(item for item in items if item.kind == kind)
-
-
-Choices = tuple[Float[Array, "m R"], Float[Array, "m n"]]
-"""The modes of the named and of the unnamed values, as `mode_choice` gives them."""
-slopes_once = jit(unwrap(slopes), RUNS_ONCE)
-"""The same, for a campaign that is not looked at in many parts."""

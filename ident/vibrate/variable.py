@@ -13,6 +13,8 @@ from ident.errors import Problem, refusal, refuse
 from ident.programs import AnyArray, library
 from ident.text import did_you_mean
 
+Extents = Mapping[str, Float[np.ndarray, "2 3"]]
+"""Corners of the bodies whose shape is known, by name, in the axes of their joint [m]."""
 ROUNDING = 1e-9
 """Distance [m] that is no distance."""
 
@@ -163,7 +165,3 @@ def outside(arm: Arm, variable: Variable, extents: Extents) -> Iterable[Problem]
             if low < lowest - ROUNDING or high > highest + ROUNDING:
                 got, expected = f"{low:g} to {high:g} m", f"{lowest:.4g} to {highest:.4g} m, within the body"
                 yield Problem(path, got, expected, "keep the mass centre in its body")
-
-
-Extents = Mapping[str, Float[np.ndarray, "2 3"]]
-"""Corners of the bodies whose shape is known, by name, in the axes of their joint [m]."""
