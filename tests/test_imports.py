@@ -126,14 +126,32 @@ def test_the_check_sees_imports():
     assert len(modules()) > 20
 
 
-REACHES = {"predict": 15_100, "fit": 24_300, "simulate": 20_350, "sample": 30_100, "modal": 21_450, "sweep": 21_900}
-"""Lines of the modules that a study can reach, those that functions import among them: no more, rather less."""
+REACHES = {
+    "predict": 16_400,
+    "fit": 24_700,
+    "simulate": 21_300,
+    "sample": 27_800,
+    "motion": 30_300,
+    "plan": 36_500,
+    "fleet": 30_000,
+    "source": 24_400,
+    "balance": 33_700,
+    "joint": 14_400,
+    "triage": 26_800,
+    "diagnose": 48_900,
+}
+"""Lines of the modules that a study can reach, with its report, figure, page and files: no more, rather less.
+
+Those that functions import, and those that are found by name, count.
+"""
+BESIDE = ("", "_report", "_figure", "_page", "_files")
 
 
 @pytest.mark.parametrize("study", REACHES)
 def test_a_study_reaches_only_so_many_lines(study):
-    """What a reader of one study may have to read: aims are 12,000 for a prediction, 16,000 for a fit."""
-    reached, ahead = set(), [PACKAGE.parent.joinpath(*MODULES[study].split(".")).with_suffix(".py")]
+    """What a reader of one study may have to read."""
+    files = [PACKAGE.parent.joinpath(*f"{MODULES[study]}{part}".split(".")).with_suffix(".py") for part in BESIDE]
+    reached, ahead = set(), [path for path in files if path.is_file()]
     while ahead:
         path = ahead.pop()
         if path not in reached:

@@ -11,8 +11,8 @@ from ident.vibrate.hypotheses import PEAK, TRACKS, probability, score
 
 PACKAGE = Path(__file__).parents[1] / "ident"
 LIMITS = {"SURE", "SEEN", "COST", "CHANCE", "LIKELY", "MISFIT", "MARGIN", "SLIP"}
-APART = {"instruments.py": {"MARGIN"}, "resonance.py": {"MARGIN"}, "design_search.py": {"MARGIN"}}
-"""Margins of an angle, a frequency and an amplitude: they judge no hypothesis."""
+APART = dict.fromkeys(("instruments", "resonance", "design_search", "frf", "motion_study"), {"MARGIN"})
+"""Margins of an angle, a frequency, an amplitude, a band and a limit: they judge no hypothesis."""
 
 
 def constants(path):
@@ -25,10 +25,9 @@ def constants(path):
 
 def test_limits_of_hypotheses_stand_in_two_places():
     found = {}
-    for room in ("identify", "vibrate"):
-        for path in sorted((PACKAGE / room).glob("*.py")):
-            if own := LIMITS.intersection(constants(path)) - APART.get(path.name, set()):
-                found[f"{room}/{path.name}"] = own
+    for path in sorted(PACKAGE.rglob("*.py")):
+        if own := LIMITS.intersection(constants(path)) - APART.get(path.stem, set()):
+            found[str(path.relative_to(PACKAGE))] = own
     assert found == {"identify/hypotheses.py": {"CHANCE", "MARGIN", "SLIP"}, "vibrate/hypotheses.py": {"COST"}}
 
 

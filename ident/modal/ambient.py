@@ -95,9 +95,9 @@ def correlations_of(
 
 MULTIPLES = 10
 """Multiples of a speed at which lines are sought."""
-SLIP = 0.01
+SPEED_SLIP = 0.01
 """How far a speed may be from what is said, as a share; assumed."""
-CHANCE = 1e-10
+NOISE_CHANCE = 1e-10
 """Chance of noise alone to stand out so far, at one frequency; assumed."""
 NARROW, ABOUT = 2.5, 24.0
 """A line is that narrow, and what lies about it that wide to either side, in reciprocals of the duration."""
@@ -152,8 +152,8 @@ def without_harmonics(
     """
     lines: list[Harmonic] = []
     spectrum = _Spectrum.of(record, step)
-    sought = [(speed.name, n, n * speed.frequency, SLIP) for speed in speeds for n in range(1, MULTIPLES + 1)]
-    sought += [("the mains", 1, line, SLIP / 10) for line in MAINS]
+    sought = [(speed.name, n, n * speed.frequency, SPEED_SLIP) for speed in speeds for n in range(1, MULTIPLES + 1)]
+    sought += [("the mains", 1, line, SPEED_SLIP / 10) for line in MAINS]
     for name, multiple, nominal, slip in [each for each in sought if band[0] <= each[2] <= band[1]]:
         rough = spectrum.line(nominal * (1 - slip), nominal * (1 + slip))
         if rough is None or any(abs(each.frequency - rough) < 2 * spectrum.resolution for each in lines):
@@ -170,7 +170,7 @@ def turning(speeds: Sequence[Speed], frequency: float) -> str:
     """Return what turns at a frequency [Hz], or at a part of it; empty for nothing."""
     pairs = [(speed, multiple) for speed in speeds for multiple in range(1, MULTIPLES + 1)]
     apart = [abs(speed.frequency * multiple / frequency - 1) for speed, multiple in pairs]
-    if min(apart, default=1.0) > SLIP:
+    if min(apart, default=1.0) > SPEED_SLIP:
         return ""
     speed, multiple = pairs[int(np.argmin(apart))]
     return f"{times(multiple)}{speed.name}, which turns at {speed.frequency:.4g} Hz"
@@ -193,7 +193,7 @@ class _Spectrum:
 
     def line(self, low: float, high: float) -> float | None:
         """Return where the line that stands out most is between two frequencies; None where none does."""
-        level = chdtri(2, CHANCE) / chdtri(2, 0.5)
+        level = chdtri(2, NOISE_CHANCE) / chdtri(2, 0.5)
         at = np.flatnonzero((self.frequency >= low) & (self.frequency <= high))
         best = max((int(at[each.argmax()]) for each in self.power[:, at]), key=self._stands_out, default=None)
         return float(self.frequency[best]) if best is not None and self._stands_out(best) > level else None

@@ -160,7 +160,7 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
 
 MAINS = (50.0, 60.0, 100.0, 120.0)
 """Frequencies [Hz] at which the mains may be heard."""
-CHANCE = 1e-6
+NOISE_CHANCE = 1e-6
 """Chance of noise alone to stand out so far, at one line of one channel; assumed."""
 ABOUT = 3.0
 """Width [Hz] to either side of the line of what lies about it."""
@@ -185,7 +185,7 @@ def mains_lines(group: Iterable[Source], frequency: np.ndarray) -> list[str]:
 def _lines(quiet: np.ndarray, step: float) -> list[float]:
     """Return the lines that stand out of what lies about them."""
     blocks, count = quiet.shape
-    level = chdtri(2 * blocks, CHANCE) / chdtri(2 * blocks, 0.5)  # of a sum of squares of Gaussian noise
+    level = chdtri(2 * blocks, NOISE_CHANCE) / chdtri(2 * blocks, 0.5)  # of a sum of squares of Gaussian noise
     power = (np.abs(np.fft.rfft(np.hanning(count) * (quiet - quiet.mean(1, keepdims=True)))) ** 2).mean(0)
     frequency, resolution = np.fft.rfftfreq(count, step), 1 / (count * step)
     lines = []

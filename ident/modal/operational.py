@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from ident.errors import refusal, require
 from ident.measure.speeds import Speed
-from ident.modal.ambient import SLIP, AmbientTest, turning
+from ident.modal.ambient import SPEED_SLIP, AmbientTest, turning
 from ident.modal.frf import ModeSet
 from ident.modal.modes import SHARPEST, chosen_near
 from ident.modal.parameters import ModalParameters, Rejected
@@ -210,7 +210,7 @@ FASTEST = 100.0
 """Rate [1/s] by which a mode calms down at most."""
 LEAST_DAMPED = 0.001
 """Damping ratio below which a pole is the line of something that turns."""
-SURE = 2.0
+DAMPED_SDS = 2.0
 """Standard deviations by which a damping ratio has to lie above that, for a pole to be a mode; assumed."""
 LIGHT = 0.01
 """Damping ratio below which the line of what turns may be taken for a mode; assumed."""
@@ -327,7 +327,7 @@ def _why(
         return "it is lost where a part of the record is left out"
     if frequency_sd > frequency * max(damping, SHARPEST):
         return "its frequency is not known to within its resonance"
-    if damping < LIGHT and damping - SURE * damping_sd < LEAST_DAMPED:
+    if damping < LIGHT and damping - DAMPED_SDS * damping_sd < LEAST_DAMPED:
         uncertain = f"damping ratio {100 * damping:.2f} %, give or take {100 * damping_sd:.2f} %"
         return f"{uncertain}, may be that of something that turns: name its speed (`harmonics`), or record for longer"
     return f"its damping ratio is not known to within {100 * VAGUE:.0f} %" if damping_sd > VAGUE * damping else ""
@@ -356,5 +356,5 @@ def _remarks(test: AmbientTest, found: Tracked, rejected: Sequence[Rejected], de
             if abs(line - each) < ratio * each:
                 yield f"WARNING: {name} lies within the resonance of the mode at {each:.4g} Hz: repeat at another speed"
         what = turning(test.speeds, each) if ratio < LIGHT else ""
-        if what and all(abs(line - each) > SLIP * each for line, _ in lines):
+        if what and all(abs(line - each) > SPEED_SLIP * each for line, _ in lines):
             yield f"WARNING: the mode at {each:.4g} Hz may be that of {what}: repeat at another speed"

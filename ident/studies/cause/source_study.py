@@ -67,11 +67,11 @@ TESTED = 100
 HEAVIEST = (0.01, 20.0, 0.05)
 """Largest imbalance of a trial mass: in kg m, as a multiple of the drive's own, and as an eccentricity [m] of its
 eccentric mass; the largest of the three counts, assumed."""
-CHANCE = 0.01
+CONTRADICTED = 0.01
 """Probability below which a trial mass does not act as stated, or trial masses contradict each other; assumed."""
 NEAR = 0.05
 """Deviation of a trial mass's factor that is none: the correction would leave as much of the imbalance; assumed."""
-SURE = 0.25
+TOLD_WITHIN = 0.25
 """Half width of a trial mass's 95 % region beyond which acting as stated verifies nothing: as much of the imbalance
 could be left; assumed."""
 
@@ -161,18 +161,18 @@ class Tried:
 
     @property
     def too_light(self) -> float:
-        """By which factor it is too light to tell within `SURE` how it acts, as the error falls with its mass."""
-        return self.spread * float(np.sqrt(chi2.isf(0.05, 2))) / SURE
+        """By which factor it is too light to tell within `TOLD_WITHIN` how it acts, as the error falls with its mass."""
+        return self.spread * float(np.sqrt(chi2.isf(0.05, 2))) / TOLD_WITHIN
 
     @property
     def told(self) -> bool:
-        """Whether it tells anything: that it does not act as stated, or that it does within `SURE`."""
-        return self.chance <= CHANCE or self.too_light < 1
+        """Whether it tells anything: that it does not act as stated, or that it does within `TOLD_WITHIN`."""
+        return self.chance <= CONTRADICTED or self.too_light < 1
 
     @property
     def right(self) -> bool:
         """Whether it acts as stated, and tells so."""
-        return self.told and (abs(self.factor - 1) < NEAR or self.chance > CHANCE)
+        return self.told and (abs(self.factor - 1) < NEAR or self.chance > CONTRADICTED)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from scipy.stats import chi2
 from ident.arm.arm import Arm
 from ident.arm.multibody import possible_orders
 from ident.arm.parts import Drive
-from ident.studies.cause.source_study import CHANCE, NEAR, Tried
+from ident.studies.cause.source_study import CONTRADICTED, NEAR, Tried
 from ident.studies.scenario import Basis
 from ident.vibrate.fast import FastMethod, numbers_of, refuse_collapse, vibrations
 from ident.vibrate.simulate import fast_method
@@ -130,7 +130,7 @@ def calibrated(tried: Sequence[Tried], count: int) -> Calibration:
     for mirrored in (False, True):
         column = (np.conj(stated) if mirrored else stated)[:, None]
         _, left = complex_least_squares(column, effect[:, None], covariance)
-        if chi2.sf(left[0], 2 * len(tried) - 2) > CHANCE:
+        if chi2.sf(left[0], 2 * len(tried) - 2) > CONTRADICTED:
             draws = complex_least_squares(column, drawn, covariance)[0][0]
             accepted.append(Calibration(draws, mirrored, trials=len(tried)))
     if not accepted:
