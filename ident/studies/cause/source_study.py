@@ -161,7 +161,7 @@ class Tried:
 
     @property
     def too_light(self) -> float:
-        """By which factor it is too light to tell within `TOLD_WITHIN` how it acts, as the error falls with its mass."""
+        """By which factor it is too light to tell within `TOLD_WITHIN` how it acts: the error falls with its mass."""
         return self.spread * float(np.sqrt(chi2.isf(0.05, 2))) / TOLD_WITHIN
 
     @property
