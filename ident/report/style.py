@@ -82,35 +82,23 @@ def plain(axes: Axes, *, left: bool = True, grid: bool = False) -> None:
 
 def heading(axes: Axes, title: str, entries: Mapping[str, Style], *, columns: int = 2) -> None:
     """Put heading and key above the axes, where they hide nothing."""
-    common: Style = {"linestyle": "", "solid_capstyle": "butt"}
-    handles = [Line2D([], [], **{"label": label, **common, **style}) for label, style in entries.items()]
-    legend = axes.legend(
-        handles=handles,
-        title=title,
-        alignment="left",
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=columns,
-        frameon=False,
-        fontsize=8,
-        borderpad=0.2,
-        handletextpad=1.0,
-        columnspacing=1.6,
-    )
+    handles = lines({label: {"linestyle": "", "solid_capstyle": "butt", **style} for label, style in entries.items()})
+    place: Style = {"alignment": "left", "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderpad": 0.2}
+    look: Style = {"frameon": False, "fontsize": 8, "handletextpad": 1.0, "columnspacing": 1.6}
+    legend = axes.legend(handles=handles, title=title, ncols=columns, **place, **look)
     legend.get_title().set(fontweight="bold", fontsize=10, parse_math=False)
+
+
+def lines(entries: Mapping[str, Style]) -> list[Line2D]:
+    """Return what a key shows, as lines or marks, by label."""
+    return [Line2D([], [], label=label, **style) for label, style in entries.items()]
 
 
 def key_below(figure: Figure, handles: Sequence[Artist], note: str, *, columns: int = 4, left: bool = False) -> Text:
     """Explain lines and bands below the panels, where they hide nothing, under a note, which is returned."""
-    key = figure.legend(
-        handles=handles,
-        title=note,
-        loc="outside lower left" if left else "outside lower center",
-        alignment="left" if left else "center",
-        ncols=columns,
-        frameon=False,
-        fontsize=9,
-    )
+    side = "left" if left else "center"
+    look: Style = {"loc": f"outside lower {side}", "alignment": side, "frameon": False, "fontsize": 9}
+    key = figure.legend(handles=handles, title=note, ncols=columns, **look)
     as_written(key.get_texts())
     key.get_title().set(fontsize=8, color=GREY, parse_math=False)
     return key.get_title()

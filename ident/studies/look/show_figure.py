@@ -326,9 +326,8 @@ def show_figure(view: "ArmView", *, modes: bool = True) -> Figure:
         for i in range(count):
             place = (0.3 + i * step) / WIDTH, (below_them + 0.3) / height, (step - 0.2) / WIDTH, 1.2 / height
             _draw_mode(figure.add_axes(place), view.analysis, i, views(view))
-    for i, line in enumerate(found):
-        colour = ORANGE if view.oddities or view.failure else GREY
-        figure.text(0.02, (below - 0.3 - 0.17 * i) / height, line, fontsize=9, color=colour, parse_math=False)
+    look: Style = {"color": ORANGE if view.oddities or view.failure else GREY, "va": "top", "fontsize": 9}
+    figure.text(0.02, (below - 0.17) / height, "\n".join(found), parse_math=False, **look)
     key_of(figure, view, (0.995, 1 - 0.05 / height))
     return figure
 

@@ -1,19 +1,18 @@
 """Figure of a posture's frequency responses: size and coherence over frequency, a panel for each response."""
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Ellipse
 
 from ident.modal.ambient import AmbientTest
 from ident.modal.modes import Modes
 from ident.modal.parameters import PhasePlane, phase_planes
 from ident.report.report import cut
-from ident.report.style import BLUE, GREY, ORANGE, PALE, PINK, Style, key_below, note, plain, titled
+from ident.report.style import BLUE, GREY, ORANGE, PALE, PINK, Style, key_below, lines, note, plain, titled
 from ident.report.words import counted, degrees
 from ident.studies.measuring.modal_report import place_in_words
 
@@ -41,14 +40,10 @@ def ambient_figure(test: AmbientTest, identified: "IdentifiedModes | None" = Non
     draw_harmonics(axes, test)
     axes.set(xlim=(0, test.band[1]), xlabel="frequency [Hz]", ylabel="singular value [1/Hz]")
     plain(axes, grid=True)
-    handles = [
-        Line2D([], [], color=BLUE, label="first singular value"),
-        Line2D([], [], color=PALE, label="others"),
-        *([Line2D([], [], color=ORANGE, label="mode")] if identified else []),
-        *harmonic_key(test),
-    ]
+    entries: dict[str, Style] = {"first singular value": {"color": BLUE}, "others": {"color": PALE}}
+    entries |= {"mode": {"color": ORANGE}} if identified else {}
     note = f"{cut(str(test.load), 70)}; {test.correlations.duration:.0f} s; each response in its standard deviations"
-    key_below(figure, handles, note, columns=4)
+    key_below(figure, lines(entries | harmonic_key(test)), note, columns=4)
     return figure
 
 
@@ -60,12 +55,9 @@ def draw_harmonics(axes: Axes, test: AmbientTest) -> None:
         note(axes, str(number), (line.frequency, 1.0), fontsize=7, color=PINK, **top)
 
 
-def harmonic_key(test: AmbientTest) -> list[Line2D]:
+def harmonic_key(test: AmbientTest) -> dict[str, Style]:
     """Return what the marks of the lines mean."""
-    return [
-        Line2D([], [], label=f"{number}: {cut(str(line), 36)}", **HARMONIC)
-        for number, line in enumerate(test.harmonics, 1)
-    ]
+    return {f"{number}: {cut(str(line), 36)}": HARMONIC for number, line in enumerate(test.harmonics, 1)}
 
 
 # -------- Modal
@@ -84,63 +76,46 @@ def modal_figure(test: "ModalTest", identified: "IdentifiedModes | None" = None)
 
     A colour stands for each force.
     """
-    frf = test.frf
-    count = len(frf.responses)
+    frf, count = test.frf, len(test.frf.responses)
     rows = -(-count // 2)
     figure = titled((9.0, 3.1 * rows + 1.4), f"Frequency responses at {degrees(test.posture)}")
     grid = figure.subplots(2 * rows, 2, sharex=True, squeeze=False, height_ratios=[3, 1] * rows)
-    for o, (upper, lower) in enumerate(zip(grid[::2].flat, grid[1::2].flat, strict=True)):
-        if o < count:
-            _response(upper, test, o)
-            _coherence(lower, test, o)
-            if identified and isinstance(identified.modes, Modes):
-                dashed: Style = {"color": "black", "linewidth": 0.8, "linestyle": "--", "zorder": 3}
-                upper.plot(identified.modes.frf.frequency, np.abs(identified.modes.fitted[o]).T, **dashed)
-        else:
-            upper.set_visible(False)
-            lower.set_visible(False)
+    pairs = list(zip(grid[::2].flat, grid[1::2].flat, strict=True))
+    dashed: Style = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
+    for o, (upper, lower) in enumerate(pairs[:count]):
+        _response(upper, lower, test, o)
+        if identified and isinstance(identified.modes, Modes):
+            upper.plot(identified.modes.frf.frequency, np.abs(identified.modes.fitted[o]).T, zorder=3, **dashed)
+    for axes in chain(*pairs[count:]):
+        axes.set_visible(False)
     for axes in grid[-1]:
         axes.set(xlabel="frequency [Hz]")
-    handles = [
-        Line2D([], [], color=color, label=f"force at {place_in_words(place)}")
-        for place, color in zip(frf.references, COLORS, strict=False)
-    ]
-    handles.append(Line2D([], [], color=PALE, label="single hits"))
-    if identified:
-        handles.append(Line2D([], [], color="black", linewidth=0.8, linestyle="--", label="identified modes"))
+    entries: dict[str, Style] = {"single hits": {"color": PALE}} | ({"identified modes": dashed} if identified else {})
+    forces = zip(frf.references, COLORS, strict=False)
+    entries = {f"force at {place_in_words(place)}": {"color": color} for place, color in forces} | entries
     words = f"{cut(str(test.load), 70)}; {len(frf.hits)} hits at each point"
     if test.rejected:
         words += f"\nrejected: {counted(len(test.rejected), 'hit')}, see the report"
-    key_below(figure, handles, words, columns=3)
+    key_below(figure, lines(entries), words, columns=3)
     return figure
 
 
-def _response(axes: Axes, test: "ModalTest", o: int) -> None:
-    frf = test.frf
-    axes.set_yscale("log")
+def _response(upper: Axes, lower: Axes, test: "ModalTest", o: int) -> None:
+    """Draw accelerance in the upper panel and coherence in the lower one."""
+    frf, mean = test.frf, np.abs(test.frf.mean[o])
+    upper.set_yscale("log")
     for i, color in zip(range(len(frf.references)), COLORS, strict=False):
-        axes.plot(frf.frequency, np.abs(frf.hits[:, o, i]).T, color=PALE, linewidth=0.5, zorder=1)
-        axes.plot(frf.frequency, np.abs(frf.mean[o, i]), color=color, linewidth=1.1, zorder=2)
-    top = float(np.abs(frf.mean[o]).max())
-    bottom = float(np.quantile(np.abs(frf.mean[o]), 0.01))
-    axes.set(ylim=(max(bottom / 2, top / 1e5), 2 * top), xlim=(0, frf.frequency[-1]))
-    plain(axes, grid=True)
-    axes.set_title(f"response {place_in_words(frf.responses[o])}", fontsize=9, loc="left", parse_math=False)
-    _named(axes, "accelerance [1/kg]")
-
-
-def _coherence(axes: Axes, test: "ModalTest", o: int) -> None:
-    for i, color in zip(range(len(test.frf.references)), COLORS, strict=False):
-        axes.plot(test.frf.frequency, test.coherence[o, i], color=color, linewidth=0.9)
-    axes.set(ylim=(0, 1.05))
-    plain(axes)
-    _named(axes, "coherence")
-
-
-def _named(axes: Axes, name: str) -> None:
-    """Name the upright axis at a place that all panels share; aligned by their ticks, it takes half of the drawing."""
-    axes.set_ylabel(name, fontsize=8)
-    axes.yaxis.set_label_coords(-0.12, 0.5)
+        upper.plot(frf.frequency, np.abs(frf.hits[:, o, i]).T, color=PALE, linewidth=0.5, zorder=1)
+        upper.plot(frf.frequency, mean[i], color=color, linewidth=1.1, zorder=2)
+        lower.plot(frf.frequency, test.coherence[o, i], color=color, linewidth=0.9)
+    bottom, top = float(np.quantile(mean, 0.01)), float(mean.max())
+    upper.set(ylim=(max(bottom / 2, top / 1e5), 2 * top), xlim=(0, frf.frequency[-1]))
+    lower.set(ylim=(0, 1.05))
+    upper.set_title(f"response {place_in_words(frf.responses[o])}", fontsize=9, loc="left", parse_math=False)
+    for axes, name in ((upper, "accelerance [1/kg]"), (lower, "coherence")):
+        plain(axes, grid=axes is upper)
+        axes.set_ylabel(name, fontsize=8)
+        axes.yaxis.set_label_coords(-0.12, 0.5)  # aligned by their ticks, the names take half of the drawing
 
 
 # -------- Argand
@@ -148,8 +123,8 @@ def _named(axes: Axes, name: str) -> None:
 
 ENDS = "os^Dv"
 """Ends of arrows, one a point."""
-WITHIN = 2.4477
-"""Half axes of an ellipse that holds 95 %, in standard deviations."""
+WITHIN, CIRCLE = 2.4477, np.linspace(0, 2 * np.pi, 61)
+"""Half axes of an ellipse that holds 95 %, in standard deviations, and the angles at which it is drawn."""
 
 
 def argand_figure(test: "ModalTest | AmbientTest", identified: "IdentifiedModes") -> Figure:
@@ -161,20 +136,17 @@ def argand_figure(test: "ModalTest | AmbientTest", identified: "IdentifiedModes"
     figure = titled(size, f"Mode shapes at {degrees(test.posture)}")
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     looks = _looks(test.responses)
-    for axes, plane, frequency, label in zip(
-        panels, planes, identified.modes.frequency, identified.labels.given, strict=False
-    ):
+    modes = zip(panels, planes, identified.modes.frequency, identified.labels.given, strict=False)
+    for axes, plane, frequency, label in modes:
         _panel(axes, plane, looks)
         title = f"{frequency:.2f} Hz, {_name(label)}\ncollinearity {plane.collinearity:.3f}"
         axes.set_title(title, fontsize=8, loc="left", parse_math=False)
     for axes in panels[len(planes) :]:
         axes.set_visible(False)
-    handles = [
-        Line2D([], [], color=color, marker=end, markersize=4, label=place_in_words(place))
-        for place, (color, end) in zip(test.responses, looks, strict=True)
-    ]
+    styles = [{"color": color, "marker": end, "markersize": 4} for color, end in looks]
+    entries = dict(zip(map(place_in_words, test.responses), styles, strict=True))
     note = "turned to the real axis and scaled to one at the largest; ellipses hold 95 %"
-    key_below(figure, handles, note, columns=6)
+    key_below(figure, lines(entries), note, columns=6)
     return figure
 
 
@@ -183,17 +155,15 @@ def _name(label: "Label | None") -> str:
 
 
 def _panel(axes: Axes, plane: PhasePlane, looks: Sequence[tuple[str, str]]) -> None:
+    around = np.stack([np.cos(CIRCLE), np.sin(CIRCLE)])
     for motion, covariance, (color, end) in zip(plane.shape, plane.covariance, looks, strict=True):
         axes.plot([0, motion.real], [0, motion.imag], color=color, linewidth=1.2, marker=end, markevery=[1], ms=4)
         variances, axis = np.linalg.eigh(covariance)
-        width, height = 2 * WITHIN * np.sqrt(np.maximum(variances, 0.0))
-        angle = float(np.degrees(np.arctan2(axis[1, 0], axis[0, 0])))
-        centre = (float(motion.real), float(motion.imag))
-        axes.add_patch(Ellipse(centre, float(width), float(height), angle=angle, fill=False, color=color, lw=0.8))
+        ellipse = WITHIN * axis @ (np.sqrt(np.maximum(variances, 0.0))[:, None] * around)
+        axes.plot(motion.real + ellipse[0], motion.imag + ellipse[1], color=color, linewidth=0.8)
     axes.axhline(0, color=GREY, linewidth=0.5, zorder=0)
     axes.axvline(0, color=GREY, linewidth=0.5, zorder=0)
-    axes.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2))
-    axes.set_aspect("equal")
+    axes.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2), aspect="equal")
     plain(axes)
     axes.tick_params(labelsize=7)
 
@@ -216,15 +186,15 @@ def stabilisation_figure(test: "ModalTest | AmbientTest", identified: "Identifie
     upper, lower = figure.subplots(2, 1, height_ratios=[3, 2])
     _poles(upper, test, identified)
     _mac(lower, identified)
-    ambient = isinstance(test, AmbientTest)
-    handles = [
-        Line2D([], [], linestyle="", marker="o", markersize=4, color=PALE, label="other pole"),
-        Line2D([], [], linestyle="", marker="o", markersize=4, color=BLUE, label="pole of a lasting cluster"),
-        Line2D([], [], color=ORANGE, label="mode" if ambient else "mode, by maximum likelihood"),
-        Line2D([], [], color=GREY, label="two first singular values" if ambient else "size of all responses"),
-        *(harmonic_key(test) if isinstance(test, AmbientTest) else ()),
-    ]
-    key_below(figure, handles, "MAC: measured shapes against those of the arm as its file has it", columns=4)
+    ambient, dot = isinstance(test, AmbientTest), {"linestyle": "", "marker": "o", "markersize": 4}
+    entries: dict[str, Style] = {
+        "other pole": {**dot, "color": PALE},
+        "pole of a lasting cluster": {**dot, "color": BLUE},
+        "mode" if ambient else "mode, by maximum likelihood": {"color": ORANGE},
+        "two first singular values" if ambient else "size of all responses": {"color": GREY},
+        **(harmonic_key(test) if isinstance(test, AmbientTest) else {}),
+    }
+    key_below(figure, lines(entries), "MAC: measured shapes against those of the arm as its file has it", columns=4)
     return figure
 
 
@@ -258,9 +228,7 @@ def _mac(axes: Axes, identified: "IdentifiedModes") -> None:
     for (row, column), value in np.ndenumerate(labels.mac):
         color = "white" if value > 0.68 else "black"  # on dark and on light blue
         axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=color)
-    names = [
-        f"{frequency:.2f} Hz: {_name(label)}" for frequency, label in zip(modes.frequency, labels.given, strict=True)
-    ]
+    names = [f"{hertz:.2f} Hz: {_name(label)}" for hertz, label in zip(modes.frequency, labels.given, strict=True)]
     axes.set_yticks(range(len(names)), names, fontsize=7, parse_math=False)
     shown = [str(label).replace("bending", "bend.").replace("torsion", "tors.") for label in labels.computed]
     axes.set_xticks(range(len(shown)), [text.replace(" ", "\n", 1) for text in shown], fontsize=7, parse_math=False)

@@ -16,6 +16,7 @@ from ident.modal.modes import Modes, Ratio
 from ident.modal.operational import DECAYS, OperationalModes
 from ident.report.report import Cell, Finding, Part, Report, Section, Table, Verdict, by_head, cut
 from ident.report.words import (
+    by_key,
     counted,
     degrees,
     percent,
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
     from ident.modal.frf import Place
 
 AnyTest = ModalTest | AmbientTest | FinishedTest
-CORRELATED = 0.3
-"""Correlation of two rows of a campaign from which on it is reported."""
 FEW, LISTED = 3, 3
 """Hits at a point below which rejected ones should be repeated; rejected hits that a finding names at most."""
 WARNING, IDLE = "WARNING: ", "outside the band"
@@ -168,15 +167,14 @@ def _findings(
 
 def _remarks(tests: Sequence[ModalTest | AmbientTest], identified: Sequence[IdentifiedModes]) -> dict[str, str]:
     """Return the remarks on tests and modes, with the postures to which each applies, where it is not all."""
-    found: dict[str, dict[str, None]] = {}
+    found = []
     for number, test in enumerate(tests, 1):
         modes = identified[number - 1].modes if identified else None
         more = modes.remarks if isinstance(modes, OperationalModes) else ()
-        for remark in (*test.remarks, *more):
-            found.setdefault(remark, {})[str(number)] = None
+        found += [(remark, str(number)) for remark in dict.fromkeys((*test.remarks, *more))]
     return {
         remark: f"posture{'s' * (len(at) > 1)} {', '.join(at)}: " if len(at) < len(tests) else ""
-        for remark, at in found.items()
+        for remark, at in by_key(found).items()
     }
 
 
@@ -333,7 +331,7 @@ def reproducibility_in_words(known: Reproducibility) -> str:
 
 
 def _campaign(modes: Sequence[Labelled], campaign: Campaign, reproducibility: Reproducibility | None) -> Section:
-    """Return what the campaign contains, and which of its errors are correlated most."""
+    """Return what the campaign contains."""
     count, total = _name_counts(modes)
     of = " (|pole| / 2 pi)" if all(m.of == POLE for m in campaign.of_kind("frequency")) else ""
     shapes = ", damping ratio and shape" if campaign.of_kind("shape") else " and damping ratio"
@@ -341,17 +339,6 @@ def _campaign(modes: Sequence[Labelled], campaign: Campaign, reproducibility: Re
     if count and reproducibility:
         words = reproducibility_in_words(reproducibility)
         parts.append(f"Standard errors: {words} (--reproducibility, --common-share).")
-    pairs = [
-        (value, (places[j], places[i]))
-        for places, matrix in campaign.correlated
-        for i, row in enumerate(matrix)
-        for j, value in enumerate(row[:i])
-    ]
-    value, both = max(pairs, key=lambda pair: abs(pair[0]), default=(0.0, (0, 0)))
-    if abs(value) > CORRELATED:
-        rows = [campaign.measurements[k] for k in both]
-        words = " and ".join(f"{row.mode} ({row.kind.replace('_', ' ')})" for row in rows)
-        parts.append(f"Largest correlation {value:.2f}: {words} at {degrees(rows[0].posture)}.")
     if count:
         parts += ["The correlations of the rows are in the covariance file next to the campaign; ident fit reads it."]
     return Section("Campaign", tuple(parts))

@@ -261,9 +261,8 @@ def _measurements(check: "CampaignCheck") -> Iterator[Section]:
 
 
 def _dominates(part: "Leverage", i: int) -> str:
-    if part.lost[i]:
-        return f"dominates; without it {', '.join(part.lost[i])} not identifiable"
-    return "dominates" + "; one combination not determined without it" * bool(part.opened[i])
+    lost = f"; without it {', '.join(part.lost[i])} not identifiable" if part.lost[i] else ""
+    return f"dominates{lost or '; one combination not determined without it' * bool(part.opened[i])}"
 
 
 def _ambiguous_names(check: "CampaignCheck") -> Iterator[Section]:
@@ -319,14 +318,12 @@ def springs_in_words(springs: Sequence["SpringCheck"]) -> Iterator[Section]:
     for each in springs:
         cost = f"a linear one would fit with a chi-squared of {each.chi_squared:.2g}"
         cost = "with a linear one the arm has no equilibrium" if math.isnan(each.chi_squared) else cost
-        parts = [("at rest", each.at_rest), ("where modes were measured", each.vibrating)]
-        loads = [f"{low:.3g} to {high:.3g} N m {what}" for what, (low, high) in parts if not math.isnan(high)]
+        parts = {"at rest": each.at_rest, "where modes were measured": each.vibrating}
+        loads = [f"{low:.3g} to {high:.3g} N m {what}" for what, (low, high) in parts.items() if not math.isnan(high)]
         limit = "" if math.isnan(each.torque1) else f"; T1 = {each.torque1:.3g} N m"
         lines.append(f"{each.spring}: {'yes' if each.told else 'NO'}, {cost}. Load {', '.join(loads)}{limit}.")
-        if each.unloaded:
-            lines.append("Hardly loaded wherever modes were measured: frequencies depend on K1 alone.")
-        if not each.told:
-            lines.append("Fix its numbers, or measure under loads on both sides of T1.")
+        lines += ["Hardly loaded wherever modes were measured: frequencies depend on K1 alone."] * each.unloaded
+        lines += [] if each.told else ["Fix its numbers, or measure under loads on both sides of T1."]
     if lines:
         title = "Curved springs: can the data (as predicted at the arm file's values) tell them from linear ones?"
         yield Section(title, tuple(lines))

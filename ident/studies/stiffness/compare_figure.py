@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ident.inference.change import LEVEL
 from ident.inference.information import p_in_words
@@ -15,6 +14,7 @@ from ident.report.style import (
     HOLLOW,
     ORANGE,
     key_below,
+    lines,
     ratio_axis,
     rows,
     titled,
@@ -41,8 +41,8 @@ def compare_figure(comparison: "Comparison") -> Figure:
     ratio_axis(axes, min(low.min(), 0.95) / 1.05, max(high.max(), 1.05) * 1.05)
     axes.set(xlabel="ratio after / before [-], with 95 % interval")
     rows(axes, [cut(name, 24) for name in change.names])
-    handles = [Line2D([], [], label=kind, linestyle="", **marks[kind]) for kind in marks if kind in kinds]
+    entries = {kind: {**marks[kind], "linestyle": ""} for kind in marks if kind in kinds}
     verdict = "changed" if change.seen else "no change"
     note = f"all stiffnesses together: {verdict}, {p_in_words(change.p_value)}; changed: p < {percent(LEVEL)} (Holm)"
-    key_below(figure, handles, note)
+    key_below(figure, lines(entries), note)
     return figure

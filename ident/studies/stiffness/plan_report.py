@@ -315,11 +315,8 @@ def _hammer(plans: Sequence[HammerPlan]) -> Iterator[Section]:
     words = []
     for plan in plans:
         load = f", {cut(str(plan.load), 40)}" if plan.load else ""
-        each = "each of " * (len(plan.hits) > 1)
-        parts = [
-            f"{degrees(plan.posture)}{load}: accelerometers at {', '.join(plan.sensors)}; "
-            f"{plan.count} hits at {each}{' and '.join(plan.hits)}."
-        ]
+        hits = f"{plan.count} hits at {'each of ' * (len(plan.hits) > 1)}{' and '.join(plan.hits)}"
+        parts = [f"{degrees(plan.posture)}{load}: accelerometers at {', '.join(plan.sensors)}; {hits}."]
         i, j = plan.most_alike
         if len(plan.labels) > 1:
             parts.append(f"Most alike: {plan.labels[i]} and {plan.labels[j]}, auto-MAC {plan.auto_mac[i, j]:.2f}.")

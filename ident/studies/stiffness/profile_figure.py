@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ident.inference.optima import Ending
 from ident.inference.profile import Profile, threshold
@@ -18,7 +17,9 @@ from ident.report.style import (
     GREY,
     HOLLOW,
     ORANGE,
+    Style,
     key_below,
+    lines,
     note,
     plain,
     ratio_axis,
@@ -61,10 +62,10 @@ def profile_figure(fit: "CampaignFit", profiles: Sequence[Profile]) -> Figure:
                 note(grid[i], level, (1.0, threshold(interval.level)), (4, 0), **end)
     for axes in list(grid)[len(profiles) :]:
         axes.set_axis_off()
-    handles = [Line2D([], [], color=BLUE, linewidth=1.8, label="profile: all others fitted again")]
+    entries: dict[str, Style] = {"profile: all others fitted again": {"color": BLUE, "linewidth": 1.8}}
     if any(math.isfinite(profile.sd) for profile in profiles):
-        handles.append(Line2D([], [], color=GREY, linewidth=1.2, linestyle="--", label="linear approximation"))
-    key_below(figure, handles, "\n".join(warnings), columns=min(columns, 2)).set(color=ORANGE, fontsize=9)
+        entries["linear approximation"] = {"color": GREY, "linewidth": 1.2, "linestyle": "--"}
+    key_below(figure, lines(entries), "\n".join(warnings), columns=min(columns, 2)).set(color=ORANGE, fontsize=9)
     return figure
 
 

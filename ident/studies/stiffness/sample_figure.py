@@ -4,9 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from ident.identify.unknowns import is_of_loop
 from ident.inference.draws import (
@@ -42,8 +40,7 @@ if TYPE_CHECKING:
 
 CORNER_DRAWS = 20000
 """Draws, at most, in the corner plot."""
-WIDE_SPAN = 5.0
-"""Ratio of the ends of a range from which its axis in the corner plot is logarithmic."""
+
 BAND: Style = {"marker": "", "linestyle": "-", "linewidth": 5.0, "color": PALE}
 WIDE: Style = {"marker": "", "linestyle": "-", "linewidth": 1.2, "color": BLUE}
 NARROW: Style = {"marker": "", "linestyle": "-", "linewidth": 3.6, "color": BLUE}
@@ -139,39 +136,24 @@ def _predicted(axes: Axes, result: "CampaignSample") -> None:
 
 
 def corner_figure(result: "CampaignSample") -> Figure:
-    """Draw all pairs of parameters against each other, relative to the centres of their priors."""
+    """Draw all pairs of parameters against each other, as logarithms of their ratios to the centres of their priors."""
     import corner
 
     parameters, shown = result.sample.posterior.parameters, _shown(result)
     names = [parameters.names[i] for i in shown]
     draws = result.sample.draws()
     draws = draws[np.linspace(0, len(draws) - 1, min(CORNER_DRAWS, len(draws))).astype(int)]
-    ratio = ratio_to_prior(parameters, draws.T).T[:, shown]
+    ratio = np.log(ratio_to_prior(parameters, draws.T).T[:, shown])
     size = 1.8 * len(names) + 1.2
     figure = Figure(figsize=(size, size))
     span = np.quantile(ratio, (0.001, 0.999), axis=0).T
-    wide = span[:, 1] / span[:, 0] > WIDE_SPAN
-    corner.corner(
-        ratio,
-        fig=figure,
-        labels=[_two_lines(name) for name in names],
-        range=[tuple(ends) for ends in span],
-        axes_scale=["log" if far else "linear" for far in wide],
-        truths=[1.0] * len(names),
-        truth_color=ORANGE,
-        color=BLUE,
-        quantiles=(LEVELS[0], LEVELS[-1]),
-        plot_datapoints=False,
-        fill_contours=True,
-        max_n_ticks=3,
-        label_kwargs={"fontsize": 9},
-    )
+    look: Style = {"color": BLUE, "truth_color": ORANGE, "max_n_ticks": 3, "label_kwargs": {"fontsize": 9}}
+    drawn: Style = {"quantiles": (LEVELS[0], LEVELS[-1]), "plot_datapoints": False, "fill_contours": True}
+    labels, centre = [_two_lines(name) for name in names], [0.0] * len(names)
+    corner.corner(ratio, fig=figure, labels=labels, range=[*map(tuple, span)], truths=centre, **look, **drawn)
     for axes in figure.axes:
         axes.tick_params(labelsize=7)
-        for axis in (axes.xaxis, axes.yaxis):
-            if axis.get_scale() == "log":
-                _few_ticks(axis)
-    title = f"Posterior of {cut(result.fitted.arm.name, 40)}{of_first(result)}: values / centre of their priors [-]"
+    title = f"Posterior of {cut(result.fitted.arm.name, 40)}{of_first(result)}: ln(values / centre of their priors) [-]"
     figure.suptitle(title, x=0.98, ha="right", parse_math=False, fontsize=12, fontweight="bold")
     figure.text(0.98, 0.94, "orange: centre of the prior; dashed: 95 % interval", ha="right", fontsize=10)
     return figure
@@ -193,15 +175,6 @@ def trace_figure(result: "CampaignSample") -> Figure:
     panels[-1].set(xlabel="step [-]; grey: burn-in, left out; vertical: theta, ln(value) for a stiffness")
     panels[-1].set(xlim=(0, draws * sample.thin))
     return figure
-
-
-def _few_ticks(axis: Axis) -> None:
-    """Put a few plain numbers on a logarithmic axis, none on an axis whose ticks stand elsewhere."""
-    low, high = axis.get_view_interval()
-    axis.set_major_locator(LogLocator(subs=(1.0,) if high / low > 100 else (1.0, 3.0), numticks=12))
-    axis.set_minor_locator(NullLocator())
-    if not isinstance(axis.get_major_formatter(), NullFormatter):
-        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
 
 
 def _two_lines(name: str) -> str:

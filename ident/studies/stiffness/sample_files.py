@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     import xarray
 
     from ident.identify.compare import CampaignSample
-    from ident.measure import Campaign
 
 
 def inference_data(result: "CampaignSample", head: Mapping[str, Any]) -> "arviz.InferenceData":
@@ -52,8 +51,9 @@ def inference_data(result: "CampaignSample", head: Mapping[str, Any]) -> "arviz.
     data.sample_stats["ensemble"] = ("chain", by_chain.ensemble)
     data.sample_stats["optimum"] = ("chain", by_chain.optimum)
     data.sample_stats["acceptance"] = ("chain", result.sample.acceptance[by_chain.ensemble])
-    for name, column in _columns(result.fitted.campaign).items():
-        data.observed_data[name] = ("measurement", np.asarray(column))
+    for name in ("kind", "where", "mode", "point", "joint", "sigma"):
+        column = [getattr(m, name) or "" for m in result.fitted.campaign]
+        data.observed_data["row" if name == "where" else name] = ("measurement", np.asarray(column))
     return data
 
 
@@ -86,15 +86,3 @@ def sample_errors(result: "CampaignSample") -> list[dict[str, float]]:
         for basin in own
         for draws in basin
     ]
-
-
-def _columns(campaign: "Campaign") -> dict[str, list[Any]]:
-    """Return what is known of each measurement, as columns."""
-    return {
-        "kind": [m.kind for m in campaign],
-        "row": [m.where for m in campaign],
-        "mode": [m.mode or "" for m in campaign],
-        "point": [m.point or "" for m in campaign],
-        "joint": [m.joint or "" for m in campaign],
-        "sigma": [m.sigma for m in campaign],
-    }

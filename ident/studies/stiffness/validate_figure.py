@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ident.report.report import cut
 from ident.report.style import (
@@ -13,7 +12,9 @@ from ident.report.style import (
     GREY,
     ORANGE,
     PALE_BLUE,
+    Style,
     key_below,
+    lines,
     rows,
     titled,
 )
@@ -34,14 +35,14 @@ def validate_figure(validation: "Validation") -> Figure:
     wider = LETTER * max(0, max((len(cut(part.name, PART)) for part in told), default=0) - 22)
     figure = titled((8.0 + wider, height), title)
     _off(figure.subplots(), validation)
-    handles = [
-        Line2D([], [], color=BLUE, marker="o", linestyle="", label="measured less predicted"),
-        Line2D([], [], color=PALE_BLUE, alpha=0.5, linewidth=6, label="95 % interval of the prediction"),
-    ]
+    entries: dict[str, Style] = {
+        "measured less predicted": {"color": BLUE, "marker": "o", "linestyle": ""},
+        "95 % interval of the prediction": {"color": PALE_BLUE, "alpha": 0.5, "linewidth": 6},
+    }
     if validation.missed:
-        handles.append(Line2D([], [], color=ORANGE, marker="o", linestyle="", label="part too far from its prediction"))
+        entries["part too far from its prediction"] = {"color": ORANGE, "marker": "o", "linestyle": ""}
     farthest = f"; the {MOST} of {count} farthest off" if count > MOST else ""
-    key_below(figure, handles, f"std. errors: noise, and what the other data leave undetermined{farthest}")
+    key_below(figure, lines(entries), f"std. errors: noise, and what the other data leave undetermined{farthest}")
     return figure
 
 
