@@ -26,7 +26,7 @@ def constants(path):
 def test_limits_of_hypotheses_stand_in_two_places():
     found = {}
     for path in sorted(PACKAGE.rglob("*.py")):
-        if own := LIMITS.intersection(constants(path)) - APART.get(path.stem, set()):
+        if own := LIMITS.intersection(constants(path)) - set(APART.get(path.stem, ())):
             found[str(path.relative_to(PACKAGE))] = own
     assert found == {"identify/hypotheses.py": {"CHANCE", "MARGIN", "SLIP"}, "vibrate/hypotheses.py": {"COST"}}
 
