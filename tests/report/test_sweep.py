@@ -7,6 +7,7 @@ import pytest
 from arms import DATA
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from reports import assert_one_screen
+from swept import axis
 
 from ident.description.file import read_arm
 from ident.report.report import text_of
@@ -16,7 +17,7 @@ from ident.studies.working.sweep_report import sweep_sections, write_csv
 from ident.studies.working.sweep_study import SweepStudy
 from ident.units import stiffness_in
 from ident.vibrate.motion import stroke
-from ident.vibrate.sweep import Sweep, axis, below, curve
+from ident.vibrate.sweep import Sweep, below, curve
 
 FILE = read_arm(DATA / "lcd_arm" / "arm.toml")
 MOTION = stroke(FILE.arm.stroke, percent=10.0, dwell=2.0)
