@@ -15,9 +15,7 @@ from ident.inference.parameters import AnyArray
 LEAST_STEP = 1e-7
 """Length of the next step [sd] below which a search has ended."""
 ROUNDING = 1e-10
-"""Fall of the cost, relative to one plus the cost, below which it is no measure of a step any more."""
-SHORT = 1e-10
-"""Step in theta, relative to one plus theta, of a search that finds nothing better however little it moves."""
+"""Fall of the cost, relative to one plus the cost, and step in theta, relative to one plus theta, that are rounding."""
 
 
 class Progress(NamedTuple):
@@ -27,7 +25,6 @@ class Progress(NamedTuple):
         end: what was found at the best point so far.
         known: residuals and their Jacobian there.
         there: (P,) where to look next.
-        held: by the model, there.
         fall: of the cost that is foreseen there; infinite before the first look.
         region: state of the trust region.
         ended: whether there is nothing left to look at.
@@ -37,7 +34,6 @@ class Progress(NamedTuple):
     end: Any
     known: Any
     there: Any
-    held: Any
     fall: Any
     region: Any
     ended: Any
@@ -54,8 +50,7 @@ def damped_minimum(
     """Minimise a sum of squares from a start; return what was found at the end, and whether it has ended.
 
     The trust region compares the fall of the cost with the one that was foreseen, accepts the point, and says how much
-    the next step is damped: (J'J + damping) d = -J'r (Marquardt, J. SIAM 11, 1963). NaN ends a search at its start, and
-    is no better point later.
+    the next step is damped: (J'J + damping) d = -J'r (Marquardt, J. SIAM 11, 1963). NaN at the start ends it.
 
     Args:
         look: of theta and what the model holds there: what is found, with its `choice`, residuals and their slope.
@@ -71,7 +66,7 @@ def damped_minimum(
         return ~at.ended & (to_the_end | at.end.choice.settled | (at.looks == 0)) & (at.looks <= steps)
 
     def go(at: Progress) -> Progress:
-        end, *known = look(at.there, at.held)
+        end, *known = look(at.there, at.end.choice.held)
         now, before = _known(*known), at.known
         size, accepted, _, region = rule.step(at.looks == 0, at.end.theta, at.there, before, now, at.region)
         # gains that are rounding measure no step: steps are taken then as long as each foresees less than the last one
@@ -82,14 +77,15 @@ def damped_minimum(
         step, _ = descent.step(size, descent.query(end.theta, now, descent.init(end.theta, now)))
         # |r|^2 - |J d + r|^2 without its cancellation: by the equation of the step it is |J d|^2 + 2 damping |d|^2
         fall = (now.jac.mv(step) ** 2).sum() + 2 * (step**2).sum() / size
-        stuck = jnp.abs(step).max() < SHORT * (1 + jnp.abs(end.theta).max())
+        stuck = jnp.abs(step).max() < ROUNDING * (1 + jnp.abs(end.theta).max())
         ended = ~jnp.isfinite(fall) | (fall < LEAST_STEP**2) | stuck | (near & (~accepted | (fall >= at.fall)))
-        return Progress(end, now, end.theta + step, end.choice.held, fall, region, ended, at.looks + 1)
+        return Progress(end, now, end.theta + step, fall, region, ended, at.looks + 1)
 
     start, held = jax.tree.map(jnp.asarray, (start, held))
     end, *known = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(look, start, held))
+    end = end._replace(choice=end.choice._replace(held=held))
     region, no = rule.init(start, _known(*known)), jnp.array(False)
-    first = Progress(end, _known(*known), start, held, jnp.array(jnp.inf), region, no, jnp.array(0))
+    first = Progress(end, _known(*known), start, jnp.array(jnp.inf), region, no, jnp.array(0))
     at: Progress = jax.lax.while_loop(going, go, first)
     return at.end, at.ended | ~(to_the_end | at.end.choice.settled)
 

@@ -20,17 +20,7 @@ from ident.inference.information import (
 )
 from ident.inference.parameters import Parameter, Parameters
 from ident.inference.problem import InverseProblem
-from ident.inference.search import (
-    OPTIMUM_STEP,
-    TO_THE_END,
-    Convergence,
-    End,
-    Row,
-    searched,
-    solve,
-    step_length,
-    weighed,
-)
+from ident.inference.search import OPTIMUM_STEP, Convergence, End, Row, searched, solve, step_length, weighed
 
 Ended = tuple[End, Convergence]
 """Where a search ended, and how."""
@@ -105,7 +95,11 @@ def distinct(problem: InverseProblem, ends: list[Ended]) -> tuple[Optimum, ...]:
             apart = np.concatenate([problem.scaled(np.asarray(first.jacobian @ step)), step / prior_sd])
             near = min(np.linalg.norm(apart), np.abs(step).max()) < SAME * (1 + end.cost) ** 0.5
             level = abs(end.cost - first.cost) < SAME * SAME * (1 + end.cost)
-            if near or (level and _is_valley(problem.scaled(np.asarray(first.jacobian)), prior_sd)):
+            if level and not near:  # a valley, where data and prior together leave a direction open
+                rows = np.vstack([problem.scaled(np.asarray(first.jacobian)), np.diag(1 / prior_sd)])
+                s = np.linalg.svd(rows, compute_uv=False)
+                near = s[-1] < RANK_TOLERANCE * s[0]
+            if near:
                 group.append((end, how))
                 break
         else:
@@ -153,12 +147,6 @@ def normal_prior_sd(problem: InverseProblem) -> np.ndarray:
     """Return the priors' standard deviations in theta; infinite for flat ones, whose edges are one-sided."""
     parameters = problem.parameters
     return np.where(np.asarray(parameters.column("flat")) > 0, np.inf, np.asarray(parameters.column("prior_sd")))
-
-
-def _is_valley(scaled: np.ndarray, prior_sd: np.ndarray) -> bool:
-    """Tell whether data and prior together leave a direction open."""
-    s = np.linalg.svd(np.vstack([scaled, np.diag(1 / prior_sd)]), compute_uv=False)
-    return bool(s[-1] < RANK_TOLERANCE * s[0])
 
 
 # -------- Constrained fit
@@ -572,6 +560,6 @@ def _with_held(
 ) -> End:
     """Fit theta with w'theta held; the cost is that of data and priors alone."""
     held = None if optimum.choice.held is None else optimum.choice.held.by_shape()
-    end, _ = searched(problem, start, held, TO_THE_END, row=Row(weights, np.array(value), np.array(WIDTH)))
+    end, _ = searched(problem, start, held, row=Row(weights, np.array(value), np.array(WIDTH)))
     residuals, _ = weighed(problem, end)
     return end._replace(cost=residuals @ residuals)

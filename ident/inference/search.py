@@ -17,9 +17,8 @@ from ident.inference.problem import Choice, InParts, InverseProblem
 from ident.programs import jit
 
 # -------- Gauss-Newton
-# The solver of a search among data so many that each look at the model counts: one for each step.
-#
-# Gauss-Newton with Marquardt's damping where a step leads upwards (Marquardt, J. SIAM 11, 1963), in NumPy.
+# The solver outside of a program, where each look counts: many data, searches that look together. Gauss-Newton with
+# Marquardt's damping where a step leads upwards (J. SIAM 11, 1963): optimistix's rule takes 6 to 36 % more looks.
 
 T = TypeVar("T")
 MAX_STEPS = 200
@@ -165,10 +164,7 @@ TURNS = 6
 
 
 class Row(NamedTuple):
-    """A combination of the unknowns that a search holds, weights' theta = value, as by a normal prior of this width.
-
-    It is one more residual; where the width is infinite, that is zero, and nothing is held.
-    """
+    """A combination that a search holds, weights' theta = value: one more residual, zero if the width is infinite."""
 
     weights: Float[AnyArray, "P"]
     value: Float[AnyArray, ""]
@@ -335,7 +331,7 @@ def searched(
     problem: InverseProblem,
     start: Float[AnyArray, "P"],
     held: Any,
-    to_the_end: np.ndarray,
+    to_the_end: np.ndarray = TO_THE_END,
     weight: np.ndarray = WHOLE,
     row: Row | None = None,
 ) -> tuple[End, bool]:
@@ -348,10 +344,10 @@ def searched(
     held = parts.first_matching if held is None else held
     if parts.whole:
         end, finished = jax.device_get(search(parts.problems[0], np.asarray(start), held, to_the_end, weight, row))
-        places = parts.parts.places
+        places, cost = parts.parts.places, end.cost + weight**2 * parts.scatter
         choice = end.choice._replace(cost=end.choice.cost[places])
-        own = end._replace(predicted=end.predicted[places], jacobian=end.jacobian[places], choice=choice)
-        return own._replace(cost=own.cost + weight**2 * parts.scatter) if parts.scatter else own, bool(finished)
+        own = End(end.theta, cost, end.gradient, end.predicted[places], end.jacobian[places], choice)
+        return own, bool(finished)
 
     def weigh(end: End) -> tuple[np.ndarray, np.ndarray]:
         return row.weighed(end.theta, *(weight * part for part in weighed(problem, end)))
@@ -493,21 +489,16 @@ def ended(problem: InverseProblem, end: End) -> tuple[End, Convergence]:
     """
     stuck = here = end, convergence(problem, end)
     for _ in range(AGAIN):
-        here = _finished(problem, *here)
+        end, how = here
+        if not how.converged and np.isfinite(how.step):
+            lower = _descended(problem, end)
+            then = convergence(problem, lower)
+            here = (lower, then) if then.converged and lower.cost <= end.cost else here
         if here[1].converged or not np.isfinite(here[0].cost):
             break
         nearer = solve(problem, (here[0].theta + problem.parameters.theta_start) / 2)
         here = nearer, convergence(problem, nearer)
     return here if here[1].converged else stuck
-
-
-def _finished(problem: InverseProblem, end: End, how: Convergence) -> tuple[End, Convergence]:
-    """Go on by quasi-Newton steps from an end that is none; the same end where that does not end either."""
-    if how.converged or not np.isfinite(how.step):
-        return end, how
-    lower = _descended(problem, end)
-    then = convergence(problem, lower)
-    return (lower, then) if then.converged and lower.cost <= end.cost else (end, how)
 
 
 def _descended(problem: InverseProblem, end: End) -> End:
