@@ -203,12 +203,6 @@ def combinations(sample: Sample) -> tuple[Direction, ...]:
     return tuple(sorted(found, key=lambda direction: direction.sd))
 
 
-def prior_spread(direction: Direction, parameters: Parameters) -> float:
-    """Return the standard deviation in theta along a direction by the priors alone; infinite if one is missing."""
-    parts = direction.weights != 0
-    return float(np.sqrt(((direction.weights[parts] * parameters.normal_sd[parts]) ** 2).sum()))
-
-
 def ratio_to_prior(parameters: Parameters, theta: Float[np.ndarray, "P *batch"]) -> Float[np.ndarray, "P *batch"]:
     """Return values as multiples of the centres of their priors; of a length, exp of its distance in theta."""
     return np.exp(theta - parameters.theta_centre.reshape((-1,) + (1,) * (theta.ndim - 1)))
