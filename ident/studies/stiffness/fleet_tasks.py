@@ -17,7 +17,6 @@ from concurrent.futures import Future
 from contextlib import ExitStack, chdir, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty, Queue
 from typing import TYPE_CHECKING, Any
@@ -318,10 +317,13 @@ def _cluster(options: "FleetOptions", folder: Path) -> Iterator[Callable[[list[T
     """
     try:
         from distributed import Client
-    except ImportError:
+
+        if not options.dask:
+            import cryptography  # noqa: F401  certificates of a local cluster
+    except ImportError as error:
         where, got = ("dask", "an address") if options.dask else ("workers", f"{options.workers} processes")
         remedy = "pip install 'ident-arm[dask]'"
-        raise refusal(where, f"{got} without the package distributed", "it installed", remedy) from None
+        raise refusal(where, f"{got} without the package {error.name}", "it installed", remedy) from None
     before = {logger: logger.level for logger in map(logging.getLogger, LOGGERS)}
     for logger in before:
         logger.setLevel(logging.CRITICAL)  # a lost scheduler is said in one line, by us
@@ -358,7 +360,7 @@ def _take_leave(client: Any) -> None:
 def _local_cluster(workers: int) -> Iterator[Any]:
     """Start a cluster of processes on the loopback, which look for no modules in the current folder.
 
-    That folder anybody may have filled. Where there is a package for it, nobody else of the machine can connect.
+    That folder anybody may have filled. A temporary certificate keeps other users of the machine from connecting.
     """
     import dask
     from distributed import LocalCluster
@@ -379,7 +381,7 @@ def _local_cluster(workers: int) -> Iterator[Any]:
                 dashboard_address=None,
                 memory_limit=0,
                 silence_logs=logging.CRITICAL,
-                security=Security.temporary() if find_spec("cryptography") else None,
+                security=Security.temporary(),
             ) as cluster,
         ):
             if in_main_thread:
