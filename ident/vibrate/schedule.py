@@ -102,7 +102,7 @@ class Path:
 
     @classmethod
     def of_stroke(cls, arm: Arm, stroke: Stroke, percent: float, *, retract: bool = False) -> "Path":
-        """Return the path of a stroke: joints keep its limits (a percentage of its speed), and those of the arm file."""
+        """Return the path of a stroke: joints keep its limits, at a percentage of its speed, and the arm file's."""
         folded, unfolded = float(stroke.folded), float(stroke.unfolded)
         direction, ends = np.asarray(stroke.direction, float), np.sort([folded, unfolded])
         own = np.array([float(stroke.speed) * percent / 100, float(stroke.acceleration), float(stroke.jerk)])

@@ -391,7 +391,7 @@ class Point(NamedTuple):
         return point, parts, precision, step
 
     def descended(self, step: np.ndarray, before: float) -> "Point":
-        """Return the point after a step, with the best sources; shorten the step, down to a tenth, until it improves."""
+        """Return the point after a step, with the best sources; shorten the step, down to a tenth, until it helps."""
         for share in (1.0, 0.5, 0.25, 0.1):
             tried = self.place.moved(share * step)
             point, left = self._replace(place=tried, responses=self.problem.responses(tried)).fitted()
