@@ -380,7 +380,7 @@ class _Tree:
         return _joint_name(self.model, joint)
 
     def carried(self, body: int) -> list[int]:
-        """Return a link's body and those that move with it."""
+        """Return a link's body and the bodies that move with it."""
         return [n for n in range(1, self.model.nbody) if self.owner[n] == body]
 
     def point(self, data: Any, tip: str | None) -> Point:

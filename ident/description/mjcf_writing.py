@@ -106,7 +106,7 @@ def _working_point(arm: Arm, posture: Float[Array, "driven"]) -> tuple[Float[Arr
 
 
 # -------- XML
-# XML as text that stays as it was written but for what is put in.
+# XML as text that stays as written, except for insertions.
 
 
 def with_comment(data: bytes, lines: list[str]) -> bytes:
@@ -156,7 +156,7 @@ def mjcf_with_bushings(
         posture: [rad] where tangent springs stand for the bushings.
 
     Raises:
-        InputError: the file can't be read any more, has bushings already, or no place for what is to be written.
+        InputError: the file can no longer be read, has bushings already, or no place for the new elements.
     """
     where, data = one_line(path), read_bytes(path, "a robot description (MJCF)")
     tree, joints = tree_of(path, where), arm.joints[arm.base is not None :]
@@ -250,7 +250,7 @@ def _put_offsets(tree: Tree, before: Arm, arm: Arm) -> None:
         - np.asarray(joint.offset)
         for joint in before.joints
     }
-    shift = ways.pop(base, np.zeros(3))  # the base's hinges stand in the axes of what is fixed, the arm goes with them
+    shift = ways.pop(base, np.zeros(3))  # the base's hinges use the fixed axes, and the arm moves with them
     for name, way in ways.items():
         way, shift = way + shift, np.zeros(3)
         if not way.any():

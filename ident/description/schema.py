@@ -85,7 +85,7 @@ def _unit(name: str, *others: str) -> AfterValidator:
 
 
 def _checked_unit(*examples: str) -> AfterValidator:
-    """Accept units of the dimension of the examples, the first of which is SI."""
+    """Accept units of the dimension of the examples; the first example is SI."""
 
     def check(text: str) -> str:
         unit, expected = in_si(text), in_si(examples[0])
