@@ -19,7 +19,7 @@ from ident.vibrate.simulate import RATE, simulate
 DIRECTIONS = ("x", "y", "z")
 METHODS = ("both", "fast", "exact")
 BATCH = 16
-"""Draws per batch of simulation: fewer are slower per draw, more need memory."""
+"""Draws per batch of simulation: fewer are hardly slower per draw, more need memory."""
 
 
 @dataclass(frozen=True)
