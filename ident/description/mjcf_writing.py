@@ -1,11 +1,11 @@
 """MJCF with the bushings of an arm: three passive hinges before each driven one, in the body that it moves.
 
-Stiffness on the driven hinge itself would pull the motor's axis back to zero. A base that gives is such hinges alone,
-of a body about the whole arm.
+Stiffness on the driven hinge itself would pull the motor's axis back to zero. An elastic base consists of such hinges
+only, in a body around the whole arm.
 
-Three hinges one after another are not quite the rotation vector of ident's bushing: natural frequencies are the same
-where nothing bends the arm, and under its weight but for a share below the angle [rad] by which a bushing gives. At one
-posture they are the same under weight as well, where its tangent springs stand in their place.
+Three hinges in series are not exactly the rotation vector of ident's bushing. Natural frequencies agree for an unloaded
+arm; under weight their relative error is below the deflection angle [rad] of a bushing. At a single posture they agree
+under weight too, with the tangent springs of that posture.
 """
 
 from collections.abc import Iterator, Mapping
